@@ -11,7 +11,7 @@ from climbplan.bench.engine.bilinear import planar_push, turning_flyer
 from climbplan.certificates.checker import check
 from climbplan.methods.sequence import ProblemSequence
 from climbplan.methods.task import MethodSettings
-from climbplan.program import Problem
+from climbplan.program import Problem, Program
 from climbplan.solvers.mixed_integer.spatial_method import SpatialMemory
 
 
@@ -49,6 +49,23 @@ def test_user_problems_with_products_are_proved(problem: Problem) -> None:
     assert found.objective is not None
     bound = check(problem.instance(theta), found.certificate).bound
     assert found.objective * (1.0 - 1.01e-3) <= bound <= found.objective * (1.0 + 1e-6)
+
+
+def test_a_product_in_few_rows_is_proved() -> None:
+    p = Program("few rows")
+    x, z = p.continuous("x", (2,), -1.0, 1.0), p.binary("z", (2,))
+    p.when("right", z[0], x[:1], lower=0.2)
+    p.when("left", z[0], x[:1], upper=0.1, value=False)
+    p.between("one", np.array([z[0] + z[1]]), 1.0, 1.0)
+    p.between("product", np.array([x[0] * x[1]]), -0.2, 0.2)
+    p.minimise("cost", np.sum((x - np.array([0.15, 0.7])) ** 2))
+    instance = p.at()
+    tree = SpatialMemory(1e-6, 1e-6, proves=True)
+    found = tree.solve(instance, 60.0)
+    assert tree.certificate is not None
+    # x = (0.1, 0.7) with z[0] = 0, and (0.2, 0.7) with z[0] = 1
+    assert found.objective == pytest.approx(0.0025, abs=1e-6)
+    assert check(instance, tree.certificate).bound == pytest.approx(0.0025, abs=1e-5)
 
 
 def test_each_answer_of_a_sequence_with_products_is_proved() -> None:

@@ -66,7 +66,7 @@ BROKEN = [
     # shapes
     (BOX, "", "<collision> with one shape"),
     (BOX, BOX + CYLINDER, "<collision> with one shape"),
-    (BOX, '<capsule radius="1" length="1"/>', "<collision> with one shape"),
+    (BOX, '<cone radius="1" length="1"/>', "<collision> with one shape"),
     (BOX, '<box size="0.4 0.2"/>', "expected three numbers"),
     (BOX, '<box size="0.4 0.2 0"/>', "expected `size` > 0"),
     (BOX, "<box/>", "expected `size` > 0"),

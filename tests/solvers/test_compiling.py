@@ -173,6 +173,34 @@ def test_first_run_of_a_package_that_cannot_be_written(tmp_path: Path) -> None:
     assert any((tmp_path / "home" / ".cache" / "climbplan").rglob("*.nbc"))
 
 
+_SHORT = """
+import sys
+from cart_pole import problem, springs
+import climbplan
+
+made = springs() if sys.argv[1] != "products" else problem()
+found = climbplan.solve(
+    made, {"start": [0.2, 0.05, 0.1, -0.2], "walls": [0.35, 0.4]}, time_limit=float(sys.argv[3]),
+    method=sys.argv[2], gap=1e-2,
+)
+print(found.status)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("made", "method"),
+    [("springs", "branch-and-bound"), ("products", "branch-and-bound"), ("springs", "benders")],
+)
+def test_compiling_does_not_count_towards_a_limit_of_time(
+    made: str, method: str, tmp_path: Path
+) -> None:
+    where = os.pathsep.join([str(PACKAGE.parent), str(PACKAGE.parent / "specs")])
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": where}
+    done = run(tmp_path, "-c", _SHORT, made, method, "5", **environment)
+    assert done.stdout == "optimal\n"
+
+
 def test_files_that_the_tree_compiles_are_those_that_its_cache_is_named_after() -> None:
     room = PACKAGE / "solvers" / "mixed_integer"
     marks = ("@compiled", "mixed_integer.compiling import")

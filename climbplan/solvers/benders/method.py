@@ -27,6 +27,7 @@ from climbplan.solvers.mixed_integer.form import mixed_integer_program
 from climbplan.solvers.mixed_integer.memory import Move
 from climbplan.solvers.mixed_integer.nodes import MOST
 from climbplan.solvers.mixed_integer.numbers import Impossible
+from climbplan.solvers.mixed_integer.warm_up import warm_up
 from climbplan.solvers.result import (
     FEASIBILITY,
     Answer,
@@ -98,6 +99,7 @@ class BendersMemory:
         move: Callable[[Conditional], Move] | None = None,
     ) -> SolverResult:
         """As `solve_benders`. move: where what is remembered stands now."""
+        warm_up(NAME, BendersMemory().solve)
         begin = time.perf_counter()
         deadline = begin + time_limit
         if beyond := instance.features - HOLDS:

@@ -72,12 +72,14 @@ class KeySpace:
     def parts(self, key: Indices) -> tuple[Indices, NDArray[np.int64], Indices]:
         """What a row is made of: its kind, two rows of the form, and which sides of these.
 
-        Kinds are `VARIABLE`, `PLAIN`, `CONDITION`, `PAIR` and `BIG_M`; rows (m, 2) are counted
-        among conditional ones but for plain ones, the second is -1 but for pairs; sides (m, 2) are
-        1 and -1, and 0 where the row itself has both.
+        Kinds are `VARIABLE`, `PLAIN`, `CONDITION`, `PAIR` and `BIG_M`, and -1 for ranges in space
+        and planes of envelopes; rows (m, 2) are counted among conditional ones but for plain ones,
+        the second is -1 but for pairs; sides (m, 2) are 1 and -1, and 0 where the row itself has
+        both.
         """
-        first = [self.plain, self.conditional, self._pairs, self._big_m]
+        first = [self.plain, self.conditional, self._pairs, self._big_m, self._ranges]
         kind = np.searchsorted(first, key, "right")
+        kind[key >= self._ranges] = -1
         row, side = np.full((len(key), 2), -1), np.zeros((len(key), 2), int)
         for number, begin in ((VARIABLE, 0), (PLAIN, self.plain), (CONDITION, self.conditional)):
             row[kind == number, 0] = key[kind == number] - begin

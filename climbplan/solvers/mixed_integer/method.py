@@ -22,6 +22,7 @@ from climbplan.solvers.mixed_integer.proof import (
 from climbplan.solvers.mixed_integer.recall import Memory, Recall
 from climbplan.solvers.mixed_integer.telling import Searched
 from climbplan.solvers.mixed_integer.tree_run import MEMORY, TreeRun
+from climbplan.solvers.mixed_integer.warm_up import warm_up
 from climbplan.solvers.result import (
     FEASIBILITY,
     Answer,
@@ -73,6 +74,8 @@ class TreeMemory(Memory):
         proposals: integers to try first. With some, `work` ends a tree only once it has found
         something.
         """
+        name = "tree with certificates" if self.proves else "tree"
+        warm_up(name, TreeMemory(proves=self.proves).solve)
         begin = time.perf_counter()
         form = conditional_form(instance)
         program = mixed_integer_program(instance, form, begin + time_limit)

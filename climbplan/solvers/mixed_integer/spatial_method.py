@@ -33,6 +33,7 @@ from climbplan.solvers.mixed_integer.recall import Memory, Recall
 from climbplan.solvers.mixed_integer.spatial_rows import Factors, factors_of
 from climbplan.solvers.mixed_integer.telling import Searched
 from climbplan.solvers.mixed_integer.tree_run import MEMORY, TreeRun
+from climbplan.solvers.mixed_integer.warm_up import warm_up
 from climbplan.solvers.result import (
     FEASIBILITY,
     Answer,
@@ -88,6 +89,8 @@ class SpatialMemory(Memory):
 
         Steps of local searches do not count as `work`, of which each tree has few.
         """
+        name = "tree with certificates" if self.proves else "tree"
+        warm_up(name, SpatialMemory(proves=self.proves).solve, products=True)
         begin = time.perf_counter()
         deadline, gap, tolerance = begin + time_limit, self.gap, self.tolerance
         factors = factors_of(instance)

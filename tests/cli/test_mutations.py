@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from mutation_cases import PLANS, QUICK_PLANS, Case, Outcome, Worker, cases, made_plans
 
-SAMPLE = 30
+SAMPLE = 15
 ALL = 1000
 # Mutants of earlier runs that ended in a bug
 KNOWN = [

@@ -277,6 +277,8 @@ class PinnedProgram:
             torque_rows(
                 chain.joint_zero,
                 chain.axis_zero,
+                chain.slides_zero,
+                chain.drives,
                 chain.toe_zero,
                 chain.posture,
                 at.state,

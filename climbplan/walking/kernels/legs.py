@@ -132,8 +132,9 @@ def torque_rows(
     """Rows (2 J F, Z): torques of the F standing legs' joints by force unknowns, J' R' f scale.
 
     Of each leg at the beginning of an interval and at its end, when the body has moved on. joint,
-    axis, slide (L, J, 3), drive (L, J, J), toe (L, 3), posture (L, J): legs; state (N + 1, 12); toes (N + 1, L, 3); contact
-    (N + 1, L). Where a leg does not reach, its workspace rows say so, and nothing is said here.
+    axis, slide (L, J, 3), drive (L, J, J), toe (L, 3), posture (L, J): legs; state (N + 1, 12);
+    toes (N + 1, L, 3); contact (N + 1, L). Where a leg does not reach, its workspace rows say so,
+    and nothing is said here.
     """
     knots, legs = contact.shape
     joints = joint.shape[1]

@@ -242,7 +242,7 @@ def _led_by_others(
             if owner != name:
                 yield Finding(
                     ("legs", name, "toe"),
-                    f"joint {joint.name!r} ({tree.at(joint.line)}) mimics {led.leader!r}, a joint "
+                    f"joint {joint.name!r} ({tree.at(joint.line)}): mimics {led.leader!r}, a joint "
                     f"of {owner}; expected joints of one leg, or it held by `locked`",
                 )
 

@@ -32,19 +32,19 @@ class UrdfJointSpec(SpecModel):
     """What a URDF says wrongly or not at all of one joint."""
 
     max_torque: Number | None = quantity(
-        "N m, N of a joint that slides",
-        "torque limit; left out: `effort` of the URDF",
+        "N m or N",
+        "torque limit, of a joint that slides a force; left out: `effort` of the URDF",
         default=None,
         gt=0,
     )
     max_speed: Number | None = quantity(
-        "rad/s, m/s of a joint that slides",
+        "rad/s or m/s",
         "speed limit; left out: `velocity` of the URDF",
         default=None,
         gt=0,
     )
     stiffness: Number | None = quantity(
-        "N m/rad, N/m of a joint that slides",
+        "N m/rad or N/m",
         "stiffness under position control; left out: the robot's",
         default=None,
         gt=0,

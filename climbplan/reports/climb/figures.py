@@ -88,7 +88,7 @@ def _safety(plan: ClimbPlan) -> dict[str, Any]:
 
 
 def _worst_torque(plan: ClimbPlan) -> dict[str, Any]:
-    magnitude = np.abs(plan.forces.joint_torques)
+    magnitude = np.abs(plan.forces.joint_torques) * ~plan.robot.slides  # forces are no torques
     k, limb, joint = np.unravel_index(int(np.argmax(magnitude)), magnitude.shape)
     return _joint(plan, int(k), int(limb), int(joint))
 

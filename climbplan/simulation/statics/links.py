@@ -45,7 +45,10 @@ def _chain(zero: Array, angles: Array, columns: Array, axes: Array, toe: Array) 
         axes[j, 0], axes[j, 1], axes[j, 2] = u, v, w
         # Turned about the axis as it now is (Rodrigues): each column c by
         # c cos + (axis x c) sin + axis (axis . c) (1 - cos)
-        co, si = np.cos(angles[j]), np.sin(angles[j])
+        # and not at all by a joint that slides, whose axis is zero
+        co, si = 1.0, 0.0
+        if u != 0.0 or v != 0.0 or w != 0.0:
+            co, si = np.cos(angles[j]), np.sin(angles[j])
         k = 1.0 - co
         d = k * (u * a00 + v * a10 + w * a20)
         a00, a10, a20 = (

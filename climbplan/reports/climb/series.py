@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.robots.joint_units import torque_unit
 from climbplan.climb.plan.climb_plan import ClimbPlan, Index
+from climbplan.robots.joint_units import torque_unit
 from climbplan.robots.rotations import Array
 
 

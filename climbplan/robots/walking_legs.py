@@ -13,7 +13,7 @@ class WalkingLegs:
     """L legs of J joints: pairs from front to hind, of each the left one first."""
 
     chain: SerialChain  # body frame of walking; its posture is how the robot stands
-    lower: Array  # (L, J) [rad]
+    lower: Array  # (L, J) [rad], [m] of joints that slide
     upper: Array  # (L, J) [rad]
-    max_torque: Array  # (L, J) [N m]
-    max_speed: Array  # (L, J) [rad/s]
+    max_torque: Array  # (L, J) [N m], [N]
+    max_speed: Array  # (L, J) [rad/s], [m/s]

@@ -89,6 +89,8 @@ def _body_row(
 def speed_rows(
     joint: Array,
     axis: Array,
+    slide: Array,
+    drive: Array,
     toe: Array,
     posture: Array,
     most: Array,
@@ -160,8 +162,9 @@ def speed_rows(
                 arm -= place
                 rotation(angles, R)
                 if not leg_jacobian(
-                    joint[leg], axis[leg], toe[leg], posture[leg], R.T @ arm, jacobian
-                ):
+                    joint[leg], axis[leg], slide[leg], drive[leg], toe[leg], posture[leg],
+                    R.T @ arm, jacobian,
+                ):  # fmt: skip
                     continue
                 _inverted(jacobian, R, g)
                 for j in range(joints):

@@ -52,7 +52,10 @@ class JointRows:
         if legs is None:
             return 0
         chain, cut = legs.chain, self.torques
-        geometry = chain.joint_zero, chain.axis_zero, chain.toe_zero, chain.posture
+        geometry = (
+            chain.joint_zero, chain.axis_zero, chain.slides_zero, chain.drives, chain.toe_zero,
+            chain.posture,
+        )  # fmt: skip
         torque_rows(*geometry, state, toes, self.gait.contact, force_unit, rows[:cut])
         return cut + speed_rows(
             *geometry, _SPEED_IN_HAND * legs.max_speed, task.steps, task.lift, state, toes,

@@ -115,7 +115,7 @@ def _loaded(path: Path) -> UrdfRobot:
 
 
 def test_weaker_legs_bear_less_farther_from_the_middle(found: WalkingBody) -> None:
-    share = _borne(found.boxes.center + [0.1, 0.0, 0.0])
+    share = _borne(found.boxes.center + np.array([0.1, 0.0, 0.0]))
     assert share.sum() == pytest.approx(2.0)
     assert share[0] == share[1] < 0.5 < share[2] == share[3]
 

@@ -84,7 +84,16 @@ def test_a_sound_section_loads(tmp_path: Path) -> None:
             "joints: {L1_yaw: {max_torque: -3}}",
             "expected a number in N m or N > 0",
         ),
-        ("joint_stiffness: 150", "forward: z", "expected one of `x`, `-x`, `y`, `-y`, got 'z'"),
+        (
+            "joint_stiffness: 150",
+            "forward: w",
+            "expected one of `x`, `-x`, `y`, `-y`, `z`, `-z`, got 'w'",
+        ),
+        (
+            "joint_stiffness: 150",
+            "up: -x",
+            "expected an axis square to `forward: x`, got '-x'",
+        ),
         ("legs:", "leggs:", "unknown key (did you mean 'legs'?)"),
         (
             "rounds: 1",

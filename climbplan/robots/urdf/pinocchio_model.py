@@ -20,12 +20,6 @@ from climbplan.spec.robots.urdf.mimics import follows
 from climbplan.spec.robots.urdf.source import UrdfRobot
 from climbplan.spec.robots.urdf.tree import UrdfLink
 
-_FORWARD = {
-    "x": (1.0, 0.0, 0.0),
-    "-x": (-1.0, 0.0, 0.0),
-    "y": (0.0, 1.0, 0.0),
-    "-y": (0.0, -1.0, 0.0),
-}
 _HOLDER = 6  # coordinates of the free base, before those of the joints
 _MASS_OFF = 1e-9  # relative, by which sums of masses may differ in rounding
 
@@ -148,8 +142,7 @@ def urdf_model(robot: UrdfRobot) -> UrdfModel:
     if lost := list(lost_masses(robot, model, pin)):
         raise robot.refused(lost)
     data = model.createData()
-    forward = np.array(_FORWARD[robot.spec.forward])
-    up = np.array([0.0, 0.0, 1.0])
+    forward, up = _axis(robot.spec.forward), _axis(robot.spec.up)
     to_axes = np.stack([np.cross(forward, up), forward, up])
     found = UrdfModel(robot, pin, model, to_axes, np.zeros(3))
     pin.forwardKinematics(model, data, found.angles({}))
@@ -175,6 +168,11 @@ def lost_masses(robot: UrdfRobot, model: Any, pin: Any) -> Iterator[Finding]:
             names = " and ".join(f"{link.name!r} ({robot.tree.at(link.line)})" for link in links)
             message = f"Pinocchio has {found:g} kg for {names}, the file {expected:g} kg"
             yield Finding(("urdf",), message)
+
+
+def _axis(name: str) -> Array:
+    """Unit vector (3,) of `x`, `-x`, ..."""
+    return np.eye(3)["xyz".index(name[-1])] * (-1.0 if name.startswith("-") else 1.0)
 
 
 def _frame(found: UrdfModel, link: str) -> int:

@@ -63,6 +63,7 @@ def whole_robot(plan: WalkPlan, conditions: Conditions) -> WholeRobot:
         name: float(angle)
         for own, row in zip(legs.chain.names, legs.chain.posture, strict=True)
         for name, angle in zip(own, row, strict=True)
+        if name
     }
     pin, model = found.library, found.model
     centre = turn @ np.array(pin.centerOfMass(model, model.createData(), found.angles(angles)))
@@ -103,6 +104,7 @@ class _Tree:
             name: (leg, j)
             for leg, own in enumerate(self.legs.chain.names)
             for j, name in enumerate(own)
+            if name
         }
         self.children: dict[int, list[int]] = {}
         for joint in range(_ROOT + 1, model.njoints):

@@ -100,6 +100,9 @@ class UrdfWorkspaceSpec(SpecModel):
     )
 
 
+Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
+
+
 class UrdfRobotSpec(SpecModel):
     """A robot that a URDF describes, with what no URDF says of it."""
 
@@ -116,8 +119,11 @@ class UrdfRobotSpec(SpecModel):
     base: str | None = Field(
         default=None, min_length=1, description="link that is the body; left out: the root link"
     )
-    forward: Literal["x", "-x", "y", "-y"] = Field(
-        default="x", description="axis of the base link that points forward; its z points up"
+    forward: Axis = Field(default="x", description="axis of the base link that points forward")
+    up: Axis = Field(
+        default="z",
+        description="axis of the base link that points up in the robot's posture, square to "
+        "`forward`: a humanoid that goes on hands and feet has `forward: z` and `up: -x`",
     )
     mass: Number | None = quantity(
         "kg", "total mass; left out: the sum over the links", default=None, gt=0
@@ -190,6 +196,9 @@ class UrdfRobotSpec(SpecModel):
         faults += [
             Fault("legs", "expected a name for every leg, got ''") for n in self.legs if not n
         ]
+        if self.up[-1] == self.forward[-1]:
+            message = f"expected an axis square to `forward: {self.forward}`, got {self.up!r}"
+            faults.append(Fault("up", message))
         if self.body_half_size is not None and min(self.body_half_size) <= 0:
             size = list(self.body_half_size)
             faults.append(Fault("body_half_size", f"expected three numbers > 0, got {size}"))

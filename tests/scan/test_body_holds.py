@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from known_surfaces import box, joined
+from known_surfaces import box, joined, quad
 
 from climbplan.scan.body_holds import BodyHold, bodies, body_holds, body_regions
 from climbplan.scan.cleaning import cleaned
@@ -38,9 +38,7 @@ def test_a_cube_is_gripped_from_six_faces_in_two_directions_each() -> None:
 
 
 def test_what_is_open_or_wider_than_the_opening_is_none() -> None:
-    ground = mesh(
-        np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), [[0, 1, 2], [0, 2, 3]]
-    )
+    ground = quad([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
     raw = joined(ground, box(*CUBE))
     assert bodies(cleaned(raw)).sum() == 12
     assert len(found(raw)) == 12

@@ -240,7 +240,7 @@ def around(robot: Robot) -> float:
     shoulder = np.linalg.norm(robot.shoulder_body, axis=1)
     if isinstance(robot.limbs, FiveBar):
         return float((shoulder + robot.reach).max())
-    return float((shoulder + robot.link_lengths[:, :-1].sum(axis=1)).max())
+    return float((shoulder + robot.longest_links[:, :-1].sum(axis=1)).max())
 
 
 def _distance(region: FoundRegion | BodyHold, guide: Array, behind: float) -> float:

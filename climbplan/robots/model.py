@@ -115,6 +115,16 @@ class Robot:
         """(N, J): what counts as one radian: 1, or a length [m] of joints that slide."""
         return np.where(self.slides, RADIAN, 1.0)
 
+    @property
+    def longest_links(self) -> Array:
+        """(N, J) `link_lengths`, of joints that slide when these are out as far as they go [m]."""
+        chain = self.mechanism
+        if not isinstance(chain, SerialChain) or chain.slide_zero is None:
+            return self.link_lengths
+        far = np.where(self.has_joint, np.maximum(-self.joint_lower, self.joint_upper), 0.0)
+        moved = (np.abs(chain.drives) @ np.maximum(far, 0.0)[..., None])[..., 0]
+        return np.asarray(self.link_lengths + np.where(self.slides, moved, 0.0))
+
     def joint_name(self, limb: int, joint: int) -> str:
         """What a joint is called, and the link that it moves: "femur"."""
         own = self.limbs.joint_names[limb]

@@ -100,7 +100,7 @@ class _Player:
         self.there = self.legs.there
         self.at = np.full(self.there.shape, -1)
         self.dof = self.at.copy()
-        for leg, j in np.argwhere(self.there):
+        for leg, j in np.argwhere(self.there | self.legs.mimics):
             hinge = self.model.joint(f"{leg}_{j}")
             self.at[leg, j], self.dof[leg, j] = hinge.qposadr[0], hinge.dofadr[0]
         self.control = WholeBodyControl(
@@ -168,7 +168,8 @@ class _Player:
         quat = np.empty(4)
         self.mujoco.mju_mat2Quat(quat, rotation.ravel())
         data.qpos[3:7] = quat
-        data.qpos[self.at[self.there]] = angles[self.there]
+        named, drives = self.there | legs.mimics, legs.chain.drives
+        data.qpos[self.at[named]] = (drives @ angles[..., None])[..., 0][named]
         spin = rotation.T @ state[SPIN]
         drift = rotation.T @ state[VELOCITY]
         data.qvel[:3] = state[VELOCITY] - rotation @ np.cross(spin, self.centre)
@@ -176,7 +177,7 @@ class _Player:
         away = -(drift + np.cross(spin, spots))  # (L, 3) of toes in the body
         jacobian = legs.chain.jacobian(angles)
         speed = (np.linalg.pinv(jacobian) @ away[..., None])[..., 0]
-        data.qvel[self.dof[self.there]] = speed[self.there]
+        data.qvel[self.dof[named]] = (drives @ speed[..., None])[..., 0][named]
         self.mujoco.mj_forward(self.model, data)
 
     def _interval(self, sample: int) -> dict[str, Any]:

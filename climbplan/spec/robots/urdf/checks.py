@@ -34,7 +34,7 @@ def tree_findings(tree: UrdfTree) -> list[Finding]:
                 Finding(
                     ("urdf",),
                     f"closed chain: link {link!r} is the child of joints {names}; expected a tree, "
-                    "with one parent a link",
+                    "with one parent a link (five-bar legs are told by a robot file of `five_bar`)",
                 )
             )
     carried = tree.by_child

@@ -22,7 +22,7 @@ _LARGEST = 0.6  # of the farthest standing toe from its first joint: half extent
 _OFF = 0.005  # [m] taken off what the grid allows
 _GAP = 0.02  # [m] between boxes of neighbours
 _LEAST = (0.03, 0.02, 0.02)  # [m] half extents with which a step is possible
-_BOUND = np.deg2rad(2.0)  # of joints from their bounds
+_BOUND = np.deg2rad(2.0)  # of joints from their bounds, in their units
 # Of the weight, that a leg holds upright anywhere in its box: the middle one of a tripod, alone on
 # its side
 _SHARE = 0.5
@@ -101,7 +101,8 @@ class _Grown:
         least: Array,
     ) -> None:
         self.chain, self.toes, self.torque, self.least = chain, toes, torque, least
-        self.lower, self.upper = lower + _BOUND, upper - _BOUND
+        kept = _BOUND * chain.zero.unit
+        self.lower, self.upper = lower + kept, upper - kept
 
     def holds(self, half: Array) -> bool:
         """Whether boxes of this size are reached, and strong enough, at all points of the grid."""

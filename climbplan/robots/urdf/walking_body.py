@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.robots.rotations import Array
-from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.building import by_leg, chain_at_zero, joint_angles_of, joint_limits
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.toe_boxes import ToeBoxes, toe_boxes
@@ -64,13 +63,13 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
         for joint, angle in zip(leg.names, row[joints - len(leg.names) :], strict=True)
     }
     chain = chain_at_zero(at_zero, joints, found.center(standing), posture)
-    chain = _turned(chain)
+    chain = chain.turned(TO_WALKING)
     toes = chain.joint_points(posture)[:, -1]
     order = in_pairs(toes.tolist())
     if order is None:
         message = "expected pairs of toes, one on either side, one pair behind the other"
         raise robot.refused([Finding(("legs",), message)])
-    chain = _ordered(chain, order)
+    chain = chain.ordered(order)
     toes, names = toes[order], tuple(names[i] for i in order)
     legs = WalkingLegs(
         chain,
@@ -130,21 +129,3 @@ def inertia_of(found: UrdfModel, standing: dict[str, float]) -> Array:
     turn = TO_WALKING @ found.turn
     inertia: Array = turn @ np.array(data.Ig.inertia) @ turn.T
     return 0.5 * (inertia + inertia.T)
-
-
-def _turned(chain: SerialChain) -> SerialChain:
-    turn = TO_WALKING.T
-    return SerialChain(
-        chain.names, chain.joint_zero @ turn, chain.axis_zero @ turn, chain.toe_zero @ turn,
-        chain.posture,
-    )  # fmt: skip
-
-
-def _ordered(chain: SerialChain, order: list[int]) -> SerialChain:
-    return SerialChain(
-        tuple(chain.names[i] for i in order),
-        chain.joint_zero[order],
-        chain.axis_zero[order],
-        chain.toe_zero[order],
-        chain.posture[order],
-    )

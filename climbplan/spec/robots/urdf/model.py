@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
@@ -31,13 +32,22 @@ class UrdfJointSpec(SpecModel):
     """What a URDF says wrongly or not at all of one joint."""
 
     max_torque: Number | None = quantity(
-        "N m", "torque limit; left out: `effort` of the URDF", default=None, gt=0
+        "N m or N",
+        "torque limit, of a joint that slides a force; left out: `effort` of the URDF",
+        default=None,
+        gt=0,
     )
     max_speed: Number | None = quantity(
-        "rad/s", "speed limit; left out: `velocity` of the URDF", default=None, gt=0
+        "rad/s or m/s",
+        "speed limit; left out: `velocity` of the URDF",
+        default=None,
+        gt=0,
     )
     stiffness: Number | None = quantity(
-        "N m/rad", "stiffness under position control; left out: the robot's", default=None, gt=0
+        "N m/rad or N/m",
+        "stiffness under position control; left out: the robot's",
+        default=None,
+        gt=0,
     )
 
 
@@ -59,6 +69,9 @@ class UrdfLegSpec(SpecModel):
         "and from which others start; joints left out are at zero, or in the middle of their "
         "range if that leaves zero out",
         default={},
+    )
+    posture_m: dict[str, Number] = quantity(
+        "m", "the same of joints that slide, by their names", default={}
     )
     stance: Vector | None = quantity(
         "m",
@@ -122,6 +135,12 @@ class UrdfRobotSpec(SpecModel):
         default=50.0,
         gt=0,
     )
+    slide_stiffness: Number = quantity(
+        "N/m",
+        "stiffness of joints that slide under position control (their P gain); assumed if left out",
+        default=5000.0,
+        gt=0,
+    )
     structural_compliance_share: Number = quantity(
         "", "share of the limb compliance that comes from the structure", default=0.0, ge=0, lt=1
     )
@@ -133,6 +152,9 @@ class UrdfRobotSpec(SpecModel):
         "joint name -> angle at which it is held, fixed like a weld: a waist that legs would "
         "share, joints of a leg beyond seven, arms where they are to be out of the way",
         default={},
+    )
+    locked_m: dict[str, Number] = quantity(
+        "m", "joint name -> where it is held, of joints that slide", default={}
     )
     body_half_size: Vector | None = quantity(
         "m",
@@ -185,12 +207,19 @@ class UrdfRobotSpec(SpecModel):
         refuse(faults)
         return self
 
+    @property
+    def held(self) -> dict[str, float]:
+        """Joint name -> angle [rad] or place [m] at which it is held."""
+        turned = {name: float(np.deg2rad(degrees)) for name, degrees in self.locked.items()}
+        return turned | {name: float(place) for name, place in self.locked_m.items()}
+
     def _sizes(self) -> list[Fault]:
         """What is out of the range that a robot's numbers can have."""
         own: dict[str, tuple[Given, Range]] = {
             "mass": (self.mass, MASS),
             "gravity": (self.gravity, GRAVITY),
             "joint_stiffness": (self.joint_stiffness, STIFFNESS),
+            "slide_stiffness": (self.slide_stiffness, STIFFNESS),
             "body_half_size": (self.body_half_size, LENGTH),
             "limb_radius": (self.limb_radius, THICKNESS),
             **{f"limb_radii.{name}": (r, THICKNESS) for name, r in self.limb_radii.items()},

@@ -421,13 +421,14 @@ def test_a_search_over_contacts_never_loses_a_motion(cheap: Cheap) -> None:
     assert ways is not None
     assert {way.value for way in ways} == {0.0, 1.0}
     decided = [
-        Decision(True, int(row), contact[at]) for at, row in np.ndenumerate(kept.program.rows)
+        Decision(True, int(row), float(contact[at]))
+        for at, row in np.ndenumerate(kept.program.rows)
     ]
     kept.decide(tuple(decided))
     gait = kept.solve(np.inf)  # the motion is in it
     assert gait is not None
     assert root.bound <= gait.bound <= cheap.cost
-    assert (kept.contacts == contact).all()
+    assert np.array_equal(kept.contacts, contact)
     bounds = list[float]()
 
     def goes_on(bound: float) -> bool:
@@ -479,7 +480,7 @@ def test_a_search_over_contacts_keeps_what_other_seeds_find() -> None:
         drawn.append(bound_drawn(stated, held, 1, lambda: 30.0, time.process_time))
         for answer in answers:
             assert answer.trajectory is not None
-            if (answer.trajectory.gait.contact[:-1] == contacts).all():
+            if np.array_equal(answer.trajectory.gait.contact[:-1], contacts):
                 assert drawn[-1] <= answer.objective
         return drawn[-1]
 

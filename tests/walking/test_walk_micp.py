@@ -428,6 +428,7 @@ def test_a_search_over_contacts_never_loses_a_motion(cheap: Cheap) -> None:
     gait = kept.solve(np.inf)  # the motion is in it
     assert gait is not None
     assert root.bound <= gait.bound <= cheap.cost
+    assert kept.contacts is not None
     assert np.array_equal(kept.contacts, contact)
     bounds = list[float]()
 

@@ -29,6 +29,7 @@ from climbplan.walking.micp.heads import (
 from climbplan.walking.micp.kept import Decision, Kept
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.method import solve_micp
+from climbplan.walking.micp.mirror import left_first, own_image, with_images
 from climbplan.walking.micp.model import Lin, LinearModel
 from climbplan.walking.micp.ranges import Box, ranges_below
 from climbplan.walking.micp.relaxed import infeasible, linear, relaxed
@@ -37,7 +38,7 @@ from climbplan.walking.micp.statement import Relaxation, relaxation
 from climbplan.walking.micp.tree import Search
 from climbplan.walking.micp.tube import Tube, tube_about, turning
 from climbplan.walking.offline.search import SearchLimits, search
-from climbplan.walking.task import Array, Flags, WalkTask, WalkTrajectory
+from climbplan.walking.task import Array, Flags, Gait, WalkTask, WalkTrajectory
 
 ANGLES, SPIN = np.array([0.1, 0.2, 0.1]), np.array([1.5, 3.0, 1.5])
 
@@ -443,26 +444,71 @@ def test_a_search_over_contacts_never_loses_a_motion(cheap: Cheap) -> None:
     assert contacts_searched(Kept(none.program(None), 1e-4 * none.most)).run() == none.most
 
 
+@pytest.mark.slow
 def test_a_search_over_contacts_ends_where_highs_ends() -> None:
     task = shorter(walk_task((1.0, 0, 0)), 3)
-    answer = known(task)
+    answer = known(task, 20)
     assert answer.trajectory is not None
     tube = tube_about(task, answer.trajectory.state, 0.3 * ANGLES, 0.3 * SPIN)
-    stated = Stated(task, tube, answer.objective * 1.05, 2, 2, 1.2)
-    program = stated.program(None)
-    sag = 1e-5 * stated.most
+    both = with_images(tube, 20 * ANGLES, 20 * SPIN)
+    assert both is not None
+    stated = Stated(task, both, answer.objective * 1.02, 1, 1, 1.5)
+    program, sag = stated.program(None), 1e-4 * stated.most
     search = contacts_searched(Kept(program, sag))
     bound = search.run()
     first = search.nodes
     assert search.run() == bound  # whatever was asked before
     assert search.nodes == 2 * first
+    halved = contacts_searched(Kept(stated.program(None), sag, images=True))
+    assert halved.run() == pytest.approx(bound, rel=1e-3)
+    assert halved.nodes < first
     solver = highs(60.0)
     solver.passModel(rows_model(program.model))
     solver.run()
     assert solver.getModelStatus() == highspy.HighsModelStatus.kOptimal
     found = solver.getInfo().objective_function_value
     assert bound <= answer.objective
-    assert found == pytest.approx(bound, rel=5e-3)  # where tangents are fewer
+    assert found == pytest.approx(bound, rel=0.01)  # tangents are others
+
+
+def image(found: WalkTrajectory) -> WalkTrajectory:
+    """The same motion with left and right exchanged."""
+    across, legs = np.array([1.0, -1.0, 1.0]), np.array([1, 0, 3, 2])
+    state = found.state * np.concatenate([across, across, -across, -across])
+    gait = Gait(found.gait.contact[:, legs], found.gait.region[:, legs])
+    return WalkTrajectory(state, found.toes[:, legs] * across, found.force[:, legs] * across, gait)
+
+
+def test_of_two_motions_that_mirror_one_is_enough() -> None:
+    task = shorter(walk_task((1.0, 0, 0)), 4)
+    assert own_image(task)
+    assert own_image(shorter(stairs_task(), 4))
+    turned = replace(task.reference, euler=task.reference.euler + 0.1 * np.eye(3)[2])
+    aside = replace(task.start, state=task.start.state + 0.1 * np.eye(12)[4])
+    assert not own_image(replace(task, reference=turned))
+    assert not own_image(replace(task, start=aside))
+    answer = known(task)
+    found = answer.trajectory
+    assert found is not None
+    other = image(found)
+    assert objective(task, other.state, other.force) == pytest.approx(answer.objective)
+    checked = check_trajectory(task, other)
+    assert not failures(checked)
+    width = np.array([0.01, 0.02, 0.01]), np.array([0.2, 0.4, 0.2])
+    about = tube_about(task, np.stack([found.state, other.state]), *width)
+    tube = with_images(about, *width)
+    assert tube is not None
+    assert with_images(replace(about, angles=about.angles + 0.5), *width) is None
+    stated = Stated(task, tube, 1.01 * answer.objective, 1, 1, 3.0)
+    program = stated.program(None)
+    first = []
+    for motion in (found, other):
+        assert tube.holds(motion.state)
+        x = np.zeros(len(program.model.lower))
+        for column, value in program.integers(motion).items():
+            x[column] = value
+        first.append(left_first(program).at(x))
+    assert first[0] == pytest.approx(-first[1])
 
 
 @pytest.mark.slow

@@ -22,6 +22,7 @@ from climbplan.walking.micp.covering import Leaf, covering
 from climbplan.walking.micp.heads import Stated, bound_drawn, drawn_by_heads
 from climbplan.walking.micp.kept import Kept
 from climbplan.walking.micp.limits import MicpLimits
+from climbplan.walking.micp.mirror import own_image, with_images
 from climbplan.walking.micp.relaxed import SAG, relaxed
 from climbplan.walking.micp.statement import Relaxation, relaxation
 from climbplan.walking.micp.tree import Search
@@ -37,6 +38,7 @@ _NEW_START = 0.85  # times the cost before
 TANGENTS = 3.0  # each so many times the one before; where they are wanted more come
 _SHARES = (0.2, 0.35, 0.5)  # contacts of the relaxed program beyond count as such
 ROUNDS = 3  # of drawing ranges of a gait closer
+_GAIT = 0.0005  # of the cost, that a head has to raise the bound of a gait by
 _SAG = 5.0 * SAG  # of the cost, that squares of a search may be too small
 _PRICING = 8  # QPs for a gait of the program, and once more to settle
 _POLISH = 40
@@ -134,6 +136,9 @@ class Bounding:
     def bounded(self, tube: Tube) -> None:
         """The program of motions that are cheaper by the gap: if there are none, it is closed."""
         limits, most = self.limits, self.objective * (1.0 - self.limits.gap)
+        width = np.array(limits.angles), np.array(limits.spin)
+        both = with_images(tube, *width) if own_image(self.stated) else None
+        tube = both if both is not None else tube
         stated = Stated(self.stated, tube, most, limits.arm_pieces, limits.height_pieces, TANGENTS)
         program = stated.program(None)
         if not self.tighten(program, most):
@@ -145,10 +150,13 @@ class Bounding:
         program = stated.program(drawn.box)
         if not self.tighten(program, most) or self.left <= 0:
             return
-        self.search(stated, program)
+        self.search(stated, program, both is not None)
 
-    def search(self, stated: Stated, program: Relaxation) -> None:
-        """Raise the bound of a program's motions by a search over contacts."""
+    def search(self, stated: Stated, program: Relaxation, images: bool) -> None:
+        """Raise the bound of a program's motions by a search over contacts.
+
+        images: whether the tube holds the mirror images of its motions, too.
+        """
         basis, most = self.objective, stated.most
 
         def goes_on(bound: float) -> bool:
@@ -157,10 +165,13 @@ class Bounding:
             return self.left > 0 and not self.closed and not self.again
 
         def settled(contacts: Flags) -> float:
-            held = program.box.standing(contacts)
-            return bound_drawn(stated, held, ROUNDS, lambda: self.left, self.limits.clock)
+            program_of = stated.program(program.box.standing(contacts))
+            drawn = drawn_by_heads(stated, program_of, self.left, self.limits.clock, _GAIT)
+            if drawn is None:
+                return most
+            return bound_drawn(stated, drawn.box, ROUNDS, lambda: self.left, self.limits.clock)
 
-        kept = Kept(program, _SAG * self.objective)
+        kept = Kept(program, _SAG * self.objective, images)
         found = Search(
             kept,
             goes_on,

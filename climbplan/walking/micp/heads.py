@@ -27,7 +27,7 @@ from climbplan.walking.task import Goal, WalkTask
 _T = TypeVar("_T", Tube, Box)
 _WHOLE = ("low", "high", "off")  # of a box: states are of one knot more than intervals
 _SHORTEST = 3  # intervals of a head: the first step is the start's
-_WORTH = 0.003  # of the cost, that a head has to raise the bound by
+WORTH = 0.003  # of the cost, that a head has to raise the bound by
 _PAD = 1e-4  # of the cost, that later intervals may cost less than the solver says
 
 
@@ -70,7 +70,11 @@ class Drawn:
 
 
 def drawn_by_heads(
-    stated: Stated, program: Relaxation, seconds: float, clock: Callable[[], float]
+    stated: Stated,
+    program: Relaxation,
+    seconds: float,
+    clock: Callable[[], float],
+    worth: float = WORTH,
 ) -> Drawn | None:
     """What ever longer heads tell of a program's motions; None if there are none.
 
@@ -82,7 +86,7 @@ def drawn_by_heads(
         known = max((k for k, _ in relaxed(whole.model, SAG * stated.most, linear())), default=0.0)
         if np.isinf(known):
             return None
-        if clock() >= end or known < before + _WORTH * stated.most:
+        if clock() >= end or known < before + worth * stated.most:
             break
         before = known
         least = least_after(whole, knots)

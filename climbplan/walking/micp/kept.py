@@ -13,6 +13,7 @@ import highspy
 import numpy as np
 
 from climbplan.solvers.highs.model import rows_model, run_highs
+from climbplan.walking.micp.mirror import left_first
 from climbplan.walking.micp.relaxed import add_rows, infeasible, linear
 from climbplan.walking.micp.statement import Relaxation
 from climbplan.walking.task import Array, Flags
@@ -40,10 +41,12 @@ class Point(NamedTuple):
 class Kept:
     """Linear programs of a relaxation, with ever other integers decided."""
 
-    def __init__(self, program: Relaxation, sag: float) -> None:
-        """sag: of the cost, that squares may be too small."""
+    def __init__(self, program: Relaxation, sag: float, images: bool = False) -> None:
+        """sag: of the cost, that squares may be too small; images: one of two that mirror."""
         self.program, self.sag, self.most = program, sag, program.most
         model = program.model
+        if images:
+            model.least("gait.images", left_first(program))
         self.count = len(model)
         self.decided: tuple[Decision, ...] = ()
         self.row_low, self.row_high = model.row_lower, model.row_upper

@@ -116,7 +116,7 @@ def _narrowed(subject: Subject, points: Array) -> Array:
     """Joints and toes (..., N, P, 3) without the last stretch before the toe."""
     shorter = points.copy()
     last = points[..., -1, :] - points[..., -2, :]
-    length = np.maximum(subject.plan.robot.link_lengths[:, -1, None], 1e-12)
+    length = np.maximum(np.linalg.norm(last, axis=-1, keepdims=True), 1e-12)
     shorter[..., -1, :] -= last * np.minimum(_TOE_STRETCH / length, 1.0)
     return shorter
 

@@ -97,12 +97,12 @@ class _Player:
         self.model = make(whole_model(plan, robot, conditions))
         self.data = self.mujoco.MjData(self.model)
         self.reference = WholeReference(plan)
-        hinges = [
-            [self.model.joint(f"{leg}_{j}") for j in range(self.legs.chain.joint_count)]
-            for leg in range(plan.task.body.leg_count)
-        ]
-        self.at = np.array([[hinge.qposadr[0] for hinge in row] for row in hinges])
-        self.dof = np.array([[hinge.dofadr[0] for hinge in row] for row in hinges])
+        self.there = self.legs.there
+        self.at = np.full(self.there.shape, -1)
+        self.dof = self.at.copy()
+        for leg, j in np.argwhere(self.there | self.legs.mimics):
+            hinge = self.model.joint(f"{leg}_{j}")
+            self.at[leg, j], self.dof[leg, j] = hinge.qposadr[0], hinge.dofadr[0]
         self.control = WholeBodyControl(
             self.mujoco, make(whole_model(plan, known, NOMINAL)), self.at, self.dof, self.legs,
             plan.task.ground.friction, plan.task.weight,
@@ -168,14 +168,16 @@ class _Player:
         quat = np.empty(4)
         self.mujoco.mju_mat2Quat(quat, rotation.ravel())
         data.qpos[3:7] = quat
-        data.qpos[self.at] = angles
+        named, drives = self.there | legs.mimics, legs.chain.drives
+        data.qpos[self.at[named]] = (drives @ angles[..., None])[..., 0][named]
         spin = rotation.T @ state[SPIN]
         drift = rotation.T @ state[VELOCITY]
         data.qvel[:3] = state[VELOCITY] - rotation @ np.cross(spin, self.centre)
         data.qvel[3:6] = spin
         away = -(drift + np.cross(spin, spots))  # (L, 3) of toes in the body
         jacobian = legs.chain.jacobian(angles)
-        data.qvel[self.dof] = (np.linalg.pinv(jacobian) @ away[..., None])[..., 0]
+        speed = (np.linalg.pinv(jacobian) @ away[..., None])[..., 0]
+        data.qvel[self.dof[named]] = (drives @ speed[..., None])[..., 0][named]
         self.mujoco.mj_forward(self.model, data)
 
     def _interval(self, sample: int) -> dict[str, Any]:
@@ -190,7 +192,7 @@ class _Player:
             if round(now / TIME_STEP) % TICK == 0 or self.commanded is None:
                 self._command(sample, now, stands, planned)
             self._push(now)
-            self.data.qfrc_applied[self.dof] = self.torque
+            self.data.qfrc_applied[self.dof[self.there]] = self.torque[self.there]
             self.mujoco.mj_step(self.model, self.data)
             force, pressure, shear = ground_forces(self.mujoco, self.model, self.data, self.leg_of)
             self.felt[pressure > 0] = now + TIME_STEP
@@ -204,7 +206,7 @@ class _Player:
             total["overreach"] = max(total["overreach"], float(over.max(initial=0.0)))
             share = np.abs(self.torque) / self.legs.max_torque
             total["torque"] = np.maximum(total["torque"], share)
-            fast = np.abs(self.data.qvel[self.dof]) / self.legs.max_speed
+            fast = np.where(self.there, np.abs(self.data.qvel[self.dof]), 0) / self.legs.max_speed
             total["speed"] = np.maximum(total["speed"], fast)
         return total
 
@@ -240,7 +242,7 @@ class _Player:
         )  # fmt: skip
         self.ticks += 1
         self.unanswered += not self.commanded.solved
-        self.torque = self.commanded.torque.reshape(self.legs.max_torque.shape)
+        self.torque[self.there] = self.commanded.torque
 
     def _toes(self, now: float, stands: Flags, toes: Array, capture: Array) -> tuple[Array, Flags]:
         """Accelerations (L, 3) of toes that do not carry, and which carry."""

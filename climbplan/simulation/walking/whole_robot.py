@@ -2,7 +2,7 @@
 
 Built from Pinocchio's reading of the URDF that the plan carries. The root body of the model has the
 axes of walking (x forward, y left, z up) and its origin where the robot's root link has it; joints
-of the legs turn, all others are held where the robot file has them.
+of the legs move, all others are held where the robot file has them.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.walking_body import TO_WALKING
+from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.walking.model import (
     BODY,
@@ -33,6 +34,7 @@ from climbplan.walking.task import Array
 
 _ROOT = 1  # of Pinocchio's joints: the free one
 _THICK = 0.1  # of a link's length, as it is drawn
+_STIFF = 'solref="0.002 1" solimp="0.9999 0.9999 0.001"'
 _HALF_HEIGHT = 0.04  # [m] of the body, which falls on the ground
 
 
@@ -43,6 +45,7 @@ class WholeRobot:
     found: UrdfModel
     centre: Array  # (3,) of mass of the standing robot, from the root body in its axes [m]
     mjcf: str  # of its bodies
+    ties: str  # of joints that mimic others
     mass: float  # [kg]
 
 
@@ -59,16 +62,29 @@ def whole_robot(plan: WalkPlan, conditions: Conditions) -> WholeRobot:
         name: float(angle)
         for own, row in zip(legs.chain.names, legs.chain.posture, strict=True)
         for name, angle in zip(own, row, strict=True)
+        if name
     }
     pin, model = found.library, found.model
     centre = turn @ np.array(pin.centerOfMass(model, model.createData(), found.angles(angles)))
     tree = _Tree(found, plan, turn, conditions.payload, centre)
-    return WholeRobot(found, centre, tree.body(), found.mass())
+    return WholeRobot(found, centre, tree.body(), ties_of(legs), found.mass())
 
 
 def whole_model(plan: WalkPlan, robot: WholeRobot, conditions: Conditions) -> str:
     """The model of a walk by the whole robot; toes are centres of spheres on lowered ground."""
-    return world_of(plan, ground_of(plan, conditions, TOE_RADIUS), robot.mjcf)
+    return world_of(plan, ground_of(plan, conditions, TOE_RADIUS), robot.mjcf, robot.ties)
+
+
+def ties_of(legs: WalkingLegs) -> str:
+    """What moves joints that mimic others."""
+    drive, ties = legs.chain.drives, []
+    for leg, joint in np.argwhere(legs.mimics):
+        leader = int(np.argmax(np.abs(drive[leg, joint])))
+        ties.append(
+            f'<joint joint1="{leg}_{joint}" joint2="{leg}_{leader}" '
+            f'polycoef="0 {drive[leg, joint, leader]:.12g} 0 0 0" {_STIFF}/>'
+        )
+    return "".join(ties)
 
 
 def robot_of_plan(plan: WalkPlan) -> UrdfRobot:
@@ -99,6 +115,7 @@ class _Tree:
             name: (leg, j)
             for leg, own in enumerate(self.legs.chain.names)
             for j, name in enumerate(own)
+            if name
         }
         self.children: dict[int, list[int]] = {}
         for joint in range(_ROOT + 1, model.njoints):
@@ -132,14 +149,16 @@ class _Tree:
         hinge, toe = "", ""
         if name in self.turning:
             leg, number = self.turning[name]
-            column = np.array(
+            whole = np.array(
                 pin.getJointJacobian(model, self.data, joint, pin.ReferenceFrame.LOCAL)
-            )[3:, int(model.idx_vs[joint])]
+            )[:, int(model.idx_vs[joint])]
+            slides = bool(self.legs.chain.sliding[leg, number])
+            kind, column = ("slide", whole[:3]) if slides else ("hinge", whole[3:])
             low, high = self.legs.lower[leg, number], self.legs.upper[leg, number]
-            hinge = (
-                f'<joint name="{leg}_{number}" type="hinge" axis="{numbers(column)}"'
-                f' range="{low:.9g} {high:.9g}" limited="true"/>'
-            )
+            bounds = f' range="{low:.9g} {high:.9g}" limited="true"'
+            if self.legs.mimics[leg, number]:
+                bounds = ""  # those of the joint that it follows
+            hinge = f'<joint name="{leg}_{number}" type="{kind}" axis="{numbers(column)}"{bounds}/>'
             toe = self._toe(leg, joint) if number == self.legs.chain.joint_count - 1 else ""
         below = "".join(self._link(child, np.eye(3)) for child in self.children.get(joint, []))
         drawn = "".join(

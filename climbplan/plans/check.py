@@ -119,6 +119,7 @@ GRIP_LIMITS = {
     "grip.shear": Limit(1e-6, "of weight", "shear within (mu f_n + spines) / S_mu, by finger"),
     "grip.force": Limit(1e-6, "N", "gripping force within its limit over S_tau"),
     "grip.moment": Limit(1e-6, "N m", "no moment about the fingers' axis, none without contact"),
+    "grip.apart": Limit(1e-6, "m", "grippers that hold on, as thick as limbs, do not overlap"),
     "grip.pull_out": Limit(1e-6, "of weight", "the stored pull-out margins are those of the grips"),
     "robust.pull": Limit(0, "N", "grips hold so much further pull, without S_mu"),
     "wrist.square": Limit(1e-6, "", "wrists hold grippers square on their holds"),

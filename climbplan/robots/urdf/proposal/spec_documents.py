@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.robots.urdf.proposal.braces import SAFETY, WALLS
 from climbplan.robots.urdf.proposal.postures import Posture
-from climbplan.robots.urdf.proposal.settled import FLOOR, SAFETY, WALLS, Proposal
+from climbplan.robots.urdf.proposal.settled import FLOOR, Proposal
 from climbplan.robots.urdf.proposal.yaml_words import scalar, vector
 
 _STEP = 0.35  # of the ball about its stance, that a toe steps in a round on ground

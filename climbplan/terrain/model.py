@@ -10,11 +10,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.errors import UsageError
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
-from climbplan.spec.climb.panel import HoldSpec, PanelSpec
+from climbplan.spec.climb.panel import HoldSpec, PanelSpec, RegionHoldSpec
 from climbplan.spec.climb.terrain import BoxSpec, GroundSpec, TerrainSpec, WallsSpec
-from climbplan.terrain.holds import PANEL, hold_extent, hold_of, rectangle_on
+from climbplan.terrain.holds import PANEL, hold_extent, hold_of, hold_on, rectangle_on
 from climbplan.terrain.nearest import bounds_of, nearest_region
 from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.solids import Solid
@@ -143,6 +144,13 @@ def _hold_region(spec: TerrainSpec, panel: PanelSpec, name: str, hold: HoldSpec)
     return replace(region, hold=hold_of(panel, hold))
 
 
+def _gripped(region: Region, hold: RegionHoldSpec) -> Region:
+    try:
+        return replace(region, hold=hold_on(region.normal, hold))
+    except UsageError as error:
+        raise UsageError(f"region {region.name!r}: {error}") from error
+
+
 def _box_top(box: BoxSpec, friction: float) -> Region:
     sides = zip(box.lower[:2], box.upper[:2], strict=True)
     across, along = sides
@@ -235,6 +243,8 @@ def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
             )
         else:
             region = Region.from_vertices(item.name, np.array(item.vertices), friction)
+        if item.hold is not None:
+            region = _gripped(region, item.hold)
         surfaces.append(region)
         allowed.append([item.limbs is None or name in item.limbs for name in robot.limb_names])
     if robot.gripper is not None:

@@ -130,6 +130,7 @@ SCAN = {
     "triangles": Layout(("*", 3), kind="int"),
 }
 SCAN_NUMBERS = ("flatness", "toe_radius")
+SCAN_DEPTH = "finger_depth"  # only where grippers hold what was scanned
 
 SEQUENCES = {
     "cost": Layout(("Q",)),

@@ -39,6 +39,8 @@ def write_terrain(group: h5py.Group, terrain: Terrain) -> None:
             write_dataset(scan, name, vars(terrain.scan)[name], shape)
         for name in layout.SCAN_NUMBERS:
             scan.attrs[name] = float(vars(terrain.scan)[name])
+        if terrain.scan.finger_depth:
+            scan.attrs[layout.SCAN_DEPTH] = float(terrain.scan.finger_depth)
 
 
 def read_terrain(reader: Reader, where: str) -> Terrain:
@@ -77,7 +79,10 @@ def _read_scan(reader: Reader, where: str) -> RawSurface:
     triangles, corners = fields["triangles"], len(fields["vertices"])
     if not len(triangles) or triangles.min() < 0 or triangles.max() >= corners:
         raise reader.refuse(f"{where}/triangles names a corner that is not there, or is empty")
-    fields |= {name: reader.number(where, name) for name in layout.SCAN_NUMBERS}
+    numbers = [*layout.SCAN_NUMBERS]
+    if reader.has_attribute(where, layout.SCAN_DEPTH):
+        numbers.append(layout.SCAN_DEPTH)
+    fields |= {name: reader.number(where, name) for name in numbers}
     return RawSurface(**fields)
 
 

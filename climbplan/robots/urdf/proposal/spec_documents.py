@@ -100,8 +100,11 @@ seed: 0
 """
 
 
-def stairs_document(proposal: Proposal, robot_file: str) -> str:
-    """Up two stairs with the front toes, one with those of the middle; rear ones stay below."""
+def stairs_document(proposal: Proposal, robot_file: str, leans: bool = True) -> str:
+    """Up two stairs with the front toes, one with those of the middle; rear ones stay below.
+
+    leans: the body pitches with the stance, if that is long enough.
+    """
     robot = proposal.robot
     ball = robot.stance_radius
     step, stair = _STAIR_STEP * ball, min(_STAIR * ball, _HIGHEST_STAIR)
@@ -111,9 +114,8 @@ def stairs_document(proposal: Proposal, robot_file: str) -> str:
     # The last steps of the front toes are taken on the second stair
     first = front + 0.6 * step
     second = first + (_STAIR_ROUNDS - 1.5) * step
-    # The body leans with a stance that is long enough for it
     pitch = 0.0
-    if front - rear > away:
+    if leans and front - rear > away:
         pitch = float(np.rad2deg(np.arctan2(2 * stair, front - rear)))
     wide = 2 * (_FAR + away)
     edges = {"floor": (-_FAR - away, first, 0.0), "first stair": (first, second, stair)}

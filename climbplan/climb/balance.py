@@ -27,7 +27,7 @@ from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.equilibrium import grasp_matrix, total_load
 from climbplan.mechanics.friction import contact_frame
-from climbplan.robots.kinematics import inverse, jacobian_world, to_body
+from climbplan.robots.kinematics import contact_jacobian, contact_points, inverse, to_body
 from climbplan.robots.rotations import Array
 
 _SHARES = (1.0, 0.5, 0.0)  # of the margins, asked for in turn
@@ -50,7 +50,7 @@ def balancing_shifts(
     robot = scene.robot
     angles = inverse(robot, to_body(lifts.com, lifts.rpy, lifts.toes)).best()
     out_of_reach = np.isnan(angles).any(axis=-1)  # which a shift may mend: torques are left open
-    jacobian = jacobian_world(robot, lifts.rpy, np.nan_to_num(angles))
+    jacobian = contact_jacobian(robot, lifts.rpy, np.nan_to_num(angles), lifts.normal)
     jacobian[out_of_reach] = 0.0
     return np.array(
         [_least_shift(scene, lifts, k, jacobian[k], most, narrower) for k in range(lifts.count)]
@@ -70,7 +70,8 @@ def _least_shift(
     # Equilibrium, forces in units of the load
     force, moment = load[:3] / unit, load[3:] / unit
     equal = np.zeros((6, size))
-    equal[:, 2:] = grasp_matrix(lifts.toes[k, stands] - lifts.com[k])
+    touching = contact_points(robot, lifts.toes[k, stands], lifts.normal[k, stands])
+    equal[:, 2:] = grasp_matrix(touching - lifts.com[k])
     equal[3:, 0] = np.cross([1.0, 0.0, 0.0], force)
     equal[3:, 1] = np.cross([0.0, 1.0, 0.0], force)
     frame = contact_frame(lifts.normal[k, stands]).axes  # (n, 3, 3)

@@ -52,6 +52,46 @@ def jacobian_world(robot: Robot, rpy: Array, angles: Array) -> Array:
     return np.einsum("...ij,...njk->...nik", rotation, jacobian_body(robot, angles))
 
 
+def contact_jacobian(robot: Robot, rpy: Array, angles: Array, normal: Array) -> Array:
+    """d(point that touches)/d(angles) at a fixed body, (..., N, 3, J), world frame [m/rad].
+
+    normal: (..., N, 3) of the surfaces under the toes. The point is one of the last link: of point
+    toes the toe, and where wrists hold grippers their centre.
+    """
+    jacobian = jacobian_world(robot, rpy, angles)
+    if robot.foot is None:
+        return jacobian
+    turning = np.swapaxes(_turning_world(robot, rpy, angles), -1, -2)  # (..., N, J, 3)
+    carried = np.cross(turning, robot.foot.arm(normal)[..., None, :])
+    return np.asarray(jacobian + np.swapaxes(carried, -1, -2))
+
+
+def contact_hessian(robot: Robot, rpy: Array, angles: Array, normal: Array) -> Array:
+    """Its second derivatives by the angles of its limb, (..., N, 3, J, J), world [m/rad^2]."""
+    rotation = rotation_world_body(rpy)
+    hessian = np.einsum("...il,...nljk->...nijk", rotation, toe_hessian(robot, angles))
+    if robot.foot is None:
+        return hessian
+    axes = np.swapaxes(_turning_world(robot, rpy, angles), -1, -2)  # (..., N, J, 3)
+    carried = np.cross(axes, robot.foot.arm(normal)[..., None, :])
+    for i in range(axes.shape[-2]):  # a_i x (a_j x arm) for i <= j, as joint i carries joint j
+        own = np.swapaxes(np.cross(axes[..., i, None, :], carried[..., i:, :]), -1, -2)
+        hessian[..., i, i:] += own
+        hessian[..., i + 1 :, i] += own[..., 1:]
+    return hessian
+
+
+def contact_points(robot: Robot, toes: Array, normal: Array) -> Array:
+    """Where toes (..., N, 3) with surfaces of unit normals (..., N, 3) under them touch [m]."""
+    return toes if robot.foot is None else toes + robot.foot.arm(normal)
+
+
+def _turning_world(robot: Robot, rpy: Array, angles: Array) -> Array:
+    """Turning velocity of the last links by joint speeds (..., N, 3, J), world frame."""
+    turning = robot.limbs.turning(angles)
+    return np.einsum("...ij,...njk->...nik", rotation_world_body(rpy), turning)
+
+
 def to_body(com: Array, rpy: Array, points_world: Array) -> Array:
     """World points (..., N, 3) in the frame of bodies at com, rpy (..., 3)."""
     rotation = rotation_world_body(rpy)

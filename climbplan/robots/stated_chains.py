@@ -42,11 +42,14 @@ class ChainsAtToes:
             ties.append(Tie("kinematics.settled", off, "rad", 0.0, 0.0))
         return ties
 
-    def torques(self, force: Any) -> Any:
-        """Joint torques J^T f (J, N) of forces (3, N) on the toes, body frame."""
+    def torques(self, force: Any, moment: Any = None) -> Any:
+        """Joint torques J^T f + axes . m (J, N) of forces (3, N) and moments, body frame."""
         joints, axes, toe = self.stated.pose(self.numbers, self.angles)
         arms = (ca.cross(axis, toe - at) for at, axis in zip(joints, axes, strict=True))
-        return ca.vertcat(*(ca.sum1(arm * force) for arm in arms))
+        torques = [ca.sum1(arm * force) for arm in arms]
+        if moment is not None:
+            torques = [t + ca.sum1(axis * moment) for t, axis in zip(torques, axes, strict=True)]
+        return ca.vertcat(*torques)
 
     def free_toes(self, bent: Any) -> Any:
         """Where toes (3, N) would be in free space, body frame, with joints `bent` (J, N) back."""
@@ -62,6 +65,7 @@ class StatedChains:
     redundant: bool  # whether a limb has more than three joints
     # (N, C) joints that move the limbs' capsules; None: links are straight from joint to joint
     mounted: tuple[tuple[int, ...], ...] | None = None
+    footed: bool = False
 
     @property
     def numbers(self) -> Shapes:
@@ -72,6 +76,7 @@ class StatedChains:
             "axis_zero": (3, n * self.joints),
             "toe_zero": (3, n),
             "posture": (self.joints, n),
+            **({"foot": (1, 1)} if self.footed else {}),
             **({} if self.mounted is None else {"capsule_zero": (3, 2 * n * len(self.mounted[0]))}),
         }
 
@@ -97,6 +102,7 @@ class StatedChains:
             **{name: v.transpose(2, 1, 0).reshape(3, -1) for name, v in by_joint.items()},
             "toe_zero": chain.toe_zero.T,
             "posture": chain.posture.T,
+            **({} if robot.foot is None else {"foot": np.array([[robot.foot.radius]])}),
         }
 
     def at_toes(self, robot: Robot, toes: Array) -> dict[str, Array]:

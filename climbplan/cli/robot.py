@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 _TRIANGLES = 800  # of one shape in a picture
 _COLUMNS = "joint bounds [deg], torque [N m], stiffness [N m/rad]"
+_SLIDING = "; of joints that slide [m], [N], [N/m]"
 
 
 def robot(
@@ -148,7 +149,8 @@ def _lines(facts: RobotFacts, notes: tuple[str, ...]) -> list[str]:
             f"{made.stance_radius:.3f} m of their stance"
         ),
         _standing(facts),
-        f"{'limb':<10}{'toe of the stance [m]':<26}{'reach [m]':>9}  {_COLUMNS}",
+        f"{'limb':<10}{'toe of the stance [m]':<26}{'reach [m]':>9}  {_COLUMNS}"
+        + (_SLIDING if made.slides.any() else ""),
     ]
     for n, name in enumerate(made.limb_names):
         own = there[n]
@@ -156,8 +158,12 @@ def _lines(facts: RobotFacts, notes: tuple[str, ...]) -> list[str]:
         if not np.isfinite(facts.stance_angles[n, own]).all():
             toe += " (out of reach)"
         bounds = ", ".join(
-            f"{np.rad2deg(low):.0f}..{np.rad2deg(high):.0f}"
-            for low, high in zip(made.joint_lower[n, own], made.joint_upper[n, own], strict=True)
+            f"{low:.2f}..{high:.2f} m"
+            if slides
+            else f"{np.rad2deg(low):.0f}..{np.rad2deg(high):.0f}"
+            for low, high, slides in zip(
+                made.joint_lower[n, own], made.joint_upper[n, own], made.slides[n, own], strict=True
+            )
         )
         torque = "/".join(f"{value:g}" for value in made.max_torque[n, own])
         stiffness = "/".join(f"{value:g}" for value in made.joint_stiffness[n, own])
@@ -167,6 +173,8 @@ def _lines(facts: RobotFacts, notes: tuple[str, ...]) -> list[str]:
 
 def _standing(facts: RobotFacts) -> str:
     import numpy as np
+
+    from climbplan.robots.joint_units import torque_unit
 
     made = facts.robot
     if facts.standing_force is None or facts.standing_torque is None:
@@ -178,5 +186,6 @@ def _standing(facts: RobotFacts) -> str:
     return (
         f"standing  {span} N a toe, straight up; nearest to its limit is "
         f"{made.limb_names[n]} {made.joint_name(int(n), int(j))}: "
-        f"{abs(facts.standing_torque[n, j]):.2f} of {made.max_torque[n, j]:g} N m"
+        f"{abs(facts.standing_torque[n, j]):.2f} of {made.max_torque[n, j]:g} "
+        f"{torque_unit(made, int(n), int(j))}"
     )

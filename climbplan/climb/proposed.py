@@ -31,8 +31,8 @@ _TRIED = 8  # bracing postures that are planned with
 _ENOUGH = 0.9  # of its margins: plans that keep less may fall
 _WALL_ENOUGH = 0.5  # of a transition's, whose stances are fewer to choose from
 _WALL_PLANS = 3  # transitions that are planned to the end, at most
-_LIMIT = 20.0  # [s] of a posture planner's time
-_WALL_LIMIT = 60.0  # [s] of a transition's search
+_LIMIT = 60.0  # [s] of a posture planner's time
+_WALL_LIMIT = 180.0  # [s] of a transition's search
 _METHOD = ("solver.method=micp", f"solver.time_limit={_LIMIT}")
 _WALL_METHOD = ("solver.method=enumerate", f"solver.time_limit={_WALL_LIMIT}")
 

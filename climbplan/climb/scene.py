@@ -37,7 +37,7 @@ REACH_RESERVE = 0.05  # share of its reach that a limb keeps for toes that a spe
 # Points beside a nominal stance that are looked at where joint bounds forbid it
 _RINGS = np.arange(0.01, 0.36, 0.01)  # [m]
 _TURNS = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)  # [rad]
-_JOINT_RESERVE = np.deg2rad(2.0)  # that joints keep there
+_JOINT_RESERVE = np.deg2rad(2.0)  # that joints keep there, in their units
 _HOLDS = 0.1  # of the largest friction coefficient: ground with less is none to choose
 _MOVED = 1e-9  # [m] a toe that would move by less stays
 ON_SURFACE = 1e-3  # [m] stated toes must lie this close to a surface; they are put on it
@@ -217,7 +217,8 @@ def within_joints(
 
     def stands(points: Array, margin: float) -> NDArray[np.bool_]:
         """(P,) whether toe and lifted toe are reached with joints that far inside their bounds."""
-        lower, upper = alone.joint_lower + margin, alone.joint_upper - margin
+        kept = margin * alone.joint_unit
+        lower, upper = alone.joint_lower + kept, alone.joint_upper - kept
         above = points + lift * np.array([surface.normal_at(point) for point in points])
         valid = [
             alone.limbs.inverse(to_body(*body, at[:, None]), lower, upper).valid[:, 0]

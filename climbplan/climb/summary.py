@@ -6,6 +6,7 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.robots.gripper import WRIST_JOINTS
+from climbplan.robots.joint_units import torque_unit
 
 
 def summary_lines(plan: ClimbPlan) -> tuple[str, ...]:
@@ -51,6 +52,5 @@ def least_safety(plan: ClimbPlan) -> str:
             return f"{at}, {name} {wrist[held, turn]:.1f} N m"
     limb, joint = np.unravel_index(int(np.argmax(load)), load.shape)
     torque = abs(forces.joint_torques[k, limb, joint])
-    return (
-        f"{at}, {robot.limb_names[limb]} {robot.joint_name(int(limb), int(joint))} {torque:.1f} N m"
-    )
+    name = f"{robot.limb_names[limb]} {robot.joint_name(int(limb), int(joint))}"
+    return f"{at}, {name} {torque:.1f} {torque_unit(robot, int(limb), int(joint))}"

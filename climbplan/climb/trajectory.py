@@ -23,6 +23,7 @@ from climbplan.mechanics.stiffness import (
     joint_softness,
     joint_turns,
 )
+from climbplan.robots.joint_units import place_words
 from climbplan.robots.kinematics import (
     contact_jacobian,
     inverse,
@@ -165,7 +166,8 @@ def _joint_commands(robot: Robot, moving: _Moving, where: list[str]) -> Array:
     beyond = np.maximum(robot.joint_lower - command, command - robot.joint_upper)
     if beyond.max() > _BOUND_SLACK:
         s, limb, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
-        over = f"{np.rad2deg(beyond.max()):.2g} deg past its bound"
+        amount = place_words(robot, int(limb), int(joint), float(beyond.max()), ".2g")
+        over = f"{amount} past its bound"
         name = robot.joint_name(int(limb), int(joint))
         reason = f"toe with the planned force: commanded {name} {over}"
         raise ReachFailure(robot.limb_names[limb], reason, 0.0, where[s])

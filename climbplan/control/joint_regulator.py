@@ -59,9 +59,11 @@ class RegulatorTables:
     most: Array  # (N, J) that motors can bend them [rad]
     give: Array  # (N, J) that joints and structure give for each radian that encoders see
     toes: Array  # (N, 3) where toes stand at the start [m]
-    axis_zero: Array  # (N, J, 3) joint axes at zero angles, body frame
+    axis_zero: Array  # (N, J, 3) axes at zero angles of joints that turn, body frame
     joint_zero: Array  # (N, J, 3) points on them [m]
     toe_zero: Array  # (N, 3) toes at zero angles [m]
+    slide_zero: Array  # (N, J, 3) directions of joints that slide, whose angles are lengths [m]
+    drive: Array  # (N, J, J) how far joints move by angles: the identity but of mimic joints
 
 
 def read_tables(path: str | PathLike[str]) -> RegulatorTables:
@@ -73,10 +75,20 @@ def read_tables(path: str | PathLike[str]) -> RegulatorTables:
 
 
 class Chains:
-    """Toes of limbs whose joints turn one after the other."""
+    """Toes of limbs whose joints turn or slide one after the other."""
 
-    def __init__(self, axis_zero: Array, joint_zero: Array, toe_zero: Array) -> None:
+    def __init__(
+        self, axis_zero: Array, joint_zero: Array, toe_zero: Array, slide_zero: Array, drive: Array
+    ) -> None:
         n, joints = axis_zero.shape[:2]
+        self._slides = [
+            np.ascontiguousarray(way) if way.any() else None for way in slide_zero.swapaxes(0, 1)
+        ]
+        self._drive = None if (drive == np.eye(joints)).all() else np.ascontiguousarray(drive)
+        self._moved = np.empty((n, joints, 1))
+        self._motions = self._moved[..., 0]
+        self._lengths = [self._motions[:, j : j + 1] for j in range(joints)]
+        self._along = np.empty((n, 3))
         x, y, z = np.moveaxis(axis_zero, -1, 0)
         o = np.zeros_like(x)
         cross = np.array([[o, -z, y], [z, o, -x], [-y, x, o]]).transpose(3, 2, 0, 1)  # (J, N, 3, 3)
@@ -95,8 +107,12 @@ class Chains:
 
     def place(self, angles: Array) -> Array:
         """(N, 3) toes in the body frame at angles (N, J) [m]; overwritten by the next call."""
-        np.sin(angles, out=self._sin)
-        np.cos(angles, out=self._versed)
+        if self._drive is None:
+            np.copyto(self._motions, angles)
+        else:
+            np.matmul(self._drive, angles[..., None], out=self._moved)
+        np.sin(self._motions, out=self._sin)
+        np.cos(self._motions, out=self._versed)
         np.subtract(1.0, self._versed, out=self._versed)
         toes = self.toes
         toes[:] = self._toes
@@ -107,7 +123,18 @@ class Chains:
             np.multiply(self._twice, self._verseds[j], out=self._twice)
             np.add(toes, self._once, out=toes)
             np.add(toes, self._twice, out=toes)
+            way = self._slides[j]
+            if way is not None:
+                np.multiply(way, self._lengths[j], out=self._along)
+                np.add(toes, self._along, out=toes)
         return toes
+
+
+def chains_of(tables: RegulatorTables) -> Chains:
+    """The limbs that tables tell of."""
+    return Chains(
+        tables.axis_zero, tables.joint_zero, tables.toe_zero, tables.slide_zero, tables.drive
+    )
 
 
 class Pose:
@@ -283,7 +310,7 @@ class JointRegulator:
         self._tables = tables
         self._times = tables.time.tolist()
         self._at, self._now = 0, self._times[0]
-        self._chains = Chains(tables.axis_zero, tables.joint_zero, tables.toe_zero)
+        self._chains = chains_of(tables)
         self.pose = Pose(tables, toes)
         self.corrections = Corrections(tables, place)
         if toes is not None:

@@ -43,7 +43,7 @@ def climb_motion(path: Path) -> RobotMotion:
     torque = (moving.joint_command - angle) / joint_softness(robot)
     torque = np.where(moving.contact[..., None], torque, 0.0)
     seen = moving.joint_command - torque / robot.joint_stiffness
-    names = joint_names(robot)
+    names, slides = joint_names(robot), tuple(robot.slides[there].tolist())
     velocity, acceleration = differentiated(moving.time, moving.joint_command[:, there])
     quaternion = Rotation.from_matrix(rotation_world_body(moving.rpy)).as_quat(canonical=False)
     return RobotMotion(
@@ -60,19 +60,20 @@ def climb_motion(path: Path) -> RobotMotion:
             torque=torque[:, there],
             feedforward=np.zeros_like(torque[:, there]),
             gain=robot.joint_stiffness[there],
+            slides=slides,
         ),
         contacts=_contacts(plan, angle, torque),
         limbs=_limbs(plan, angle),
         body_size=np.abs(robot.body_hull).max(axis=0),
         surfaces=tuple(s.material for s in plan.terrain.regions if isinstance(s, Region)),
-        words=(gain_words(robot.joint_stiffness[there]),),
+        words=(gain_words(robot.joint_stiffness[there], slides=slides),),
     )
 
 
 def joint_names(robot: Robot) -> tuple[str, ...]:
     """Of all joints, limb by limb: those of the URDF, or limb and joint, "RF_femur"."""
     own = robot.limbs.joint_names
-    if isinstance(robot.mechanism, SerialChain):
+    if isinstance(robot.mechanism, SerialChain):  # those that mimic others have no motor
         return tuple(name for names in own for name in names if name)
     return tuple(
         f"{limb}_{name}"

@@ -45,9 +45,13 @@ def told(motion: RobotMotion, how: Told) -> RobotMotion:
     if how.gains is not None or how.feedforward:
         if joints is None or not (joints.gain > 0).all():
             raise UsageError(f"--gains, --feedforward: {'; '.join(motion.words)}")
-        gain = joints.gain if how.gains is None else read_gains(how.gains, joints.names)
+        gain = (
+            joints.gain if how.gains is None else read_gains(how.gains, joints.names, joints.slides)
+        )
         joints = for_gains(joints, gain, how.feedforward, motion.time)
-        motion = replace(motion, joints=joints, words=(gain_words(gain, how.feedforward),))
+        motion = replace(
+            motion, joints=joints, words=(gain_words(gain, how.feedforward, joints.slides),)
+        )
     return motion if how.rate is None else at_rate(motion, how.rate)
 
 

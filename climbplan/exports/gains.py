@@ -14,10 +14,11 @@ from climbplan.plans.check import Array
 _MOST_BYTES = 1_000_000
 
 
-def read_gains(given: str, names: tuple[str, ...]) -> Array:
+def read_gains(given: str, names: tuple[str, ...], slides: tuple[bool, ...] = ()) -> Array:
     """(J,) [N m/rad] of one number, or of a YAML file that maps every joint's name to its gain.
 
-    Raises UsageError that lists every mistake of the file.
+    Of joints that slide, (J,) truths, [N/m]: where there are some one number does not do. Raises
+    UsageError that lists every mistake of the file.
     """
     try:
         one = float(given)
@@ -25,6 +26,11 @@ def read_gains(given: str, names: tuple[str, ...]) -> Array:
         return _of_file(Path(given), names)
     if not (math.isfinite(one) and one > 0):
         raise UsageError(f"--gains {given}: expected a positive number of N m/rad, or a file")
+    if any(slides) and not all(slides):
+        raise UsageError(
+            f"--gains {given}: one number for joints that turn [N m/rad] and joints that slide "
+            "[N/m]; expected a file of `joint: gain` a line"
+        )
     return np.full(len(names), one)
 
 

@@ -32,7 +32,7 @@ class BodyMotion:
 
 @dataclass(frozen=True)
 class JointMotion:
-    """J joints, T samples."""
+    """J joints, T samples; of joints that slide in m for rad and N for N m."""
 
     names: tuple[str, ...]
     command: Array  # (T, J) what controllers are to be told [rad]
@@ -42,6 +42,11 @@ class JointMotion:
     torque: Array  # (T, J) that motors bring [N m]
     feedforward: Array  # (T, J) of it what controllers are told beside the command [N m]
     gain: Array  # (J,) P gains that the commands are right for [N m/rad]; none: position control
+    slides: tuple[bool, ...] = ()  # (J,) which do; none if left out
+
+    def is_sliding(self, joint: int) -> bool:
+        """Whether a joint slides."""
+        return bool(self.slides and self.slides[joint])
 
 
 @dataclass(frozen=True)
@@ -79,18 +84,26 @@ class RobotMotion:
     words: tuple[str, ...] = ()  # what users of the file have to know
 
 
-def gain_words(gain: Array, feedforward: bool = False) -> str:
-    """What a user of commands has to know; gain: (J,) [N m/rad]."""
+def gain_words(gain: Array, feedforward: bool = False, slides: tuple[bool, ...] = ()) -> str:
+    """What a user of commands has to know; gain: (J,) [N m/rad], [N/m] of joints that slide."""
     if feedforward:
         return (
             "commands are the angles at which joints come to rest; controllers have to add the "
             "torques told beside them, or the robot sags"
         )
-    span = f"{gain.min():.4g}" if np.ptp(gain) == 0 else f"{gain.min():.4g} to {gain.max():.4g}"
+    sliding = np.array(slides or (False,) * len(gain))
+    kinds = ((gain[~sliding], "N m/rad"), (gain[sliding], "N/m"))
+    spans = " and ".join(f"{_span(own)} {unit}" for own, unit in kinds if len(own))
     return (
-        f"commands hold for controllers whose P gains are {span} N m/rad; for others give --gains "
+        f"commands hold for controllers whose P gains are {spans}; for others give --gains "
         "or --feedforward"
     )
+
+
+def _span(values: Array) -> str:
+    if np.ptp(values) == 0:
+        return f"{values.min():.4g}"
+    return f"{values.min():.4g} to {values.max():.4g}"
 
 
 def differentiated(time: Array, values: Array) -> tuple[Array, Array]:

@@ -40,13 +40,15 @@ def write_regulator(path: Path, gains: str | None, directory: Path) -> TickTime:
     if robot.gripper is not None or zero_angles(robot) is None:
         raise UsageError(
             f"--format regulator: {robot.name} has five-bar legs or grippers; the regulator knows "
-            "limbs whose joints turn one after the other and toes that press"
+            "limbs whose joints move one after the other and toes that press"
         )
     names = joint_names(robot)
     gain = None
     if gains is not None:
         gain = np.broadcast_to(robot.joint_stiffness, robot.has_joint.shape).copy()
-        gain[robot.has_joint] = read_gains(gains, names)
+        gain[robot.has_joint] = read_gains(
+            gains, names, tuple(robot.slides[robot.has_joint].tolist())
+        )
     tables = regulator_tables(plan, gain)
     table = {f.name: getattr(tables, f.name) for f in fields(RegulatorTables)}
     np.savez_compressed(directory / TABLES, joint_names=_placed(names, robot.has_joint), **table)

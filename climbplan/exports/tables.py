@@ -26,15 +26,18 @@ def write_table(motion: RobotMotion, out: Path) -> None:
         columns += [body.position, body.quaternion]
     if motion.joints is not None:
         joints = motion.joints
-        told: list[tuple[str, Array]] = [
-            ("position_rad", joints.command),
-            ("velocity_rad_s", joints.velocity),
-            ("acceleration_rad_s2", joints.acceleration),
-            ("effort_Nm", joints.feedforward),
-            ("torque_Nm", joints.torque),
+        told: list[tuple[str, str, Array]] = [
+            ("position_rad", "position_m", joints.command),
+            ("velocity_rad_s", "velocity_m_s", joints.velocity),
+            ("acceleration_rad_s2", "acceleration_m_s2", joints.acceleration),
+            ("effort_Nm", "effort_N", joints.feedforward),
+            ("torque_Nm", "force_N", joints.torque),
         ]
-        for what, values in told:
-            header += [f"{name}_{what}" for name in joints.names]
+        for turning, sliding, values in told:
+            header += [
+                f"{name}_{sliding if joints.is_sliding(j) else turning}"
+                for j, name in enumerate(joints.names)
+            ]
             columns.append(values)
     if motion.contacts is not None:
         contacts = motion.contacts
@@ -68,6 +71,8 @@ def write_arrays(motion: RobotMotion, out: Path) -> None:
         arrays["joint/torque"] = joints.torque
         arrays["joint/angle"] = joints.angle
         arrays["joint/gain"] = joints.gain
+        if any(joints.slides):
+            arrays["joint/slides"] = np.array(joints.slides)
     if motion.contacts is not None:
         contacts = motion.contacts
         arrays["contact/names"] = np.array(contacts.names)

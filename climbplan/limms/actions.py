@@ -60,16 +60,18 @@ class Action:
 
 @dataclass(frozen=True)
 class Leg:
-    """The box from one place to the next, by one action."""
+    """A box from one place to the next, by one action."""
 
     action: Action
     begin: Place
     end: Place
+    box: int = 0  # its number in the plan
+    aside: bool = False  # one of several boxes that is not brought to its goal
 
 
 @dataclass(frozen=True)
 class Course:
-    """Legs one after the other; the box stands between them."""
+    """Legs one after the other; all boxes stand between them."""
 
     legs: tuple[Leg, ...]
     apart: float = 0.0  # cost by which courses of as many legs and modules differ
@@ -82,6 +84,11 @@ class Course:
 
     def named(self, scene: Scene) -> str:
         """In words."""
+        if scene.deliveries > 1:
+            return "; ".join(
+                f"box {leg.box}{' aside' if leg.aside else ''} by {leg.action.named(scene)}"
+                for leg in self.legs
+            )
         words = ", then ".join(leg.action.named(scene) for leg in self.legs)
         return f"relay: {words}" if len(self.legs) > 1 else words
 

@@ -18,7 +18,7 @@ from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.modules.reaching import move_joints
 from climbplan.limms.modules.straight_ways import leave
 from climbplan.limms.placement import centre_of, yaw_of
-from climbplan.limms.scene import Array
+from climbplan.limms.scene import Array, Scene, with_box_first
 from climbplan.limms.timeline import DRIVES, LEG, NOWHERE, STABLE, PlanSoFar
 
 Settle = Callable[[PlanSoFar], PlanSoFar]
@@ -52,6 +52,26 @@ def headed(world: PlanSoFar, end: Array, speed: float = 0.0) -> PlanSoFar:
         stand=np.where((world.grounded == 0)[:, None], world.base_position, scene.stand),
     )
     return moved
+
+
+def turned_to(world: PlanSoFar, box: int, base: Scene) -> PlanSoFar:
+    """The world with another box to bring next, the one that it brought put down.
+
+    box: its number in the plan, and in `base`, which has boxes in that order.
+    """
+    if world.scene.number[0] == box:
+        return world
+    places = np.empty((base.boxes, 4))
+    places[list(world.scene.number)] = np.column_stack([world.centres, world.yaws])
+    goal = np.array([*base.goals[box], base.goal_yaws[box]])
+    turned = world.copy()
+    turned.scene = replace(
+        with_box_first(base, box, places, goal, 0.0),
+        held=world.scene.held,
+        stand=world.scene.stand,
+    )
+    turned.box, turned.yaw, turned.box_mode = places[box, :3].copy(), float(places[box, 3]), STABLE
+    return turned
 
 
 def put_down(world: PlanSoFar) -> PlanSoFar:

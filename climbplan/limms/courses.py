@@ -1,10 +1,11 @@
-"""Courses of legs that bring the box to its goal, cheapest first: one search over where it stands.
+"""Courses of legs that bring all boxes to their goals, cheapest first: one search over states.
 
-States are places where the box stands, with the action that it came there by; an action carries,
-throws or walks it from one place to the next (`means.py`). The fewest legs that lead to the goal
-are what no course over the same places goes below: with the modules that hold the box so far they
-are the bound that orders the search. A single leg is a course, too; those are listed from bounds
-alone, and places are looked at where no single leg is as cheap as two.
+A state says where the boxes stand and which anchors modules hang on (`states.py`); an action
+carries, throws or walks one box from place to place. Boxes come to their goals in order, and one
+that is not to come next may be put aside. The fewest legs that lead to the goals, of each box as if
+it were the only one, are what no course over the same places goes below: with the modules that hold
+a box so far they are the bound that orders the search. A single leg is a course, too; those are
+listed from bounds alone, and places are looked at where no single leg is as cheap as two.
 """
 
 from __future__ import annotations
@@ -18,15 +19,16 @@ import numpy as np
 
 from climbplan.limms.actions import SECOND_LEG, Action, Course, Leg, place_of
 from climbplan.limms.corridor import way_length
-from climbplan.limms.means import Means, all_means, legs_left, places_of
-from climbplan.limms.scene import Array, Index
+from climbplan.limms.means import Means
+from climbplan.limms.scene import Array
+from climbplan.limms.states import GOAL, START, Space, State
 from climbplan.limms.timeline import PlanSoFar
 
 MOST = 10  # courses that are listed of one kind: the same kinds of actions in the same order
 ALIKE = 2  # of them, with the same arms one after the other
 CHEAPEST = 1.0 + SECOND_LEG  # cost of the cheapest course of two legs
 _NEXT = 3  # places that are gone on from, of each state and action, by each guide
-_SWITCH = 0.3  # other anchors than in the leg before
+_SWITCH = 0.3  # of each module that comes to an anchor, or down from one
 _APART = 0.01  # of the cost, for what courses of as many legs and modules differ by
 _DETOUR = 0.7  # cost of a leg more than the fewest
 
@@ -34,7 +36,7 @@ _DETOUR = 0.7  # cost of a leg more than the fewest
 def courses(world: PlanSoFar, direct: Sequence[Action]) -> Iterator[Course]:
     """All courses from where everything is to the goal of the world's scene, cheapest first.
 
-    direct: actions that may bring the box there at once, cheapest first.
+    direct: actions that may bring its only box there at once, cheapest first.
     """
     scene = world.scene
     begin, end = place_of(scene.start_place), place_of(scene.goal_place)
@@ -46,90 +48,118 @@ def courses(world: PlanSoFar, direct: Sequence[Action]) -> Iterator[Course]:
 
 
 def relays(world: PlanSoFar, fewest: int = 2) -> Iterator[Course]:
-    """Courses of `fewest` legs and more: as many as the fewest that there can be, or one more."""
-    places = places_of(world.scene)
-    means = all_means(world, places)
-    plain = [m for m in means if m.action.kind == "arms" and not m.action.is_chained]
-    if not any(m.end[:, 1].any() for m in plain):  # else throws are no shorter a way
-        plain += [m for m in means if m.action.kind == "throw"]
-    without_legs = [m for m in means if m.action.kind != "quadruped"]
-    guides = [legs_left(plain, 1, len(places))]
-    for more in (without_legs, means):
-        guide = legs_left(more, 1, len(places))
-        if (guide != guides[-1]).any():
-            guides.append(guide)
-    every = guides[-1]
-    if every[0] < len(places):
-        yield from _searched(places, means, guides, fewest)
+    """Courses of `fewest` legs and more: as many as the fewest that there can be, or a leg more for
+    each box. World: its scene with boxes in the order of the plan."""
+    space = Space(world)
+    first = zip(space.boxes, space.first.at, strict=True)
+    if all(box.left[at] < len(box.places) for box, at in first):
+        yield from _Search(space, fewest).found()
 
 
-def _searched(
-    places: Array, means: Sequence[Means], guides: Sequence[Index], fewest: int
-) -> Iterator[Course]:
-    """Best first. guides: fewest legs from every place, by more and more actions."""
-    least = next(int(guide[0]) for guide in guides if guide[0] < len(places))
-    most, left = max(least, fewest - 1) + 1, guides[-1]
-    number = count()
-    queue: list[tuple[float, int, int, int, Course | None]] = [(0.0, next(number), 0, -1, None)]
-    listed: Counter[tuple[tuple[str, bool], ...]] = Counter()
-    alike: Counter[tuple[Action, ...]] = Counter()
-    visits = np.zeros((len(places), len(means) + 1), int)
-    while queue:
-        _, _, here, before, course = heapq.heappop(queue)
-        legs = () if course is None else course.legs
-        if course is not None and here == 1:
-            kinds = tuple((leg.action.kind, leg.action.is_chained) for leg in legs)
-            actions = tuple(leg.action for leg in legs)
-            if listed[kinds] < MOST and alike[actions] < ALIKE:
-                listed[kinds] += 1
-                alike[actions] += 1
-                yield course
-            continue
-        visits[here, before] += 1
-        if visits[here, before] > 1 or visits[here].sum() > MOST:
-            continue
-        for k, each in enumerate(means):
-            if not each.begin[:, here].any() or (k == before and each.action.kind == "quadruped"):
+class _Search:
+    """Best first over states."""
+
+    def __init__(self, space: Space, fewest: int) -> None:
+        self.space, self.fewest = space, fewest
+        self.left = [box.left for box in space.boxes]
+        self.least = sum(
+            next(int(guide[at]) for guide in box.guides if guide[at] < len(box.places))
+            for box, at in zip(space.boxes, space.first.at, strict=True)
+        )
+        self.most = max(self.least, fewest - 1) + len(space.boxes)
+
+    def found(self) -> Iterator[Course]:
+        """All courses, cheapest first, not more than a few that are alike."""
+        number = count()
+        queue: list[tuple[float, int, State, Course | None]] = [
+            (0.0, next(number), self.space.first, None)
+        ]
+        listed: Counter[tuple[tuple[int, str, bool], ...]] = Counter()
+        alike: Counter[tuple[tuple[int, Action], ...]] = Counter()
+        visits: Counter[tuple[State, Action | None]] = Counter()
+        seen: Counter[tuple[int, ...]] = Counter()
+        while queue:
+            _, _, state, course = heapq.heappop(queue)
+            if course is not None and state.delivered == len(state.at):
+                kinds = tuple((x.box, x.action.kind, x.action.is_chained) for x in course.legs)
+                actions = tuple((leg.box, leg.action) for leg in course.legs)
+                if listed[kinds] < MOST and alike[actions] < ALIKE:
+                    listed[kinds] += 1
+                    alike[actions] += 1
+                    yield course
                 continue
-            switch = _SWITCH
-            if before >= 0 and _roots(each.action) == _roots(means[before].action):
-                switch = 0.0
-            for there in _onward(each, here, guides, places, len(legs), (fewest, most)):
-                leg = Leg(each.action, place_of(places[here]), place_of(places[there]))
-                way = float(way_length(places[here], places[there]))
-                apart = _APART * (0.1 * each.action.modules + 0.2 * way + switch)
-                apart += _DETOUR * (
-                    max(len(legs) + 1 + int(left[there]) - least, 0)
-                    - max(len(legs) + int(left[here]) - least, 0)
-                )
-                onward = Course((*legs, leg), apart + (course.apart if course else 0.0))
-                bound = onward.cost() + SECOND_LEG * int(left[there])
-                heapq.heappush(queue, (bound, next(number), there, k, onward))
+            before = (state, course.legs[-1].action if course else None)
+            visits[before] += 1
+            seen[state.at] += 1
+            if visits[before] > 1 or seen[state.at] > MOST:
+                continue
+            for after, onward in self._onward(state, course):
+                bound = onward.cost() + SECOND_LEG * self._legs_left(after)
+                heapq.heappush(queue, (bound, next(number), after, onward))
 
+    def _legs_left(self, state: State) -> int:
+        """Fewest legs from a state, by all actions.
 
-def _onward(
-    means: Means,
-    here: int,
-    guides: Sequence[Index],
-    places: Array,
-    before: int,
-    legs: tuple[int, int],
-) -> Iterator[int]:
-    """Places to go on to after `before` legs; legs: fewest and most of a whole course."""
-    joined = means.onward(here)
-    if joined[1] and before + 1 >= legs[0]:
-        yield 1
-        return
-    joined[[0, 1, here]] = False
-    # In the middle between here and the goal there is most room to either side
-    away = np.linalg.norm(places[:, :2] - (places[here] + places[1])[:2] / 2, axis=1)
-    chosen: dict[int, None] = {}
-    for left in guides:
-        onward = np.flatnonzero(joined & (before + 1 + left <= legs[1]))
-        order = np.lexsort((away[onward], left[onward]))[:_NEXT]
-        chosen |= dict.fromkeys(int(there) for there in onward[order])
-    yield from chosen
+        A box at the goal of one that comes before it has to stand somewhere else meanwhile.
+        """
+        legs = 0
+        for box, (left, at) in enumerate(zip(self.left, state.at, strict=True)):
+            fewest = int(left[at])
+            earlier = range(state.delivered, box)
+            if fewest < 2 and any(self.space.is_in_way(box, at, other) for other in earlier):
+                fewest = 2
+            legs += fewest
+        return legs
 
+    def _onward(self, state: State, course: Course | None) -> Iterator[tuple[State, Course]]:
+        """All states that one leg more leads to."""
+        legs = () if course is None else course.legs
+        before = max(len(legs) + self._legs_left(state) - self.least, 0)
+        for box in range(state.delivered, len(state.at)):
+            places, here = self.space.boxes[box].places, state.at[box]
+            for means in self.space.means(box, state):
+                action = means.action
+                walks_on = bool(legs) and legs[-1].box == box and legs[-1].action == action
+                change = self.space.change(state, action)
+                if change is None or (walks_on and action.kind == "quadruped"):
+                    continue
+                for there in self._places(means, box, state, len(legs)):
+                    after = State((*state.at[:box], there, *state.at[box + 1 :]), change.latched)
+                    leg = Leg(
+                        action,
+                        place_of(places[here]),
+                        place_of(places[there]),
+                        box,
+                        aside=there != GOAL,
+                    )
+                    way = float(way_length(places[here], places[there]))
+                    apart = _APART * (0.1 * action.modules + 0.2 * way + _SWITCH * change.moves)
+                    detour = max(len(legs) + 1 + self._legs_left(after) - self.least, 0)
+                    apart += _DETOUR * (detour - before) + (course.apart if course else 0.0)
+                    yield after, Course((*legs, leg), apart)
 
-def _roots(action: Action) -> set[int]:
-    return {connection.root for connection in action.connections}
+    def _places(self, means: Means, box: int, state: State, legs: int) -> Iterator[int]:
+        """Places to bring a box to after `legs` legs, straight to its goal if that can be."""
+        here, own = state.at[box], self.space.boxes[box]
+        joined = means.onward(here)
+        is_next = box == state.delivered
+        others = self._legs_left(state._replace(at=(*state.at[:box], GOAL, *state.at[box + 1 :])))
+        if joined[GOAL] and is_next and legs + others + 1 >= self.fewest:
+            yield GOAL
+            return
+        room = self.space.room(box, state)
+        joined = joined & (room > 0)
+        joined[[START, GOAL, here]] = False
+        chosen: dict[int, None] = {}
+        for guide in own.guides:
+            onward = np.flatnonzero(joined & (legs + 1 + guide + others <= self.most))
+            order = np.lexsort((self._away(own.places, here)[onward], -room[onward], guide[onward]))
+            chosen |= dict.fromkeys(int(there) for there in onward[order[:_NEXT]])
+        yield from chosen
+
+    @staticmethod
+    def _away(places: Array, here: int) -> Array:
+        """How far places (n,) are from the middle of here and the goal: there is most room [m]."""
+        middle = (places[here] + places[GOAL])[:2] / 2
+        away: Array = np.linalg.norm(places[:, :2] - middle, axis=1)
+        return away

@@ -13,15 +13,9 @@ from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from climbplan.limms.actions import Action
-from climbplan.limms.arms.held_branches import (
-    APPROACH_MARGIN,
-    RANGE_MARGIN,
-    clearance,
-    off_singular,
-)
+from climbplan.limms.arms.held_branches import Mask
 from climbplan.limms.bounds import (
     Connection,
     access,
@@ -31,20 +25,16 @@ from climbplan.limms.bounds import (
     holding_misfit,
     side_wrist,
     span,
-    within_reach,
 )
 from climbplan.limms.corridor import centre_blocks, yaws_between
 from climbplan.limms.direct import FLIGHT, legs_misfit
-from climbplan.limms.modules.chain import BRANCHES, in_range
-from climbplan.limms.modules.limbs import arm, limb_angles, root_on_anchor
+from climbplan.limms.holding import Known, held_at, stretched_to
 from climbplan.limms.placement import extents, yaw_of
 from climbplan.limms.scene import Array, Index, Scene
 from climbplan.limms.timeline import PlanSoFar
 
 STEP = 0.12  # [m] between places
 _CHAINS = 12  # sets of chains, those that serve most places
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -109,24 +99,26 @@ def by_first_ends(world: PlanSoFar) -> frozenset[int]:
     return frozenset(int(a) - offset for a in world.base_anchor if offset <= a < anchors)
 
 
-def carrying(scene: Scene, places: Array, by_first: frozenset[int]) -> list[Means]:
+def carrying(scene: Scene, places: Array, by_first: frozenset[int], known: Known) -> list[Means]:
     """Arms that hold the box: single ones where one latch does, else pairs."""
     if "arms" not in scene.allow:
         return []
     return [
         Means(Action("arms", arms), mask, mask)
-        for arms, mask in _holding(scene, places, by_first)
+        for arms, mask in _holding(scene, places, by_first, known)
         if mask.any()
     ]
 
 
-def all_means(world: PlanSoFar, places: Array) -> list[Means]:
-    """All actions that may do something."""
-    scene = world.scene
-    carried = carrying(scene, places, by_first_ends(world))
+def all_means(scene: Scene, places: Array, by_first: frozenset[int], known: Known) -> list[Means]:
+    """All actions that may do something with the scene's first box.
+
+    known: of the same box and places, beside fewer other boxes; what is not in it yet is added.
+    """
+    carried = carrying(scene, places, by_first, known)
     found = carried + list(_thrown(scene, carried, places))
     if "arms" in scene.allow:
-        found += [*_relatched(scene, places), *_chained(scene, places)]
+        found += [*_relatched(scene, places, known), *_chained(scene, places)]
     return found + list(_walked(scene, places))
 
 
@@ -148,14 +140,14 @@ def legs_left(means: Sequence[Means], to: int, places: int) -> Index:
 
 
 def _holding(
-    scene: Scene, places: Array, by_first: frozenset[int]
+    scene: Scene, places: Array, by_first: frozenset[int], known: Known
 ) -> list[tuple[tuple[Connection, ...], Mask]]:
     """Sets of arms that hold the box, and where they can, (branches, places)."""
     single: list[tuple[Connection, Mask]] = []
     for root in range(scene.walls):
         if access(scene, root):
             single += [
-                (c, _held_at(scene, c, places, root in by_first))
+                (c, held_at(scene, c, places, root in by_first, known))
                 for c in (Connection(root, side) for side in range(4))
             ]
     alone: list[tuple[tuple[Connection, ...], Mask]] = [
@@ -172,36 +164,6 @@ def _holding(
         and one.side != other.side
         and not holding_misfit(scene, (one, other))
     ]
-
-
-def _held_at(scene: Scene, connection: Connection, places: Array, by_first: bool) -> Mask:
-    """Where an arm can hold the box (branches, n), its first or its last end on the anchor."""
-    box_end = 1 if by_first else 0
-    limb = arm(0, connection.side, root_on_anchor(scene, connection.root, 1 - box_end), box_end)
-    # Where latches close programs keep further from the ends of ranges; at the goal none closes
-    margin = np.full(len(places), RANGE_MARGIN + APPROACH_MARGIN)
-    margin[1] = RANGE_MARGIN
-    near = _reached(scene, connection, places)
-    found = np.zeros((len(BRANCHES), len(places)), bool)
-    if not near.any():
-        return found
-    box = places[near]
-    feet = np.broadcast_to(limb.fixed_position, (len(box), 3))
-    for number, branch in enumerate(BRANCHES):
-        angles, missing = limb_angles(scene, limb, box, feet, branch)
-        angles = (angles + np.pi) % (2 * np.pi) - np.pi
-        fits = (missing <= 0) & (in_range(scene.module, angles) <= -margin[near])
-        fits &= off_singular(scene.module, angles)
-        if fits.any():
-            gap = clearance(scene, [limb], box[fits], feet[fits, None], angles[fits, None])
-            fits[fits] = gap >= -1e-6
-        found[number, near] = fits
-    return found
-
-
-def _reached(scene: Scene, connection: Connection, places: Array) -> Mask:
-    """Where a chain, stretched out, spans from its anchor to its side of the box (n,)."""
-    return np.array([within_reach(scene, (connection,), place) for place in places])
 
 
 def _only_goal(like: Mask) -> Mask:
@@ -225,13 +187,13 @@ def _thrown(scene: Scene, carried: Sequence[Means], places: Array) -> Iterator[M
             yield Means(Action("throw", arms), each.begin, _only_goal(each.begin))
 
 
-def _relatched(scene: Scene, places: Array) -> Iterator[Means]:
+def _relatched(scene: Scene, places: Array, known: Known) -> Iterator[Means]:
     """One module over the box, to anchors that none comes to from the ground."""
     for root, side in product(range(scene.walls), range(4)):
         connection = Connection(root, side)
         if access(scene, root) or holding_misfit(scene, (connection,)):
             continue
-        held = np.vstack([_held_at(scene, connection, places, end) for end in (True, False)])
+        held = np.vstack([held_at(scene, connection, places, end, known) for end in (True, False)])
         if held.any():
             over = np.array([access_over_box(scene, connection, place) for place in places])
             yield Means(Action("relatch", (connection,)), held & over, held)
@@ -246,7 +208,7 @@ def _chained(scene: Scene, places: Array) -> list[Means]:
         for side in range(4)
         for links in range(1, min(scene.count, 2) + 1)
     ]
-    reached = {c: _reached(scene, c, places) for c in single}
+    reached = {c: stretched_to(scene, c, places) for c in single}
     single = [c for c in single if reached[c][1]]
     sets: list[tuple[Connection, ...]] = [(c,) for c in single if not holding_misfit(scene, (c,))]
     if not sets:

@@ -8,7 +8,7 @@ from climbplan.limms.actions import Action, Course, Leg
 from climbplan.limms.arms.carrying import carry
 from climbplan.limms.arms.chain_carrying import carry_on_chains
 from climbplan.limms.attempts import Attempts
-from climbplan.limms.between_legs import Settle, as_it_is, headed, put_down
+from climbplan.limms.between_legs import Settle, as_it_is, headed, put_down, turned_to
 from climbplan.limms.legs.walking import walk
 from climbplan.limms.modules.relatching import relatch
 from climbplan.limms.timeline import PlanSoFar
@@ -25,14 +25,16 @@ class Motions:
         most_steps: int,
         last: Settle = as_it_is,
     ) -> None:
-        """start: where everything is, its scene's goal that of all courses; most_steps: of legs
-        that walk; last: what follows the last leg."""
+        """start: where everything is, its scene with boxes in the order of the plan.
+
+        most_steps: of legs that walk; last: what follows the last leg.
+        """
         self.start, self.attempts, self.rng = start, attempts, rng
         self.most_steps, self.last = most_steps, last
         self.known: dict[tuple[Leg, ...], PlanSoFar | None] = {}
 
     def plan(self, course: Course) -> PlanSoFar | None:
-        """Everything until the box is at its goal, or None."""
+        """Everything until all boxes are at their goals, or None."""
         world: PlanSoFar | None = self.start
         legs = course.legs
         for number in range(1, len(legs)):
@@ -46,7 +48,8 @@ class Motions:
         return self._leg(world, legs[-1], self.start.scene.arrival_speed, self.last)
 
     def _leg(self, world: PlanSoFar, leg: Leg, speed: float, settle: Settle) -> PlanSoFar | None:
-        begun = headed(world, np.array(leg.end), speed)
+        turned = turned_to(world, leg.box, self.start.scene)
+        begun = headed(turned, np.array(leg.end), speed)
         return self._done(begun, leg.action, settle)
 
     def _done(self, world: PlanSoFar, action: Action, settle: Settle) -> PlanSoFar | None:

@@ -18,16 +18,15 @@ from climbplan.limms.attempts import Attempts
 from climbplan.limms.between_legs import Settle
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.consensus.planner import plan_by_consensus
-from climbplan.limms.courses import courses
-from climbplan.limms.deliveries import Deliveries
-from climbplan.limms.direct import search
+from climbplan.limms.courses import courses, relays
+from climbplan.limms.direct import Search, search
 from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.modules.weights import PACES, too_heavy
 from climbplan.limms.motions import Motions
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_making import Making, cut_short_warning, make_plan
 from climbplan.limms.refusal import proof, ruled_out
-from climbplan.limms.scene import Scene, scene_of
+from climbplan.limms.scene import Scene, scene_of, stands_at_goal, with_box_first, without_others
 from climbplan.limms.summary import summary_lines
 from climbplan.limms.timeline import PlanSoFar
 from climbplan.progress import Progress
@@ -87,52 +86,10 @@ def _cut_short(plan: LimmsPlan, attempts: Attempts) -> LimmsPlan:
 def _plan_at_pace(
     loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts
 ) -> LimmsPlan:
-    """One box by the cheapest sequence of modes, or several one after the other."""
-    if scene.deliveries > 1:
-        return _several(loaded, scene, report, attempts)
-    return _planned(loaded, scene, report, attempts)
-
-
-def _several(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts) -> LimmsPlan:
-    """The plan of a scene with several boxes. Raises as `plan_limms`."""
-    began = time.perf_counter()
-    report("plan", 0.0)
-    refused: list[LimmsPlan] = []  # fail their verification
-
-    def made(world: PlanSoFar, named: str = "several boxes") -> LimmsPlan:
-        sizes = {
-            "configurations": deliveries.tried,
-            "sequences": deliveries.tried,
-            "sequences_tried": deliveries.tried,
-        }
-        seconds = {"search": 0.0, "total": time.perf_counter() - began}
-        making = Making(METHOD, named, seconds, sizes, dict(SOLVERS))
-        plan = make_plan(loaded, scene, world, attempts, making)
-        return replace(plan, summary=summary_lines(plan, attempts.notes))
-
-    deliveries = Deliveries(
-        scene,
-        attempts,
-        np.random.default_rng(loaded.spec.seed),
-        loaded.spec.solver.most_steps,
-        _judge(made, refused),
-    )
-    try:
-        found = deliveries.plan()
-    except LimitReached:
-        if not refused:
-            raise
-        return refused[0]  # better than none: it is written, and marked as failing
-    return made(found.world, "; ".join(found.words))
-
-
-def _planned(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts) -> LimmsPlan:
     """The plan of a scene within what is left. Raises as `plan_limms`."""
     began = time.perf_counter()
     report("modes", 0.0)
-    found = search(scene)
-    if proved := proof(scene, found.conflicts):
-        raise proved
+    found = _possible(scene)
     searched = time.perf_counter() - began
     refused: list[LimmsPlan] = []  # fail their verification
     tried, named = 0, ""
@@ -151,8 +108,9 @@ def _planned(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Atte
     start = initial(scene)
     rng = np.random.default_rng(loaded.spec.seed)
     motions = Motions(start, attempts, rng, loaded.spec.solver.most_steps, _judge(made, refused))
+    listed = courses(start, found.actions) if scene.deliveries == 1 else relays(start, 1)
     try:
-        for number, course in enumerate(courses(start, found.actions)):
+        for number, course in enumerate(listed):
             report("plan", number / max(len(found.actions), number + 1))
             tried, named, told = number + 1, course.named(scene), len(attempts.notes)
             attempts.begin(named)
@@ -174,6 +132,35 @@ def _planned(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Atte
         f"impossible. {attempts.story()}",
         stage="motion",
     )
+
+
+def _possible(scene: Scene) -> Search:
+    """What may bring the only box to its goal at once; of several boxes there is no such list.
+
+    Raises:
+        Infeasible: it is proved that a box cannot be brought to its goal, were it the only one.
+            Other boxes may be anywhere by then, so that what their places rule out is no proof.
+    """
+    if scene.deliveries == 1:
+        found = search(scene)
+        if proved := proof(scene, found.conflicts):
+            raise proved
+        return found
+    places = np.column_stack([scene.box_start, scene.start_yaws])
+    goals = np.column_stack([scene.goals, scene.goal_yaws])
+    each: list[Search] = []
+    for box in range(scene.deliveries):
+        is_last = box == scene.deliveries - 1
+        speed = scene.arrival_speed if is_last else 0.0
+        alone = without_others(with_box_first(scene, box, places, goals[box], speed))
+        each.append(search(alone))
+        proved = proof(alone, each[-1].conflicts)
+        if proved is not None and not stands_at_goal(scene, box):
+            raise Infeasible(
+                f"box {box}, were it the only one: {proved}", proved.conflicts, stage="modes"
+            )
+    conflicts = tuple(conflict for found in each for conflict in found.conflicts)
+    return Search((), conflicts, sum(found.configurations for found in each))
 
 
 def _judge(made: Callable[[PlanSoFar], LimmsPlan], refused: list[LimmsPlan]) -> Settle:

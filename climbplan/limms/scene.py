@@ -152,11 +152,18 @@ class Scene:
         return offset
 
 
+def stands_at_goal(scene: Scene, box: int) -> bool:
+    """Whether a box is where it is to be from the start."""
+    turn = (scene.goal_yaws[box] - scene.start_yaws[box] + np.pi) % (2 * np.pi) - np.pi
+    away = np.abs(scene.box_start[box] - scene.goals[box]).max()
+    return bool(away < 1e-9 and abs(turn) < 1e-9)
+
+
 def with_box_first(scene: Scene, box: int, places: Array, goal: Array, speed: float) -> Scene:
     """The scene in which one box is brought to a goal while all others stand where they are.
 
-    box: its number in `scene`, which is that of the plan; places: (B, 4) where boxes are now, and
-    goal: (4,), centre and yaw [m, rad]; speed: at which it may arrive [m/s].
+    box: its number in `scene`, which has boxes in the order of the plan; places: (B, 4) where they
+    are now, and goal: (4,), centre and yaw [m, rad]; speed: at which it may arrive [m/s].
     """
     order = [box, *(b for b in range(scene.boxes) if b != box)]
     names = [scene.anchor_names[4 * b + side] for b in order for side in range(4)]

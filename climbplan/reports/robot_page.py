@@ -73,7 +73,9 @@ def _joint_rows(proposal: Proposal) -> list[list[str]]:
         for j, joint in enumerate(robot.limbs.joint_names[n]):
             if not joint:
                 continue
-            low, high = np.rad2deg(robot.joint_lower[n, j]), np.rad2deg(robot.joint_upper[n, j])
+            low, high = robot.joint_lower[n, j], robot.joint_upper[n, j]
+            if not robot.slides[n, j]:
+                low, high = np.rad2deg(low), np.rad2deg(high)
             numbers = (
                 robot.max_torque[n, j],
                 robot.max_joint_speed[n, j],

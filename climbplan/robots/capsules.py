@@ -47,10 +47,10 @@ def limb_capsules(robot: Robot, angles: Array) -> Capsules:
     pose = robot.mechanism.pose(angles)
     limb = np.arange(robot.limb_count)[:, None]
     about = robot.mechanism.joint_zero[limb, mounted.joint]  # (N, C, 3)
-    joints = pose.joints[..., limb, mounted.joint, :]
+    places = pose.places[..., limb, mounted.joint, :]
     turns = pose.turns[..., limb, mounted.joint, :, :]  # (..., N, C, 3, 3)
     starts, ends = (
-        joints + (turns @ (mounted.ends[:, :, end] - about)[..., None])[..., 0] for end in (0, 1)
+        places + (turns @ (mounted.ends[:, :, end] - about)[..., None])[..., 0] for end in (0, 1)
     )
     off = np.linalg.norm(mounted.ends[:, :, 1] - robot.mechanism.toe_zero[:, None], axis=-1)
     last = mounted.joint == robot.joint_count - 1

@@ -1,10 +1,11 @@
 """Inverse kinematics of chains with any number of joints: the posture nearest to a given one.
 
 Of all angles q within their bounds that put the toe at x, the one nearest to the limb's own posture
-q0 is taken: least |q - q0|^2 subject to p(q) = x. Steps of damped Gauss-Newton go from q0 along the
-straight line to x, with what they leave free spent on getting back to q0, and joints that would
-leave their bounds held there. The answer depends on x alone, so that a toe that comes back finds
-the same angles, and moves without a jump where the toe does.
+q0 is taken: least |q - q0|^2 subject to p(q) = x, lengths of sliding joints counted in units of
+`RADIAN` (0.25 m). Steps of damped Gauss-Newton go from q0 along the straight line to x, with what
+they leave free spent on getting back to q0, and joints that would leave their bounds held there.
+The answer depends on x alone, so that a toe that comes back finds the same angles, and moves
+without a jump where the toe does.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _CHUNK = 20_000  # toes at a time: what fits into a cache and a laptop
 class ChainAngles:
     """Answers for F toes."""
 
-    angles: Array  # (F, J) within the bounds [rad]
+    angles: Array  # (F, J) within the bounds [rad, or m of joints that slide]
     reached: NDArray[np.bool_]  # (F,)
     missing: Array  # (F,) distance left [m]
 
@@ -50,16 +51,36 @@ def chain_inverse(
 
     chain, posture: (N, J) of all limbs.
     """
+    if chain.slides is None:
+        return _turning_inverse(chain, posture, limbs, toes, lower, upper)
+    unit = chain.unit
+    own = unit[limbs]
+    found = _turning_inverse(
+        chain.in_radians(), posture / unit, limbs, toes, lower / own, upper / own
+    )
+    inside = np.clip(found.angles * own, lower, upper)
+    return ChainAngles(inside, found.reached, found.missing)
+
+
+def _turning_inverse(
+    chain: ChainZero,
+    posture: Array,
+    limbs: NDArray[np.int64],
+    toes: Array,
+    lower: Array,
+    upper: Array,
+) -> ChainAngles:
+    """The same with all angles in radians."""
     if len(toes) > _CHUNK:
         parts = [
-            chain_inverse(chain, posture, limbs[s], toes[s], lower[s], upper[s])
+            _turning_inverse(chain, posture, limbs[s], toes[s], lower[s], upper[s])
             for s in (slice(at, at + _CHUNK) for at in range(0, len(toes), _CHUNK))
         ]
         return ChainAngles(*(np.concatenate([vars(p)[n] for p in parts]) for n in vars(parts[0])))
     geometry = chain.rows(limbs)
     home = np.clip(posture[limbs], lower, upper)
     angles = home.copy()
-    moves = np.abs(geometry.axes).max(axis=-1) > 0  # (F, J) joints that a limb really has
+    moves = geometry.moves  # (F, J) joints that a limb really has
     active = np.flatnonzero(np.isfinite(toes).all(axis=1))
     for _ in range(_ITERATIONS):
         if not len(active):

@@ -53,12 +53,12 @@ def piece_places(
 
     By the same product of exponentials as joints and toes.
     """
-    joints, turned = chain.pose(angles).joints, chain.zero.turned(angles)
+    pose = chain.pose(angles)
     batch = angles.shape[:-2]
     place = np.zeros((*batch, len(pieces), 3))
     rotation = np.broadcast_to(np.eye(3), (*batch, len(pieces), 3, 3)).copy()
     for k, piece in enumerate(pieces):
         if piece.limb != BODY:
-            place[..., k, :] = joints[..., piece.limb, piece.joint, :]
-            rotation[..., k, :, :] = turned[..., piece.limb, piece.joint, :, :]
+            place[..., k, :] = pose.places[..., piece.limb, piece.joint, :]
+            rotation[..., k, :, :] = pose.turns[..., piece.limb, piece.joint, :, :]
     return place, rotation

@@ -9,12 +9,14 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.robots.chain_pose import RADIAN
 from climbplan.robots.coxa_femur_tibia import CoxaFemurTibia
 from climbplan.robots.five_bar import FiveBar, Linkage
 from climbplan.robots.foot import Foot
 from climbplan.robots.gripper import Gripper
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.rotations import Array
+from climbplan.robots.serial_chain import SerialChain
 from climbplan.spec.robots.robot import RobotSpec
 
 
@@ -62,11 +64,11 @@ class Robot:
     shoulder_body: Array  # (N, 3) first joint [m]
     mount_yaw: Array  # (N,) direction of the coxa at zero angle [rad]
     link_lengths: Array  # (N, J) coxa, femur, tibia, or the distances between joints and toe [m]
-    max_torque: Array  # (N, J) [N m]
-    joint_stiffness: Array  # (N, J) [N m/rad]
-    joint_lower: Array  # (N, J) [rad]
-    joint_upper: Array  # (N, J) [rad]
-    max_joint_speed: Array  # (N, J) [rad/s]
+    max_torque: Array  # (N, J) [N m], of joints that slide a force [N]
+    joint_stiffness: Array  # (N, J) [N m/rad], [N/m]
+    joint_lower: Array  # (N, J) [rad], [m]
+    joint_upper: Array  # (N, J) [rad], [m]
+    max_joint_speed: Array  # (N, J) [rad/s], [m/s]
     stance_body: Array  # (N, 3) nominal toe positions [m]
     body_hull: Array  # (8, 3) corners of the body's box [m]
     reach: float  # Delta_FK, largest shoulder-toe distance of the posture planner [m]
@@ -110,9 +112,23 @@ class Robot:
         """(N, J): whether a limb has a joint of that number."""
         return np.array([[bool(name) for name in own] for own in self.limbs.joint_names])
 
+    @property
+    def slides(self) -> NDArray[np.bool_]:
+        """(N, J): joints whose angles are lengths, torques forces, and so on."""
+        if isinstance(self.mechanism, SerialChain):
+            return self.mechanism.sliding
+        return np.zeros(self.max_torque.shape, bool)
+
+    @property
+    def joint_unit(self) -> Array:
+        """(N, J): what counts as one radian: 1, or a length [m] of joints that slide."""
+        return np.where(self.slides, RADIAN, 1.0)
+
     def joint_name(self, limb: int, joint: int) -> str:
         """What a joint is called, and the link that it moves: "femur"."""
         own = self.limbs.joint_names[limb]
+        if isinstance(self.mechanism, SerialChain):
+            own = self.mechanism.names[limb]
         return next((name for name in own[joint:] if name), own[-1])
 
     def one_limb(self, limb: int) -> Self:

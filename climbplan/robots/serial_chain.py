@@ -1,36 +1,70 @@
-"""Limbs that are chains of revolute joints, in any number and about any axes (`chain_pose.py`)."""
+"""Limbs that are chains of joints, in any number and about or along any axes (`chain_pose.py`)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.robots.chain_inverse import chain_inverse
 from climbplan.robots.chain_pose import ChainPose, ChainZero
 from climbplan.robots.mechanism import InverseKinematics, Miss
 from climbplan.robots.rotations import Array
 
-_AT_BOUND = 1e-6  # [rad]
+_AT_BOUND = 1e-6  # [rad], [m]
 _ON_AXIS = 1e-9  # [m] off the last joint's axis, below which a toe has no direction
 _ALONG = 0.7  # part of what is missing that has to lie along the limb for "too far"
 
 
 @dataclass(frozen=True)
 class SerialChain:
-    """N chains of up to J joints; P = J + 1 points."""
+    """N chains of up to J joints; P = J + 1 points.
+
+    Angles of joints that slide are lengths [m]. A joint that follows another one (a mimic joint)
+    moves by that one's angle, counts as a joint that the limb does not have, and has a name, as its
+    link does.
+    """
 
     names: tuple[tuple[str, ...], ...]  # of every limb's joints, from the body to the toe
     joint_zero: Array  # (N, J, 3) points on the joint axes at zero angles [m]
-    axis_zero: Array  # (N, J, 3) unit axes at zero angles; zero where a limb has no such joint
+    axis_zero: Array  # (N, J, 3) unit axes at zero angles; zero of other joints than turning ones
     toe_zero: Array  # (N, 3) toes at zero angles [m]
     posture: Array  # (N, J) angles that a limb with freedom to choose stays nearest to [rad]
+    slide_zero: Array | None = None  # (N, J, 3) unit, of joints that slide; None: none does
+    drive: Array | None = None  # (N, J, J) motions by angles, unless each joint has its own
 
     @property
     def joint_names(self) -> tuple[tuple[str, ...], ...]:
-        """Names of every limb's joints, from the body to the toe."""
-        return self.names
+        """Names of every limb's joints that have angles, from the body to the toe."""
+        if self.drive is None:
+            return self.names
+        return tuple(
+            tuple(name if own else "" for name, own in zip(row, moves, strict=True))
+            for row, moves in zip(self.names, self.zero.moves, strict=True)
+        )
+
+    @property
+    def slides_zero(self) -> Array:
+        """(N, J, 3) `slide_zero`, zeros where no joint slides."""
+        return np.zeros_like(self.axis_zero) if self.slide_zero is None else self.slide_zero
+
+    @property
+    def drives(self) -> Array:
+        """(N, J, J) `drive`, the identity where each joint moves by its own angle."""
+        if self.drive is not None:
+            return self.drive
+        limbs, joints = self.posture.shape
+        return np.tile(np.eye(joints), (limbs, 1, 1))
+
+    @property
+    def sliding(self) -> NDArray[np.bool_]:
+        """(N, J) joints that slide."""
+        if self.slide_zero is None:
+            return np.zeros(self.axis_zero.shape[:-1], bool)
+        return np.asarray(np.abs(self.slide_zero).max(axis=-1) > 0)
 
     @property
     def joint_count(self) -> int:
@@ -40,16 +74,35 @@ class SerialChain:
     @property
     def zero(self) -> ChainZero:
         """The chains at zero angles."""
-        return ChainZero(self.joint_zero, self.axis_zero, self.toe_zero)
+        return ChainZero(
+            self.joint_zero, self.axis_zero, self.toe_zero, self.slide_zero, self.drive
+        )
 
     def only(self, limbs: slice) -> Self:
         """Some limbs alone."""
+        return self.ordered(list(range(len(self.names)))[limbs])
+
+    def ordered(self, limbs: Sequence[int]) -> Self:
+        """The limbs of these numbers, in this order."""
+        limbs = list(limbs)
         return type(self)(
-            self.names[limbs],
+            tuple(self.names[limb] for limb in limbs),
             self.joint_zero[limbs],
             self.axis_zero[limbs],
             self.toe_zero[limbs],
             self.posture[limbs],
+            None if self.slide_zero is None else self.slide_zero[limbs],
+            None if self.drive is None else self.drive[limbs],
+        )
+
+    def turned(self, turn: Array) -> Self:
+        """The same chains in other axes of the body, which `turn` (3, 3) leads to."""
+        return replace(
+            self,
+            joint_zero=self.joint_zero @ turn.T,
+            axis_zero=self.axis_zero @ turn.T,
+            toe_zero=self.toe_zero @ turn.T,
+            slide_zero=None if self.slide_zero is None else self.slide_zero @ turn.T,
         )
 
     def pose(self, angles: Array) -> ChainPose:
@@ -62,17 +115,22 @@ class SerialChain:
         return np.concatenate([pose.joints, pose.toe[..., None, :]], axis=-2)
 
     def jacobian(self, angles: Array) -> Array:
-        """d(toe)/d(angles) (..., N, 3, J) [m/rad]."""
+        """d(toe)/d(angles) (..., N, 3, J) [m/rad, or 1 of joints that slide]."""
         return self.pose(angles).jacobian
 
     def turning(self, angles: Array) -> Array:
         """Angular velocity of the toe's link by joint speed (..., N, 3, J): the joint axes."""
-        return np.swapaxes(self.pose(angles).axes, -1, -2)
+        return self.pose(angles).turning
 
     def last_link(self, angles: Array) -> Array:
-        """Rows x along the last link, square to its joint's axis, y across it, z that axis."""
+        """Rows x along the last link, square to its joint's axis, y across it, z that axis.
+
+        Of a last joint that slides the axis is the direction in which it does.
+        """
         pose = self.pose(angles)
         z = pose.axes[..., -1, :]
+        if pose.slides is not None:
+            z = z + pose.slides[..., -1, :]
         along = pose.toe - pose.joints[..., -1, :]
         along = along - (along * z).sum(axis=-1, keepdims=True) * z
         length = np.linalg.norm(along, axis=-1, keepdims=True)

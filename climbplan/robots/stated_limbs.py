@@ -102,12 +102,11 @@ def stated_limbs(robot: Robot) -> StatedLimbs:
     if robot.mechanism is None:
         return StatedClosedForm(robot.limb_count)
     if isinstance(robot.mechanism, SerialChain):
-        most = int(robot.has_joint.sum(axis=1).max())
         parts = None if robot.capsules is None else robot.capsules.joint.tolist()
         own = None if parts is None else tuple(map(tuple, parts))
-        return StatedChains(
-            robot.limb_count, robot.joint_count, most > 3, own, robot.foot is not None
-        )
+        chain, count = robot.mechanism, robot.joint_count
+        kinds = chain.slide_zero is not None, chain.drive is not None
+        return StatedChains(robot.limb_count, count, count > 3, own, *kinds, robot.foot is not None)
     raise UsageError(
         f"{robot.name} has legs that are closed linkages, which smooth programs do not state; "
         "expected limbs of coxa, femur and tibia, or the legs of a URDF"

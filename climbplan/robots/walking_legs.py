@@ -4,16 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 
 
 @dataclass(frozen=True)
 class WalkingLegs:
-    """L legs of J joints: pairs from front to hind, of each the left one first."""
+    """L legs of up to J joints: pairs from front to hind, of each the left one first.
+
+    The first joints of a leg with fewer are none: they move nothing, their names are empty.
+    """
 
     chain: SerialChain  # body frame of walking; its posture is how the robot stands
-    lower: Array  # (L, J) [rad]
+    lower: Array  # (L, J) [rad], [m] of joints that slide
     upper: Array  # (L, J) [rad]
-    max_torque: Array  # (L, J) [N m]
-    max_speed: Array  # (L, J) [rad/s]
+    max_torque: Array  # (L, J) [N m], [N]
+    max_speed: Array  # (L, J) [rad/s], [m/s]
+
+    @property
+    def there(self) -> NDArray[np.bool_]:
+        """(L, J) which angles a leg has."""
+        return self.chain.zero.moves

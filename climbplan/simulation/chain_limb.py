@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.errors import UsageError
 from climbplan.robots.model import MountedCapsules, Robot
@@ -60,16 +61,38 @@ def ties_of_absent(robot: Robot) -> list[str]:
     """What holds the joints at zero that limbs with fewer joints than others have not.
 
     Arrays of joints are as wide as the longest limb: the first of a shorter one are bodies without
-    mass to speak of at the place of its first joint.
+    mass to speak of at the place of its first joint. Joints that mimic others are tied to these.
     """
     if robot.mechanism is None:
         return []
-    return [
-        f'<joint joint1="{name}" polycoef="0 0 0 0 0" {_STIFF}/>'
-        for limb in range(robot.limb_count)
-        for name, there in zip(motor_names(robot, limb), robot.has_joint[limb], strict=True)
-        if not there
-    ]
+    driven, ties = followers(robot), []
+    for limb in range(robot.limb_count):
+        names = motor_names(robot, limb)
+        for joint in np.flatnonzero(~robot.has_joint[limb]):
+            if driven[limb, joint]:
+                row = drive_of(robot)[limb, joint]
+                leader = int(np.argmax(np.abs(row)))
+                ties.append(
+                    f'<joint joint1="{names[joint]}" joint2="{names[leader]}" '
+                    f'polycoef="0 {row[leader]:.12g} 0 0 0" {_STIFF}/>'
+                )
+            else:
+                ties.append(f'<joint joint1="{names[joint]}" polycoef="0 0 0 0 0" {_STIFF}/>')
+    return ties
+
+
+def drive_of(robot: Robot) -> Array:
+    """(N, J, J) how far joints move by angles: the identity unless some mimic others."""
+    if isinstance(robot.mechanism, SerialChain):
+        return robot.mechanism.drives
+    return np.broadcast_to(
+        np.eye(robot.joint_count), (robot.limb_count, robot.joint_count, robot.joint_count)
+    )
+
+
+def followers(robot: Robot) -> NDArray[np.bool_]:
+    """(N, J) joints that mimic others."""
+    return np.asarray(np.diagonal(drive_of(robot), axis1=-2, axis2=-1) == 0.0)
 
 
 def motor_names(robot: Robot, limb: int) -> list[str]:
@@ -100,8 +123,10 @@ def chain_limb(
     before = np.zeros(3)
     for j, name in enumerate(motor_names(robot, limb)):
         end = points[j + 1] - points[j]
-        there = bool(robot.has_joint[limb, j])
+        there = bool(chain.names[limb][j])
         axis = chain.axis_zero[limb, j] if there else _ANY_AXIS
+        if chain.slide_zero is not None and chain.sliding[limb, j]:
+            axis = chain.slide_zero[limb, j]
         own = mass if there else _NO_MASS
         lines += [
             f'<body name="{name}" pos="{_numbers(points[j] - before)}">',

@@ -56,7 +56,9 @@ class Comparison:
 
     instant: Index  # (K,)
     sample: Index  # (K,) trajectory sample taken for each
-    torque: Array  # (K, N) simulated torque of the planned worst motor's limb: largest of three
+    # (K, N) simulated torque of the planned worst motor's limb: largest of three; forces of joints
+    # that slide count as torques at `RADIAN`
+    torque: Array
     torque_planned: Array  # (K, N)
     friction: Array  # (K, N) simulated critical friction, 0 in the air
     friction_planned: Array  # (K, N)
@@ -86,12 +88,12 @@ class Comparison:
 
 def compare(plan: ClimbPlan, run: Run) -> Comparison:
     """Hold a run against its plan at the instants it reached before a fall."""
-    at = instant_samples(plan)
+    at, unit = instant_samples(plan), plan.robot.joint_unit
     reached = np.flatnonzero((at >= 0) & (at < run.samples - (20 if run.fallen else 0)))
     sample = at[reached]
     windows = np.maximum(sample[:, None] - np.arange(_WINDOW), 0)
     contact = plan.instants.contact[reached]
-    torque = np.median(np.abs(run.torque[windows]).max(axis=3), axis=1)
+    torque = np.median(np.abs(run.torque[windows] * unit).max(axis=3), axis=1)
     normal = np.median(run.normal[windows], axis=1)
     shear = np.median(run.shear[windows], axis=1)
     critical = np.full(normal.shape, np.inf)
@@ -101,7 +103,7 @@ def compare(plan: ClimbPlan, run: Run) -> Comparison:
         instant=reached,
         sample=sample,
         torque=torque,
-        torque_planned=np.abs(plan.forces.joint_torques[reached]).max(axis=2),
+        torque_planned=np.abs(plan.forces.joint_torques[reached] * unit).max(axis=2),
         friction=critical,
         friction_planned=plan.forces.mu_critical[reached],
         mu=plan.instants.mu[reached] * run.conditions.friction,

@@ -14,6 +14,7 @@ from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.chain_limb import chain_of
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.model import link_mass
@@ -22,21 +23,32 @@ _STEP = 1e-6  # [rad] of difference quotients
 
 
 def limb_weight_torques(plan: ClimbPlan, conditions: Conditions) -> Array:
-    """(T, N, J) torques [N m] that hold the links' weight at the planned postures."""
+    """(T, N, J) torques [N m] that hold the links' weight at the planned postures.
+
+    Of joints that slide forces [N].
+    """
     robot = plan.robot
-    rotation, angles, points = _posture(plan)
+    angles = true_angles(plan, sample_instants(plan))
+    rotation, mass = rotation_world_body(plan.trajectory.rpy), link_mass(robot, conditions)
     if isinstance(robot.mechanism, FiveBar):
-        return _by_differences(robot, rotation, angles, link_mass(robot, conditions))
-    links = (points[:, :, :-1] + points[:, :, 1:]) / 2  # (T, N, J, 3) middles of the links
-    axes = np.einsum("tij,tnkj->tnki", rotation, _axes(robot, angles))
-    # Power of the weight of link l by joint j <= l: axis . (arm x -m g z)
-    arms = links[:, :, None, :, :] - points[:, :, :-1, None, :]  # (T, N, joint, link, 3)
-    weight = np.array([0.0, 0.0, -link_mass(robot, conditions) * robot.gravity])
-    moment = np.einsum("tnji,tnjli->tnjl", axes, np.cross(arms, weight))
+        return _by_differences(robot, rotation, angles, mass)
+    joints = joint_points_body(robot, angles)[:, :, :-1]
+    weight = -mass * robot.gravity * rotation[:, 2, :]  # in body axes (T, 3)
+    # Power of the weight of link l by joint j <= l: axis . (arm x weight), or slide . weight
+    arms = _middles(robot, angles)[:, :, None] - joints[:, :, :, None]  # (T, N, joint, link, 3)
+    moment = np.cross(arms, weight[:, None, None, None])
+    power = np.einsum("tnji,tnjli->tnjl", _axes(robot, angles), moment)
+    drive = None
+    if robot.mechanism is not None:
+        pose = chain_of(robot).pose(angles)
+        drive = pose.drive
+        if pose.slides is not None:
+            power += np.einsum("tnji,ti->tnj", pose.slides, weight)[..., None]
     carried = np.triu(
         np.ones((robot.joint_count, robot.joint_count))
     )  # links from the joint outward
-    return np.asarray(-(moment * carried).sum(axis=-1))
+    held = -(power * carried).sum(axis=-1)
+    return np.asarray(held if drive is None else np.einsum("njk,tnj->tnk", drive, held))
 
 
 def limb_weight_wrench(plan: ClimbPlan, conditions: Conditions) -> Array:
@@ -44,19 +56,12 @@ def limb_weight_wrench(plan: ClimbPlan, conditions: Conditions) -> Array:
 
     The robot's whole mass counts to the body elsewhere.
     """
-    points = _posture(plan)[2]
-    links = (points[:, :, :-1] + points[:, :, 1:]) / 2
+    rotation = rotation_world_body(plan.trajectory.rpy)
+    angles = true_angles(plan, sample_instants(plan))
+    links = np.einsum("tij,tnlj->tnli", rotation, _middles(plan.robot, angles))
     weight = np.array([0.0, 0.0, -link_mass(plan.robot, conditions) * plan.robot.gravity])
     moment = np.cross(links, weight).sum(axis=(1, 2))
     return np.concatenate([np.zeros_like(moment), moment], axis=1)
-
-
-def _posture(plan: ClimbPlan) -> tuple[Array, Array, Array]:
-    """Rotations (T, 3, 3), angles (T, N, J), joints and toes from the body (T, N, J + 1, 3)."""
-    angles = true_angles(plan, sample_instants(plan))
-    rotation = rotation_world_body(plan.trajectory.rpy)
-    points = np.einsum("tij,tnpj->tnpi", rotation, joint_points_body(plan.robot, angles))
-    return rotation, angles, points
 
 
 def _by_differences(robot: Robot, rotation: Array, angles: Array, mass: float) -> Array:
@@ -74,7 +79,10 @@ def _by_differences(robot: Robot, rotation: Array, angles: Array, mass: float) -
 def _middles(robot: Robot, angles: Array) -> Array:
     """(T, N, J, 3) middles of the links from the body."""
     points = joint_points_body(robot, angles)
-    return np.asarray((points[:, :, :-1] + points[:, :, 1:]) / 2)
+    begin = points[:, :, :-1]
+    if isinstance(robot.mechanism, SerialChain):
+        begin = robot.mechanism.pose(angles).places
+    return np.asarray((begin + points[:, :, 1:]) / 2)
 
 
 def _axes(robot: Robot, angles: Array) -> Array:

@@ -36,10 +36,11 @@ def leg(plan: ClimbPlan, run: Run, limb: int) -> Figure:
     top, bottom = figure.subplots(2, 1, sharex=True)
     at = instant_samples(plan)
     time = plan.trajectory.time
-    planned = np.abs(plan.forces.joint_torques[:, limb]).max(axis=1)
-    top.plot(run.time, np.abs(run.torque[:, limb]).max(axis=1), color=palette.INK, lw=0.8)
+    unit = plan.robot.joint_unit[limb]  # forces of joints that slide act at that arm
+    planned = np.abs(plan.forces.joint_torques[:, limb] * unit).max(axis=1)
+    top.plot(run.time, np.abs(run.torque[:, limb] * unit).max(axis=1), color=palette.INK, lw=0.8)
     top.plot(time[at], planned, "o-", color=palette.LIMBS[0], ms=2.5, lw=1.2)
-    limit = float(plan.robot.max_torque[limb].min())
+    limit = float((plan.robot.max_torque[limb] * unit)[plan.robot.has_joint[limb]].min())
     top.axhline(limit, color=palette.FAILURE, lw=1.4, ls=(0, (5, 2)))
     top.set_ylabel("|torque| [N m]")
     top.set_ylim(0, 1.08 * limit)

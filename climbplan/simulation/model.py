@@ -22,6 +22,7 @@ from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.chain_limb import (
     Narrow,
     chain_limb,
+    followers,
     motor_names,
     thickness_of,
     ties_of_absent,
@@ -45,7 +46,9 @@ from climbplan.terrain.model import STATED
 from climbplan.terrain.raw_surface import SLENDER
 
 TIME_STEP = 1e-3  # [s]
-ARMATURE = 0.05  # [kg m^2] rotor inertia behind the gears of a paired MX-106, assumed
+# [kg m^2] rotor inertia behind the gears of a paired MX-106, assumed; of joints that slide as much
+# over `RADIAN`^2, 0.8 kg
+ARMATURE = 0.05
 DAMPING_RATIO = 1.0  # of motor and rotor inertia
 _CONE = 6  # capsules of a limb's cone beside a scan
 _LEAST_MASS = 1e-3  # [kg] of a link; smaller ones make the equations stiff
@@ -87,9 +90,10 @@ def believed_stiffness(robot: Robot, conditions: Conditions) -> Array:
 
 
 def plays(robot: Robot, conditions: Conditions) -> Array:
-    """(N, J) play of the joints [rad]."""
+    """(N, J) play of the joints [rad], of those that slide as many times `RADIAN` [m]."""
     own = np.full((robot.limb_count, robot.joint_count), conditions.backlash)
-    return own if conditions.world is None else own + conditions.world.backlash
+    both = own if conditions.world is None else own + conditions.world.backlash
+    return np.asarray(both * robot.joint_unit)
 
 
 def link_mass(robot: Robot, conditions: Conditions) -> float:
@@ -270,12 +274,15 @@ def _end(robot: Robot, limb: int) -> str:
 def _joints(robot: Robot, limb: int, conditions: Conditions) -> list[str]:
     """Joints of a limb with their play, each with {name} and {axis}."""
     joints = []
-    for play in plays(robot, conditions)[limb] / 2:
-        joint = f'<joint name="{{name}}" axis="{{axis}}" armature="{ARMATURE}"/>'
+    own = zip(plays(robot, conditions)[limb] / 2, robot.joint_unit[limb], strict=True)
+    for play, unit in own:
+        kind = ' type="slide"' if unit != 1.0 else ""
+        rotor, beyond, damping = (x / unit**2 for x in (ARMATURE, _BEYOND, 0.02))
+        joint = f'<joint name="{{name}}"{kind} axis="{{axis}}" armature="{rotor:.9g}"/>'
         if play > 0:
             joint += (
-                f'<joint name="{{name}}play" axis="{{axis}}" range="{-play:.6g} {play:.6g}"'
-                f' armature="{_BEYOND}" damping="0.02" {_HARD_STOP}/>'
+                f'<joint name="{{name}}play"{kind} axis="{{axis}}" range="{-play:.6g} {play:.6g}"'
+                f' armature="{beyond:.9g}" damping="{damping:.9g}" {_HARD_STOP}/>'
             )
         joints.append(joint)
     return joints
@@ -298,10 +305,10 @@ def _linkage(
 
 def _motors(robot: Robot, limb: int, conditions: Conditions) -> list[str]:
     stiffness = motor_stiffness(robot, conditions)[limb]
-    out = []
+    out, driven = [], followers(robot)[limb]
     for joint, name in enumerate(motor_names(robot, limb)):
-        kp = stiffness[joint]
-        kv = 2 * DAMPING_RATIO * np.sqrt(kp * ARMATURE)
+        kp = 0.0 if driven[joint] else stiffness[joint]
+        kv = 2 * DAMPING_RATIO * np.sqrt(kp * ARMATURE) / robot.joint_unit[limb, joint]
         most = robot.max_torque[limb, joint]
         out.append(
             f'<position name="{name}" joint="{name}" kp="{kp:.9g}" kv="{kv:.9g}"'

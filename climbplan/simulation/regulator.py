@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
-from climbplan.control.joint_regulator import Chains, Corrections, Pose, RegulatorTables
+from climbplan.control.joint_regulator import Corrections, Pose, RegulatorTables, chains_of
 from climbplan.mechanics.stiffness import joint_softness, rigid_motion
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.chain_pose import ChainZero
@@ -63,7 +63,13 @@ def regulator_tables(plan: ClimbPlan, gain: Array | None = None) -> RegulatorTab
         axis_zero=np.zeros((n, joints, 3)) if zero is None else zero.axes,
         joint_zero=np.zeros((n, joints, 3)) if zero is None else zero.joints,
         toe_zero=np.zeros((n, 3)) if zero is None else zero.toe,
+        slide_zero=_or(None if zero is None else zero.slides, np.zeros((n, joints, 3))),
+        drive=_or(None if zero is None else zero.drive, np.tile(np.eye(joints), (n, 1, 1))),
     )
+
+
+def _or(given: Array | None, otherwise: Array) -> Array:
+    return otherwise if given is None else given
 
 
 class Regulator(Corrections):
@@ -89,7 +95,7 @@ class JointOdometry:
         tables = regulator_tables(plan) if tables is None else tables
         self._robot = plan.robot
         own = isinstance(plan.robot.mechanism, FiveBar)
-        self._chains = None if own else Chains(tables.axis_zero, tables.joint_zero, tables.toe_zero)
+        self._chains = None if own else chains_of(tables)
         self._pose = Pose(tables, toes)
 
     def pose(self, sample: int, angles: Array) -> tuple[Array, Array]:
@@ -105,8 +111,7 @@ def zero_angles(robot: Robot) -> ChainZero | None:
     if isinstance(robot.mechanism, FiveBar):
         return None
     if isinstance(robot.mechanism, SerialChain):
-        chain = robot.mechanism
-        return ChainZero(chain.joint_zero, chain.axis_zero, chain.toe_zero)
+        return robot.mechanism.zero
     # The femur outward, the tibia straight down
     yaw = robot.mount_yaw
     up = np.broadcast_to([0.0, 0.0, 1.0], (len(yaw), 3))

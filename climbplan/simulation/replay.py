@@ -22,7 +22,7 @@ from climbplan.errors import MissingSolver
 from climbplan.reports.replay import sample_instants
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.rotations import Array, rotation_world_body
-from climbplan.simulation.chain_limb import motor_names
+from climbplan.simulation.chain_limb import drive_of, followers, motor_names
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.falls import FALLEN, TUMBLED
 from climbplan.simulation.feedforward import limb_weight_torques
@@ -125,6 +125,7 @@ class _Player:
         self.limb_of = np.full(model.ngeom, -1)
         self.limb_of[self.toe_geom] = np.arange(n)
         self.body = model.body("body").id
+        self._mimics = followers(plan.robot)
         self.joints = len(names)  # motors of the limbs, which come before those of wrists
         world = conditions.world
         terrain = plan.terrain if world is None else moved_terrain(plan.terrain, world)
@@ -204,7 +205,8 @@ class _Player:
         quat = np.empty(4)
         self.mujoco.mju_mat2Quat(quat, rotation_world_body(rpy).ravel())
         self.data.qpos[3:7] = quat
-        self.data.qpos[self.address] = self.start.angles.ravel()
+        moved = drive_of(plan.robot) @ self.start.angles[..., None]
+        self.data.qpos[self.address] = moved.ravel()
         if isinstance(plan.robot.mechanism, FiveBar):
             elbows = elbow_angles(plan.robot, self.start.angles)
             for limb, angle in enumerate(elbows):
@@ -274,8 +276,9 @@ class _Player:
         """(N, J) what the joints' sensors tell [rad]."""
         angles = self.data.qpos[self.address].reshape(self.plan.robot.limb_count, -1)
         if self.conditions.joint_noise > 0:
-            angles = angles + self._noise.normal(0.0, self.conditions.joint_noise, angles.shape)
-        return np.asarray(angles)
+            noise = self._noise.normal(0.0, self.conditions.joint_noise, angles.shape)
+            angles = angles + noise * self.plan.robot.joint_unit
+        return np.where(self._mimics, 0.0, angles)
 
     def _pose(self, sample: int, angles: Array) -> tuple[Array, Array]:
         """Where the body is, or where its joints say it is."""

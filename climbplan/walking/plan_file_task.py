@@ -52,7 +52,12 @@ LEGS_OF_URDF = {  # of a robot from a URDF: chains of J joints at zero angles
     "toe_zero": Layout(("L", 3), "m", "body, at zero angles"),
     "posture": Layout(("L", "J"), "rad", "as it stands"),
 }
-MOTORS = {
+# Of legs with joints that slide, or that mimic others, alone
+MORE_OF_LEGS = {
+    "slide_zero": Layout(("L", "J", 3), "", "body, unit, of joints that slide at zero angles"),
+    "drive": Layout(("L", "J", "J"), "", "motions of joints by angles"),
+}
+MOTORS = {  # of joints that slide in m, N and m/s
     "lower": Layout(("L", "J"), "rad"),
     "upper": Layout(("L", "J"), "rad"),
     "max_torque": Layout(("L", "J"), "N m"),
@@ -78,6 +83,9 @@ def write_task(file: h5py.File, task: WalkTask) -> None:
         legs = robot.create_group("legs")
         for name, layout in LEGS_OF_URDF.items():
             write_dataset(legs, name, vars(task.legs.chain)[name], layout)
+        for name, layout in MORE_OF_LEGS.items():
+            if vars(task.legs.chain)[name] is not None:
+                write_dataset(legs, name, vars(task.legs.chain)[name], layout)
         for name, layout in MOTORS.items():
             write_dataset(legs, name, vars(task.legs)[name], layout)
         names = [name for own in task.legs.chain.names for name in own]
@@ -186,5 +194,10 @@ def _legs(reader: Reader) -> WalkingLegs:
         count = legs * joints
         raise reader.refuse(f"robot/legs/joint_names has {len(names)} names, expected {count}")
     each = tuple(tuple(names[joints * leg : joints * (leg + 1)]) for leg in range(legs))
-    chain = SerialChain(each, *(parts.pop(name) for name in LEGS_OF_URDF))
+    more = {
+        name: reader.array(f"robot/legs/{name}", layout)
+        for name, layout in MORE_OF_LEGS.items()
+        if reader.has(f"robot/legs/{name}")
+    }
+    chain = SerialChain(each, *(parts.pop(name) for name in LEGS_OF_URDF), **more)
     return WalkingLegs(chain, **parts)

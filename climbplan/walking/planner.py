@@ -13,6 +13,7 @@ from climbplan.spec.walking.solver import WalkSolverSpec
 from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.cost import cost_terms
+from climbplan.walking.fast_joints import too_fast
 from climbplan.walking.gaps import Gap, widest_gap
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.problem import build_task
@@ -40,9 +41,11 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
     answer = solve_task(task, spec.solver, spec.seed)
     solved = time.perf_counter()
     if answer.trajectory is None:
+        slow = too_fast(task, lambda other: solve_task(other, spec.solver, spec.seed))
         raise LimitReached(
             f"no plan found: {spec.solver.method} tried {answer.tried} gaits in "
             f"{answer.seconds:.2g} s; {answer.word}"
+            + (f"; {slow}" if slow else "")
             + (f"; {answer.cut_short}" if answer.cut_short else "")
             + (f"; the widest gap on the way to the goal: {gap}" if gap is not None else ""),
             stage=spec.solver.method,

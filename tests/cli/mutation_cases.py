@@ -33,6 +33,7 @@ _PATIENCE = 120.0  # [s] of waiting, on a machine that has other things to do
 _OF_URDF = {
     "walker.urdf": ("robot_walker.yaml", "climb_walker.yaml"),
     "hexapod.urdf": ("robot_hexapod.yaml", "mpc_hexapod.yaml"),
+    "telescope.urdf": ("robot_telescope.yaml", "climb_telescope.yaml", "mpc_telescope.yaml"),
 }
 _OUT = ["-o", "out", "-q", "--force"]
 
@@ -105,10 +106,12 @@ def every_source(plans: Mapping[str, Path]) -> list[tuple[str, str]]:
     specs = sorted(path.name for path in SPECS.glob("*.yaml"))
     found = [("spec", name) for name in specs if not name.startswith("robot_")]
     robots = ("silvia.yaml", "scaler.yaml", "modules/limms.yaml", "bodies/scaler.yaml")
-    found += [("robot", name) for name in (*robots, "robot_walker.yaml", "robot_hexapod.yaml")]
+    ours = ("robot_walker.yaml", "robot_hexapod.yaml", "robot_telescope.yaml")
+    found += [("robot", name) for name in (*robots, *ours)]
     found += [
         ("urdf", "walker.urdf"),
         ("urdf", "hexapod.urdf"),
+        ("urdf", "telescope.urdf"),
         ("table", "limb_test.csv"),
         ("scenes", "bookshelf_scenes.h5"),
     ]

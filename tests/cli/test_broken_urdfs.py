@@ -24,6 +24,7 @@ BOX = '<box size="0.4 0.2 0.08"/>'
 CYLINDER = '<cylinder radius="0.02" length="0.057"/>'
 KNEE = '<parent link="L1_lift_link"/><child link="L1_knee_link"/>'
 LIFT = '<joint name="L1_lift" type="revolute">'
+SLIDE = '<joint name="L1_lift" type="prismatic">'
 INERTIA = 'ixx="0.004"'
 
 # What is replaced in the URDF (once), by what, and words of the message
@@ -92,9 +93,26 @@ BROKEN = [
     (LIMIT, LIMIT.replace('velocity="5"', 'velocity="-5"'), "no speed limit"),
     (LIMIT, LIMIT.replace('velocity="5"', 'velocity="fast"'), "expected a number"),
     # joints that no leg can have
-    (LIFT, '<joint name="L1_lift" type="prismatic">', "a prismatic joint"),
+    (LIFT, '<joint name="L1_lift" type="planar">', "a planar joint"),
     (LIFT, '<joint name="L1_lift" type="floating">', "a floating joint"),
-    (LIFT, LIFT + '<mimic joint="L1_yaw"/>', "mimics 'L1_yaw'"),
+    # joints that slide
+    (LIFT, SLIDE + '<limit effort="9" velocity="1"/>', "lower < upper, got 0 and 0 m"),
+    (LIFT, SLIDE + '<limit lower="0" upper="1e6" effort="9" velocity="1"/>', "from -100 to 100 m"),
+    (LIFT, SLIDE + '<limit lower="0" upper="1" velocity="1"/>', "no force limit"),
+    (LIFT, SLIDE + '<limit lower="0" upper="1" effort="9"/>', "max_speed: NUMBER}}` [m/s]"),
+    (LIFT, SLIDE + '<axis xyz="0 0 0"/>', "expected an axis of some length"),
+    (LIFT, SLIDE + '<limit lower="0.9" upper="1" effort="9" velocity="1"/>', "`posture_m`"),
+    # joints that mimic others
+    (LIFT, LIFT + '<mimic joint="L1_lift"/>', "mimics 'L1_lift', itself"),
+    (LIFT, LIFT + '<mimic joint="L1_knee"/>', "expected 3 to 7 joints"),
+    (LIFT, LIFT + '<mimic joint="L1_kne"/>', "mimics 'L1_kne', which is no joint"),
+    (LIFT, LIFT + '<mimic joint="R1_yaw"/>', "mimics 'R1_yaw', a joint of R1"),
+    (LIFT, LIFT + '<mimic joint="L1_tip"/>', "mimics 'L1_tip', a fixed joint"),
+    (LIFT, LIFT + "<mimic/>", "<mimic> without `joint`"),
+    (LIFT, LIFT + '<mimic joint="L1_yaw" multiplier="-"/>', "expected a number, got '-'"),
+    (LIFT, LIFT + '<mimic joint="L1_yaw" offset="inf"/>', "expected a number, got 'inf'"),
+    (LIFT, LIFT + '<mimic joint="L1_yaw" multiplier="1e9"/>', "up to 1000"),
+    (LIFT, LIFT + '<mimic joint="L1_yaw" offset="9"/>', "keeps the joints that mimic it within"),
     (LIFT, '<joint name="L1_lift" type="fixed">', "leg L1 has no joint 'L1_lift'"),
     ('<link name="L1_toe"/>', '<link name="L1_foot"/>', "child of joint 'L1_tip'"),
 ]

@@ -15,8 +15,11 @@ from climbplan.errors import LimitReached, NotProved
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.consensus.copies import Copy, Found
 from climbplan.limms.consensus.iteration import Parameters, agree, residual_of
+from climbplan.limms.consensus.lengths import LONGER
 from climbplan.limms.consensus.mixed_integer import MixedInteger
-from climbplan.limms.consensus.nonlinear import Nonlinear
+from climbplan.limms.consensus.nonlinear import Nonlinear, region_at
+from climbplan.limms.consensus.planner import Run, first_integers
+from climbplan.limms.consensus.projection import Projection
 from climbplan.limms.consensus.refinement import action_of
 from climbplan.limms.consensus.setting import (
     FREE,
@@ -28,10 +31,11 @@ from climbplan.limms.consensus.setting import (
     start_points,
 )
 from climbplan.limms.convergence import RESIDUALS
+from climbplan.limms.modules.chain import forward
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan, write_limms_plan
 from climbplan.limms.planner import plan_limms
-from climbplan.limms.scene import GRAVITY
+from climbplan.limms.scene import GRAVITY, Pose
 from climbplan.reports.limms.figure_convergence import convergence
 
 
@@ -76,6 +80,67 @@ def test_first_block_throws_and_obeys_its_dynamics(setting: Setting, first: Foun
             assert np.allclose(v[k + 1] - v[k], [0, 0, -GRAVITY * h], atol=1e-6)
         if box[k] == STABLE:
             assert np.allclose(at[k + 1], at[0], atol=1e-6)
+
+
+def test_links_of_the_first_answer_are_not_too_long(setting: Setting, first: Found) -> None:
+    assert first.copy is not None
+    lengths = np.linalg.norm(np.diff(first.copy.points, axis=2), axis=-1)
+    assert (lengths <= (1 + LONGER) * setting.links + 1e-6).all()
+
+
+def test_frozen_block_projects(setting: Setting, block: MixedInteger, first: Found) -> None:
+    assert first.copy is not None
+    assert first.modes is not None
+    assert first.x is not None
+    projection = Projection(block, first.x)
+    again = projection.solve(first.copy, 100.0, first.modes.region)
+    assert again.copy is not None
+    assert again.off is not None
+    assert np.abs(again.copy.points - first.copy.points).max() < 0.01
+    # Far away: as near as rows, goal and links allow, nearer than the answer before
+    points = first.copy.points + np.array([0.05, -0.1, 0.15])
+    far = projection.solve(Copy(first.copy.box, points), 100.0, first.modes.region)
+    assert far.copy is not None
+    assert far.off is not None
+    assert far.off.residual < 1e-6
+    assert far.missed < 1e-3
+    gone = np.linalg.norm(far.copy.points - points), np.linalg.norm(first.copy.points - points)
+    assert gone[0] < 0.9 * gone[1]
+    lengths = np.linalg.norm(np.diff(far.copy.points, axis=2), axis=-1)
+    assert (lengths <= (1 + LONGER) * setting.links + 1e-6).all()
+
+
+def test_links_go_to_the_free_blocks_that_they_are_in() -> None:
+    heavy = setting_of(scene("limms_lift_heavy"), 8)
+    module, count = heavy.scene.module, heavy.scene.count
+    stand = [Pose(at, np.eye(3)) for at in heavy.scene.stand]
+    placed = [forward(module, base, np.zeros(6)) for base in stand]
+    low, ledge = 0, 1
+    found = region_at(heavy, placed, np.full((count, 4), low))
+    # A and B stand upright on the ledge, C and D below it, and rise into both blocks
+    assert found.tolist() == [[ledge] * 4, [ledge] * 4, [low] * 4, [low] * 4]
+    found = region_at(heavy, placed, np.full((count, 4), ledge))
+    assert found[:2].tolist() == [[ledge] * 4, [ledge] * 4]
+    assert (found[2:, 0] == low).all()
+    assert (found[2:, -1] == ledge).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["limms_lift_heavy", "limms_lift_light"])
+def test_blocks_agree_within_a_centimetre(name: str) -> None:
+    """Feet that stand still, free blocks of links, and an arm that planes round balls let reach."""
+    given = setting_of(scene(name), 8)
+    block = MixedInteger(given)
+    found = first_integers(given.scene, block, Run(), time.monotonic() + 600)
+    assert found is not None
+    parameters = Parameters(15, 1.3, 1.0, 0)
+    agreement = agree(block, Nonlinear(given), found, parameters, time.monotonic() + 600)
+    assert agreement is not None
+    best = agreement.best
+    assert best.residual.good
+    assert best.violation < 1e-4
+    assert max(best.residual.box) < 0.01
+    assert best.residual.points[0] < 0.005
 
 
 def test_second_block_has_exact_links_and_latches(setting: Setting, first: Found) -> None:

@@ -90,7 +90,7 @@ def test_a_box_is_carried_and_then_lifted_from_over_it(ledge: LoadedLimms) -> No
 def test_the_bound_of_legs_is_that_of_what_is_listed(ledge: LoadedLimms) -> None:
     start = initial(scene_of(ledge))
     places = places_of(start.scene)
-    left = legs_left(all_means(start, places), 1, len(places))
+    left = legs_left(all_means(start.scene, places, frozenset(), {}), 1, len(places))
     found = list(relays(start))
     assert min(len(course.legs) for course in found) == left[0] == 2
     costs = [course.cost() for course in found]

@@ -10,17 +10,19 @@ import pytest
 from limms_scenes import changed, loaded
 
 from climbplan.errors import Infeasible, SpecError
-from climbplan.limms.assembly import _turned
-from climbplan.limms.attempts import Attempts
+from climbplan.limms.actions import Action
+from climbplan.limms.assembly import _turned, initial
+from climbplan.limms.bounds import Connection
 from climbplan.limms.check.boxes import box_checks
 from climbplan.limms.check.loads import loads_of_all
 from climbplan.limms.check.verification import verification_of
-from climbplan.limms.deliveries import Deliveries
+from climbplan.limms.courses import relays
 from climbplan.limms.motion_csv import export_csv
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan, write_limms_plan
 from climbplan.limms.planner import plan_limms
 from climbplan.limms.scene import scene_of, with_box_first, without_others
+from climbplan.limms.states import GOAL, START, Space
 from climbplan.plans.check import Check
 from climbplan.spec.limms.loading import load_limms
 from climbplan.spec.limms.module import ModuleSpec
@@ -110,13 +112,45 @@ def test_files_hold_all_boxes(swapped: LimmsPlan, tmp_path: Path) -> None:
 
 def test_places_aside_are_out_of_the_way() -> None:
     scene = scene_of(loaded("limms_swap"))
-    search = Deliveries(scene, Attempts(60.0, 20), np.random.default_rng(0), 16)
-    start = search.start()
-    chosen = search.aside(start.world, search.starts, 1, 0)
-    assert 1 <= len(chosen) <= 3
-    for place in chosen:
-        for other in (*scene.goals, *scene.box_start):
-            assert (np.abs(place - other) >= scene.box_size[1] - 1e-9).any()
+    listed = list(relays(initial(scene), 1))
+    assert [course.cost() for course in listed] == sorted(course.cost() for course in listed)
+    first = listed[0].legs
+    assert [(leg.box, leg.aside) for leg in first] == [(1, True), (0, False), (1, False)]
+    for other in (*scene.goals, *scene.box_start):
+        assert (np.abs(np.array(first[0].end) - other) >= scene.box_size[1] - 1e-9).any()
+    assert first[2].begin == first[0].end
+    assert first[1].end == tuple(scene.goals[0])
+
+
+def test_boxes_in_the_way_of_others_cost_a_leg_more() -> None:
+    space = Space(initial(scene_of(loaded("limms_swap"))))
+    assert [int(box.left[START]) for box in space.boxes] == [1, 1]
+    assert space.is_in_way(1, START, 0)
+    assert not space.is_in_way(1, GOAL, 0)
+    (means, *_) = space.means(1, space.first)
+    # The other box stands at its goal, and is no obstacle elsewhere
+    assert not means.onward(START)[GOAL]
+    alone = Space(initial(without_others(with_box_first(
+        space.scene, 1, np.column_stack([space.scene.box_start, space.scene.start_yaws]),
+        np.array([*space.scene.goals[1], 0.0]), 0.0,
+    ))))  # fmt: skip
+    assert alone.means(0, alone.first)[0].onward(START)[GOAL]
+
+
+def test_latches_say_who_has_to_come_down(tmp_path: Path) -> None:
+    """Of two modules one hangs on a wall already, by its first end: it does not come down."""
+    modules = [{"name": "A", "anchor": "left"}, {"name": "B", "stand": [-1.0, -0.4, 0]}]
+    space = Space(initial(scene_of(load_limms(changed(tmp_path, "limms_swap", modules=modules)))))
+    assert space.first.latched == (0,)
+    left, right = Connection(0, 2), Connection(1, 3)
+    both = space.change(space.first, Action("arms", (left, right)))
+    assert both == ((0, 1), 1)
+    assert space.change(space.first, Action("arms", (right,))) == ((0, 1), 1)
+    # B hangs on the right then; a chain of two from there would need A
+    hanging = space.first._replace(latched=(0, 1))
+    assert space.change(hanging, Action("arms", (left,))) == ((0, 1), 0)
+    assert space.change(hanging, Action("arms", (Connection(1, 3, 2),))) is None
+    assert space.change(space.first, Action("arms", (Connection(0, 2, 2),))) == ((0, 0), 1)
 
 
 def test_scenes_keep_what_boxes_are() -> None:

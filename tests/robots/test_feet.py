@@ -113,7 +113,7 @@ def test_point_toes_touch_where_they_are(footed: Robot, tmp_path: Path) -> None:
         ("foot: {}", "foot.radius", ""),
         ("foot: {radis: 0.02}", "foot.radis", "unknown key"),
         ("foot: 0.02", "foot", ""),
-        ("foot: {radius: 0.5}", "foot.radius", "distance of L1's toe from its last joint"),
+        ("foot: {radius: 0.5}", "foot.radius", "distance of L1's toe from its joint"),
     ],
 )
 def test_what_cannot_be_a_foot(foot: str, key: str, words: str, tmp_path: Path) -> None:

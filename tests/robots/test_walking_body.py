@@ -11,6 +11,7 @@ from walking_urdf import walking_robot, write_robot
 
 from climbplan.errors import SpecError
 from climbplan.robots.urdf.pinocchio_model import urdf_model
+from climbplan.robots.urdf.toe_boxes import _borne
 from climbplan.robots.urdf.walking_body import TO_WALKING, WalkingBody, walking_body
 from climbplan.spec.robots.source import load_any_robot
 from climbplan.spec.robots.urdf.source import UrdfRobot
@@ -82,20 +83,48 @@ def test_legs_of_four_joints_walk(tmp_path: Path) -> None:
     assert (found.boxes.half > 0.02).all()
 
 
-def test_legs_have_as_many_joints_each(tmp_path: Path) -> None:
-    path = write_robot(tmp_path, Walker(joints=4))
-    path.write_text(path.read_text().replace("toe: R1_toe", "toe: R1_knee_link"))
+def test_legs_of_different_numbers_of_joints_walk(tmp_path: Path) -> None:
+    locked = "locked: {L2_ankle: 0, R2_ankle: 0}"
+    robot = walking_robot(tmp_path, Walker(joints=4), locked)
+    found = walking_body(robot)
+    assert found.legs.there.sum(axis=1).tolist() == [4, 4, 3, 3]
+    assert (found.boxes.half > 0.02).all()
+    # Hind legs are those of a robot whose legs all have three joints
+    short = "locked: {L1_ankle: 0, R1_ankle: 0, L2_ankle: 0, R2_ankle: 0}"
+    (tmp_path / "alike").mkdir()
+    alike = walking_body(walking_robot(tmp_path / "alike", Walker(joints=4), short))
+    np.testing.assert_allclose(found.boxes.center, alike.boxes.center, atol=1e-12)
+    jacobian = found.legs.chain.jacobian(found.legs.chain.posture)
+    np.testing.assert_allclose(
+        jacobian[2:, :, 1:], alike.legs.chain.jacobian(alike.legs.chain.posture)[2:], atol=1e-12
+    )
+    assert not jacobian[2:, :, 0].any()
+
+
+def test_legs_have_three_joints_at_least(tmp_path: Path) -> None:
+    path = write_robot(tmp_path, Walker(joints=3), "locked: {R1_knee: 10}")
+    path.write_text(path.read_text().replace(", R1_knee: 10", ""))
+    with pytest.raises(SpecError, match=r"[0-9] joints"):
+        walking_body(_loaded(path))
+
+
+def _loaded(path: Path) -> UrdfRobot:
     robot = load_any_robot(path)
     assert isinstance(robot, UrdfRobot)
-    with pytest.raises(SpecError, match="as many joints each, 4, as L1, got 3: R1_yaw"):
-        walking_body(robot)
+    return robot
+
+
+def test_weaker_legs_bear_less_farther_from_the_middle(found: WalkingBody) -> None:
+    share = _borne(found.boxes.center + np.array([0.1, 0.0, 0.0]))
+    assert share.sum() == pytest.approx(2.0)
+    assert share[0] == share[1] < 0.5 < share[2] == share[3]
 
 
 @pytest.mark.parametrize(
     ("walker", "more", "words"),
     [
         (Walker(forward=TEN, sprawl_deg=(0.0,) * 5), "", "four, six or eight legs, got 10"),
-        (Walker(effort=3.0), "", "cannot hold half the weight within its torque limits"),
+        (Walker(effort=3.0), "", "cannot hold its part of the weight within its torque limits"),
         (QUADRUPED, "gravity: 0", "expected more than 0 to walk"),
     ],
 )

@@ -82,9 +82,18 @@ def test_a_sound_section_loads(tmp_path: Path) -> None:
         (
             "joint_stiffness: 150",
             "joints: {L1_yaw: {max_torque: -3}}",
-            "expected a number in N m > 0",
+            "expected a number in N m or N > 0",
         ),
-        ("joint_stiffness: 150", "forward: z", "expected one of `x`, `-x`, `y`, `-y`, got 'z'"),
+        (
+            "joint_stiffness: 150",
+            "forward: w",
+            "expected one of `x`, `-x`, `y`, `-y`, `z`, `-z`, got 'w'",
+        ),
+        (
+            "joint_stiffness: 150",
+            "up: -x",
+            "expected an axis square to `forward: x`, got '-x'",
+        ),
         ("legs:", "leggs:", "unknown key (did you mean 'legs'?)"),
         (
             "rounds: 1",
@@ -108,8 +117,12 @@ def line_of(text: str, part: str) -> int:
         ('effort="60.0" ', "", "or `joints: {L1_yaw: {max_torque: NUMBER}}` [N m] here"),
         ('velocity="5"', 'velocity="-1"', "no speed limit: expected `velocity` > 0"),
         ('lower="-1.0"', 'lower="2.0"', "expected <limit> with lower < upper, got 2 and 1 rad"),
-        ('type="revolute"', 'type="prismatic"', "a prismatic joint; expected revolute, continuous"),
-        ('velocity="5"/>', 'velocity="5"/><mimic joint="R1_yaw"/>', "mimics 'R1_yaw'; expected"),
+        ('type="revolute"', 'type="planar"', "a planar joint; expected revolute, continuous"),
+        (
+            'velocity="5"/>',
+            'velocity="5"/><mimic joint="R1_yaw"/>',
+            "mimics 'R1_yaw', a joint of R1",
+        ),
     ],
 )
 def test_joints_no_leg_can_have(tmp_path: Path, old: str, new: str, expected: str) -> None:

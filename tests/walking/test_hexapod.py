@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from climbplan.errors import SpecError
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.spec.robots.leg_pairs import in_pairs
 from climbplan.spec.walking.loading import load_body, load_mpc
 from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.check.speed import leg_speeds
+from climbplan.walking.check.truth import euler_rates
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.plan_file import read_walk_plan, write_walk_plan
-from climbplan.walking.planner import plan_walk
+from climbplan.walking.planner import plan_walk, solve_task
+from climbplan.walking.swing_way import along, arch
+from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY
 
 SPEC = Path(__file__).parents[2] / "specs" / "mpc_hexapod.yaml"
 
@@ -45,7 +52,7 @@ def test_it_walks_on_tripods_within_its_torques(plan: WalkPlan) -> None:
     assert task.body.leg_names == ("LF", "RF", "LM", "RM", "LR", "RR")
     assert failures(check_trajectory(task, found)) == ""
     names = {check.name for check in check_trajectory(task, found)}
-    assert {"torque.limit", "torque.reach"} <= names
+    assert {"torque.limit", "torque.reach", "speed.limit"} <= names
     few = found.gait.contact[:-1][found.gait.contact[:-1].sum(axis=1) == 3]
     halves = {tuple(row) for row in few.astype(int).tolist()}
     assert halves <= {(1, 0, 0, 1, 1, 0), (0, 1, 1, 0, 0, 1)}
@@ -100,3 +107,46 @@ def test_pairs_by_place() -> None:
     places = [[0.0, -1.0], [1.0, 1.0], [1.1, -1.0], [0.0, 1.0]]
     assert in_pairs(places) == [1, 2, 3, 0]
     assert in_pairs([*places[:3], [2.0, -1.0]]) is None
+
+
+def test_its_joints_turn_no_faster_than_they_can(plan: WalkPlan) -> None:
+    task, found = plan.task, plan.trajectory
+    assert task.legs is not None
+    check = next(c for c in check_trajectory(task, found) if c.name == "speed.limit")
+    assert check.passed
+    speed = leg_speeds(task.legs, task, found).speed
+    assert speed.max() < task.legs.max_speed.max()
+    # Half as fast: what was planned is refused, and planned anew it is kept
+    slow = replace(task, legs=replace(task.legs, max_speed=0.5 * task.legs.max_speed))
+    assert "speed.limit" in failures(check_trajectory(slow, found))
+    spec = load_mpc(SPEC).spec
+    again = solve_task(slow, spec.solver).trajectory
+    assert again is not None
+    assert failures(check_trajectory(slow, again)) == ""
+    used = leg_speeds(task.legs, slow, again).speed / slow.legs.max_speed
+    assert used.max() > 0.7  # for it walks on, if slower
+
+
+def test_speeds_are_those_of_finely_sampled_angles(plan: WalkPlan) -> None:
+    """A toe that swings by the stated way, a body that goes straight on: by differences alone."""
+    task, found = plan.task, plan.trajectory
+    assert task.legs is not None
+    n, leg = map(int, np.argwhere(~found.gait.contact[1:-1])[0] + [1, 0])
+    assert found.gait.contact[n + 1, leg]
+    left, lands = found.toes[n - 1, leg], found.toes[n + 1, leg]
+    s = np.linspace(0.0, 1.0, 401)
+    way = left + along(s)[0][:, None] * (lands - left)
+    way[:, 2] += arch(s)[0] * task.lift
+    drive = found.state[[n, n + 1]]
+    time = task.step * s
+    path = CubicHermiteSpline([0.0, task.step], drive[:, POSITION], drive[:, VELOCITY])(time)
+    rates = euler_rates(drive[:, ANGLES], drive[:, SPIN])
+    turned = CubicHermiteSpline([0.0, task.step], drive[:, ANGLES], rates)(time)
+    spots = np.einsum("ti,tij->tj", way - path, rotation_world_body(turned))
+    one = task.legs.chain.only(slice(leg, leg + 1))
+    bounds = task.legs.lower[leg : leg + 1], task.legs.upper[leg : leg + 1]
+    angles = one.inverse(spots[:, None], *bounds).angles[:, 0, 0]
+    speed = np.abs(np.gradient(angles, time, axis=0)).max(axis=0)
+    told = leg_speeds(task.legs, task, found).speed[n, leg]
+    np.testing.assert_allclose(told, speed, rtol=0.05, atol=0.02)
+    assert told.max() > 0.5

@@ -82,8 +82,8 @@ def test_compiled_jacobians_are_those_of_the_chain(tmp_path: Path, joints: int) 
     for spots, expected in zip(drawn, wanted, strict=True):
         for leg in range(4):
             assert leg_jacobian(
-                chain.joint_zero[leg], chain.axis_zero[leg], chain.toe_zero[leg],
-                chain.posture[leg], spots[leg], own,
+                chain.joint_zero[leg], chain.axis_zero[leg], chain.slides_zero[leg],
+                chain.drives[leg], chain.toe_zero[leg], chain.posture[leg], spots[leg], own,
             )  # fmt: skip
             # Where legs may choose, the chain stops a little before it is nearest
             off = 1e-7 if joints == 3 else 1e-3

@@ -16,6 +16,7 @@ from climbplan.plans.plausibility import (
     implausible_friction,
     implausible_gravity,
 )
+from climbplan.robots.joint_units import place_words, stiffness_unit, torque_unit
 from climbplan.robots.model import Robot
 from climbplan.spec.robots.urdf.tree import urdf_of_text
 from climbplan.spec.robots.urdf.xml import UrdfFault, UrdfFaults
@@ -51,31 +52,34 @@ def _robot(robot: Robot) -> Iterator[str]:
     has = robot.has_joint
     length = np.where(has, robot.link_lengths, 0.0).sum(axis=1)
     arm = float(length.max(initial=0.0))
-    needed = robot.weight * arm  # N m at a joint that holds all of the weight at full length
+    # N m at a joint that holds all of the weight at full length, N at one that slides
+    needed = robot.weight * np.where(robot.slides, 1.0, arm)
     torque = np.where(has, robot.max_torque, 0.0)
-    limb, joint = (int(i) for i in np.unravel_index(int(np.argmax(torque)), torque.shape))
-    if needed > 0 and torque[limb, joint] > TORQUE_RATIO * needed:
-        times = torque[limb, joint] / needed
+    over = np.where(needed > 0, torque / np.maximum(needed, 1e-300), 0.0)
+    limb, joint = (int(i) for i in np.unravel_index(int(np.argmax(over)), over.shape))
+    if over[limb, joint] > TORQUE_RATIO:
+        unit = torque_unit(robot, limb, joint)
         yield (
-            f"torque limit {torque[limb, joint]:g} N m at {_name(robot, limb, joint)}: {times:.0f} "
-            f"times what holds the whole robot ({robot.mass:g} kg) at the end of the limb"
+            f"{'force' if robot.slides[limb, joint] else 'torque'} limit {torque[limb, joint]:g} "
+            f"{unit} at {_name(robot, limb, joint)}: {over[limb, joint]:.0f} times what holds the "
+            f"whole robot ({robot.mass:g} kg) at the end of the limb"
         )
     stiffness = np.where(has, robot.joint_stiffness, np.nan)
-    if needed > 0:
+    if robot.weight * arm > 0:
         bend = needed / robot.limb_count / stiffness
-        limb, joint = (int(i) for i in np.unravel_index(int(np.nanargmax(bend)), bend.shape))
-        if bend[limb, joint] > FOLDS:
+        share = bend / robot.joint_unit
+        limb, joint = (int(i) for i in np.unravel_index(int(np.nanargmax(share)), bend.shape))
+        if share[limb, joint] > FOLDS:
             yield (
-                f"joint stiffness {stiffness[limb, joint]:g} N m/rad at "
-                f"{_name(robot, limb, joint)}: a limb's share of the weight at its end would bend "
-                f"it by {np.rad2deg(bend[limb, joint]):.0f} degrees"
+                f"{_stiff(robot, limb, joint)}: a limb's share of the weight at its end would bend "
+                f"it by {_bent(robot, limb, joint, bend[limb, joint], '.0f')}"
             )
-        limb, joint = (int(i) for i in np.unravel_index(int(np.nanargmin(bend)), bend.shape))
-        if bend[limb, joint] < RIGID:
+        limb, joint = (int(i) for i in np.unravel_index(int(np.nanargmin(share)), bend.shape))
+        if share[limb, joint] < RIGID:
             yield (
-                f"joint stiffness {stiffness[limb, joint]:g} N m/rad at "
-                f"{_name(robot, limb, joint)}: a limb's share of the weight at its end bends it "
-                f"by {np.rad2deg(bend[limb, joint]):.1g} degrees, as no motor's control does"
+                f"{_stiff(robot, limb, joint)}: a limb's share of the weight at its end bends it "
+                f"by {_bent(robot, limb, joint, bend[limb, joint], '.1g')}, as no motor's control "
+                "does"
             )
     volume = float(np.prod(np.ptp(robot.body_hull, axis=0)))
     density = robot.mass / volume if volume > 0 else np.inf
@@ -86,7 +90,7 @@ def _robot(robot: Robot) -> Iterator[str]:
         )
     if arm > REACH:
         yield f"limbs of {arm:.1f} m: lengths are in metres"
-    speed = np.where(has, robot.max_joint_speed, 0.0)
+    speed = np.where(has & ~robot.slides, robot.max_joint_speed, 0.0)
     if speed.max() > SPEED:
         turns = speed.max() * 30 / np.pi
         yield f"joint speed limit {speed.max():g} rad/s: {turns:.0f} turns a minute"
@@ -134,10 +138,12 @@ def _deflections(plan: ClimbPlan) -> Iterator[str]:
     robot, instants, forces = plan.robot, plan.instants, plan.forces
     lead = np.abs(forces.joint_command - instants.joint_angles)
     lead = np.where(robot.has_joint & instants.contact[..., None], lead, 0.0)
-    k, limb, joint = (int(i) for i in np.unravel_index(int(np.argmax(lead)), lead.shape))
-    if lead[k, limb, joint] > LEAD:
+    share = lead / robot.joint_unit
+    k, limb, joint = (int(i) for i in np.unravel_index(int(np.argmax(share)), lead.shape))
+    if share[k, limb, joint] > LEAD:
+        ahead = _bent(robot, limb, joint, lead[k, limb, joint], ".0f")
         yield (
-            f"commands {np.rad2deg(lead[k, limb, joint]):.0f} degrees beyond the joint's angle "
+            f"commands {ahead} beyond the joint's angle "
             f"({_name(robot, limb, joint)}, {instants.label(k, robot.limb_names)}): no joint is a "
             "spring that far"
         )
@@ -158,6 +164,16 @@ def _deflections(plan: ClimbPlan) -> Iterator[str]:
             f"the body sags by {1e3 * shift:.0f} mm and {np.rad2deg(turn):.0f} degrees: far from "
             "small, which the linear model asks for"
         )
+
+
+def _stiff(robot: Robot, limb: int, joint: int) -> str:
+    unit = stiffness_unit(robot, limb, joint)
+    stiffness = robot.joint_stiffness[limb, joint]
+    return f"joint stiffness {stiffness:g} {unit} at {_name(robot, limb, joint)}"
+
+
+def _bent(robot: Robot, limb: int, joint: int, amount: float, digits: str) -> str:
+    return place_words(robot, limb, joint, amount, digits).replace(" deg", " degrees")
 
 
 def _name(robot: Robot, limb: int, joint: int) -> str:

@@ -12,6 +12,7 @@ from climbplan.climb.check.normals import normals_of
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import Index
 from climbplan.plans.check import Array, Check, judge_worst
+from climbplan.robots.joint_units import least_room
 from climbplan.terrain.surfaces import Region, Surface, Tube
 
 _LEVEL = 1e-6  # [m] of height in a level shift: rounding
@@ -168,7 +169,7 @@ def _kinematics(subject: Subject) -> Iterator[Check]:
     for angles in (instants.joint_angles, plan.forces.joint_command):
         outside = np.maximum(robot.joint_lower - angles, angles - robot.joint_upper)
         over = np.maximum(over, outside)
-    margin = f"{np.rad2deg(-over.max()):.1f} deg"
+    margin = least_room(robot, over)
     span = (robot.joint_upper - robot.joint_lower) / 2
     yield judge_worst("kinematics.joint_bounds", over, subject.at, margin, used=1 + over / span)
 

@@ -12,6 +12,7 @@ from climbplan.climb.check.grip_motion import motion_grips, wrist_moment_on_the_
 from climbplan.climb.check.motion_forces import motion_forces
 from climbplan.climb.check.motion_state import Motion, instants_of, load_of
 from climbplan.plans.check import Array, Check, judge_worst
+from climbplan.robots.joint_units import largest_torques
 
 
 def pressing_checks(motion: Motion) -> Iterator[Check]:
@@ -44,10 +45,8 @@ def pressing_checks(motion: Motion) -> Iterator[Check]:
         limbs = limbs_at(robot, trajectory.com, body_axes(trajectory.rpy), motion.standing.angles)
         yield from motion_grips(motion.subject, found.force, limbs, k, ~motion.lifted, motion.at)
     use = np.abs(found.torque) / robot.max_torque
-    most = float(np.abs(found.torque).max())
-    yield judge_worst(
-        "trajectory.torque", use - 1.0, motion.at, margin=f"at most {most:.1f} N m", used=use
-    )
+    most = f"at most {largest_torques(robot, found.torque)}"
+    yield judge_worst("trajectory.torque", use - 1.0, motion.at, margin=most, used=use)
 
 
 def _friction(motion: Motion, force: Array, normal: Array, mu: Array) -> Check:

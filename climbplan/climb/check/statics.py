@@ -18,6 +18,7 @@ from climbplan.climb.check.friction_factor import friction_factor, least_factor
 from climbplan.climb.check.robust import robust_checks
 from climbplan.climb.check.subject import Subject
 from climbplan.plans.check import Array, Check, judge_worst, unjudged
+from climbplan.robots.joint_units import largest_torques
 from climbplan.spec.climb.margins import MarginsSpec
 
 LINEAR = "force.sag: predicted is a linear model"
@@ -89,7 +90,7 @@ def _checks(subject: Subject, settled: Settled) -> Iterator[Check]:
         "static.torque",
         use - 1 / asked,
         subject.at,
-        margin=f"at most {_largest(np.abs(settled.torque)):.1f} N m",
+        margin=f"at most {largest_torques(robot, settled.torque)}",
         used=use * asked,
     )
 

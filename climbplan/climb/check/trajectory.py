@@ -26,6 +26,7 @@ from climbplan.climb.check.statics import told_of_sag
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import Index, Mask
 from climbplan.plans.check import Array, Check, judge, judge_worst
+from climbplan.robots.joint_units import least_room
 
 _STRIDE = 5e-3  # [m] a swinging toe is looked at this often
 _MOST_PIECES = 16
@@ -132,7 +133,7 @@ def _joints(motion: Motion) -> Iterator[Check]:
     over = np.full(command.shape, -np.inf)
     for angles in (command, stands):
         over = np.maximum(over, np.maximum(robot.joint_lower - angles, angles - robot.joint_upper))
-    margin = f"{np.rad2deg(-over.max()):.1f} deg"
+    margin = least_room(robot, over)
     span = (robot.joint_upper - robot.joint_lower) / 2
     yield judge_worst("trajectory.joint_bounds", over, motion.at, margin, used=1 + over / span)
 

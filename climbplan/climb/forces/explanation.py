@@ -235,7 +235,7 @@ def _remedies(
         factor_up = amounts.torque_factor
         out.append(
             Remedy(f"torque limit >= {_up(factor_up * float(limit[0, 0])):.4g} N m")
-            if np.ptp(limit) <= 1e-12 * limit.max()
+            if np.ptp(limit) <= 1e-12 * limit.max() and not scene.robot.slides.any()
             else Remedy(f"torque limits {_up(factor_up):.4g} times as high")
         )
         if (safety := statement.least_safety_torque / factor_up) * (1 - _SAFE) >= 1:

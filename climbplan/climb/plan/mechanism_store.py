@@ -16,6 +16,7 @@ from climbplan.plans.hdf5_writing import write_dataset
 from climbplan.robots.five_bar import FiveBar, Linkage
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.model import MountedCapsules, Robot
+from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 
 CHAIN = {
@@ -23,6 +24,11 @@ CHAIN = {
     "axis_zero": Layout(("N", "J", 3), "", "body"),
     "toe_zero": Layout(("N", 3), "m", "body"),
     "posture": Layout(("N", "J"), "rad"),
+}
+# Of chains with joints that slide, or that follow others, alone
+MORE_OF_CHAIN = {
+    "slide_zero": Layout(("N", "J", 3), "", "body"),
+    "drive": Layout(("N", "J", "J"), ""),
 }
 _NAMES = Layout(("*",), kind="text")  # limb by limb, J each, empty where a limb has fewer
 _UNIT = 1e-6  # by which the length of an axis may differ from one
@@ -43,6 +49,9 @@ def write_mechanism(group: h5py.Group, mechanism: Mechanism | None) -> None:
     write_dataset(chain, "joint_names", sum(mechanism.names, ()), _NAMES)
     for name, layout in CHAIN.items():
         write_dataset(chain, name, vars(mechanism)[name], layout)
+    for name, layout in MORE_OF_CHAIN.items():
+        if vars(mechanism)[name] is not None:
+            write_dataset(chain, name, vars(mechanism)[name], layout)
 
 
 def read_mechanism(reader: Reader) -> Mechanism | None:
@@ -67,11 +76,36 @@ def read_mechanism(reader: Reader) -> Mechanism | None:
             f"robot/chain/joint_names holds {len(names)} names, expected {limbs * joints}"
         )
     rows = tuple(names[i * joints : (i + 1) * joints] for i in range(limbs))
-    length = np.linalg.norm(arrays["axis_zero"], axis=-1)
+    more = {
+        name: reader.array(f"robot/chain/{name}", shape)
+        for name, shape in MORE_OF_CHAIN.items()
+        if reader.has(f"robot/chain/{name}")
+    }
+    turns = np.linalg.norm(arrays["axis_zero"], axis=-1)
+    slides = np.linalg.norm(more.get("slide_zero", np.zeros((limbs, joints, 3))), axis=-1)
     expected = np.array([[float(bool(name)) for name in row] for row in rows])
-    if not (np.abs(length - expected) < _UNIT).all():
-        raise reader.refuse("robot/chain/axis_zero: expected unit axes, zero where no joint is")
-    return SerialChain(rows, **arrays)
+    if not (np.abs(turns + slides - expected) < _UNIT).all() or (turns * slides > 0).any():
+        raise reader.refuse(
+            "robot/chain/axis_zero: expected unit axes, zero where no joint is, or where one "
+            "slides along a unit `slide_zero`"
+        )
+    if "drive" in more and not _drives(more["drive"]):
+        raise reader.refuse(
+            "robot/chain/drive: expected joints that move by their own angle, or by one other that "
+            "does"
+        )
+    return SerialChain(rows, **arrays, **more)
+
+
+def _drives(drive: Array) -> bool:
+    """Whether joints (N, J, J) move by one angle each, that of a joint with an angle of its own."""
+    own = np.diagonal(drive, axis1=-2, axis2=-1) == 1.0  # (N, J)
+    others = drive * (1.0 - np.eye(drive.shape[-1]))
+    single = (others != 0).sum(axis=-1) <= 1
+    alone = ~own | (others == 0).all(axis=-1)
+    led = (others == 0) | own[..., None, :]
+    closed = (np.diagonal(drive, axis1=-2, axis2=-1) == 0.0) | own
+    return bool(single.all() and alone.all() and led.all() and closed.all())
 
 
 def write_capsules(group: h5py.Group, capsules: MountedCapsules | None) -> None:

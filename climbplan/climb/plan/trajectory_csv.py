@@ -27,8 +27,13 @@ def export_csv(path: Path, out: Path | TextIO) -> None:
 
 
 def _header(robot: Robot) -> list[str]:
-    names = zip(robot.limb_names, robot.limbs.joint_names, strict=True)
-    joints = [f"{limb}_{joint}_rad" for limb, own in names for joint in own if joint]
+    names = zip(robot.limb_names, robot.limbs.joint_names, robot.slides, strict=True)
+    joints = [
+        f"{limb}_{joint}_{'m' if is_sliding else 'rad'}"
+        for limb, own, slides in names
+        for joint, is_sliding in zip(own, slides, strict=True)
+        if joint
+    ]
     return ["time_s", *_BODY, *joints, *(f"{limb}_contact" for limb in robot.limb_names)]
 
 

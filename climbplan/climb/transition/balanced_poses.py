@@ -41,7 +41,7 @@ def balanced_poses(scene: TransitionScene, deadline: float) -> Poses:
     # The search's friction pyramids are inscribed in the cones of the balance
     narrower = float(np.cos(np.pi / scene.spec.force.facets))
     most = scene.spec.posture.steps.com_max
-    com = way.com[number] + balancing_shifts(scene, lifts, most, narrower)
+    com = way.com[number] + balancing_shifts(scene, lifts, most, narrower, follow=False)
     rows: dict[tuple[int, ...], int] = {}
     for row, place in enumerate(np.rint(com / _SAME).astype(int).tolist()):
         rows.setdefault(tuple(place), row)

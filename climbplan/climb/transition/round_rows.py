@@ -230,14 +230,15 @@ def first_ends(scene: TransitionScene) -> tuple[Array, Array]:
 
 def joint_ends(robot: Robot, room: float) -> tuple[Array, Array]:
     """Joint bounds (N, J) with room off them; joints that a limb does not have stay at zero."""
-    has = robot.has_joint
-    return np.where(has, robot.joint_lower + room, 0.0), np.where(
-        has, robot.joint_upper - room, 0.0
+    has, kept = robot.has_joint, room * robot.joint_unit
+    return np.where(has, robot.joint_lower + kept, 0.0), np.where(
+        has, robot.joint_upper - kept, 0.0
     )
 
 
 def joint_bounds(robot: Robot, room: float, points: int = 1) -> tuple[Array, Array]:
     """Of rows of (J points N) angles, limb by limb, with room off their bounds."""
-    lower = np.repeat(robot.joint_lower[:, None] + room, points, axis=1)
-    upper = np.repeat(robot.joint_upper[:, None] - room, points, axis=1)
+    kept = room * robot.joint_unit
+    lower = np.repeat((robot.joint_lower + kept)[:, None], points, axis=1)
+    upper = np.repeat((robot.joint_upper - kept)[:, None], points, axis=1)
     return lower.ravel(), upper.ravel()

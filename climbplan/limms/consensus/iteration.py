@@ -11,6 +11,7 @@ import numpy as np
 from climbplan.limms.consensus.copies import Copy, Found, Modes
 from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, MixedInteger
 from climbplan.limms.consensus.nonlinear import Nonlinear
+from climbplan.limms.consensus.projection import Projection
 from climbplan.limms.consensus.setting import Setting, chain_points
 from climbplan.limms.scene import Array
 from climbplan.program.residuals import BlockResidual
@@ -18,7 +19,6 @@ from climbplan.program.residuals import BlockResidual
 GOOD = (0.01, 0.01, 0.1)  # [m], [m], [rad] mean residuals to reach
 LATCHED = 1e-4  # [m] by which latches of an iterate may be off
 FREE = 150  # looks of HiGHS in a mixed-integer block with free integers beside a consensus
-LINEAR = 40_000  # iterations of the simplex method in one with frozen integers
 _FRAMES = np.array([0, 0, 1, 2, 2, 3, 3, 3])  # straight link along the z axis of each frame
 
 
@@ -129,7 +129,7 @@ def agree(
     dual = first.copy.scaled(0.0)
     steps: list[Step] = []
     best: Iterate | None = None
-    frozen = False
+    frozen: Projection | None = None
     for number in range(parameters.iterations):
         assert found.copy is not None
         assert found.modes is not None
@@ -146,7 +146,7 @@ def agree(
                 found.missed,
                 found.seconds,
                 bent.seconds,
-                frozen,
+                frozen is not None,
             )
         )
         iterate = Iterate(
@@ -167,12 +167,15 @@ def agree(
         # eq. (6.12c), and the dual shrinks as the weights grow
         dual = dual.moved(found.copy, 1.0).moved(bent.copy, -1.0).scaled(1 / parameters.growth)
         weight *= parameters.growth
-        if not frozen and number + 1 >= parameters.freeze_after and found.missed <= NEAR_GOAL:
+        if frozen is None and number + 1 >= parameters.freeze_after and found.missed <= NEAR_GOAL:
             assert found.x is not None
-            block.freeze(found.x)
-            frozen = True
-        block.pull(bent.copy.moved(dual, -1.0), weight)
-        again = block.solve(LINEAR if frozen else FREE, deadline, found.x)
+            frozen = Projection(block, found.x)
+        target = bent.copy.moved(dual, -1.0)
+        if frozen is not None:
+            again = frozen.solve(target, weight, bent.region)
+        else:
+            block.pull(target, weight)
+            again = block.solve(FREE, deadline, found.x)
         if again.copy is None:
             break
         found = again

@@ -18,7 +18,7 @@ from climbplan.limms.consensus.knot_modes import (
 from climbplan.limms.consensus.knot_program import Pose
 from climbplan.limms.consensus.setting import CHAIN_POINTS, Setting
 from climbplan.limms.modules.chain import BRANCHES, forward, from_last, in_range, inverse
-from climbplan.limms.modules.contact import gap_to_blocks, gap_within, link_segments
+from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.modules.limbs import standing_rotation
 from climbplan.limms.scene import SIDE_NORMALS, Array, Points, anchor_frame
 from climbplan.limms.scene import Pose as Frame
@@ -65,6 +65,7 @@ def start_at(
         many = Frame(np.array(places), np.broadcast_to(base.rotation, shape))
         found = place(setting.scene.module, many, stack)
         trouble = _trouble(setting, hands[m], box, points[m], found, stack)
+        trouble += _DEEP * _into(setting, hands, m, found, placed)
         trouble += _OUT * np.array(missing)
         best = int(np.argmin(trouble))
         angles[m], roots[m] = stack[best], places[best]
@@ -117,6 +118,21 @@ def _frames(
             position, rotation = theirs.position[there], theirs.rotation[there] @ flip
         frames.append(Frame(np.asarray(position, float), np.asarray(rotation, float)))
     return frames[0], frames[1]
+
+
+def _into(
+    setting: Setting, hands: Sequence[Hands], m: int, found: Points, placed: dict[int, Points]
+) -> Array:
+    """How deep candidates (n) of a module are in those that are placed; chains touch."""
+    radius = setting.scene.module.radius
+    segments = link_segments(found, radius)
+    deep = np.zeros(len(segments))
+    for other, theirs in placed.items():
+        if hands[m].parent == other:
+            continue
+        apart = gap_between(segments, link_segments(theirs, radius), radius)
+        deep += np.maximum(-apart, 0).sum(axis=(1, 2))
+    return deep
 
 
 def _trouble(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from climbplan.limms.consensus.box_rows import add_box
 from climbplan.limms.consensus.columns import Columns, columns_of
 from climbplan.limms.consensus.copies import Copy, Found, modes_of
+from climbplan.limms.consensus.lengths import LENGTHS, Lengths
 from climbplan.limms.consensus.logic_rows import add_logic
 from climbplan.limms.consensus.module_rows import add_modules
 from climbplan.limms.consensus.setting import FREE, LEAPS, Setting
@@ -29,6 +30,8 @@ WAY = 0.1  # [1/m] of ways of modules
 LATCH = 0.02  # of a latched module in an interval
 NEAR_GOAL = 1e-3  # [m] an answer worth keeping the integers of
 SMOOTHING = 20_000  # iterations of the simplex method, integers frozen
+ROUNDS = 20  # of planes across links that are too long, with one choice of integers
+LAPS = 8  # choices of integers, each cut off by the planes of the one before
 _PATIENCE = 1.0  # [s] with a heuristic of HiGHS after Ctrl-C
 _UNBOUNDED = 2**31 - 1
 EFFORT = 0.02  # [s^2/m] of accelerations of the box
@@ -55,10 +58,11 @@ class MixedInteger:
         add_box(setting, table, self.columns)
         add_modules(setting, table, self.columns)
         self._costs(table)
+        self.stated_columns, self.stated_rows = len(table.lower), len(table)  # before the consensus
         self._pulled = np.concatenate([self.columns.position.ravel(), self.columns.points.ravel()])
         self._away = table.columns((len(self._pulled),), 0.0, np.inf).astype(np.int32)
         # away >= x - target and away >= target - x
-        self._first_row = len(table)
+        self._first_row = self.stated_rows
         for sign in (-1.0, 1.0):
             table.block("consensus", ((self._away, 1.0), (self._pulled, sign)), -np.inf, np.inf)
         self._cost, self._lower, self._upper = map(np.array, (table.cost, table.lower, table.upper))
@@ -69,6 +73,7 @@ class MixedInteger:
         self._solver.setOptionValue("mip_feasibility_tolerance", 1e-6)
         self._solver.passModel(rows_model(table))
         self._frozen = False
+        self._lengths = Lengths(setting, self.columns.points, self._solver)
         self._kind: Kind = self.kinds[0]
         self.build_seconds = time.perf_counter() - began
         self.variables = len(self._cost)
@@ -164,12 +169,16 @@ class MixedInteger:
 
     def loosen(self, name: str) -> None:
         """Let a block of rows, by its name, hold no more."""
+        if name == LENGTHS:
+            self._lengths.loosen()
         rows = self._rows_of(name)
         free = np.full(len(rows), np.inf)
         self._solver.changeRowsBounds(len(rows), rows, -free, free)
 
     def restore(self, name: str) -> None:
         """Let a loosened block hold again."""
+        if name == LENGTHS:
+            self._lengths.restore()
         rows = self._rows_of(name)
         lower, upper = self.rows.row_lower[rows], self.rows.row_upper[rows]
         self._solver.changeRowsBounds(len(rows), rows, lower, upper)
@@ -184,6 +193,37 @@ class MixedInteger:
         looks: how often HiGHS may look up; deadline: `time.monotonic` [s], a cap. With a proof, the
         point that comes nearest of those seen.
         """
+        spent = 0.0
+        for _ in range(LAPS):
+            found = self._reaching(looks, deadline)
+            spent += found.seconds
+            if found.x is None or found.missed > NEAR_GOAL:
+                break
+            smooth = self._smooth(found.x, deadline)
+            spent += smooth.seconds
+            if smooth.x is not None:
+                found = replace(smooth, status=found.status)
+                break
+        return replace(found, seconds=spent)
+
+    def _smooth(self, x: Array, deadline: float) -> Found:
+        """With the integers of a point, the smoothest one whose links are no longer than they are.
+
+        The first point at hand is restless, and planes round balls let links be longer. Without a
+        point, links cannot be short enough with these integers, and the cuts say so from now on.
+        """
+        spent = 0.0
+        self.freeze(x)
+        for _ in range(ROUNDS):
+            smooth = self.solve(SMOOTHING, deadline)
+            spent += smooth.seconds
+            if smooth.x is None or not self._lengths.cut(smooth.x):
+                break
+        self._release()
+        return replace(smooth, seconds=spent)
+
+    def _reaching(self, looks: int, deadline: float) -> Found:
+        """A point that reaches the goal, or what is left of the search for one."""
         self._solver.setOptionValue("objective_target", REACHED)
         found = self.solve(looks // 2, deadline)
         if found.missed > NEAR_GOAL and found.status != "infeasible":
@@ -193,15 +233,7 @@ class MixedInteger:
                 found = replace(again, seconds=spent)
             elif again.status == "infeasible":
                 found = replace(found, status="infeasible", seconds=spent)
-        if found.x is None or found.missed > NEAR_GOAL:
-            return found
-        # The first point at hand is restless: with its integers, the smoothest
-        self.freeze(found.x)
-        smooth = self.solve(SMOOTHING, deadline)
-        self._release()
-        if smooth.x is None:
-            return found
-        return replace(smooth, status=found.status, seconds=found.seconds + smooth.seconds)
+        return found
 
     def _at_goal(self, looks: int, deadline: float) -> Found:
         """Any point that reaches the goal, or the proof that there is none: nothing else costs."""

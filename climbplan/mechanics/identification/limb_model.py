@@ -89,8 +89,10 @@ class Limb:
 
 def angle_columns(robot: Robot, number: int) -> AngleColumns:
     """The angles of one of a robot's limbs; the coxa turns across the limb's plane."""
-    names = tuple(name for name in robot.limbs.joint_names[number] if name)
-    return AngleColumns(names, names[0] if robot.mechanism is None else None)
+    own = robot.limbs.joint_names[number]
+    names = tuple(name for name in own if name)
+    slides = frozenset(n for n, is_slide in zip(own, robot.slides[number], strict=True) if is_slide)
+    return AngleColumns(names, names[0] if robot.mechanism is None else None, slides & {*names})
 
 
 def limb_matrices(jacobian: Array, joint_compliance: Array, structure: Array | float) -> Array:

@@ -28,6 +28,7 @@ _UNITS = {
     "m": 1.0, "mm": 1e-3, "in": 0.0254, "inch": 0.0254, "rad": 1.0, "deg": np.pi / 180, "N": 1.0,
     "N_per_m": 1.0, "N_per_mm": 1e3, "": 1.0,
 }  # fmt: skip
+_LENGTHS, _TURNS = ("m", "mm", "in", "inch"), ("rad", "deg")
 _COLUMN = r"(K[xyz]{2}|[df][xyz]|r|gain|%s)(?:_(.+))?"
 _LARGEST_FILE = 50_000_000  # [bytes]
 
@@ -40,6 +41,11 @@ class AngleColumns:
     # That which a test in the limb's plane does not feel; None: limbs have no plane, and all angles
     # are needed
     across: str | None
+    slides: frozenset[str] = frozenset()  # of them those that are lengths
+
+    def unit(self, name: str) -> str:
+        """What a column of it is usually in."""
+        return "mm" if name in self.slides else "deg"
 
     def needed(self, axes: tuple[int, ...]) -> set[str]:
         """Columns that tests along axes have to have."""
@@ -176,6 +182,10 @@ def _columns(
             mistakes.append(
                 SpecMistake(cell, f"unit {unit!r} is not known, expected one of {known}", line)
             )
+        elif name in angles.names and unit in (_TURNS if name in angles.slides else _LENGTHS):
+            kind = "slides" if name in angles.slides else "turns"
+            wanted = f"{name}_{angles.unit(name)}"
+            mistakes.append(SpecMistake(cell, f"the joint {kind}; expected {wanted}", line))
         elif name in scales:
             mistakes.append(SpecMistake(cell, f"a second column {name}", line))
         else:
@@ -206,7 +216,7 @@ def _require_columns(
     needed = angles.needed(axes)
     by_distance = tables and "r" in columns and 1 not in axes and angles.across is not None
     if not needed <= columns and not by_distance:
-        missing += [f"{name}_deg" for name in sorted(needed - columns)]
+        missing += [f"{name}_{angles.unit(name)}" for name in sorted(needed - columns)]
     if missing:
         raise SpecError(str(path), [SpecMistake(name, "column is missing") for name in missing])
 

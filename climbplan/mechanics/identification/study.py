@@ -107,8 +107,9 @@ def _findings(
     at = f" at P gain {gain:g}" if gain is not None else ""
     for name, estimate in zip(names, best.joint_stiffness, strict=True):
         word = "told" if estimate.told else "not told apart from much softer or stiffer"
+        unit = "N/m" if name in limb.angles.slides else "N m/rad"
         out.append(
-            f"{name}: {estimate.value:.1f} N m/rad, 95 % interval {estimate.lower:.1f} to "
+            f"{name}: {estimate.value:.1f} {unit}, 95 % interval {estimate.lower:.1f} to "
             f"{estimate.upper:.1f}{at} ({word})"
         )
     if 0 not in limb.joints:

@@ -77,7 +77,9 @@ _TORQUE = _Quantity(
     failure=lambda s: s.torque_limit,
     planned=lambda s: s.torque_planned,
     names=("planned torque", "torque limit", r"limit / $S_\tau$ of the instant"),
-    worst=lambda s, k: f"max {s.torque[k]:.1f} N m, {s.joint_names[s.joint[k]]}",
+    worst=lambda s, k: (
+        f"max {s.torque[k]:.1f} {s.joint_units[s.joint[k]]}, {s.joint_names[s.joint[k]]}"
+    ),
 )
 _FRICTION = _Quantity(
     heading=r"Critical friction coefficient $\mu_c$",
@@ -130,7 +132,8 @@ def _by_limb(plan: ClimbPlan, what: _Quantity) -> Figure:
         axes[last, column].set_xlabel(rounds_label(plan))
         axes[last, column].tick_params(labelbottom=True)
     for row in range(rows):
-        axes[row, 0].set_ylabel(what.axis)
+        forces = what is _TORQUE and plan.robot.slides.any()
+        axes[row, 0].set_ylabel(what.axis + (", |force| [N]" if forces else ""))
     axes[0, 0].set_ylim(0, 1.08 * max(ceiling, highest))
     handles: list[Artist] = [
         Line2D([], [], color=palette.INK, lw=1.3, marker="o", ms=2.5),

@@ -10,6 +10,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.reports.climb.plan_spec import plan_spec
 from climbplan.reports.climb.series import least_at
 from climbplan.reports.climb.study_grid import study_axes
+from climbplan.robots.joint_units import torque_unit
 from climbplan.robots.rotations import Array
 
 # Unit of every number in the report, by dotted key; what is not listed is a pure number.
@@ -54,6 +55,7 @@ def _joint(plan: ClimbPlan, k: int, limb: int, joint: int) -> dict[str, Any]:
         "limb": names[limb],
         "joint": plan.robot.joint_name(limb, joint),
         "torque": float(abs(plan.forces.joint_torques[k, limb, joint])),
+        "torque_unit": torque_unit(plan.robot, limb, joint),
         "max_torque": float(plan.robot.max_torque[limb, joint]),
     }
 
@@ -86,7 +88,7 @@ def _safety(plan: ClimbPlan) -> dict[str, Any]:
 
 
 def _worst_torque(plan: ClimbPlan) -> dict[str, Any]:
-    magnitude = np.abs(plan.forces.joint_torques)
+    magnitude = np.abs(plan.forces.joint_torques) * ~plan.robot.slides  # forces are no torques
     k, limb, joint = np.unravel_index(int(np.argmax(magnitude)), magnitude.shape)
     return _joint(plan, int(k), int(limb), int(joint))
 

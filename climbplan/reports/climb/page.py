@@ -57,7 +57,7 @@ def _cards(report: Mapping[str, Any]) -> Iterable[Card]:
     )
     yield Card(
         "Highest joint torque",
-        f"{worst['torque']:.1f} N m",
+        f"{worst['torque']:.1f} {worst['torque_unit']}",
         f"limit {worst['max_torque']:g}; {worst['limb']} {worst['joint']}, {worst['where']}",
     )
     yield Card("Payload", "unknown" if payload is None else f"{payload:g} kg")

@@ -117,6 +117,7 @@ def _limbs(plan: ClimbPlan) -> list[dict[str, Any]]:
             "color": palette.limb_color(limb),
             "torque": _rounded(series.torque, 3),
             "joint": [series.joint_names[j] for j in series.joint],
+            "unit": [series.joint_units[j] for j in series.joint],
             "torque_limit": _rounded(series.torque_limit, 3),
             "torque_planned": _rounded(series.torque_planned, 3),
             "mu_critical": _rounded(series.mu_critical, 6),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.climb.plan.climb_plan import ClimbPlan, Index
+from climbplan.robots.joint_units import torque_unit
 from climbplan.robots.rotations import Array
 
 
@@ -27,6 +28,7 @@ class LimbSeries:
     torque: Array  # (K,) |torque| of the joint nearest to its limit [N m]
     joint: Index  # (K,) that joint
     joint_names: tuple[str, ...]  # of this limb
+    joint_units: tuple[str, ...]  # of their torques: N m, N of joints that slide
     torque_limit: Array  # (K,) max_torque of that joint [N m]
     torque_planned: Array  # (K,) torque_limit / S_tau of the instant [N m]
     mu_critical: Array  # (K,) friction coefficient at which the toe would slip, eq. (5.1)
@@ -62,6 +64,9 @@ def limb_series(plan: ClimbPlan) -> tuple[LimbSeries, ...]:
             torque=torque[:, limb],
             joint=worst[:, limb, 0],
             joint_names=plan.robot.limbs.joint_names[limb],
+            joint_units=tuple(
+                torque_unit(plan.robot, limb, joint) for joint in range(plan.robot.joint_count)
+            ),
             torque_limit=limit[:, limb],
             torque_planned=limit[:, limb] / forces.safety_torque,
             mu_critical=forces.mu_critical[:, limb],

@@ -44,6 +44,7 @@ def report_dict(found: Identification, name: str) -> dict[str, Any]:
         "asymmetry": None if reduced is None else float(np.median(reduced.asymmetry)),
         "units": {
             "joint_stiffness.*": "N m/rad",
+            **{f"joint_stiffness.{name}": "N/m" for name in sorted(found.limb.angles.slides)},
             "link_lengths": "m",
             "tests.stiffness": "N/m",
             "tests.published": "N/m",
@@ -106,13 +107,15 @@ def _table(found: Identification) -> str:
     names = [f"K{AXES[axes[i]]}{AXES[axes[j]]}" for i, j in pairs]
     stream = io.StringIO()
     table = csv.writer(stream, lineterminator="\n")
-    angles = [f"{joint}_deg" for joint in found.limb.angles.names]
+    columns = found.limb.angles
+    angles = [f"{joint}_{columns.unit(joint)}" for joint in columns.names]
+    scale = [1e3 if joint in columns.slides else 180 / np.pi for joint in columns.names]
     fitted = [f"fitted_{name}_N_per_m" for name in names]
     table.writerow(["test", *angles, *(f"{n}_N_per_m" for n in names), *fitted, "misfit"])
     fit = found.best
     for row, matrix in enumerate(fit.matrices):
         even = (matrix.stiffness + matrix.stiffness.T) / 2
-        values = [*np.rad2deg(fit.angles[row]), *(even[p] for p in pairs)]
+        values = [*(fit.angles[row] * scale), *(even[p] for p in pairs)]
         values += [fit.predicted[row][p] for p in pairs]
         table.writerow([matrix.name, *(f"{v:.6g}" for v in values), f"{fit.misfit[row]:.3g}"])
     return stream.getvalue()

@@ -95,10 +95,11 @@ function limbChart(plan, colors, limb, what, pick) {
 function limbCharts(plan, colors, pick) {
   const highest = (names) => Math.max(...plan.limbs.flatMap((l) => names.flatMap((n) => finite(l[n]))));
   const torque = {
-    home: document.getElementById("torque-charts"), axis: "N m", value: "torque",
+    home: document.getElementById("torque-charts"), value: "torque",
+    axis: [...new Set(plan.limbs.flatMap((l) => l.unit))].sort().reverse().join(", "),
     failure: "torque_limit", planned: "torque_planned", top: highest(["torque", "torque_limit"]),
-    note: (l, k) => `max ${l.torque[k].toFixed(1)} N m, ${l.joint[k]}: ${plan.instants.label[k]}`,
-    hover: (l, k, label) => `${label}: ${l.torque[k].toFixed(2)} of ${l.torque_limit[k]} N m, ${l.joint[k]}`,
+    note: (l, k) => `max ${l.torque[k].toFixed(1)} ${l.unit[k]}, ${l.joint[k]}: ${plan.instants.label[k]}`,
+    hover: (l, k, label) => `${label}: ${l.torque[k].toFixed(2)} of ${l.torque_limit[k]} ${l.unit[k]}, ${l.joint[k]}`,
   };
   const friction = {
     home: document.getElementById("friction-charts"), axis: "μ<sub>c</sub>", value: "mu_critical",

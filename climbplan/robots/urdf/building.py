@@ -23,6 +23,7 @@ from climbplan.robots.urdf.shapes import body_box, body_parts, collision_shapes
 from climbplan.robots.urdf.workspace import common_reach, farthest_toes, stance_balls
 from climbplan.spec.document import Finding
 from climbplan.spec.robots.ranges import LENGTH, THICKNESS
+from climbplan.spec.robots.urdf.checks import led_bounds
 from climbplan.spec.robots.urdf.source import UrdfRobot
 
 _THINNEST = 0.02  # [m] half extent of a body at least
@@ -122,19 +123,25 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
 def joint_angles_of(
     robot: UrdfRobot,
 ) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
-    """Lower and upper bounds and posture of every joint of a leg [rad], by name."""
+    """Lower and upper bounds and posture of every joint of a leg [rad, m], by name.
+
+    Of joints that follow others: a range that nothing leaves, and zero.
+    """
     lower, upper, posture = {}, {}, {}
     for name, joints in robot.joints.items():
-        given = robot.spec.legs[name].posture_deg
+        spec = robot.spec.legs[name]
+        given = {j: float(np.deg2rad(degrees)) for j, degrees in spec.posture_deg.items()}
+        given |= {j: float(place) for j, place in spec.posture_m.items()}
         for joint in joints:
-            low, high = max(joint.lower, -np.pi), min(joint.upper, np.pi)
-            if joint.kind == "revolute":
-                low, high = joint.lower, joint.upper
+            if joint.mimic is not None:
+                lower[joint.name], upper[joint.name], posture[joint.name] = -1.0, 1.0, 0.0
+                continue
+            low, high = led_bounds(robot.tree, joint, joints)
+            if joint.kind == "continuous":
+                low, high = max(low, -np.pi), min(high, np.pi)
             rest = 0.0 if low <= 0.0 <= high else (low + high) / 2
             lower[joint.name], upper[joint.name] = low, high
-            posture[joint.name] = rest
-            if joint.name in given:
-                posture[joint.name] = float(np.deg2rad(given[joint.name]))
+            posture[joint.name] = min(max(given.get(joint.name, rest), low), high)
     return lower, upper, posture
 
 
@@ -144,18 +151,25 @@ def by_leg(width: int, rows: list[list[float]], empty: float) -> Array:
 
 
 def chain_at_zero(legs: list[LegAtZero], width: int, centre: Array, posture: Array) -> SerialChain:
-    joints, axes, names = [], [], []
-    for leg in legs:
-        none = width - len(leg.names)
-        joints.append(np.concatenate([np.repeat(leg.joints[:1], none, axis=0), leg.joints]))
-        axes.append(np.concatenate([np.zeros((none, 3)), leg.axes]))
-        names.append(("",) * none + leg.names)
+    """Chains of legs about a centre (3,), those of fewer joints with some that move nothing."""
+    count = len(legs)
+    joints, axes, slides = (np.zeros((count, width, 3)) for _ in range(3))
+    drive = np.broadcast_to(np.eye(width), (count, width, width)).copy()
+    for limb, leg in enumerate(legs):
+        first = width - len(leg.names)
+        joints[limb, :first], joints[limb, first:] = leg.joints[0], leg.joints
+        for j, (axis, is_slide) in enumerate(zip(leg.axes, leg.slides, strict=True)):
+            (slides if is_slide else axes)[limb, first + j] = axis
+            drive[limb, first + j, first + j] = 0.0
+            drive[limb, first + j, first + leg.leaders[j]] = leg.ratios[j]
     return SerialChain(
-        tuple(names),
-        np.array(joints) - centre,
-        np.array(axes),
+        tuple(("",) * (width - len(leg.names)) + leg.names for leg in legs),
+        joints - centre,
+        axes,
         np.array([leg.toe for leg in legs]) - centre,
         posture,
+        slides if slides.any() else None,
+        None if (drive == np.eye(width)).all() else drive,
     )
 
 
@@ -177,7 +191,7 @@ def _standing(
     if missed:
         raise robot.refused(missed)
     posture = np.where(given[:, None], solution.best(), chain.posture)
-    return SerialChain(chain.names, chain.joint_zero, chain.axis_zero, chain.toe_zero, posture)
+    return replace(chain, posture=posture)
 
 
 def _wrists_have_directions(robot: UrdfRobot, chain: SerialChain) -> None:
@@ -193,14 +207,16 @@ def _wrists_have_directions(robot: UrdfRobot, chain: SerialChain) -> None:
 
 
 def _feet_end_limbs(robot: UrdfRobot, legs: list[LegAtZero], radius: float) -> None:
-    """Raises SpecError for feet that reach back to the last joint of their leg."""
+    """Raises SpecError for feet that reach back to the last joint of their leg that turns."""
     found = []
     for name, leg in zip(robot.limb_names, legs, strict=True):
-        away = float(np.linalg.norm(leg.toe - leg.joints[-1]))
+        turns = np.flatnonzero(~np.array(leg.slides))
+        last = int(turns.max(initial=0))
+        away = float(np.linalg.norm(leg.toe - leg.joints[last]))
         if radius >= away:
             message = (
-                f"expected less than {away:g} m, the distance of {name}'s toe from its last joint "
-                f"{leg.names[-1]}, got {radius:g}"
+                f"expected less than {away:g} m, the distance of {name}'s toe from its joint "
+                f"{leg.names[last]}, got {radius:g}"
             )
             found.append(Finding(("foot", "radius"), message))
     if found:
@@ -222,6 +238,8 @@ def joint_limits(
     own = robot.spec.joints
 
     def limit(joint: str) -> float:
+        if robot.tree.joints[joint].mimic is not None:  # its motor is that of another joint
+            return 1.0
         given = vars(own[joint])[key] if joint in own else None
         return float(given or vars(robot.tree.joints[joint])[attribute])
 
@@ -229,13 +247,15 @@ def joint_limits(
 
 
 def _stiffness(robot: UrdfRobot, legs: list[LegAtZero], width: int) -> Array:
-    own, common = robot.spec.joints, robot.spec.joint_stiffness
+    own, spec = robot.spec.joints, robot.spec
 
     def stiffness(joint: str) -> float:
         given = own[joint].stiffness if joint in own else None
-        return given or common
+        slides = robot.tree.joints[joint].slides
+        return given or (spec.slide_stiffness if slides else spec.joint_stiffness)
 
-    return by_leg(width, [[stiffness(joint) for joint in leg.names] for leg in legs], common)
+    rows = [[stiffness(joint) for joint in leg.names] for leg in legs]
+    return by_leg(width, rows, spec.joint_stiffness)
 
 
 def _hull(robot: UrdfRobot, first: Array, box: tuple[Array, Array] | None, centre: Array) -> Array:

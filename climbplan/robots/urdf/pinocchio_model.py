@@ -16,15 +16,10 @@ from climbplan.errors import MissingSolver
 from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.normal_document import normal_document
 from climbplan.spec.document import Finding
+from climbplan.spec.robots.urdf.mimics import follows
 from climbplan.spec.robots.urdf.source import UrdfRobot
 from climbplan.spec.robots.urdf.tree import UrdfLink
 
-_FORWARD = {
-    "x": (1.0, 0.0, 0.0),
-    "-x": (-1.0, 0.0, 0.0),
-    "y": (0.0, 1.0, 0.0),
-    "-y": (0.0, -1.0, 0.0),
-}
 _HOLDER = 6  # coordinates of the free base, before those of the joints
 _MASS_OFF = 1e-9  # relative, by which sums of masses may differ in rounding
 
@@ -49,8 +44,11 @@ class LegAtZero:
 
     names: tuple[str, ...]  # of its joints, from base to toe
     joints: Array  # (j, 3) [m]
-    axes: Array  # (j, 3) unit
+    axes: Array  # (j, 3) unit, of joints that slide their directions
     toe: Array  # (3,) [m]
+    slides: tuple[bool, ...]
+    leaders: tuple[int, ...]  # (j,) the joint that each follows, itself if none
+    ratios: tuple[float, ...]  # of their motions
 
 
 @dataclass(frozen=True)
@@ -72,21 +70,27 @@ class UrdfModel:
         pin, model = self.library, self.model
         data = self._data(self.angles({}))
         spec = self.robot.spec.legs[name]
-        joints, axes, names = [], [], []
-        for joint in self.robot.joints[name]:
+        own = self.robot.joints[name]
+        joints, axes = [], []
+        for joint in own:
             index = model.getJointId(joint.name)
             frame = pin.ReferenceFrame.WORLD
-            column = pin.getJointJacobian(model, data, index, frame)[3:, model.idx_vs[index]]
+            whole = pin.getJointJacobian(model, data, index, frame)[:, model.idx_vs[index]]
+            column = whole[:3] if joint.slides else whole[3:]
             joints.append(data.oMi[index].translation)
             axes.append(column / np.linalg.norm(column))
-            names.append(joint.name)
+        names = tuple(joint.name for joint in own)
+        led = [follows(self.robot.tree, joint) for joint in own]
         toe = data.oMf[_frame(self, spec.toe)]
         point = toe.translation + toe.rotation @ np.array(spec.toe_offset, float)
         return LegAtZero(
-            tuple(names),
+            names,
             self.placed(np.array(joints)),
             np.array(axes) @ self.turn.T,
             self.placed(point),
+            tuple(joint.slides for joint in own),
+            tuple(j if by is None else names.index(by.leader) for j, by in enumerate(led)),
+            tuple(1.0 if by is None else by.ratio for by in led),
         )
 
     def mass(self) -> float:
@@ -94,16 +98,24 @@ class UrdfModel:
         return float(self.library.computeTotalMass(self.model))
 
     def center(self, angles: dict[str, float]) -> Array:
-        """Centre of mass (3,) at joint angles by name [rad]; others are locked or at zero."""
+        """Centre of mass (3,) at joint angles by name [rad, m]; others are locked or at zero."""
         pin, model = self.library, self.model
         return self.placed(pin.centerOfMass(model, model.createData(), self.angles(angles)))
 
     def angles(self, given: dict[str, float]) -> Any:
-        """Pinocchio's coordinates for joint angles by name [rad]; others are locked or at zero."""
-        pin, model = self.library, self.model
-        locked = {name: np.deg2rad(angle) for name, angle in self.robot.spec.locked.items()}
+        """Pinocchio's coordinates for joint angles by name [rad, m]; others are locked or at zero.
+
+        Joints that follow others are where those put them, unless they are locked.
+        """
+        pin, model, tree = self.library, self.model, self.robot.tree
+        locked = self.robot.spec.held
         turned = np.zeros(model.nv)
-        for name, angle in (locked | given).items():
+        known = locked | given
+        for joint in tree.joints.values():
+            by = follows(tree, joint)
+            if by is not None and joint.name not in locked:
+                known[joint.name] = by.ratio * known.get(by.leader, 0.0) + by.offset
+        for name, angle in known.items():
             turned[model.idx_vs[model.getJointId(name)]] = angle
         return pin.integrate(model, pin.neutral(model), turned)
 
@@ -130,8 +142,7 @@ def urdf_model(robot: UrdfRobot) -> UrdfModel:
     if lost := list(lost_masses(robot, model, pin)):
         raise robot.refused(lost)
     data = model.createData()
-    forward = np.array(_FORWARD[robot.spec.forward])
-    up = np.array([0.0, 0.0, 1.0])
+    forward, up = _axis(robot.spec.forward), _axis(robot.spec.up)
     to_axes = np.stack([np.cross(forward, up), forward, up])
     found = UrdfModel(robot, pin, model, to_axes, np.zeros(3))
     pin.forwardKinematics(model, data, found.angles({}))
@@ -157,6 +168,11 @@ def lost_masses(robot: UrdfRobot, model: Any, pin: Any) -> Iterator[Finding]:
             names = " and ".join(f"{link.name!r} ({robot.tree.at(link.line)})" for link in links)
             message = f"Pinocchio has {found:g} kg for {names}, the file {expected:g} kg"
             yield Finding(("urdf",), message)
+
+
+def _axis(name: str) -> Array:
+    """Unit vector (3,) of `x`, `-x`, ..."""
+    return np.eye(3)["xyz".index(name[-1])] * (-1.0 if name.startswith("-") else 1.0)
 
 
 def _frame(found: UrdfModel, link: str) -> int:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.robots.rotations import Array
-from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.building import by_leg, chain_at_zero, joint_angles_of, joint_limits
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.toe_boxes import ToeBoxes, toe_boxes
@@ -43,10 +42,10 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
     """The body and legs of a robot section.
 
     Raises MissingSolver without Pinocchio, and SpecError, at the lines of the section, for a robot
-    that has no pairs of legs with as many joints each, or has no room or no strength to walk.
+    that has no pairs of legs, or has no room or no strength to walk.
     """
     names = _leg_names(robot)
-    joints = len(robot.joints[names[0]])
+    joints = max(len(own) for own in robot.joints.values())
     found = urdf_model(robot)
     mass = robot.spec.mass or found.mass()
     if not mass > 0:
@@ -55,22 +54,22 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
         raise robot.refused([Finding(("gravity",), "expected more than 0 to walk")])
     at_zero = [found.leg(name) for name in names]
     lower, upper, posture = (
-        by_leg(joints, [[values[j] for j in leg.names] for leg in at_zero], 0.0)
-        for values in joint_angles_of(robot)
+        by_leg(joints, [[values[j] for j in leg.names] for leg in at_zero], empty)
+        for values, empty in zip(joint_angles_of(robot), (-1.0, 1.0, 0.0), strict=True)
     )
     standing = {
         joint: float(angle)
         for leg, row in zip(at_zero, posture, strict=True)
-        for joint, angle in zip(leg.names, row, strict=True)
+        for joint, angle in zip(leg.names, row[joints - len(leg.names) :], strict=True)
     }
     chain = chain_at_zero(at_zero, joints, found.center(standing), posture)
-    chain = _turned(chain)
+    chain = chain.turned(TO_WALKING)
     toes = chain.joint_points(posture)[:, -1]
     order = in_pairs(toes.tolist())
     if order is None:
         message = "expected pairs of toes, one on either side, one pair behind the other"
         raise robot.refused([Finding(("legs",), message)])
-    chain = _ordered(chain, order)
+    chain = chain.ordered(order)
     toes, names = toes[order], tuple(names[i] for i in order)
     legs = WalkingLegs(
         chain,
@@ -97,22 +96,20 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
 
 
 def _leg_names(robot: UrdfRobot) -> tuple[str, ...]:
-    """Legs as the section names them; raises SpecError for legs that differ, or an odd one."""
+    """Legs as the section names them; raises SpecError for an odd one."""
     names = robot.limb_names
     faults = []
     if len(names) not in LEG_COUNTS:
         message = f"walking is of four, six or eight legs, got {len(names)}"
         faults.append(Finding(("legs",), message))
-    alike = len(robot.joints[names[0]])
-    wanted = f"{_LEAST} to {_MOST}" if not _LEAST <= alike <= _MOST else f"{alike}, as {names[0]}"
     faults += [
         Finding(
             ("legs", name),
-            f"walking is of legs with as many joints each, {wanted}, got {len(own)}: "
+            f"walking is of legs with {_LEAST} to {_MOST} joints, got {len(own)}: "
             + ", ".join(joint.name for joint in own),
         )
         for name, own in robot.joints.items()
-        if len(own) != alike or not _LEAST <= alike <= _MOST
+        if not _LEAST <= len(own) <= _MOST
     ]
     faults += [
         Finding(("legs", name, "stance"), "walking stands as `posture_deg` has it")
@@ -132,21 +129,3 @@ def inertia_of(found: UrdfModel, standing: dict[str, float]) -> Array:
     turn = TO_WALKING @ found.turn
     inertia: Array = turn @ np.array(data.Ig.inertia) @ turn.T
     return 0.5 * (inertia + inertia.T)
-
-
-def _turned(chain: SerialChain) -> SerialChain:
-    turn = TO_WALKING.T
-    return SerialChain(
-        chain.names, chain.joint_zero @ turn, chain.axis_zero @ turn, chain.toe_zero @ turn,
-        chain.posture,
-    )  # fmt: skip
-
-
-def _ordered(chain: SerialChain, order: list[int]) -> SerialChain:
-    return SerialChain(
-        tuple(chain.names[i] for i in order),
-        chain.joint_zero[order],
-        chain.axis_zero[order],
-        chain.toe_zero[order],
-        chain.posture[order],
-    )

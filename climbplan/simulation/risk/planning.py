@@ -21,6 +21,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.promise import Promise, interval_of
 from climbplan.errors import NoPlanFound
 from climbplan.progress import Progress
+from climbplan.robots.joint_units import torque_unit
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.risk.more import More, as_stated, gaits, more
 from climbplan.simulation.worlds.judging import Engine, Judged, causes, judge_plan
@@ -240,7 +241,8 @@ def _helps(plan: ClimbPlan, judged: Judged) -> tuple[str, ...]:
         used = float(abs(forces.joint_torques[:, limb, joint]).max())
         most = float(plan.robot.max_torque[limb, joint])
         name = f"{plan.robot.limb_names[limb]} {plan.robot.joint_name(limb, joint)}"
-        given = f"{name} gives {used:.1f} of {most:.1f} N m"
+        unit = torque_unit(plan.robot, limb, joint)
+        given = f"{name} gives {used:.1f} of {most:.1f} {unit}"
         out.append(f"stronger motors: {given} (S_tau {worst:.2f})")
     return (*out, *forces.notes)
 

@@ -25,10 +25,12 @@ SOFTEST = 5e-6  # [m/N] of the toe of a straight limb: 0.15 mm at 30 N
 def _chain(zero: Array, angles: Array, columns: Array, axes: Array, toe: Array) -> None:
     """Toe (3,), Jacobian columns (n, 3: joint, axis) and joint axes (n, 3) at angles (n,).
 
-    zero: (2n + 1, 3) axes and joints at zero angles, and the toe, body frame. Columns hold the
-    places of the joints first.
+    zero: (2n + 1, 3) axes and joints at zero angles, and the toe, body frame, and of limbs with
+    joints that slide (3n + 1, 3), the directions of these. Columns hold the places of the joints
+    first.
     """
     n = len(angles)
+    slides = len(zero) > 2 * n + 1
     # Rotation of the links so far, row by row
     a00, a01, a02 = 1.0, 0.0, 0.0
     a10, a11, a12 = 0.0, 1.0, 0.0
@@ -43,7 +45,10 @@ def _chain(zero: Array, angles: Array, columns: Array, axes: Array, toe: Array) 
         axes[j, 0], axes[j, 1], axes[j, 2] = u, v, w
         # Turned about the axis as it now is (Rodrigues): each column c by
         # c cos + (axis x c) sin + axis (axis . c) (1 - cos)
-        co, si = np.cos(angles[j]), np.sin(angles[j])
+        # and not at all by a joint that slides, whose axis is zero
+        co, si = 1.0, 0.0
+        if u != 0.0 or v != 0.0 or w != 0.0:
+            co, si = np.cos(angles[j]), np.sin(angles[j])
         k = 1.0 - co
         d = k * (u * a00 + v * a10 + w * a20)
         a00, a10, a20 = (
@@ -66,6 +71,16 @@ def _chain(zero: Array, angles: Array, columns: Array, axes: Array, toe: Array) 
         p = zero[n + 1 + j, 0] - zero[n + j, 0]
         q = zero[n + 1 + j, 1] - zero[n + j, 1]
         r = zero[n + 1 + j, 2] - zero[n + j, 2]
+        if slides:
+            # Rotations so far are those of the link before, as a joint that slides does not turn
+            e, f, g = zero[2 * n + 1 + j, 0], zero[2 * n + 1 + j, 1], zero[2 * n + 1 + j, 2]
+            if e != 0.0 or f != 0.0 or g != 0.0:
+                axes[j, 0] = a00 * e + a01 * f + a02 * g
+                axes[j, 1] = a10 * e + a11 * f + a12 * g
+                axes[j, 2] = a20 * e + a21 * f + a22 * g
+            p += angles[j] * e
+            q += angles[j] * f
+            r += angles[j] * g
         x += a00 * p + a01 * q + a02 * r
         y += a10 * p + a11 * q + a12 * r
         z += a20 * p + a21 * q + a22 * r
@@ -73,6 +88,10 @@ def _chain(zero: Array, angles: Array, columns: Array, axes: Array, toe: Array) 
     for j in range(n):
         p, q, r = x - columns[j, 0], y - columns[j, 1], z - columns[j, 2]
         u, v, w = axes[j, 0], axes[j, 1], axes[j, 2]
+        if zero[j, 0] == 0.0 and zero[j, 1] == 0.0 and zero[j, 2] == 0.0:  # it slides
+            columns[j, 0], columns[j, 1], columns[j, 2] = u, v, w
+            axes[j, 0], axes[j, 1], axes[j, 2] = 0.0, 0.0, 0.0
+            continue
         columns[j, 0], columns[j, 1], columns[j, 2] = v * r - w * q, w * p - u * r, u * q - v * p
 
 
@@ -131,12 +150,12 @@ def _arcs(columns: Array, axes: Array, force: Array, firm: Array, middle: Array)
 
 
 @compiled
-def _softness(zero: Array, volume: float) -> float:
-    """Compliance of a limb's toe [m/N]: 0 but where the limb is nearly straight.
+def _softness(zero: Array, n: int, volume: float) -> float:
+    """Compliance of the toe of a limb of n joints [m/N]: 0 but where it is nearly straight.
 
     volume: of its Jacobian [m^3].
     """
-    length, n = 0.0, len(zero) // 2
+    length = 0.0
     for j in range(n):
         piece = 0.0
         for a in range(3):

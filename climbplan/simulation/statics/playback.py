@@ -11,9 +11,11 @@ from climbplan.climb.plan.climb_plan import ClimbPlan, Index
 from climbplan.errors import UsageError
 from climbplan.mechanics.stiffness import joint_softness, limb_compliance
 from climbplan.reports.replay import sample_instants, true_angles
+from climbplan.robots.chain_pose import RADIAN
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.kinematics import jacobian_world, toe_world
 from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.comparison import LEAST_HELD, held_toes
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.feedforward import limb_weight_torques, limb_weight_wrench
@@ -69,7 +71,7 @@ def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
     than three joints.
     """
     robot, moving = plan.robot, plan.trajectory
-    zero = _zero(plan)
+    zero, unit = _zero(plan), robot.joint_unit
     sample = _samples(plan, conditions.speed, _SPAN_LATE if conditions.delay > 0 else SPAN)
     instant = sample_instants(plan)
     angles = true_angles(plan, instant)
@@ -95,9 +97,9 @@ def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
     playback = Playback(
         zero=zero,
         span=span,
-        command=c(command[sample]),
-        weight=c(weight[sample]),
-        carrying=c(carrying[sample]),
+        command=c(command[sample] / unit),
+        weight=c(weight[sample] * unit),
+        carrying=c(carrying[sample] / unit),
         wrench=c(wrench[sample]),
         com=c(moving.com[sample]),
         rotation=c(rotation_world_body(moving.rpy[sample])),
@@ -105,12 +107,12 @@ def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
         trusted=c(trusted.astype(np.int64)),
         contact=c(moving.contact[sample].astype(np.int64)),
         settled=c((trusted == moving.contact[sample]).all(axis=1).astype(np.int64)),
-        turning=c(turning),
+        turning=c(turning / unit[..., None]),
         arm=c(arm),
-        jacobian=c(jacobian),
-        bent=c(bent),
+        jacobian=c(jacobian * unit[:, None]),
+        bent=c(bent / unit),
         sharing=c(between_toes(limb_compliance(robot, jacobian), arm, moving.contact[sample])),
-        most=c(most),
+        most=c(most / unit),
         foothold=c(holds.number[sample]),
         share=c(holds.share[sample]),
         toes=plan.rounds.toes[0].copy(),
@@ -138,7 +140,8 @@ def machine_of(plan: ClimbPlan, terrain: Terrain, steps: Steps, conditions: Cond
     robot, world = plan.robot, conditions.world or nominal_world(plan)
     mass = robot.mass * world.mass + conditions.payload
     half = np.abs(robot.body_hull).max(axis=0)
-    stiffness = motor_stiffness(robot, conditions)
+    unit = robot.joint_unit
+    stiffness = motor_stiffness(robot, conditions) * unit**2
     start = set_up(plan, terrain)
     times = plan.trajectory.time[steps.sample]
     losses = [
@@ -153,12 +156,12 @@ def machine_of(plan: ClimbPlan, terrain: Terrain, steps: Steps, conditions: Cond
         stiffness=np.ascontiguousarray(stiffness),
         damping=2 * DAMPING_RATIO * np.sqrt(stiffness * ARMATURE),
         armature=ARMATURE,
-        play=plays(robot, conditions),
-        strongest=np.ascontiguousarray(robot.max_torque),
+        play=plays(robot, conditions) / unit,
+        strongest=np.ascontiguousarray(robot.max_torque * unit),
         placement=np.ascontiguousarray(world.placement),
         losses=np.array(losses, float).reshape(-1, 3),
         toes=np.ascontiguousarray(start.toes),
-        angles=np.ascontiguousarray(start.angles),
+        angles=np.ascontiguousarray(start.angles / unit),
         regulator=_REGULATORS[conditions.regulator],
         delay=conditions.delay,
         noise=_noise(robot.limb_count, robot.joint_count, conditions),
@@ -203,7 +206,10 @@ def _samples(plan: ClimbPlan, speed: float, most: float) -> Index:
 
 
 def _zero(plan: ClimbPlan) -> Array:
-    """(N, 2J + 1, 3) axes, joints and toes at zero angles."""
+    """(N, 2J + 1, 3) axes, joints and toes at zero angles, and directions of joints that slide.
+
+    Lengths of these are counted in `RADIAN`, here as in all that is played.
+    """
     robot = plan.robot
     if robot.gripper is not None:
         raise UsageError(f"{plan.name}: {robot.name} has grippers, which {_NOT_KNOWN}")
@@ -215,10 +221,17 @@ def _zero(plan: ClimbPlan) -> Array:
         )
     if robot.foot is not None:
         raise UsageError(f"{plan.name}: {robot.name} has feet of finite size, which {_NOT_KNOWN}")
+    if isinstance(robot.mechanism, SerialChain) and robot.mechanism.drive is not None:
+        raise UsageError(
+            f"{plan.name}: limbs of {robot.name} have joints that mimic others, which {_NOT_KNOWN}"
+        )
     if not robot.has_joint.all():
         raise UsageError(
             f"{plan.name}: limbs of {robot.name} have unlike numbers of joints, which {_NOT_KNOWN}"
         )
     zero = zero_angles(robot)
     assert zero is not None
-    return np.concatenate([zero.axes, zero.joints, zero.toe[:, None]], axis=1).copy()
+    rows = [zero.axes, zero.joints, zero.toe[:, None]]
+    if zero.slides is not None:
+        rows.append(RADIAN * zero.slides)
+    return np.concatenate(rows, axis=1).copy()

@@ -299,7 +299,7 @@ def _sprung(
     """Motors as the springs of a step of span [s]."""
     rotor, wanted = motors.rotor, motors.wanted
     for i in range(len(wanted)):
-        springs.soft[i] = _softness(plan.zero[i], springs.volume[i])
+        springs.soft[i] = _softness(plan.zero[i], wanted.shape[1], springs.volume[i])
         touch.saturated[i] = 0
         for j in range(wanted.shape[1]):
             k, c = machine.stiffness[i, j], machine.damping[i, j] / span

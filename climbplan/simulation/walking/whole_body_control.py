@@ -59,7 +59,10 @@ class Commanded:
 
 
 class WholeBodyControl:
-    """The QP of one robot. `at`, `dof`: (L, J) addresses of angles and speeds in MuJoCo's model."""
+    """The QP of one robot.
+
+    `at`, `dof`: (L, J) addresses of angles and speeds in MuJoCo's model, of joints that are there.
+    """
 
     def __init__(
         self,
@@ -73,9 +76,10 @@ class WholeBodyControl:
     ) -> None:
         self.mujoco, self.model, self.data = mujoco, model, mujoco.MjData(model)
         self.at, self.dof = np.asarray(at, int), np.asarray(dof, int)
-        self.joints = self.dof.ravel()
+        self.there = legs.there
+        self.joints = self.dof[self.there]
         self.posture = legs.chain.posture
-        self.limits, self.friction, self.weight = legs.max_torque.ravel(), friction, weight
+        self.limits, self.friction, self.weight = legs.max_torque[self.there], friction, weight
         self.sites = [model.site(f"toe{leg}").id for leg in range(len(dof))]
         self.bodies = [int(model.site_bodyid[site]) for site in self.sites]
         self.root = model.body("body").id
@@ -147,13 +151,15 @@ class WholeBodyControl:
 
     def _bends(self, jacobians: list[Array], unknowns: int) -> Iterator[tuple[Array, Array, float]]:
         """Of legs of more than three joints: what moves no toe goes back to the posture."""
-        if self.dof.shape[1] <= 3:
-            return
         data = self.data
-        for leg, own in enumerate(self.dof):
+        for leg, there in enumerate(self.there):
+            own = self.dof[leg][there]
+            if len(own) <= 3:
+                continue
             by_joint = jacobians[leg][:, own]
             free = np.eye(len(own)) - np.linalg.pinv(by_joint) @ by_joint
-            off, speed = self.posture[leg] - data.qpos[self.at[leg]], data.qvel[own]
+            off = self.posture[leg][there] - data.qpos[self.at[leg][there]]
+            speed = data.qvel[own]
             rows = np.zeros((len(own), unknowns))
             rows[:, own] = free
             yield rows, free @ (_BEND_STIFF**2 * off - 2 * _BEND_STIFF * speed), _BEND

@@ -14,6 +14,7 @@ import numpy as np
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.walking.reference import walk_reference
 from climbplan.walking.plan import WalkPlan
+from climbplan.walking.swing_way import along, arch
 from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, Array
 
 _STEP_ASIDE = 2.0  # of a box's half extents, that a toe lands off its plan at most
@@ -104,10 +105,10 @@ class WholeReference:
             later = _BEYOND * np.exp((1.0 - share) * span / self.pendulum)  # by when it lands
             self.aside[leg, :2] = np.clip(later * off, -most, most)[:2]
         lands = way.lands + self.aside[leg] - [0.0, 0.0, _TOUCHDOWN]
-        along, speed, more = _smooth(share)
-        up, rising, bent = _arch(share)
+        part, speed, more = along(share)
+        up, rising, bent = arch(share)
         lift = np.array([0.0, 0.0, way.lift + abs(float(lands[2] - left[2])) / 2 + _TOUCHDOWN])
-        place = left + along * (lands - left) + up * lift
+        place = left + part * (lands - left) + up * lift
         velocity = (speed * (lands - left) + rising * lift) / span
         acceleration = (more * (lands - left) + bent * lift) / span**2
         return OnItsWay(place, velocity, acceleration, share)
@@ -120,21 +121,3 @@ class WholeReference:
         """(L, 3) of standing legs until the next sample [N]."""
         force = self.plan.trajectory.force[sample]
         return np.where(self.contact[sample][:, None], force, 0.0)
-
-
-def _smooth(s: float) -> tuple[float, float, float]:
-    """From 0 to 1, at rest and without acceleration at both ends; with both derivatives."""
-    return (
-        s**3 * (10 - 15 * s + 6 * s**2),
-        30 * s**2 * (1 - s) ** 2,
-        60 * s * (1 - s) * (1 - 2 * s),
-    )
-
-
-def _arch(s: float) -> tuple[float, float, float]:
-    """From 0 up to 1 and back to 0, at rest at both ends; with both derivatives."""
-    return (
-        16 * s**2 * (1 - s) ** 2,
-        32 * s * (1 - s) * (1 - 2 * s),
-        32 * (1 - 6 * s + 6 * s**2),
-    )

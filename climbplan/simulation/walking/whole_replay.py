@@ -92,17 +92,19 @@ class _Player:
         self.plan, self.conditions, self.legs = plan, conditions, plan.task.legs
         robot: WholeRobot = whole_robot(plan, conditions)
         self.centre, self.mass = robot.centre, robot.mass
+        foot = robot.found.robot.spec.foot
+        self.foot = 0.0 if foot is None else foot.radius
         known = robot if conditions.payload == 0 else whole_robot(plan, NOMINAL)
         make = self.mujoco.MjModel.from_xml_string
         self.model = make(whole_model(plan, robot, conditions))
         self.data = self.mujoco.MjData(self.model)
         self.reference = WholeReference(plan)
-        hinges = [
-            [self.model.joint(f"{leg}_{j}") for j in range(self.legs.chain.joint_count)]
-            for leg in range(plan.task.body.leg_count)
-        ]
-        self.at = np.array([[hinge.qposadr[0] for hinge in row] for row in hinges])
-        self.dof = np.array([[hinge.dofadr[0] for hinge in row] for row in hinges])
+        self.there = self.legs.there
+        self.at = np.full(self.there.shape, -1)
+        self.dof = self.at.copy()
+        for leg, j in np.argwhere(self.there):
+            hinge = self.model.joint(f"{leg}_{j}")
+            self.at[leg, j], self.dof[leg, j] = hinge.qposadr[0], hinge.dofadr[0]
         self.control = WholeBodyControl(
             self.mujoco, make(whole_model(plan, known, NOMINAL)), self.at, self.dof, self.legs,
             plan.task.ground.friction, plan.task.weight,
@@ -151,6 +153,7 @@ class _Player:
             feedback=True,
             time=time[: len(rows)],
             fallen=fell,
+            foot=self.foot,
             unanswered=self.unanswered,
             pushes=self.pushes,
             ticks=self.ticks,
@@ -168,14 +171,15 @@ class _Player:
         quat = np.empty(4)
         self.mujoco.mju_mat2Quat(quat, rotation.ravel())
         data.qpos[3:7] = quat
-        data.qpos[self.at] = angles
+        data.qpos[self.at[self.there]] = angles[self.there]
         spin = rotation.T @ state[SPIN]
         drift = rotation.T @ state[VELOCITY]
         data.qvel[:3] = state[VELOCITY] - rotation @ np.cross(spin, self.centre)
         data.qvel[3:6] = spin
         away = -(drift + np.cross(spin, spots))  # (L, 3) of toes in the body
         jacobian = legs.chain.jacobian(angles)
-        data.qvel[self.dof] = (np.linalg.pinv(jacobian) @ away[..., None])[..., 0]
+        speed = (np.linalg.pinv(jacobian) @ away[..., None])[..., 0]
+        data.qvel[self.dof[self.there]] = speed[self.there]
         self.mujoco.mj_forward(self.model, data)
 
     def _interval(self, sample: int) -> dict[str, Any]:
@@ -190,7 +194,7 @@ class _Player:
             if round(now / TIME_STEP) % TICK == 0 or self.commanded is None:
                 self._command(sample, now, stands, planned)
             self._push(now)
-            self.data.qfrc_applied[self.dof] = self.torque
+            self.data.qfrc_applied[self.dof[self.there]] = self.torque[self.there]
             self.mujoco.mj_step(self.model, self.data)
             force, pressure, shear = ground_forces(self.mujoco, self.model, self.data, self.leg_of)
             self.felt[pressure > 0] = now + TIME_STEP
@@ -204,7 +208,7 @@ class _Player:
             total["overreach"] = max(total["overreach"], float(over.max(initial=0.0)))
             share = np.abs(self.torque) / self.legs.max_torque
             total["torque"] = np.maximum(total["torque"], share)
-            fast = np.abs(self.data.qvel[self.dof]) / self.legs.max_speed
+            fast = np.where(self.there, np.abs(self.data.qvel[self.dof]), 0) / self.legs.max_speed
             total["speed"] = np.maximum(total["speed"], fast)
         return total
 
@@ -240,7 +244,7 @@ class _Player:
         )  # fmt: skip
         self.ticks += 1
         self.unanswered += not self.commanded.solved
-        self.torque = self.commanded.torque.reshape(self.legs.max_torque.shape)
+        self.torque[self.there] = self.commanded.torque
 
     def _toes(self, now: float, stands: Flags, toes: Array, capture: Array) -> tuple[Array, Flags]:
         """Accelerations (L, 3) of toes that do not carry, and which carry."""
@@ -297,6 +301,7 @@ class _Player:
             "rotation": rotation,
             "velocity": data.qvel[:3] + np.cross(rotation @ data.qvel[3:6], arm),
             "toes": data.site_xpos[self.sites].copy(),
+            "links": data.site_xmat[self.sites].reshape(-1, 3, 3).copy(),
         }
 
 

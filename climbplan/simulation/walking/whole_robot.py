@@ -2,7 +2,7 @@
 
 Built from Pinocchio's reading of the URDF that the plan carries. The root body of the model has the
 axes of walking (x forward, y left, z up) and its origin where the robot's root link has it; joints
-of the legs turn, all others are held where the robot file has them.
+of the legs move, all others are held where the robot file has them.
 """
 
 from __future__ import annotations
@@ -54,11 +54,16 @@ def whole_robot(plan: WalkPlan, conditions: Conditions) -> WholeRobot:
     found = urdf_model(robot_of_plan(plan))
     legs = plan.task.legs
     assert legs is not None  # a robot from a URDF has them
+    if legs.chain.drive is not None:
+        raise UsageError(
+            f"{plan.name}: legs with joints that mimic others are not simulated as they walk"
+        )
     turn = TO_WALKING @ found.turn  # from the root's axes to walking's
     angles = {
         name: float(angle)
         for own, row in zip(legs.chain.names, legs.chain.posture, strict=True)
         for name, angle in zip(own, row, strict=True)
+        if name
     }
     pin, model = found.library, found.model
     centre = turn @ np.array(pin.centerOfMass(model, model.createData(), found.angles(angles)))
@@ -105,6 +110,7 @@ class _Tree:
             name: (leg, j)
             for leg, own in enumerate(self.legs.chain.names)
             for j, name in enumerate(own)
+            if name
         }
         self.children: dict[int, list[int]] = {}
         for joint in range(_ROOT + 1, model.njoints):
@@ -138,12 +144,14 @@ class _Tree:
         hinge, toe = "", ""
         if name in self.turning:
             leg, number = self.turning[name]
-            column = np.array(
+            whole = np.array(
                 pin.getJointJacobian(model, self.data, joint, pin.ReferenceFrame.LOCAL)
-            )[3:, int(model.idx_vs[joint])]
+            )[:, int(model.idx_vs[joint])]
+            slides = bool(self.legs.chain.sliding[leg, number])
+            kind, column = ("slide", whole[:3]) if slides else ("hinge", whole[3:])
             low, high = self.legs.lower[leg, number], self.legs.upper[leg, number]
             hinge = (
-                f'<joint name="{leg}_{number}" type="hinge" axis="{numbers(column)}"'
+                f'<joint name="{leg}_{number}" type="{kind}" axis="{numbers(column)}"'
                 f' range="{low:.9g} {high:.9g}" limited="true"/>'
             )
             toe = self._toe(leg, joint) if number == self.legs.chain.joint_count - 1 else ""

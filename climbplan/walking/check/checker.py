@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.plans.check import Check, Limit, unjudged
+from climbplan.walking.check.speed import speed_residuals
 from climbplan.walking.check.terrain import (
     ground_at,
     normal_and_sideways,
@@ -60,6 +61,10 @@ LEG_LIMITS = {  # of robots from URDFs, whose plans have joints
         1e-6, "m", "joints within their bounds get standing toes to where they are"
     ),
     "torque.limit": Limit(1e-3, "N m", "joint torques of standing legs, J' f, within their limits"),
+    "swing.reach": Limit(
+        1e-3, "m", "joints within their bounds get swinging toes along their ways"
+    ),
+    "speed.limit": Limit(1e-3, "rad/s", "joint speeds of standing and swinging legs within limits"),
 }
 LOOP_LIMITS = {
     "workspace.standing": Limit(
@@ -119,7 +124,7 @@ def _checks(task: WalkTask, found: WalkTrajectory, told: bool = True) -> Iterato
     yield from _steps(task, after, state)
     yield from _rollouts(task, found, told)
     yield from _forces(task, found)
-    yield from _torques(task, found)
+    yield from _joints(task, found)
     yield from _feet(task, found, told)
     tilt = np.abs(state[:, 6:8]).max(axis=1)
     yield worst(task, "state.tilt", tilt - ANGLE_RANGE, tilt / ANGLE_RANGE)
@@ -140,7 +145,7 @@ def _loop_checks(task: WalkTask, found: WalkTrajectory, push: Array) -> Iterator
     after[:, VELOCITY] += push[1:]
     yield from _steps(task, after, state)
     yield from _forces(task, found)
-    yield from _torques(task, found)
+    yield from _joints(task, found)
     stays = contact[:-1] & contact[1:]
     slip = np.where(stays, np.abs(np.diff(toes, axis=0)).max(axis=-1), 0.0)
     yield worst(task, "contact.no_slip", slip)
@@ -210,9 +215,9 @@ def _forces(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
     yield worst(task, "force.limit", largest - limit, largest / limit)
 
 
-def _torques(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
-    for name, residuals, used in torque_residuals(task, found):
-        yield worst(task, name, residuals, used)
+def _joints(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
+    for residuals_of in (torque_residuals, speed_residuals):
+        yield from (worst(task, *told) for told in residuals_of(task, found))
 
 
 def _feet(task: WalkTask, found: WalkTrajectory, told: bool) -> Iterator[Check]:

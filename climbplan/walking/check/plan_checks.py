@@ -134,7 +134,7 @@ def _legs_apart(stored: WalkingLegs | None, asked: WalkingLegs | None) -> dict[s
 
 
 def _difference(one: object, other: object) -> float:
-    if isinstance(one, str | tuple):
+    if one is None or isinstance(one, str | tuple):
         return 0.0 if one == other else math.inf
     a, b = np.asarray(one, float), np.asarray(other, float)
     if a.shape == b.shape and np.array_equal(a, b):  # infinite ones too

@@ -8,7 +8,7 @@ once; the numbers of a linearisation are written by compiled code into arrays th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import daqp
@@ -19,10 +19,10 @@ from climbplan.walking.footing import Footing, footing_of, toe_heights
 from climbplan.walking.kernels.feet import place_toes, worst_beyond
 from climbplan.walking.kernels.footing import walk_cost
 from climbplan.walking.kernels.knots import knots_rolled
-from climbplan.walking.kernels.legs import torque_rows
 from climbplan.walking.kernels.qp import objective, stance_rows, states, swing_rows
 from climbplan.walking.kernels.step import linearised
 from climbplan.walking.kernels.ways import swing_heights
+from climbplan.walking.offline.joint_rows import JointRows
 from climbplan.walking.task import STATE, Array, Gait, WalkTask
 
 FACETS = 8
@@ -34,7 +34,6 @@ _NOT_CONVEX = -5
 _AT_UPPER, _AT_LOWER = 1, 3  # rows that DAQP starts with
 _SOFT = 8  # rows that DAQP may break at a price
 _FAR = 1e30
-_IN_HAND = 0.999  # of torque limits, for what iterates still move
 _MOST_STEPS = 2000  # DAQP iterations: infeasible QPs end far sooner
 
 
@@ -90,6 +89,7 @@ class PinnedProgram:
         self._wanted = np.concatenate(
             [reference.height[:, None], reference.velocity, reference.euler], axis=1
         )
+        self.joints = JointRows(task, gait, self.footing)
         self._force_hessian = self._force_cost()
         self._qp = self._empty_qp()
         self._scale: Array | None = None  # units of unknowns where rounding asks for them
@@ -272,20 +272,18 @@ class PinnedProgram:
             rows[count:] = qp.sensitivity[-1, :2]
             low[count:] = task.goal.lower - qp.offset[-1, :2]
             high[count:] = task.goal.upper - qp.offset[-1, :2]
-        if task.legs is not None:  # of motors, tau = J' R' f at both ends of every interval
-            chain = task.legs.chain
-            torque_rows(
-                chain.joint_zero,
-                chain.axis_zero,
-                chain.toe_zero,
-                chain.posture,
-                at.state,
-                toes,
-                contact,
-                self.force_scale,
-                qp.rows[self.motors :],
-            )
-        return qp
+        motors = slice(self.motors, None)
+        limits = slice(self.size + self.motors, None)
+        written = self.joints.write(
+            at.state, toes, at.spots, self.tilt, qp.offset, qp.sensitivity,
+            self.force_scale, FOOT_SCALE, self.foot_column,
+            qp.rows[motors], qp.lower[limits], qp.upper[limits],
+        )  # fmt: skip
+        used = self.motors + written
+        return replace(
+            qp, rows=qp.rows[:used], lower=qp.lower[: self.size + used],
+            upper=qp.upper[: self.size + used],
+        )  # fmt: skip
 
     def step(
         self, at: Iterate, elastic: bool = False, soft: bool = False, most: int = _MOST_STEPS
@@ -323,7 +321,10 @@ class PinnedProgram:
         sense = np.zeros(len(qp.lower), np.int32)
         sense[self.size + self.fixed : self.size + self.motors] = reach
         if multipliers is not None:
-            sense[multipliers > 0], sense[multipliers < 0] = _AT_UPPER, _AT_LOWER
+            # Which speeds have rows differs from one linearisation to the next
+            before = multipliers[: self.size + self.motors + self.joints.torques]
+            sense[: len(before)][before > 0] = _AT_UPPER
+            sense[: len(before)][before < 0] = _AT_LOWER
         unit = np.ones(self.size) if self._scale is None else self._scale
         z, flag, info = _daqp(qp, unit, sense, most)
         if flag == _NOT_CONVEX and self._scale is None:
@@ -347,12 +348,10 @@ class PinnedProgram:
         standing, lifted = contact[1:].sum(), (~contact[1:]).sum()
         leaving = (contact[:-1] & ~contact[1:]).sum() if self.task.whole_stance else 0
         friction = self.forces * FACETS
-        goal, legs = 2 * int(self.task.goal.stated), self.task.legs
-        # Of a force at both ends of its interval
-        torques = 2 * legs.chain.joint_count if legs is not None else 0
+        goal = 2 * int(self.task.goal.stated)
         moving = 3 * int(standing + leaving) + 2 * int(lifted) + goal
-        self.motors = self.fixed + moving  # first row of torques
-        rows = np.zeros((self.motors + torques * self.forces, self.size))
+        self.motors = self.fixed + moving  # first row of joints
+        rows = np.zeros((self.motors + self.joints.count, self.size))
         # Friction, eq. (8.18), as a pyramid inside the cone about each region's normal
         angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
         slope = self.task.ground.friction * np.cos(np.pi / FACETS)
@@ -371,10 +370,8 @@ class PinnedProgram:
         lower[self.foot_column : self.size] = (least[region] / FOOT_SCALE).ravel()
         upper[self.foot_column : self.size] = (largest[region] / FOOT_SCALE).ravel()
         lower[self.size :], upper[self.size :] = -_FAR, 0.0
-        if self.task.legs is not None:
-            most_torque = _IN_HAND * self.task.legs.max_torque[self.stand_leg]
-            upper[self.size + self.motors :] = np.repeat(most_torque[:, None], 2, axis=1).ravel()
-            lower[self.size + self.motors :] = -upper[self.size + self.motors :]
+        motors = slice(self.size + self.motors, None)
+        self.joints.bound_torques(lower[motors], upper[motors])
         sides = ground.corners.shape[1]
         for k in range(self.footing.count if sides else 0):
             first, column = friction + k * sides, self.foot_column + 2 * k

@@ -1,7 +1,7 @@
 """Links as capsules, built anew from what the plan file says of them.
 
-A piece of a chain's link is turned from its own joint inwards, joint by joint, each about where it
-is at zero angles. Links of other robots are straight from joint to joint.
+A piece of a chain's link is moved from its own joint inwards, joint by joint, each about or along
+where it is at zero angles. Links of other robots are straight from joint to joint.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.check.anew.chains import turned_about
+from climbplan.climb.check.anew.chains import joint_motions, slide_directions, turned_about
 from climbplan.plans.check import Array
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
@@ -45,6 +45,9 @@ def capsules_at(
     """
     mounted, chain = robot.capsules, robot.mechanism
     last = robot.joint_count - 1
+    moved, ways = angles, np.zeros((robot.limb_count, robot.joint_count, 3))
+    if isinstance(chain, SerialChain):
+        moved, ways = joint_motions(chain, angles), slide_directions(chain)
     for limb in range(robot.limb_count):
         if mounted is None or not isinstance(chain, SerialChain):
             for link in range(points.shape[-2] - 1):
@@ -56,7 +59,8 @@ def capsules_at(
             ends = np.broadcast_to(mounted.ends[limb, number], (len(com), 2, 3))
             for joint in reversed(range(link + 1)):
                 about, axis = chain.joint_zero[limb, joint], chain.axis_zero[limb, joint]
-                ends = turned_about(ends, about, axis, angles[:, limb, joint, None])
+                angle = moved[:, limb, joint, None]
+                ends = turned_about(ends, about, axis, angle) + angle[..., None] * ways[limb, joint]
             world = com[:, None] + ends @ axes
             off = np.linalg.norm(mounted.ends[limb, number, 1] - chain.toe_zero[limb])
             to_toe = float(off) if link == last else np.inf

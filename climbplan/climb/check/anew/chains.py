@@ -1,6 +1,7 @@
 """Chains of joints built anew from what the plan file says of them: poses, and what they settle to.
 
-A chain is turned from its toe inwards, joint by joint, each about where it is at zero angles. Where
+A chain is moved from its toe inwards, joint by joint, each about or along where it is at zero
+angles; a joint that follows others moves by what the file says of their angles. Where
 a limb has more than three joints, a toe that is held leaves it free to move: its joints, springs
 about their commands, settle where their energy is least.
 """
@@ -15,7 +16,7 @@ from climbplan.plans.check import Array
 from climbplan.robots.serial_chain import SerialChain
 
 _ITERATIONS = 40
-_LONGEST = 0.3  # [rad] of a Newton step
+_LONGEST = 0.3  # [rad] of a Newton step, and [m]
 _STILL = 1e-13  # [rad] of the last step
 _SLIGHT = 1e-14  # [m/N] give of the toe, by which singular limbs have an answer
 
@@ -25,43 +26,72 @@ class ChainLimbs:
     """Chains in the body frame."""
 
     joints: Array  # (..., N, J, 3) [m]
-    axes: Array  # (..., N, J, 3)
+    axes: Array  # (..., N, J, 3) of joints that turn, zero of others
     toe: Array  # (..., N, 3) [m]
+    slides: Array  # (..., N, J, 3) directions of joints that slide, zero of others
+    drive: Array | None  # (N, J, J) how far joints move by angles, unless each by its own
+
+    def columns(self) -> Array:
+        """(..., N, J, 3) velocity of the toe by the speed of each joint by itself."""
+        return np.cross(self.axes, self.toe[..., None, :] - self.joints) + self.slides
 
     def jacobian(self) -> Array:
         """(..., N, 3, J)."""
-        return np.swapaxes(np.cross(self.axes, self.toe[..., None, :] - self.joints), -1, -2)
+        own = np.swapaxes(self.columns(), -1, -2)
+        return own if self.drive is None else own @ self.drive
 
     def bending(self, force: Array) -> Array:
         """(..., N, J, J) Hessian of force . toe by the angles, for forces (..., N, 3)."""
-        columns = np.cross(self.axes, self.toe[..., None, :] - self.joints)
+        columns = self.columns()
         # f . (a_i x c_j) for i <= j, mirrored
         upper = np.einsum("...id,...jd->...ij", np.cross(force[..., None, :], self.axes), columns)
         upper = np.triu(upper)
-        return np.asarray(upper + np.swapaxes(np.triu(upper, 1), -1, -2))
+        whole = np.asarray(upper + np.swapaxes(np.triu(upper, 1), -1, -2))
+        if self.drive is None:
+            return whole
+        return np.asarray(np.swapaxes(self.drive, -1, -2) @ whole @ self.drive)
 
 
 def chains_at(chain: SerialChain, angles: Array) -> ChainLimbs:
-    """Chains at angles (..., N, J) [rad], body frame."""
+    """Chains at angles (..., N, J) [rad, or m of joints that slide], body frame."""
     count = angles.shape[-1]
     shape = angles.shape[:-1]
+    moved = joint_motions(chain, angles)
+    ways = slide_directions(chain)
+    slides = np.broadcast_to(ways, (*shape, count, 3)).copy()
     joints = np.broadcast_to(chain.joint_zero, (*shape, count, 3)).copy()
     axes = np.broadcast_to(chain.axis_zero, (*shape, count, 3)).copy()
     toe = np.broadcast_to(chain.toe_zero, (*shape, 3)).copy()
     for j in reversed(range(count)):
         about, axis = chain.joint_zero[:, j], chain.axis_zero[:, j]
-        angle = angles[..., j]
-        toe = about + _turned(toe - about, axis, angle)
+        angle = moved[..., j]
+        along = angle[..., None] * ways[:, j]
+        toe = about + _turned(toe - about, axis, angle) + along
         for later in range(j + 1, count):
-            joints[..., later, :] = about + _turned(joints[..., later, :] - about, axis, angle)
+            turned = _turned(joints[..., later, :] - about, axis, angle)
+            joints[..., later, :] = about + turned + along
             axes[..., later, :] = _turned(axes[..., later, :], axis, angle)
-    return ChainLimbs(joints, axes, toe)
+            slides[..., later, :] = _turned(slides[..., later, :], axis, angle)
+    return ChainLimbs(joints, axes, toe, slides, chain.drive)
+
+
+def joint_motions(chain: SerialChain, angles: Array) -> Array:
+    """How far joints (..., N, J) are moved by angles (..., N, J): by their own, if none follows."""
+    if chain.drive is None:
+        return angles
+    return np.einsum("nij,...nj->...ni", chain.drive, angles)
+
+
+def slide_directions(chain: SerialChain) -> Array:
+    """(N, J, 3) in which joints slide at zero angles, zero of those that do not."""
+    return np.zeros_like(chain.axis_zero) if chain.slide_zero is None else chain.slide_zero
 
 
 def turned_back(chain: SerialChain, angles: Array, vectors: Array) -> Array:
     """Vectors (..., N, 3) of last links at angles (..., N, J), turned with them to zero angles."""
-    for j in range(angles.shape[-1]):
-        vectors = _turned(vectors, chain.axis_zero[:, j], -angles[..., j])
+    moved = joint_motions(chain, angles)
+    for j in range(moved.shape[-1]):
+        vectors = _turned(vectors, chain.axis_zero[:, j], -moved[..., j])
     return vectors
 
 

@@ -46,9 +46,10 @@ class Limbs:
     """Joint positions and axes of all limbs in the world."""
 
     joints: Array  # (..., N, J, 3) coxa, femur and tibia joint, or those of a chain [m]
-    axes: Array  # (..., N, J, 3) their unit axes
+    axes: Array  # (..., N, J, 3) their unit axes, zero of joints that slide
     toe: Array  # (..., N, 3) [m]
     drive: Array | None = None  # (..., N, J, J) speeds about the axes by joint speeds, if not alike
+    slides: Array | None = None  # (..., N, J, 3) directions in which joints slide, if some do
 
     @property
     def points(self) -> Array:
@@ -56,8 +57,13 @@ class Limbs:
         return np.concatenate([self.joints, self.toe[..., None, :]], axis=-2)
 
     def jacobian(self) -> Array:
-        """Toe velocity by joint speed, (..., N, 3, J): column j is axis_j x (toe - joint_j)."""
+        """Toe velocity by joint speed, (..., N, 3, J): column j is axis_j x (toe - joint_j).
+
+        Of joints that slide it is the direction in which they do.
+        """
         columns = np.cross(self.axes, self.toe[..., None, :] - self.joints)
+        if self.slides is not None:
+            columns = columns + self.slides
         own = np.swapaxes(columns, -1, -2)
         return own if self.drive is None else own @ self.drive
 
@@ -70,6 +76,8 @@ class Limbs:
     def last_link(self) -> Array:
         """Rows x along the last link, y = z x x, z along the last joint's axis (..., N, 3, 3)."""
         z = self.axes[..., -1, :]
+        if self.slides is not None:
+            z = z + self.slides[..., -1, :]
         along = self.toe - self.joints[..., -1, :]
         along = along - (along * z).sum(axis=-1, keepdims=True) * z
         x = along / np.maximum(_length(along), 1e-12)
@@ -207,6 +215,8 @@ def _chains_at(chain: SerialChain, com: Array, axes: Array, angles: Array) -> Li
         joints=origin[..., None, :] + body.joints @ turn,
         axes=body.axes @ turn,
         toe=origin + (body.toe[..., None, :] @ turn)[..., 0, :],
+        drive=body.drive,
+        slides=body.slides @ turn,
     )
 
 

@@ -173,11 +173,12 @@ def variable_bounds(scene: ClimbScene, joint_margin: float) -> tuple[Array, Arra
     if isinstance(wall, Tube):
         low["toes"] = np.array([[-np.inf], [-np.inf], [wall.lower]])
         high["toes"] = np.array([[np.inf], [np.inf], [wall.upper]])
+    kept = joint_margin * robot.joint_unit.T
     for moment in MOMENTS:
         # Joints that a limb does not have stay at zero
         has = robot.has_joint.T
-        low[f"angles_{moment.name}"] = np.where(has, robot.joint_lower.T + joint_margin, 0.0)
-        high[f"angles_{moment.name}"] = np.where(has, robot.joint_upper.T - joint_margin, 0.0)
+        low[f"angles_{moment.name}"] = np.where(has, robot.joint_lower.T + kept, 0.0)
+        high[f"angles_{moment.name}"] = np.where(has, robot.joint_upper.T - kept, 0.0)
     layout = variable_layout(shape.limbs, robot.joint_count)
     lower, upper = (np.tile(layout.pack(side), shape.rounds) for side in (low, high))
     return lower, upper

@@ -28,7 +28,8 @@ def robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
         "kind: robot",
         f"urdf: {scalar(urdf)}",
         f"base: {scalar(draft.base)}  # the body; its frame and toes are links of it",
-        f"forward: {draft.forward}  # axis of the base that points forward; its z is up",
+        f"forward: {draft.forward}  # axis of the base that points forward",
+        f"up: {draft.up}  # axis of the base that points up",
     ]
     if draft.packages:
         lines.append(f"packages: {json.dumps(draft.packages)}")

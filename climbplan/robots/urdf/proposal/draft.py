@@ -25,6 +25,7 @@ class Draft:
     joints: dict[str, dict[str, float]]
     locked: dict[str, float]
     forward: str = "x"
+    up: str = "z"
     packages: dict[str, str] = field(default_factory=dict)
     foot: float = 0.0  # radius of spherical feet [m]; 0: points
 
@@ -38,6 +39,7 @@ class Draft:
             "urdf": str(self.urdf),
             "base": self.base,
             "forward": self.forward,
+            "up": self.up,
             "legs": self.legs,
             "joints": self.joints,
             "locked": self.locked,

@@ -6,23 +6,29 @@ For each leg lifted the least share s of the torque limits with which the others
     such that   sum f = W,   sum p x f - d x W = 0,   |J^T f| <= s tau
                 forces in pyramids inside the friction cones, and of some pressure
 
-a linear program, with the Jacobians of the unshifted body. The planner of forces knows more than
-this (compliance, commands, stability); it has the last word.
+a linear program, with the Jacobians of the unshifted body (`holding_share`), or of the body where
+it is shifted to, in a few programs after one another (`moved_share`). The planner of forces knows
+more than this (compliance, commands, stability); it has the last word.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linprog
 
 from climbplan.robots.rotations import Array
+from climbplan.robots.serial_chain import SerialChain
 
 _FACETS = 8
 _PRESS = 0.05  # of the weight, at every toe
+_MOVES = 5  # programs after one another, each with the Jacobians of the last one's shift
+_HALVED = 4  # times that a shift is halved whose toes are out of reach
+_TRUST = 0.05  # [m] to which Jacobians are trusted from the second program on
+_STILL = 2e-3  # [m]
 _SHIFT_COST = 2.0  # [1/m] share of torque that a metre of shift has to save
 
 
@@ -69,7 +75,7 @@ def _lifts(
     weight: float,
     mu: float,
     most: float,
-) -> Iterator[tuple[list[int], tuple[float, float, Array] | None]]:
+) -> Iterator[tuple[list[int], tuple[float, float, Array, Array] | None]]:
     """Limbs that stand, and what they need, with each limb lifted in turn."""
     for lifted in range(len(toes)):
         stands = [i for i in range(len(toes)) if i != lifted]
@@ -105,6 +111,63 @@ def holding_share(
     return worst, shift
 
 
+def moved_share(
+    chain: SerialChain,
+    bounds: tuple[Array, Array],
+    angles: Array,
+    toes: Array,
+    normal: Array,
+    torque: Array,
+    weight: float,
+    mu: float,
+    most: float,
+    enough: float = np.inf,
+) -> tuple[float, float]:
+    """As `holding_share`, with exact kinematics of the shifted body: toes stay where they are.
+
+    chain: of the legs; bounds: (N, J) lower and upper [rad]; angles: (N, J) of the unshifted body;
+    toes: (N, 3) from its centre of mass, which is taken to move with the body. enough: a share,
+    beyond which no further lifts are looked at.
+    """
+    count = len(toes)
+    near = replace(chain, posture=angles)
+    hips = near.joint_points(angles[None])[0, :, -1]
+    worst, shift = 0.0, 0.0
+    for lifted in range(count):
+        stands = [i for i in range(count) if i != lifted]
+        at, jacobian, trust = np.zeros(2), near.jacobian(angles), most
+        best: tuple[float, float] | None = None
+        for _ in range(_MOVES):
+            own = toes[stands], normal[stands], jacobian[stands], torque[stands], weight, mu
+            fixed = _least_share(*own, most, at, 0.0)
+            if fixed is not None and (best is None or fixed[0] < best[0]):
+                best = fixed[0], float(np.abs(at).max())
+            else:
+                trust *= 0.5
+            aim = _least_share(*own, most, at, trust)
+            if aim is None:
+                break
+            step = aim[3] - at
+            for _ in range(_HALVED):
+                found = near.inverse((hips - [*(at + step), 0.0])[None], *bounds)
+                if found.valid[0][stands].all():
+                    break
+                step = 0.5 * step
+            else:
+                break
+            if np.abs(step).max() < _STILL:
+                break
+            at = at + step
+            jacobian = near.jacobian(np.nan_to_num(found.best()[0]))
+            trust = min(trust, _TRUST)
+        if best is None:
+            return np.inf, np.inf
+        worst, shift = max(worst, best[0]), max(shift, best[1])
+        if worst > enough:
+            break
+    return worst, shift
+
+
 def _least_share(
     toes: Array,
     normal: Array,
@@ -113,11 +176,16 @@ def _least_share(
     weight: float,
     mu: float,
     most: float,
-) -> tuple[float, float, Array] | None:
-    """Share, shift and forces (3 n,) in units of the weight of one stance.
+    about: Array | None = None,
+    trust: float = np.inf,
+) -> tuple[float, float, Array, Array] | None:
+    """Share, shift, forces (3 n,) in units of the weight of one stance, and the shift (2,).
 
+    about: shift (2,) from which none is looked for that is farther off than `trust` [m] in x or y.
     Unknowns: forces in units of the weight, s, the shift in x and y, and its size.
     """
+    middle = np.zeros(2) if about is None else about
+    low, high = np.maximum(-most, middle - trust), np.minimum(most, middle + trust)
     n = len(toes)
     size = 3 * n + 4
     equal = np.zeros((6, size))
@@ -155,8 +223,9 @@ def _least_share(
         ends.append(np.zeros(1))
     cost = np.zeros(size)
     cost[3 * n], cost[-1] = 1.0, _SHIFT_COST
-    bounds = [(None, None)] * (3 * n) + [(0.0, None), (-most, most), (-most, most), (0.0, most)]
+    bounds = [(None, None)] * (3 * n) + [(0.0, None), *zip(low, high, strict=True), (0.0, most)]
     found = linprog(cost, np.vstack(rows), np.concatenate(ends), equal, right, bounds)
     if found.status != 0:
         return None
-    return float(found.x[3 * n]), float(found.x[-1]), np.asarray(found.x[: 3 * n])
+    shift = np.asarray(found.x[3 * n + 1 : 3 * n + 3])
+    return float(found.x[3 * n]), float(found.x[-1]), np.asarray(found.x[: 3 * n]), shift

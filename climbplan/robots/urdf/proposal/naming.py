@@ -34,10 +34,12 @@ def named(hips: Array, links: list[str], groups: list[int]) -> Named:
     right = [i for i in range(len(hips)) if hips[i, 0] > _ON_MIDDLE]
     ends = {group: np.mean([hips[i, 2] for i in _of(groups, group)]) for group in set(groups)}
     kinds = dict.fromkeys(ends, "")
-    if len(ends) == 2:  # arms beside legs
+    if len(ends) == 2:  # arms beside legs, or before them
         high, low = sorted(ends, key=lambda group: -ends[group])
         if ends[high] - ends[low] > _HIGHER:
             kinds = {high: "arm", low: "leg"}
+        else:
+            groups, kinds = [0] * len(groups), {0: ""}
     names: dict[int, str] = {}
     for group, kind in kinds.items():
         for side, own in (("R", right), ("L", left)):

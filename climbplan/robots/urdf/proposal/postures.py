@@ -33,13 +33,13 @@ _WIDE = np.arange(0.25, 0.96, 0.07)  # shares of reach that walls are from first
 _BELOW = np.array([-0.2, 0.0, 0.15, 0.3, 0.45, 0.6])
 _SPREAD = np.array([-0.4, -0.2, 0.0, 0.2, 0.4])
 _HELD = 120  # of the roomiest braces whose forces are looked at
-_SHIFTED = (0.15, 0.22)  # of reach that the body may shift between walls; more if need be
+SHIFTED = (0.15, 0.22)  # of reach that the body may shift between walls; more if need be
 _WEAK = 0.75  # share of the torque limits from which on there is need
-_ABOVE = 0.05  # of reach that links stay above toes on the ground
+ABOVE = 0.05  # of reach that links stay above toes on the ground
 _ROUND_ZERO = 2.0  # [rad] that joints without bounds are bent at most
 _HOLDING = 3  # legs that bear the weight
 _ONE_BEND = 0.5  # [m] off the mirror image of the other leg, that counts as one metre of room
-_LEAST_ROOM = 0.01  # [m]
+LEAST_ROOM = 0.01  # [m]
 _NEAR = 0.2  # of a limb's length, within which it may be in the body's box
 
 
@@ -112,14 +112,14 @@ def standing_postures(legs: Legs, count: int) -> list[Posture]:
     angles, reached = reached_angles(legs, toes, force)
     quality = quality_of(legs.chain, angles, force, legs.limits)
     above = quality.points[..., :-1, 2].min(axis=-1) - toes[..., 2]
-    fine = reached & clear_of_body(legs, quality.points) & (above > _ABOVE * reach)
+    fine = reached & clear_of_body(legs, quality.points) & (above > ABOVE * reach)
     return best_of(quality, angles, toes, fine, count)
 
 
 def bracing_postures(
-    legs: Legs, standing: Array, count: int, clearance: float, mu: float
+    legs: Legs, standing: Array, clearance: float, mu: float
 ) -> tuple[list[Posture], Lack]:
-    """The best postures between two walls, the same distance on both sides; best first.
+    """Postures that hold between two walls, the same distance on both sides; best first.
 
     And the least share of the torque limits that any posture needs with one leg lifted.
 
@@ -156,7 +156,7 @@ def bracing_postures(
     tried = best_of(quality, angles, toes, fine, _HELD, 2 * half)
     held: list[Posture] = []
     lack = Lack(np.inf)
-    for share in _SHIFTED:
+    for share in SHIFTED:
         if lack.share <= _WEAK:
             break
         held, most = [], share * float(reach.min())
@@ -174,7 +174,7 @@ def bracing_postures(
                 score = brace.room * (1 - use)
                 held.append(replace(brace, use=use, shift=shift, score=score))
     any_tried = bool(fine.all(axis=1).any())
-    return sorted(held, key=lambda brace: -brace.score)[:count], lack if any_tried else Lack()
+    return sorted(held, key=lambda brace: -brace.score), lack if any_tried else Lack()
 
 
 def reached_angles(
@@ -194,7 +194,7 @@ def reached_angles(
     # Knees above their toes, and links out of the body
     under = quality.points[..., :-1, 2].min(axis=-1) - quality.points[..., -1, 2]
     free = False if grounded is None else ~grounded
-    good = clear_of_body(legs, quality.points) & ((under > _ABOVE * legs.reach) | free)
+    good = clear_of_body(legs, quality.points) & ((under > ABOVE * legs.reach) | free)
     score = np.where(good, quality.score, -np.inf)
     angles = np.zeros((*toes.shape[:2], legs.lower.shape[1]))
     done: set[int] = set()
@@ -247,7 +247,7 @@ def best_of(
     gap: Array | None = None,
 ) -> list[Posture]:
     """The best candidates: every leg fine, and the least of their scores largest."""
-    score = np.where(fine & (quality.room > _LEAST_ROOM), quality.score, -np.inf).min(axis=1)
+    score = np.where(fine & (quality.room > LEAST_ROOM), quality.score, -np.inf).min(axis=1)
     order = [int(i) for i in np.argsort(-score, kind="stable") if score[i] > 0]
     return [
         Posture(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,11 +10,11 @@ import numpy as np
 
 from climbplan.errors import SpecError, UsageError
 from climbplan.robots.rotations import Array
-from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
+from climbplan.robots.urdf.pinocchio_model import LegAtZero
 from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.limbs import FoundLimb, alike, body_link, legs_among, limbs_of
 from climbplan.robots.urdf.proposal.naming import Named, named
-from climbplan.robots.urdf.proposal.settled import Proposal, settled
+from climbplan.robots.urdf.proposal.settled import Proposal, Settled, settled
 from climbplan.robots.urdf.proposal.toes import Toe, spherical, toe_of
 from climbplan.robots.urdf.shapes import Shape
 from climbplan.spec.robots.urdf.model import FEWEST_LEGS
@@ -21,6 +22,7 @@ from climbplan.spec.robots.urdf.tree import UrdfTree, read_urdf
 from climbplan.spec.robots.urdf.xml import UrdfFault, UrdfFaults
 
 _AHEAD = 1.3  # times as far apart front to rear as side to side: how legs tell forward from aside
+_LYING = (("z", "-x"), ("z", "x"))  # forward and up of a base on its front, whose x was ahead
 _LEG_NAMES = "limb {}"
 
 
@@ -39,16 +41,36 @@ class FoundLegs:
 def propose(urdf: Path, packages: dict[str, str] | None = None) -> Proposal:
     """Look at a URDF.
 
+    A robot with arms stands on all its limbs upright if it can; else on hands and feet, with its
+    front or its back down; else on its feet, with its hands on walls.
+
     Raises SpecError for what is wrong in it and UsageError where nothing can be proposed: too few
     limbs, or no posture in which it stands.
     """
     found = legs_of(urdf, packages)
+    if not any(found.named.arms):
+        return _settled(found).proposal()
+    lying = (legs_of(urdf, packages, axes) for axes in _LYING)
+    for own in itertools.chain([found], lying):
+        try:
+            return _settled(own, walls=False).proposal()
+        except UsageError:
+            continue
+    return _settled(found).proposal()
+
+
+def _settled(found: FoundLegs, walls: bool = True) -> Settled:
     own = found.draft, found.tree, list(found.toes), found.named, found.shapes, found.unread
-    return settled(*own).proposal()
+    return settled(*own, walls)
 
 
-def legs_of(urdf: Path, packages: dict[str, str] | None = None) -> FoundLegs:
-    """Legs of a URDF, their toes, names and order; raises as `propose` but for postures."""
+def legs_of(
+    urdf: Path, packages: dict[str, str] | None = None, axes: tuple[str, str] | None = None
+) -> FoundLegs:
+    """Legs of a URDF, their toes, names and order; raises as `propose` but for postures.
+
+    axes: of the base that point forward and up; left out: up is z, and forward is looked for.
+    """
     tree = read_tree(urdf)
     base = body_link(tree)
     found = limbs_of(tree, base)
@@ -80,7 +102,7 @@ def legs_of(urdf: Path, packages: dict[str, str] | None = None) -> FoundLegs:
         for i, toe in enumerate(toes)
     }
     legs, groups = _chosen(draft, limbs, urdf)
-    draft, model, hips = _facing(draft, limbs, legs, groups)
+    draft, hips = _facing(draft, limbs, legs, groups, axes)
     links = [toes[i].link for i in legs]
     names = named(hips, links, [groups[i] for i in legs])
     legs = [legs[i] for i in names.order]
@@ -136,15 +158,19 @@ def _length(leg: LegAtZero) -> float:
 
 
 def _facing(
-    draft: Draft, limbs: tuple[FoundLimb, ...], legs: list[int], groups: dict[int, int]
-) -> tuple[Draft, UrdfModel, Array]:
-    """The draft with the axis that points forward, its model and first joints of legs (N, 3)."""
-    for forward in ("x", "y"):
-        turned = replace(draft, forward=forward)
+    draft: Draft,
+    limbs: tuple[FoundLimb, ...],
+    legs: list[int],
+    groups: dict[int, int],
+    axes: tuple[str, str] | None,
+) -> tuple[Draft, Array]:
+    """The draft with the axes that point forward and up, and first joints of legs (N, 3)."""
+    for forward, up in [("x", "z"), ("y", "z")] if axes is None else [axes]:
+        turned = replace(draft, forward=forward, up=up)
         model = turned.model()
         hips = np.array([model.leg(_LEG_NAMES.format(i)).joints[0] for i in legs])
         wide, long, _ = np.ptp(hips, axis=0)
         one_kind = len({groups[i] for i in legs}) == 1 and len(legs) > 3
         if not (one_kind and wide > _AHEAD * long):
             break
-    return turned, model, hips
+    return turned, hips

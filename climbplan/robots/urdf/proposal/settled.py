@@ -19,14 +19,17 @@ from climbplan.robots.urdf.proposal.corridor import corridor_postures
 from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.holding import Lack
 from climbplan.robots.urdf.proposal.idle import idle_joints, rest_of
+from climbplan.robots.urdf.proposal.leaning import leaning_postures
 from climbplan.robots.urdf.proposal.motors import Motors, motors_of
 from climbplan.robots.urdf.proposal.naming import Named, mirrored
 from climbplan.robots.urdf.proposal.postures import (
+    SHIFTED,
     Legs,
     Posture,
     bracing_postures,
     standing_postures,
 )
+from climbplan.robots.urdf.proposal.refining import refined
 from climbplan.robots.urdf.proposal.toes import Toe
 from climbplan.robots.urdf.proposal.touching import Parts, parts_of
 from climbplan.robots.urdf.shapes import Shape, body_box
@@ -41,6 +44,7 @@ _IN_HAND = 0.95  # of the friction that may be used
 SHARE = 0.1  # of compliance in the structure
 _TRIED = 24  # postures whose room is measured with exact kinematics
 _BRACES = 16  # postures between walls that are kept, for the planner to choose from
+_DOUBTED = 0.5  # of the torque limits, from which on postures between walls are looked at again
 _LONGEST = 0.97  # share of reach that `farthest_toes` gives
 _STRONG = 100.0  # times the torque limits, to see what is missing
 FLOOR = 0.8  # friction: rubber on a floor
@@ -109,16 +113,17 @@ class Settled:
             x, y, z = (round(float(value), 3) for value in np.ptp(self.inner, axis=0) / 2)
             half = (x, y, z)
         robot = _planned_with(draft, half, self.shapes)
-        found, lacks = _braces(robot, self.mirror)
-        braces = tuple(b for b in found if not _touching(self.parts, self.at_zero, b))
-        if found and not braces:
-            lacks = f": parts touch in all {len(found)} that would hold"
+        braces, lacks = self._braces(robot)
         assumed = []
         if self.unread:
             assumed.append(f"collision geometry is not read: {self.unread}")
         if not self.named.by_place:
             assumed.append("legs are no pairs left and right: they have the names of their toes")
-        if draft.forward != "x":
+        if draft.up != "z":
+            assumed.append(
+                f"on hands and feet: the base's {draft.forward} points forward, its {draft.up} up"
+            )
+        elif draft.forward != "x":
             assumed.append(
                 f"forward is the base's {draft.forward} axis, along which legs are spread"
             )
@@ -129,6 +134,40 @@ class Settled:
             posture, braces, lacks, robot, box, half, odd, tuple(assumed),
         )  # fmt: skip
 
+    def _braces(self, robot: Robot) -> tuple[tuple[Posture, ...], str]:
+        """Postures between walls in which no parts touch, and what is lacking on the roughest."""
+        if not isinstance(robot.mechanism, SerialChain):
+            raise TypeError("a robot from a URDF has chains")
+        chain, low, high = robot.mechanism, robot.joint_lower, robot.joint_upper
+        box = robot.body_hull.min(axis=0), robot.body_hull.max(axis=0)
+        reach = _farthest(chain, low, high)
+        legs = Legs(chain, low, high, robot.max_torque, reach, robot.weight, self.mirror, box)
+
+        def apart(posture: Posture) -> bool:
+            return not _touching(self.parts, self.at_zero, posture)
+
+        def clear(points: Array, posture: Posture) -> bool:
+            out = np.abs(points[:, :-1, 0]).max() >= posture.gap / 2 - CLEARANCE
+            return not out and apart(posture)
+
+        out: list[Posture] = []
+        lacks, held = "", 0
+        for mu in WALLS:
+            usable = _IN_HAND * mu / SAFETY
+            found, lack = bracing_postures(legs, chain.posture, CLEARANCE, usable)
+            held += len(found)
+            lacks = f", on walls of friction {mu:g}{_lacking(legs, lack)}"
+            if lack.share > _DOUBTED:
+                most = SHIFTED[-1] * float(reach.min())
+                found = refined(legs, [b for b in found if apart(b)], usable, most, clear)
+            found = [one for one in found[:_BRACES] if apart(one)]
+            out += [replace(brace, friction=mu) for brace in found]
+        if held and not out:
+            lacks = (
+                f": of {held} that a first look takes to hold, parts touch or motors lack torque"
+            )
+        return tuple(out), lacks
+
 
 def settled(
     draft: Draft,
@@ -137,8 +176,11 @@ def settled(
     names: Named,
     shapes: list[Shape],
     unread: str,
+    walls: bool = True,
 ) -> Settled:
     """Motors, idle joints and standing postures of legs that are settled.
+
+    walls: whether hands may be on walls where the ground alone does not do.
 
     Raises UsageError for links without mass, and where it stands in no posture.
     """
@@ -191,8 +233,10 @@ def settled(
 
     lack = Lack()
     standings = _roomiest(legs, fine(standing_postures(legs, _TRIED)))
-    if not standings and any(names.arms):
-        usable = _IN_HAND * FLOOR / SAFETY
+    usable = _IN_HAND * FLOOR / SAFETY
+    if not standings:
+        standings = _roomiest(legs, fine(leaning_postures(legs, center, _TRIED, usable)))
+    if not standings and walls and any(names.arms):
         found, lack = corridor_postures(
             legs, np.array(names.arms), center, _TRIED, CLEARANCE, usable
         )
@@ -271,24 +315,6 @@ def _planned_with(
     if not shapes:
         update["limb_radius"] = LIMB_RADIUS
     return robot_of_urdf(replace(robot, spec=robot.spec.model_copy(update=update)))
-
-
-def _braces(robot: Robot, mirror: tuple[int | None, ...]) -> tuple[tuple[Posture, ...], str]:
-    """Postures between walls, and what is lacking on the roughest."""
-    if not isinstance(robot.mechanism, SerialChain):
-        raise TypeError("a robot from a URDF has chains")
-    chain, low, high = robot.mechanism, robot.joint_lower, robot.joint_upper
-    box = robot.body_hull.min(axis=0), robot.body_hull.max(axis=0)
-    reach = _farthest(chain, low, high)
-    legs = Legs(chain, low, high, robot.max_torque, reach, robot.weight, mirror, box)
-    out: list[Posture] = []
-    lacks = ""
-    for mu in WALLS:
-        usable = _IN_HAND * mu / SAFETY
-        found, lack = bracing_postures(legs, chain.posture, _BRACES, CLEARANCE, usable)
-        out += [replace(brace, friction=mu) for brace in found]
-        lacks = f", on walls of friction {mu:g}{_lacking(legs, lack)}"
-    return tuple(out), lacks
 
 
 def _too_weak(legs: Legs, found: list[Posture]) -> str:

@@ -21,7 +21,8 @@ _STAIR = 0.25  # of the ball, that a stair is high
 _HIGHEST_STAIR = 0.05  # [m]
 _OVER_EDGE = 1.5  # of a stair's height, that toes are lifted
 _STAIR_ROUNDS = 4
-_WALL_TORQUE = 1.2  # S_tau on the way to the walls
+_WALL_TORQUE = 1.2  # S_tau on the way to the walls, if the posture there has so much
+_OF_BRACE = 0.9  # of the S_tau that the posture between walls has
 _WALL_HEIGHTS = 4
 _ASIDE = 0.12  # of the level distance of a toe from the body: poses beside the straight way
 _ABOVE_GROUND = 0.05  # [m] of the lowest toe on a wall
@@ -164,6 +165,7 @@ def wall_document(proposal: Proposal, robot_file: str, brace: Posture) -> str:
     lift = min(_LIFT * min(robot.stance_radius, 2 * brace.room), 0.05)
     rounds, gap = robot.limb_count, _apart(proposal, brace.gap)
     half = gap / 2
+    torque = min(_WALL_TORQUE, max(1.0, _OF_BRACE / max(brace.use, 1e-3)))
     return f"""# {robot.name} goes from the ground to two walls, in {rounds} rounds.
 #
 #     climbplan plan-transition {robot_file.removesuffix(".yaml")}_wall.yaml
@@ -187,7 +189,7 @@ posture:
   steps: {{shift_max: {shift:.3f}, com_max: {2 * shift:.3f}}}
 
 search: {{aside: {_ASIDE * away + 0.5 * brace.shift:.3f}, heights: {_WALL_HEIGHTS}}}
-force: {{safety_torque: {_WALL_TORQUE:g}}}
+force: {{safety_torque: {torque:.2f}}}
 trajectory: {{lift: {lift:.4f}}}
 seed: 0
 """

@@ -152,6 +152,8 @@ class _Writer:
             written = "floating"
         else:
             raise UrdfFault(f"joint {name!r}: a ball joint; expected hinges", line)
+        if self.follows.get(joint) == "":
+            written = "fixed"
         limit = ""
         if limited:
             zero = float(model.qpos0[model.jnt_qposadr[joint]])
@@ -201,7 +203,7 @@ class _Writer:
         )
 
     def _follows(self) -> dict[int, str]:
-        """Joints that an equality makes follow another, or holds."""
+        """Joints that an equality makes follow another, as URDF has it; empty of one it holds."""
         model, found = self.model, {}
         for equality in range(model.neq):
             if model.eq_type[equality] != self.library.mjtEq.mjEQ_JOINT:
@@ -209,8 +211,20 @@ class _Writer:
             if not model.eq_active0[equality]:
                 continue
             joint, other = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
-            leader = model.joint(other if other >= 0 else joint).name
-            found[joint] = f"<mimic joint={quoteattr(leader or 'unnamed')}/>"
+            name = model.joint(joint).name
+            offset, ratio, *bent = (float(a) for a in model.eq_data[equality][:5])
+            if any(bent) or (other < 0 and offset):
+                what = "by a polynomial" if any(bent) else f"{offset:g} off the pose of the file"
+                message = f"joint {name!r} is held {what}; expected one that follows in proportion"
+                raise UrdfFault(message, self.found.line("joint", name))
+            if other < 0:
+                found[joint] = ""
+                continue
+            leader = model.joint(other).name
+            found[joint] = (
+                f'<mimic joint={quoteattr(leader or "unnamed")} multiplier="{ratio!r}" '
+                f'offset="{offset!r}"/>'
+            )
         return found
 
 

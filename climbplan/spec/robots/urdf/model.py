@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
@@ -32,13 +33,22 @@ class UrdfJointSpec(SpecModel):
     """What a URDF says wrongly or not at all of one joint."""
 
     max_torque: Number | None = quantity(
-        "N m", "torque limit; left out: `effort` of the URDF", default=None, gt=0
+        "N m or N",
+        "torque limit, of a joint that slides a force; left out: `effort` of the URDF",
+        default=None,
+        gt=0,
     )
     max_speed: Number | None = quantity(
-        "rad/s", "speed limit; left out: `velocity` of the URDF", default=None, gt=0
+        "rad/s or m/s",
+        "speed limit; left out: `velocity` of the URDF",
+        default=None,
+        gt=0,
     )
     stiffness: Number | None = quantity(
-        "N m/rad", "stiffness under position control; left out: the robot's", default=None, gt=0
+        "N m/rad or N/m",
+        "stiffness under position control; left out: the robot's",
+        default=None,
+        gt=0,
     )
 
 
@@ -60,6 +70,9 @@ class UrdfLegSpec(SpecModel):
         "and from which others start; joints left out are at zero, or in the middle of their "
         "range if that leaves zero out",
         default={},
+    )
+    posture_m: dict[str, Number] = quantity(
+        "m", "the same of joints that slide, by their names", default={}
     )
     stance: Vector | None = quantity(
         "m",
@@ -88,6 +101,9 @@ class UrdfWorkspaceSpec(SpecModel):
     )
 
 
+Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
+
+
 class UrdfRobotSpec(SpecModel):
     """A robot that a URDF describes, with what no URDF says of it."""
 
@@ -104,8 +120,11 @@ class UrdfRobotSpec(SpecModel):
     base: str | None = Field(
         default=None, min_length=1, description="link that is the body; left out: the root link"
     )
-    forward: Literal["x", "-x", "y", "-y"] = Field(
-        default="x", description="axis of the base link that points forward; its z points up"
+    forward: Axis = Field(default="x", description="axis of the base link that points forward")
+    up: Axis = Field(
+        default="z",
+        description="axis of the base link that points up in the robot's posture, square to "
+        "`forward`: a humanoid that goes on hands and feet has `forward: z` and `up: -x`",
     )
     mass: Number | None = quantity(
         "kg", "total mass; left out: the sum over the links", default=None, gt=0
@@ -115,6 +134,12 @@ class UrdfRobotSpec(SpecModel):
         "N m/rad",
         "stiffness of joints under position control (their P gain); assumed if left out",
         default=50.0,
+        gt=0,
+    )
+    slide_stiffness: Number = quantity(
+        "N/m",
+        "stiffness of joints that slide under position control (their P gain); assumed if left out",
+        default=5000.0,
         gt=0,
     )
     structural_compliance_share: Number = quantity(
@@ -128,6 +153,9 @@ class UrdfRobotSpec(SpecModel):
         "joint name -> angle at which it is held, fixed like a weld: a waist that legs would "
         "share, joints of a leg beyond seven, arms where they are to be out of the way",
         default={},
+    )
+    locked_m: dict[str, Number] = quantity(
+        "m", "joint name -> where it is held, of joints that slide", default={}
     )
     body_half_size: Vector | None = quantity(
         "m",
@@ -172,6 +200,9 @@ class UrdfRobotSpec(SpecModel):
         faults += [
             Fault("legs", "expected a name for every leg, got ''") for n in self.legs if not n
         ]
+        if self.up[-1] == self.forward[-1]:
+            message = f"expected an axis square to `forward: {self.forward}`, got {self.up!r}"
+            faults.append(Fault("up", message))
         if self.body_half_size is not None and min(self.body_half_size) <= 0:
             size = list(self.body_half_size)
             faults.append(Fault("body_half_size", f"expected three numbers > 0, got {size}"))
@@ -182,12 +213,19 @@ class UrdfRobotSpec(SpecModel):
         refuse(faults)
         return self
 
+    @property
+    def held(self) -> dict[str, float]:
+        """Joint name -> angle [rad] or place [m] at which it is held."""
+        turned = {name: float(np.deg2rad(degrees)) for name, degrees in self.locked.items()}
+        return turned | {name: float(place) for name, place in self.locked_m.items()}
+
     def _sizes(self) -> list[Fault]:
         """What is out of the range that a robot's numbers can have."""
         own: dict[str, tuple[Given, Range]] = {
             "mass": (self.mass, MASS),
             "gravity": (self.gravity, GRAVITY),
             "joint_stiffness": (self.joint_stiffness, STIFFNESS),
+            "slide_stiffness": (self.slide_stiffness, STIFFNESS),
             "body_half_size": (self.body_half_size, LENGTH),
             "limb_radius": (self.limb_radius, THICKNESS),
             **{f"limb_radii.{name}": (r, THICKNESS) for name, r in self.limb_radii.items()},

@@ -49,6 +49,14 @@ class UrdfRobot:
         return tuple(self.spec.legs)
 
     @property
+    def own_joints(self) -> dict[str, tuple[UrdfJoint, ...]]:
+        """By leg, those of `joints` that follow no other."""
+        return {
+            name: tuple(joint for joint in joints if joint.mimic is None)
+            for name, joints in self.joints.items()
+        }
+
+    @property
     def gripper(self) -> GripperSpec | None:
         """Grippers at its toes, if it has some."""
         return self.spec.gripper
@@ -97,7 +105,7 @@ def robot_of_tree(
     meshes: dict[str, Path] = {}
     named = dict(mesh for link in tree.links.values() for mesh in link.collision_meshes)
     joints = {
-        name: tuple(moving_joints(tree.way_to(leg.toe, base) or [], spec))
+        name: tuple(moving_joints(tree.way_to(leg.toe, base) or [], spec, tree))
         for name, leg in spec.legs.items()
         if not found
     }

@@ -28,7 +28,8 @@ from climbplan.spec.robots.urdf.xml import (
 
 LARGEST_URDF = 20_000_000  # [bytes]
 TURNING = ("revolute", "continuous")
-_KINDS = (*TURNING, "prismatic", "fixed", "floating", "planar")
+SLIDING = "prismatic"
+_KINDS = (*TURNING, SLIDING, "fixed", "floating", "planar")
 _NO_SDF = (
     "an SDF file, which Pinocchio reads only where it is built with sdformat, as none of the "
     "packages on PyPI is; expected a URDF or an MJCF file"
@@ -46,6 +47,15 @@ _SHAPES = {
 
 
 @dataclass(frozen=True)
+class Mimic:
+    """That a joint follows another one: multiplier times that one's place, plus offset."""
+
+    joint: str
+    multiplier: float
+    offset: float  # [rad], [m] of a joint that slides
+
+
+@dataclass(frozen=True)
 class UrdfJoint:
     """One joint as it is written."""
 
@@ -54,16 +64,31 @@ class UrdfJoint:
     kind: str
     parent: str
     child: str
-    lower: float  # [rad], -inf if there is none
+    lower: float  # [rad], [m] of one that slides; -inf if there is none
     upper: float
-    effort: float | None  # [N m], None if not given
-    velocity: float | None  # [rad/s]
-    mimics: str | None
+    effort: float | None  # [N m], [N]; None if not given
+    velocity: float | None  # [rad/s], [m/s]
+    mimic: Mimic | None
+
+    @property
+    def mimics(self) -> str | None:
+        """The joint that it follows."""
+        return None if self.mimic is None else self.mimic.joint
 
     @property
     def turns(self) -> bool:
-        """Whether it is a joint that a leg may have."""
+        """Whether it turns about its axis."""
         return self.kind in TURNING
+
+    @property
+    def slides(self) -> bool:
+        """Whether it slides along its axis."""
+        return self.kind == SLIDING
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is a joint that a leg may have."""
+        return self.turns or self.slides
 
 
 @dataclass(frozen=True)
@@ -295,7 +320,7 @@ def _joint(element: Element) -> UrdfJoint:
             raise UrdfFault(f"joint {name!r}: expected an axis of some length", axis.line)
     limit, mimic = element.first("limit"), element.first("mimic")
     lower, upper = -math.inf, math.inf
-    if kind in ("revolute", "prismatic"):
+    if kind in ("revolute", SLIDING):
         lower, upper = number_of(limit, "lower") or 0.0, number_of(limit, "upper") or 0.0
     return UrdfJoint(
         name=name,
@@ -307,5 +332,14 @@ def _joint(element: Element) -> UrdfJoint:
         upper=upper,
         effort=number_of(limit, "effort"),
         velocity=number_of(limit, "velocity"),
-        mimics=None if mimic is None else text_of(mimic, "joint"),
+        mimic=None if mimic is None else _mimic(mimic),
+    )
+
+
+def _mimic(element: Element) -> Mimic:
+    multiplier = number_of(element, "multiplier")
+    return Mimic(
+        joint=text_of(element, "joint"),
+        multiplier=1.0 if multiplier is None else multiplier,
+        offset=number_of(element, "offset") or 0.0,
     )

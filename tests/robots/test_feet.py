@@ -24,6 +24,10 @@ from climbplan.spec.loading import load_climb
 SPECS = Path(__file__).parents[2] / "specs"
 RADIUS = 0.03
 STEP = 1e-6
+GRIPPER = (
+    "gripper: {length: 0.07, finger_span: 0.07, max_force: 60, wrist_max_torque: [5, 5, 5], "
+    "wrist_lower_deg: [-90, -90, -180], wrist_upper_deg: [90, 90, 180]}"
+)
 
 
 def walker(folder: Path, foot: str) -> Robot:
@@ -113,6 +117,7 @@ def test_point_toes_touch_where_they_are(footed: Robot, tmp_path: Path) -> None:
         ("foot: {}", "foot.radius", ""),
         ("foot: {radis: 0.02}", "foot.radis", "unknown key"),
         ("foot: 0.02", "foot", ""),
+        (f"{GRIPPER}\nfoot: {{radius: 0.02}}", "foot", "grippers or feet at the toes, got both"),
         ("foot: {radius: 0.5}", "foot.radius", "distance of L1's toe from its joint"),
     ],
 )

@@ -63,6 +63,8 @@ def scanned(loaded: Loaded) -> Loaded:
     guide = guide_of(loaded.spec)
     if scan.holds is not None:
         return _with_holds(loaded, scan, scan.holds, robot, guide)
+    if robot.foot is not None and robot.foot.radius > scan.toe_radius:
+        scan = scan.model_copy(update={"toe_radius": robot.foot.radius})
     try:
         raw = near_scan(scan, loaded.directory, guide, robot)
         _tell(raw)
@@ -240,7 +242,7 @@ def around(robot: Robot) -> float:
     shoulder = np.linalg.norm(robot.shoulder_body, axis=1)
     if isinstance(robot.limbs, FiveBar):
         return float((shoulder + robot.reach).max())
-    return float((shoulder + robot.link_lengths[:, :-1].sum(axis=1)).max())
+    return float((shoulder + robot.longest_links[:, :-1].sum(axis=1)).max())
 
 
 def _distance(region: FoundRegion | BodyHold, guide: Array, behind: float) -> float:

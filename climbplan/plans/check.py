@@ -110,6 +110,13 @@ SCAN_LIMITS = {
     "scan.trajectory": Limit(1e-6, "m", "and so they do on the way, swings included"),
 }
 
+# Made beside these for feet of finite size. Lifting and setting down, a foot may go into a surface
+# as deep as links may: joints turn evenly between samples.
+FEET_LIMITS = {
+    "limbs.feet": Limit(1e-6, "m", "feet of finite size touch what is solid, and no more"),
+    "trajectory.feet": Limit(1e-3, "m", "and so they do on the way, swings included"),
+}
+
 # Made beside these for robots with grippers; no friction cones at their toes then.
 GRIP_LIMITS = {
     "grip.data": Limit(0, "", "grippers, holds and model of spines out of their range"),
@@ -209,7 +216,7 @@ def judge(
     name: str, residual: float, worst_at: str = "", margin: str = "", used: float = 0.0
 ) -> Check:
     """A check by its name in the tables of limits; NaN never passes."""
-    limit = (LIMITS | SHIFT_LIMITS | RISK_LIMITS | GRIP_LIMITS | SCAN_LIMITS)[name]
+    limit = (LIMITS | SHIFT_LIMITS | RISK_LIMITS | GRIP_LIMITS | SCAN_LIMITS | FEET_LIMITS)[name]
     residual = float(residual) + 0.0  # no minus zero
     passed = bool(residual <= limit.value)  # False for NaN
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))

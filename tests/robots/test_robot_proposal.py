@@ -11,10 +11,13 @@ from urdf_walkers import QUADRUPED, Walker
 from climbplan.errors import SpecError, UsageError
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import toe_body
-from climbplan.robots.urdf.proposal.holding import holding_share, lack_of
+from climbplan.robots.serial_chain import SerialChain
+from climbplan.robots.urdf.proposal.holding import holding_share, lack_of, moved_share
 from climbplan.robots.urdf.proposal.limbs import body_link, limbs_of
 from climbplan.robots.urdf.proposal.naming import named
+from climbplan.robots.urdf.proposal.postures import Legs
 from climbplan.robots.urdf.proposal.proposing import propose
+from climbplan.robots.urdf.proposal.refining import refined
 from climbplan.robots.urdf.proposal.settled import Proposal
 from climbplan.spec.robots.source import load_any_robot
 from climbplan.spec.robots.urdf.tree import urdf_of_text
@@ -133,6 +136,44 @@ def test_braces_hold_with_any_leg_lifted(quadruped: Proposal) -> None:
     lack = lack_of(share, brace.toes, *weak, 0.8, 0.2)
     limit = 0.01 * robot.max_torque[lack.limb, lack.joint]
     assert lack.torque == pytest.approx(share * limit, rel=1e-6)
+
+
+def test_shares_of_a_shifted_body_are_those_of_its_own_angles(quadruped: Proposal) -> None:
+    brace, robot = quadruped.braces[0], quadruped.robot
+    chain = robot.mechanism
+    assert isinstance(chain, SerialChain)
+    normal = np.sign(brace.toes) * [-1.0, 0.0, 0.0]
+    bounds = robot.joint_lower, robot.joint_upper
+    own = chain, bounds, brace.angles, brace.toes, normal, robot.max_torque, robot.weight, 0.8
+    unshifted = normal, robot.limbs.jacobian(brace.angles), robot.max_torque, robot.weight, 0.8
+    still = moved_share(*own, 0.0)
+    assert still[0] == pytest.approx(holding_share(brace.toes, *unshifted, 0.0)[0], rel=1e-6)
+    share, shift = moved_share(*own, 0.1)
+    assert share <= still[0] + 1e-9
+    assert shift <= 0.1 + 1e-9
+
+
+@pytest.mark.slow
+def test_drawn_braces_hold_better_than_those_they_begin_from(quadruped: Proposal) -> None:
+    robot = quadruped.robot
+    chain = robot.mechanism
+    assert isinstance(chain, SerialChain)
+    low, high = robot.joint_lower, robot.joint_upper
+    box = robot.body_hull.min(axis=0), robot.body_hull.max(axis=0)
+    reach = np.full(robot.limb_count, robot.reach)
+    mirror = quadruped.settled.mirror
+    begun = [one for one in quadruped.braces if one.friction == 1.0]
+    # Motors with which the best that is known just holds
+    torque = max(one.use for one in begun) * robot.max_torque
+    legs = Legs(chain, low, high, torque, reach, robot.weight, mirror, box)
+    found, least = refined(legs, begun, 0.8, 0.1, lambda points, posture: True)
+    assert found
+    assert least <= min(one.use for one in found) + 1e-12
+    normal = np.sign(found[0].toes) * [-1.0, 0.0, 0.0]
+    own = found[0].angles, found[0].toes, normal, torque, robot.weight, 0.8, 0.1
+    assert moved_share(chain, (low, high), *own)[0] == pytest.approx(found[0].use, rel=1e-6)
+    np.testing.assert_allclose(np.abs(found[0].toes[:, 0]), found[0].gap / 2, atol=1e-9)
+    assert found == sorted(found, key=lambda one: -min(one.room, 0.06) * (1 - one.use))
 
 
 def test_a_shift_takes_the_weight_to_the_legs_that_stay() -> None:

@@ -132,6 +132,14 @@ def test_axes_of_the_base(tmp_path: Path) -> None:
     assert back.sides[0] == "right"
 
 
+def test_a_base_may_lie_on_its_front(tmp_path: Path) -> None:
+    upright = built(tmp_path, QUADRUPED)
+    lying = built(tmp_path, QUADRUPED, forward="z", up="-x")
+    for name in ("shoulder_body", "stance_body"):
+        turned = vars(upright)[name][:, [0, 2, 1]] * [1.0, 1.0, -1.0]
+        np.testing.assert_allclose(vars(lying)[name], turned, atol=1e-12)
+
+
 def test_given_stances_bend_the_posture(tmp_path: Path) -> None:
     values = section(QUADRUPED)
     stance = [-0.6, 0.3, -0.1]

@@ -17,9 +17,10 @@ from climbplan.bench.zoo.second.stances import Limbs, Stance, Surface, anywhere,
 from climbplan.bench.zoo.second.statics import Load, least_load
 from climbplan.errors import SpecError, UsageError
 from climbplan.robots.urdf.pinocchio_model import urdf_model
+from climbplan.robots.urdf.proposal.braces import SAFETY, WALLS
 from climbplan.robots.urdf.proposal.motors import motors_of
-from climbplan.robots.urdf.proposal.proposing import FoundLegs, legs_of
-from climbplan.robots.urdf.proposal.settled import FLOOR, GRAVITY, SAFETY, WALLS
+from climbplan.robots.urdf.proposal.proposing import FoundLegs, legs_of, propose
+from climbplan.robots.urdf.proposal.settled import FLOOR, GRAVITY
 from climbplan.robots.urdf.proposal.touching import Parts, parts_of
 
 COUNT = 150  # postures drawn anywhere that have their toes on surfaces, and are free of all else
@@ -48,7 +49,7 @@ def second_look(urdf: Path, column: str, words: str, seed: int, count: int = COU
             return Look("limit of ours", "legs of as many joints each, in pairs, walk at speed")
         return Look("not looked at", "walks at speed are no question of postures")
     try:
-        found = legs_of(urdf)
+        found = legs_of(urdf, axes=_axes(urdf))
     except (SpecError, UsageError) as error:
         told = str(error).partition("\n")[0].replace(str(urdf), urdf.name)
         return Look("limit of ours", told)
@@ -56,6 +57,15 @@ def second_look(urdf: Path, column: str, words: str, seed: int, count: int = COU
     surfaces, mu = surfaces_of(limbs, found.named.arms, column)
     parts = _parts(found, limbs)
     return looked(limbs, surfaces, mu, column == "wall", seed, count, parts)
+
+
+def _axes(urdf: Path) -> tuple[str, str] | None:
+    """The axes of the base that point forward and up as the robot was planned with, if it was."""
+    try:
+        draft = propose(urdf).draft
+    except UsageError:
+        return None
+    return draft.forward, draft.up
 
 
 def surfaces_of(

@@ -54,7 +54,7 @@ def climb(folder: Path, ups: np.ndarray, **scan: Any) -> Path:
     spec = {
         "kind": "climb",
         "robot": "scaler",
-        "terrain": {"friction": 1.2, "scan": {"file": file, "holds": {}} | scan},
+        "terrain": {"friction": 1.3, "scan": {"file": file, "holds": {}} | scan},
         "task": {
             "rounds": 2,
             "start": {"com": start.tolist(), "rpy_deg": rpy},

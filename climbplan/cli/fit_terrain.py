@@ -44,7 +44,8 @@ def fit_terrain(
     FILE: a mesh (STL, OBJ, PLY, GLB, DAE), a point cloud (PCD, PLY, XYZ, NPY, LAS) or a height map
     (TIFF, PNG, NPY, CSV, with `--set cell=0.02`). Prints the path of terrain.yaml, the part
     `terrain:` of a spec with all regions, to be edited; beside it report.json and report.html.
-    With --holds it has the wall as `panel` with its graspable spots, and there is no page.
+    With --holds it has the wall as `panel` with its graspable spots, or those of closed bodies as
+    `regions`, each with a `hold`; there is no page.
     """
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
@@ -89,22 +90,19 @@ def _fit_holds(
             f"--holds: expected an opening of 0 to {MOST_OPENING:g} m, got {opening:g}"
         )
     with OutputDirectory(target, force=force) as directory:
-        from climbplan.reports.fits.holds_report import holds_report, write_holds
+        from climbplan.reports.fits.holds_report import graspable, write_holds
         from climbplan.reports.fits.terrain_report import RESULT
-        from climbplan.scan.holds import Grasping, found_holds
-        from climbplan.scan.panel import holds_headline
+        from climbplan.scan.holds import Grasping
         from climbplan.scan.reading import read_scan
         from climbplan.scan.study import scan_of
 
         scan = scan_of(file, settings)
         raw = read_scan(scan, Path())
-        grasping = Grasping(opening)
-        wall = found_holds(raw, grasping)
-        for note in raw.notes:
+        found = graspable(raw, scan, Grasping(opening), file.stem)
+        for note in (*raw.notes, found.headline):
             session.note(f"{file.stem}   {note}")
-        session.note(f"{file.stem}   {holds_headline(wall, grasping)}")
-        report = holds_report(wall, grasping, file.stem, scan.file)
-        write_holds(wall, grasping, report, directory.path)
+        report = found.report
+        write_holds(found, directory.path)
         directory.publish()
     if as_json:
         print_json({**report, "file": str(target / RESULT)})

@@ -18,6 +18,14 @@ from climbplan.robots.any_robot import build_robot
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.scan.body_holds import (
+    NAME,
+    BodyHold,
+    bodies,
+    body_headline,
+    body_holds,
+    body_regions,
+)
 from climbplan.scan.fitting import FoundRegion, found_regions
 from climbplan.scan.free_space import FreeSpace, free_space, pieces_of
 from climbplan.scan.holds import Grasping, found_holds
@@ -40,7 +48,6 @@ Loaded = TypeVar("Loaded", LoadedClimb, LoadedTransition)
 _KEY = "terrain.scan"
 _BESIDE = 0.1  # [m] beyond reach that counts, too: toes swing over edges
 _FAR = 20.0  # [m] from the start, where a scan is rather in another unit
-NAME = "scan"  # of regions found in one, with a number
 
 
 def scanned(loaded: Loaded) -> Loaded:
@@ -55,7 +62,9 @@ def scanned(loaded: Loaded) -> Loaded:
     robot = build_robot(loaded.robot)
     guide = guide_of(loaded.spec)
     if scan.holds is not None:
-        return _with_holds(loaded, scan, scan.holds, robot, guide[0])
+        return _with_holds(loaded, scan, scan.holds, robot, guide)
+    if robot.foot is not None and robot.foot.radius > scan.toe_radius:
+        scan = scan.model_copy(update={"toe_radius": robot.foot.radius})
     try:
         raw = near_scan(scan, loaded.directory, guide, robot)
         _tell(raw)
@@ -65,36 +74,38 @@ def scanned(loaded: Loaded) -> Loaded:
     reached = [r for r in found if _distance(r, guide, around(robot)) <= farthest(robot)]
     if not reached:
         raise _refused(loaded, f"{_KEY}.file", _nothing(found, guide, robot))
+    regions = [_as_spec(n, r, scan) for n, r in enumerate(reached, start=1)]
+    told = f"{len(reached)} contact regions within reach, {sum(r.area for r in reached):.3g} m^2"
+    return _on_regions(loaded, scan, raw, regions, told)
+
+
+def _on_regions(
+    loaded: Loaded, scan: ScanSpec, raw: RawScan, regions: list[dict[str, object]], told: str
+) -> Loaded:
+    """The spec with regions beside those that it lists, and free space if it states none."""
+    _log.info("scan      %s", told, extra={"note": True})
     listed: list[dict[str, object]] = [
         r.model_dump(mode="json", exclude_unset=True) for r in loaded.spec.terrain.regions
     ]
-    regions: list[dict[str, object]] = [
-        _as_spec(n, r, scan) for n, r in enumerate(reached, start=1)
-    ]
-    _log.info(
-        "scan      %d contact regions within reach, %.3g m^2",
-        len(reached),
-        sum(r.area for r in reached),
-        extra={"note": True},
-    )
     told = f"found in {scan.file}"
     changes = [
         Override.of("terrain.regions", [*listed, *regions], told),
         Override.of("terrain.scan.fit", False, told),
     ]
     if not loaded.spec.terrain.free_regions:
-        spaces = [_space(n, s) for n, s in enumerate(_spaces(loaded, raw, guide, robot), start=1)]
+        spaces = [_space(n, s) for n, s in enumerate(_spaces(loaded, raw), start=1)]
         changes.append(Override.of("terrain.free_regions", spaces, told))
     return loaded.with_overrides(changes)
 
 
 def _with_holds(
-    loaded: Loaded, scan: ScanSpec, asked: ScanHoldsSpec, robot: Robot, start: Array
+    loaded: Loaded, scan: ScanSpec, asked: ScanHoldsSpec, robot: Robot, guide: Array
 ) -> Loaded:
-    """The spec with the scanned wall as a panel, whose holds the robot's grippers open to.
+    """The spec with what the robot's grippers can hold.
 
-    The wall faces the start of the body (3,). Raises SpecError for a robot without grippers, and
-    where the scan has no wall or no hold.
+    Closed bodies of a mesh are gripped where their sides are; they become regions with a hold. Any
+    other scan is a wall, which becomes a panel that faces the start of the body. Raises SpecError
+    for a robot without grippers, and where there is no hold within reach.
     """
     opening = asked.opening
     if opening is None:
@@ -104,8 +115,10 @@ def _with_holds(
         opening = robot.gripper.finger_span
     grasping = Grasping(opening, asked.depth, asked.steepest_back_deg)
     try:
-        raw = facing(_whole_scan(scan, loaded.directory), start)
+        raw = facing(_whole_scan(scan, loaded.directory), guide[0])
         _tell(raw)
+        if bodies(raw).any():
+            return _on_bodies(loaded, scan, raw, grasping, robot)
         wall = found_holds(raw, grasping)
     except ScanError as error:
         raise _refused(loaded, f"{_KEY}.holds", str(error)) from error
@@ -119,13 +132,39 @@ def _with_holds(
     )
 
 
+def _on_bodies(
+    loaded: Loaded, scan: ScanSpec, raw: RawScan, grasping: Grasping, robot: Robot
+) -> Loaded:
+    """The spec with regions from which closed bodies are gripped; raises ScanError for none."""
+    span = robot.gripper.finger_span if robot.gripper is not None else grasping.opening
+    if grasping.opening > span:
+        raise ScanError(
+            f"the grippers of {robot.name} open {1e3 * span:g} mm, got an opening of "
+            f"{1e3 * grasping.opening:g} mm; expected that at most, or a larger `finger_span`"
+        )
+    guide = guide_of(loaded.spec)
+    found = body_holds(raw, scan, grasping)
+    away = [_distance(hold, guide, around(robot)) for hold in found]
+    reached = [hold for hold, far in zip(found, away, strict=True) if far <= farthest(robot)]
+    if not reached:
+        raise ScanError(
+            f"{len(found)} graspable spots, the nearest {min(away):.2f} m from the way; the robot "
+            f"reaches {farthest(robot):.2f} m from it"
+        )
+    told = f"{body_headline(reached, grasping)}, within reach"
+    near = near_scan(scan, loaded.directory, guide, robot)
+    return _on_regions(loaded, scan, near, body_regions(reached, scan), told)
+
+
 def raw_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface | None:
     """The scan near the way, as plans carry it; None where the terrain has none."""
     scan = spec.terrain.scan
-    if scan is None or scan.holds is not None:  # the panel stands for a wall with holds
-        return None
+    if scan is None or (scan.holds is not None and spec.terrain.panel is not None):
+        return None  # the panel stands for a wall with holds
     raw = near_scan(scan, directory, guide_of(spec), robot)
-    return RawSurface(raw.vertices, raw.triangles, scan.flatness, scan.toe_radius)
+    gripped = any(region.hold is not None for region in spec.terrain.regions)
+    depth = (scan.holds or ScanHoldsSpec()).depth if gripped else 0.0
+    return RawSurface(raw.vertices, raw.triangles, scan.flatness, scan.toe_radius, depth)
 
 
 def near_scan(scan: ScanSpec, directory: Path, guide: Array, robot: Robot) -> RawScan:
@@ -203,10 +242,10 @@ def around(robot: Robot) -> float:
     shoulder = np.linalg.norm(robot.shoulder_body, axis=1)
     if isinstance(robot.limbs, FiveBar):
         return float((shoulder + robot.reach).max())
-    return float((shoulder + robot.link_lengths[:, :-1].sum(axis=1)).max())
+    return float((shoulder + robot.longest_links[:, :-1].sum(axis=1)).max())
 
 
-def _distance(region: FoundRegion, guide: Array, behind: float) -> float:
+def _distance(region: FoundRegion | BodyHold, guide: Array, behind: float) -> float:
     """Least distance of a region from the way; infinite for one that is `behind` [m] all along."""
     places = _along(guide)
     height = (places - region.vertices[0]) @ region.normal
@@ -248,11 +287,9 @@ def _as_spec(number: int, region: FoundRegion, scan: ScanSpec) -> dict[str, obje
     return out
 
 
-def _spaces(
-    loaded: LoadedClimb | LoadedTransition, raw: RawScan, guide: Array, robot: Robot
-) -> list[FreeSpace]:
+def _spaces(loaded: LoadedClimb | LoadedTransition, raw: RawScan) -> list[FreeSpace]:
     """Free space along the way; raises SpecError where the body does not pass."""
-    spec = loaded.spec
+    spec, guide, robot = loaded.spec, guide_of(loaded.spec), build_robot(loaded.robot)
     hulls = [
         robot.body_hull @ rotation_world_body(np.deg2rad(rpy)).T
         for rpy in (spec.task.start.rpy_deg, spec.task.goal.rpy_deg)

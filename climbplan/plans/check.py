@@ -103,10 +103,18 @@ RISK_LIMITS = {
 # Made beside these where the terrain is from a scan.
 SCAN_LIMITS = {
     "scan.toes": Limit(1e-6, "m", "standing toes within the flatness of the raw surface"),
+    "scan.grips": Limit(1e-3, "rad", "gripped sides of the raw surface within the fingers"),
     "scan.friction": Limit(1e-6, "of weight", "forces within friction of the raw normals"),
     "scan.body": Limit(1e-6, "m", "the body hull keeps its distance from raw triangles"),
     "scan.limbs": Limit(1e-6, "m", "links, as thick as they are, miss raw triangles but at toes"),
     "scan.trajectory": Limit(1e-6, "m", "and so they do on the way, swings included"),
+}
+
+# Made beside these for feet of finite size. Lifting and setting down, a foot may go into a surface
+# as deep as links may: joints turn evenly between samples.
+FEET_LIMITS = {
+    "limbs.feet": Limit(1e-6, "m", "feet of finite size touch what is solid, and no more"),
+    "trajectory.feet": Limit(1e-3, "m", "and so they do on the way, swings included"),
 }
 
 # Made beside these for robots with grippers; no friction cones at their toes then.
@@ -118,6 +126,7 @@ GRIP_LIMITS = {
     "grip.shear": Limit(1e-6, "of weight", "shear within (mu f_n + spines) / S_mu, by finger"),
     "grip.force": Limit(1e-6, "N", "gripping force within its limit over S_tau"),
     "grip.moment": Limit(1e-6, "N m", "no moment about the fingers' axis, none without contact"),
+    "grip.apart": Limit(1e-6, "m", "grippers that hold on, as thick as limbs, do not overlap"),
     "grip.pull_out": Limit(1e-6, "of weight", "the stored pull-out margins are those of the grips"),
     "robust.pull": Limit(0, "N", "grips hold so much further pull, without S_mu"),
     "wrist.square": Limit(1e-6, "", "wrists hold grippers square on their holds"),
@@ -207,7 +216,7 @@ def judge(
     name: str, residual: float, worst_at: str = "", margin: str = "", used: float = 0.0
 ) -> Check:
     """A check by its name in the tables of limits; NaN never passes."""
-    limit = (LIMITS | SHIFT_LIMITS | RISK_LIMITS | GRIP_LIMITS | SCAN_LIMITS)[name]
+    limit = (LIMITS | SHIFT_LIMITS | RISK_LIMITS | GRIP_LIMITS | SCAN_LIMITS | FEET_LIMITS)[name]
     residual = float(residual) + 0.0  # no minus zero
     passed = bool(residual <= limit.value)  # False for NaN
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))

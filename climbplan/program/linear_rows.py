@@ -154,6 +154,19 @@ class LinearRows:
             matrix.sum_duplicates()
         return matrix
 
+    def tail(self, first: int) -> sparse.csr_matrix:
+        """Rows from that one on, where no column stands in a row several times."""
+        start = np.array(self._start[first:])
+        at = int(start[0])
+        parts = np.array(self._value[at:]), np.array(self._index[at:]), start - at
+        return sparse.csr_matrix(parts, shape=(len(self) - first, len(self.lower)))
+
+    def forget(self, first: int) -> None:
+        """Take back the rows from that one on."""
+        at = self._start[first]
+        del self._start[first + 1 :], self._index[at:], self._value[at:]
+        del self._block[first:], self._row_lower[first:], self._row_upper[first:]
+
     @property
     def names(self) -> RowNames:
         """Of the blocks that there are, and the one of each row."""

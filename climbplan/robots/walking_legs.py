@@ -28,3 +28,9 @@ class WalkingLegs:
     def there(self) -> NDArray[np.bool_]:
         """(L, J) which angles a leg has."""
         return self.chain.zero.moves
+
+    @property
+    def mimics(self) -> NDArray[np.bool_]:
+        """(L, J) joints that move by the angle of another one."""
+        named = np.array([[bool(name) for name in row] for row in self.chain.names])
+        return np.asarray(named & ~self.there)

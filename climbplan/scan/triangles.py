@@ -100,6 +100,44 @@ def clipped(corners: Array, low: float, high: float) -> tuple[Array, Index]:
 
 
 @compiled
+def first_met(
+    places: Array, direction: Array, corners: Array, far: float
+) -> tuple[Array, np.ndarray]:
+    """Ways (P,) [m] from places along a unit direction to the first triangle, and its number.
+
+    Infinite and -1 where none is met within `far` [m].
+    """
+    ways = np.full(len(places), np.inf)
+    number = np.full(len(places), -1, np.int64)
+    for t in range(len(corners)):
+        e, f = corners[t, 1] - corners[t, 0], corners[t, 2] - corners[t, 0]
+        # T. Moeller and B. Trumbore (1997)
+        px = direction[1] * f[2] - direction[2] * f[1]
+        py = direction[2] * f[0] - direction[0] * f[2]
+        pz = direction[0] * f[1] - direction[1] * f[0]
+        det = e[0] * px + e[1] * py + e[2] * pz
+        if abs(det) < 1e-15:
+            continue
+        for p in range(len(places)):
+            s0 = places[p, 0] - corners[t, 0, 0]
+            s1 = places[p, 1] - corners[t, 0, 1]
+            s2 = places[p, 2] - corners[t, 0, 2]
+            u = (s0 * px + s1 * py + s2 * pz) / det
+            if u < -1e-9 or u > 1 + 1e-9:
+                continue
+            qx = s1 * e[2] - s2 * e[1]
+            qy = s2 * e[0] - s0 * e[2]
+            qz = s0 * e[1] - s1 * e[0]
+            v = (direction[0] * qx + direction[1] * qy + direction[2] * qz) / det
+            if v < -1e-9 or u + v > 1 + 1e-9:
+                continue
+            way = (f[0] * qx + f[1] * qy + f[2] * qz) / det
+            if -1e-9 < way <= far and way < ways[p]:
+                ways[p], number[p] = way, t
+    return ways, number
+
+
+@compiled
 def buried(places: Array, directions: Array, corners: Array, far: float) -> np.ndarray:
     """(P,) whether the first surface that a ray meets within `far` [m] shows its back."""
     out = np.zeros(len(places), np.bool_)

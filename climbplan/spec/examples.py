@@ -28,6 +28,7 @@ ABOUT = {
     "climb_walker": "a robot from a URDF",
     "robot_walker": "from a URDF",
     "robot_hexapod": "a hexapod from a URDF",
+    "robot_long_climber": "grippers that open 110 mm",
     "mpc_hexapod": "a hexapod from a URDF",
     "climb_telescope": "legs with joints that slide",
     "robot_telescope": "legs with joints that slide",

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.errors import UsageError
 from climbplan.robots.rotations import Array
-from climbplan.spec.climb.panel import FLAT_DEG, HoldSpec, PanelSpec
+from climbplan.spec.climb.panel import FLAT_DEG, HoldSpec, PanelSpec, RegionHoldSpec
 
 PANEL = "panel"
+_ALONG = 1e-3  # share of an axis that lies in its region, at least
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,20 @@ def hold_of(panel: PanelSpec, spec: HoldSpec) -> Hold:
     turn = np.deg2rad(spec.axis_deg)
     return Hold(
         axis=np.cos(turn) * frame.up + np.sin(turn) * frame.across,
+        undercut=float(np.deg2rad(spec.undercut_deg)),
+        orientation=np.deg2rad(spec.orientation_deg),
+    )
+
+
+def hold_on(normal: Array, spec: RegionHoldSpec) -> Hold:
+    """A hold of a region with that unit normal; raises UsageError for an axis along it."""
+    axis = np.array(spec.axis, float)
+    axis -= (axis @ normal) * normal
+    length = float(np.linalg.norm(axis))
+    if length < _ALONG * np.linalg.norm(spec.axis):
+        raise UsageError("the axis of its hold points along its normal")
+    return Hold(
+        axis=axis / length,
         undercut=float(np.deg2rad(spec.undercut_deg)),
         orientation=np.deg2rad(spec.orientation_deg),
     )

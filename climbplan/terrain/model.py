@@ -10,11 +10,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.errors import UsageError
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
-from climbplan.spec.climb.panel import HoldSpec, PanelSpec
+from climbplan.spec.climb.panel import HoldSpec, PanelSpec, RegionHoldSpec
 from climbplan.spec.climb.terrain import BoxSpec, GroundSpec, TerrainSpec, WallsSpec
-from climbplan.terrain.holds import PANEL, hold_extent, hold_of, rectangle_on
+from climbplan.terrain.holds import PANEL, hold_extent, hold_of, hold_on, rectangle_on
 from climbplan.terrain.nearest import bounds_of, nearest_region
 from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.solids import Solid
@@ -82,6 +83,11 @@ class Terrain:
             stated = tuple(r for r in stated if r.name in STATED)
         return (*self.obstacles, *(region.slab() for region in stated))
 
+    def moved(self, standoff: float) -> Terrain:
+        """The terrain with surfaces that far into free space, for where else toes are [m]."""
+        surfaces = tuple(surface.lifted(standoff) for surface in self.surfaces)
+        return replace(self, surfaces=surfaces)
+
     def nearest_surface(self, limb: int, point: Array) -> int:
         """Index of the surface nearest to a point among those the limb may use."""
         candidates = np.flatnonzero(self.allowed[limb])
@@ -95,7 +101,7 @@ def _lies_on(surface: Surface, solid: Solid, near: float) -> bool:
     """Whether a flat surface covers part of a face of a solid, within `near` [m]."""
     if not isinstance(surface, Region):
         return False
-    distance = surface.vertices @ solid.A.T - solid.b  # (V, F)
+    distance = surface.material @ solid.A.T - solid.b  # (V, F)
     on_face = np.abs(distance).max(axis=0) < near
     inside = bool((distance < near).all())
     return inside and bool((on_face & (solid.A @ surface.normal > 0)).any())
@@ -141,6 +147,13 @@ def _hold_region(spec: TerrainSpec, panel: PanelSpec, name: str, hold: HoldSpec)
     corners = rectangle_on(panel, *hold_extent(hold))
     region = Region.from_vertices(name, corners, _friction(friction, spec))
     return replace(region, hold=hold_of(panel, hold))
+
+
+def _gripped(region: Region, hold: RegionHoldSpec) -> Region:
+    try:
+        return replace(region, hold=hold_on(region.normal, hold))
+    except UsageError as error:
+        raise UsageError(f"region {region.name!r}: {error}") from error
 
 
 def _box_top(box: BoxSpec, friction: float) -> Region:
@@ -235,11 +248,12 @@ def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
             )
         else:
             region = Region.from_vertices(item.name, np.array(item.vertices), friction)
+        if item.hold is not None:
+            region = _gripped(region, item.hold)
         surfaces.append(region)
         allowed.append([item.limbs is None or name in item.limbs for name in robot.limb_names])
-    if robot.gripper is not None:
-        length = robot.gripper.length
-        surfaces = [s.lifted(length) if isinstance(s, Region) else s for s in surfaces]
+    if robot.standoff:
+        surfaces = [surface.lifted(robot.standoff) for surface in surfaces]
     if spec.panel is not None:
         panel = _panel_region(spec.panel, _friction(spec.panel.friction, spec))
         surfaces.insert(0, panel)

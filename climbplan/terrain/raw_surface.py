@@ -37,6 +37,7 @@ class RawSurface:
     triangles: NDArray[np.int64]  # (T, 3) anticlockwise seen from free space
     flatness: float  # [m] largest distance of contact regions from it
     toe_radius: float  # [m] over which its normal is averaged at a toe
+    finger_depth: float = 0.0  # [m] that fingers reach beside what they grip; 0: nothing is gripped
 
     @property
     def corners(self) -> Array:

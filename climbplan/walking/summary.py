@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import VELOCITY, Flags
+from climbplan.walking.task import ANGLES, POSITION, VELOCITY, Flags
+
+_TURNS = 1.0  # [deg] that are asked for
+_BOUNCE = 0.06  # [m] that is told: walks of a metre a second stay below it
 
 
 def summary_lines(plan: WalkPlan) -> tuple[str, ...]:
@@ -23,11 +26,26 @@ def summary_lines(plan: WalkPlan) -> tuple[str, ...]:
         lines.append(
             f"bound   {plan.bound:.4g}, gap {100 * plan.gap:.0f} %: {plan.solvers['word']}"
         )
-    off = np.linalg.norm(found.state[1:, VELOCITY] - task.reference.velocity, axis=1)
-    lines.append(
-        f"tracking   velocity off by {off[0]:.2f} m/s at first, {off[-1]:.2f} m/s at the end"
-    )
+    lines.append(f"tracking   {_tracking(plan)}")
     return tuple(lines)
+
+
+def _tracking(plan: WalkPlan) -> str:
+    """How well the references are met: along the ground, in heading where it is to change."""
+    task, state = plan.task, plan.trajectory.state
+    reference = task.reference
+    off = np.linalg.norm((state[1:, VELOCITY] - reference.velocity)[:, :2], axis=1)
+    words = f"velocity off by {off[0]:.2f} m/s at first, {off[-1]:.2f} m/s at the end"
+    turn = np.rad2deg(np.append(state[[0, -1], ANGLES][:, 2], reference.euler[-1, 2]))
+    if abs(turn[2] - turn[0]) > _TURNS:
+        words += f"; turned by {turn[1] - turn[0]:.0f} of {turn[2] - turn[0]:.0f} degrees"
+    above = state[1:, POSITION][:, 2] - reference.height
+    if np.ptp(above) > _BOUNCE:
+        words += (
+            f"; the body goes up and down by {1e3 * np.ptp(above):.0f} mm "
+            "(weights.height and the third of weights.velocity hold it)"
+        )
+    return words
 
 
 def gait_words(contact: Flags) -> str:

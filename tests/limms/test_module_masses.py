@@ -20,8 +20,9 @@ from climbplan.limms.check.limits import LIMITS, MASS_LIMITS
 from climbplan.limms.check.loads import loads_of_all
 from climbplan.limms.check.newton_euler import at_rest, demand, joint_torques, total
 from climbplan.limms.check.verification import verification_of, verify
+from climbplan.limms.legs.program import FORCE_SHARE, LegProgram
 from climbplan.limms.modules.inertia import link_bodies
-from climbplan.limms.modules.limbs import arm, root_on_anchor
+from climbplan.limms.modules.limbs import arm, leg, root_on_anchor
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan
 from climbplan.limms.planner import plan_limms
@@ -213,6 +214,37 @@ def test_modules_with_mass_lift_a_box_and_keep_every_limit() -> None:
     # With the moment that the published latch holds the same motion is refused
     weak = replace(plan, module={**plan.module, "latch_moment": 0.7})
     assert "load.moment" in {check.name for check in verification_of(weak).failed}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("limms_walk", ()),
+        ("limms_lift_heavy", ("task={allow: [quadruped]}",)),
+        ("limms_double_arm", ()),
+    ],
+)
+def test_legs_and_chains_keep_every_limit_on_stronger_hardware(
+    name: str, words: tuple[str, ...]
+) -> None:
+    plan = plan_limms(loaded(name, "massless=false", "robot=limms_carrier", *words))
+    assert not plan.massless
+    verification = verification_of(plan)
+    assert verification.passed
+    judged = {check.name for check in verification.checks if check.judged}
+    assert {"load.force", "load.moment", "load.ground", "load.tip", "load.torque"} <= judged
+
+
+@pytest.mark.parametrize(
+    ("massless", "steps", "share"), [(True, False, 0), (False, False, 0.3), (False, True, 1.0)]
+)
+def test_with_masses_feet_share_the_box_evenly(massless: bool, steps: bool, share: float) -> None:
+    own = replace(scene("limms_walk", "robot=limms_carrier"), massless=massless)
+    limbs = [leg(side, side, 1, (1, 1, 1)) for side in range(4)]
+    most = LegProgram(own, limbs, steps).most
+    held = own.module.max_force if massless else share * own.weight
+    assert most == pytest.approx(FORCE_SHARE * held)
 
 
 def test_modules_that_their_contacts_do_not_hold_are_proved_too_heavy() -> None:

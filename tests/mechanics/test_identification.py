@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -188,3 +189,27 @@ def test_joints_of_a_chain_are_told_by_their_names(tmp_path: Path) -> None:
         identify(table, walker, number=walker.limb_names.index("R1"))
     joints = jacobian_body(walker, np.zeros((4, 4)))[number]
     np.testing.assert_allclose(limb.jacobians(np.zeros((1, 4)))[0], joints, atol=1e-15)
+
+
+def test_joints_that_slide_are_told_in_lengths(tmp_path: Path) -> None:
+    robot = build_robot(load_any_robot("specs/robot_telescope.yaml"))
+    limb = Limb(robot, (0, 1, 2), 0)
+    assert limb.felt == ("L1_yaw", "L1_lift", "L1_extend")
+    truth, rng = np.array([120.0, 150.0, 9000.0]), np.random.default_rng(0)
+    head = ["test", "L1_yaw_deg", "L1_lift_deg", "L1_extend_mm", *(f"K{p}_N_per_m" for p in PAIRS)]
+    rows = [",".join(head)]
+    for test in range(12):
+        angles = rng.uniform(robot.joint_lower[0], robot.joint_upper[0])
+        matrix = limb_matrices(limb.jacobians(angles[None]), 1 / truth, 0.0)[0]
+        entries = [matrix[AXES.index(p[0]), AXES.index(p[1])] for p in PAIRS]
+        told = [*np.rad2deg(angles[:2]), 1e3 * angles[2], *entries]
+        rows.append(f"t{test}," + ",".join(f"{v:.9g}" for v in told))
+    table = tmp_path / "leg.csv"
+    table.write_text("\n".join(rows) + "\n")
+    found = identify(table, robot, number=0)
+    own = [found.robot_file["joints"][name]["stiffness"] for name in limb.felt]
+    np.testing.assert_allclose(own, truth, rtol=0.02)
+    assert any(re.match(r"L1_extend: \d+.\d N/m,", line) for line in found.findings)
+    table.write_text("\n".join(rows).replace("extend_mm", "extend_deg") + "\n")
+    with pytest.raises(SpecError, match="the joint slides; expected L1_extend_mm"):
+        identify(table, robot, number=0)

@@ -141,6 +141,17 @@ def test_the_checker_and_programs_have_the_same_limbs(both: tuple[UrdfRobot, Rob
     np.testing.assert_allclose(torque, np.einsum("nij,ni->nj", pose.jacobian, force), atol=1e-12)
 
 
+def test_toes_are_no_farther_than_links_are_long(both: tuple[UrdfRobot, Robot]) -> None:
+    """What proofs that a toe is out of reach rest on: slides are out as far as they go."""
+    _, robot = both
+    share = np.random.default_rng(2).random((3000, *robot.joint_lower.shape))
+    ends = np.where(share < 0.4, 0.0, np.where(share > 0.6, 1.0, share))
+    drawn_angles = robot.joint_lower + ends * (robot.joint_upper - robot.joint_lower)
+    far = np.linalg.norm(toe_body(robot, drawn_angles) - robot.shoulder_body, axis=-1).max(axis=0)
+    assert (far <= robot.longest_links.sum(axis=1) + 1e-9).all()
+    assert (far > robot.link_lengths.sum(axis=1)).any()
+
+
 def test_inverse_is_nearest_to_the_posture(both: tuple[UrdfRobot, Robot]) -> None:
     """Least sum of squares with 0.25 m for a radian: what is off it is J^T of some pull."""
     _, robot = both

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.reports.fits.holds_report import holds_report, write_holds
+from climbplan.reports.fits.holds_report import graspable, write_holds
 from climbplan.scan.clouds import cloud
 from climbplan.scan.holds import Grasping, Wall, found_holds
 from climbplan.scan.panel import panel_of
-from climbplan.scan.raw import ScanError
+from climbplan.scan.raw import RawScan, ScanError
 from climbplan.scan.reading import read_scan
 from climbplan.scan.relief import surface_of_cloud
 from climbplan.scan.study import scan_of
@@ -54,7 +54,8 @@ def height(u: np.ndarray, v: np.ndarray, holds: list[tuple]) -> np.ndarray:
     return out
 
 
-def wall_of(holds: list[tuple], grasping: Grasping = GRASPING) -> Wall:
+def scan_with(holds: list[tuple]) -> RawScan:
+    """A made-up wall as a cloud, joined to a relief."""
     across, up, normal = frame()
     line = np.arange(-0.2, 0.2, 3.5e-3)
     u, v = (x.ravel() for x in np.meshgrid(line, line[abs(line) < 0.15], indexing="ij"))
@@ -64,7 +65,11 @@ def wall_of(holds: list[tuple], grasping: Grasping = GRASPING) -> Wall:
         [across, up, normal]
     )
     normals = np.broadcast_to(normal, points.shape)
-    return found_holds(surface_of_cloud(cloud(points, normals), Path("wall.xyz")), grasping)
+    return surface_of_cloud(cloud(points, normals), Path("wall.xyz"))
+
+
+def wall_of(holds: list[tuple], grasping: Grasping = GRASPING) -> Wall:
+    return found_holds(scan_with(holds), grasping)
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +128,11 @@ def test_a_panel_of_a_spec_is_written(wall: Wall, tmp_path: Path) -> None:
     assert np.allclose(stated.across, across, atol=0.01)
     assert np.allclose(stated.up, up, atol=0.01)
     assert np.allclose(stated.normal, normal, atol=0.01)
-    write_holds(wall, GRASPING, holds_report(wall, GRASPING, "wall", "wall.xyz"), tmp_path)
+
+
+def test_holds_of_a_scan_are_written(tmp_path: Path) -> None:
+    raw, wall = scan_with(HOLDS), wall_of(HOLDS)
+    write_holds(graspable(raw, scan_of(Path("wall.xyz"), []), GRASPING, "wall"), tmp_path)
     report = json.loads((tmp_path / "report.json").read_text())
     assert len(report["holds"]) == len(wall.holds)
     assert "graspable spots within an opening of 60 mm" in (tmp_path / "terrain.yaml").read_text()

@@ -11,7 +11,8 @@ from walk_tasks import walk_task
 
 from climbplan.bench.walking import learned
 from climbplan.bench.walking.online_options import OnlineInputs, OnlineOptions, online_inputs
-from climbplan.walking.online.library import build_library
+from climbplan.walking.online.library import SECTION, Library, build_library
+from climbplan.walking.online.strategies import trained
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
 
@@ -58,3 +59,27 @@ def test_costs_are_set_against_the_search(
         if row["cost_to_search"] is not None:
             assert 0.5 < row["cost_to_search"] <= row["cost_to_search_95"]  # 30 QPs are few
     assert any(row["answered"] > 0 for row in rows)
+
+
+def test_reduce_tries_the_gaits_of_the_likeliest_cluster_first() -> None:
+    """Two kinds of motion, told apart by what is asked: each has gaits of its own."""
+    rng, legs, knots = np.random.default_rng(0), 4, SECTION + 1
+    count = 60
+    kind = np.arange(count) % 2
+    contact = np.ones((count, knots, legs), bool)
+    contact[np.arange(count), 1 + rng.integers(0, 4, count), kind] = False
+    force = rng.normal(0, 0.1, (count, knots, legs, 3)) + 50.0 * kind[:, None, None, None]
+    features = rng.normal(0, 0.1, (count, 5))
+    features[:, 0] += 5.0 * kind
+    motion = np.zeros((count, knots, 12)), rng.normal(0, 1e-3, (count, knots, legs, 3))
+    library = Library(features, *motion, force, contact, np.arange(count))
+    ranking = trained("reduce", library, 0)
+    for asked in (0, 1):
+        wanted = np.array([5.0 * asked, 0, 0, 0, 0])
+        found = ranking.ranked(wanted, 4)
+        assert kind[found].tolist() == [asked] * 4
+        assert len({contact[k].tobytes() for k in found}) == 4
+        apart = np.linalg.norm(features[found] - wanted, axis=1)
+        assert (np.diff(apart) >= 0).all()
+        more = ranking.ranked(wanted, 8)
+        assert kind[more].tolist() == [asked] * 4 + [1 - asked] * 4

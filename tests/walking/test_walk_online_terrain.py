@@ -142,7 +142,7 @@ def test_toes_come_down_on_footholds_only() -> None:
 @pytest.mark.parametrize(
     ("terrain", "more", "message"),
     [
-        (STONES, {"loop": {"estimation": "ekf"}}, "does not know where footholds are"),
+        (STONES, {"loop": {"estimation": "ekf"}}, "nothing measures where the robot is among"),
         (STONES, {"solver": {"method": "online", "form": "published"}}, "flat ground only"),
         ({"regions": [{"name": "a", "x": [-1, 1], "y": [-1, 1], "slope": [0.1, 0]}]}, {}, "level"),
     ],

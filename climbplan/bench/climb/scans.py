@@ -2,8 +2,10 @@
 
 The meshes are those of the collection hpp-environments (BSD-2); a folder that holds them is given
 with `--scenes`. Each has one spec, which states what a user would: the mesh, from where to where,
-and how wide the hexapod stands. Regions, free space and rounds are found. Then the same programs
-are given to two ways of choosing surfaces: branch and bound, and the L1 relaxation of SL1M.
+and how wide the hexapod stands. Regions, free space and rounds are found. The last, cubes that
+stand apart one above the other, is climbed by a quadruped whose grippers open to them
+(`specs/robot_long_climber.yaml`). Then the same programs are given to two ways of choosing
+surfaces: branch and bound, and the L1 relaxation of SL1M.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from climbplan.bench.climb.triangle_walls import triangles
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.motion import StageClock, plan_motion
 from climbplan.errors import NoPlanFound, SpecError, UsageError
+from climbplan.spec.examples import example_text
 
 _QUICK = ("stairs", "slope_towr")
 _METHODS = ("micp", "sl1-relaxation")
@@ -40,6 +43,21 @@ trajectory: {{lift: 0.06}}
 margins: {{edge: {edge}}}
 solver: {{method: {method}, time_limit: {limit}}}
 """
+
+_GRIPS = """\
+kind: climb
+robot: robot_long_climber.yaml
+terrain:
+  friction: 0.8
+  scan: {{file: {file}, holds: {{}}}}
+task:
+  rounds: auto
+  start: {{com: [-0.2, -0.01, 0.9], rpy_deg: [90, 0, -130]}}
+  goal: {{com: [-0.2, -0.09, 2.05], rpy_deg: [90, 0, -130], tolerance: 0.05}}
+posture: {{steps: {{com_max: 0.2, toe_max: 0.6}}}}
+solver: {{method: micp, window: 2, time_limit: 600}}
+"""
+_CLIMBED = "climb"  # the mesh of cubes
 
 
 @dataclass(frozen=True)
@@ -106,7 +124,7 @@ def bench_scans(quick: bool, out: TextIO, folder: str | None) -> None:
 
     Raises UsageError without a folder that holds the meshes, MissingSolver without MuJoCo.
     """
-    names = _QUICK if quick else tuple(WALKS)
+    names = _QUICK if quick else (*WALKS, _CLIMBED)
     where = Path(folder or ".")
     missing = [name for name in names if not (where / f"{name}.stl").is_file()]
     if missing:
@@ -133,11 +151,20 @@ def bench_scans(quick: bool, out: TextIO, folder: str | None) -> None:
     _choices(names, where, quick, out)
 
 
+def spec_of(name: str, where: Path) -> str:
+    """The spec for a mesh of a folder."""
+    if name == _CLIMBED:
+        return _GRIPS.format(file=(where / f"{name}.stl").resolve())
+    return WALKS[name].spec(where)
+
+
 def _planned(name: str, where: Path, overrides: list[str]) -> Planned | str:
     """The plan of a mesh's spec, or in a line why there is none."""
     with tempfile.TemporaryDirectory() as spare:
         path = Path(spare, f"{name}.yaml")
-        path.write_text(WALKS[name].spec(where))
+        path.write_text(spec_of(name, where))
+        robot = "robot_long_climber"
+        path.with_name(f"{robot}.yaml").write_text(example_text(robot))
         try:
             return planned_spec(path, overrides)
         except (NoPlanFound, SpecError) as error:
@@ -153,7 +180,7 @@ def _choices(names: tuple[str, ...], where: Path, quick: bool, out: TextIO) -> N
     head = f"{'surfaces by':<28}{'branch and bound':>18}{'CPU s':>8}"
     print(f"{head}{'sl1-relaxation':>16}{'CPU s':>8}{'cost':>8}", file=out, flush=True)
     for name in names:
-        if WALKS[name].rounds == "auto":
+        if name == _CLIMBED or WALKS[name].rounds == "auto":
             continue  # windows are drawn on by a cost, which the relaxation has not
         rows = []
         for method in _METHODS:

@@ -26,7 +26,7 @@ from climbplan.walking.online.strategies import Ranking, StrategyName, trained
 from climbplan.walking.online.tick import OnlineController, OnlineSettings, horizon_of
 from climbplan.walking.task import WalkTask
 
-STRATEGIES: tuple[StrategyName, ...] = ("knn", "forest", "boosting", "network")
+STRATEGIES: tuple[StrategyName, ...] = ("knn", "forest", "boosting", "network", "reduce")
 _TASKS, _QUICK = 20, 2  # of each kind
 _QPS, _QUICK_QPS = 150, 30
 _LONGEST = 60.0  # [s] of a search, which its QPs end before

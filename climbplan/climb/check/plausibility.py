@@ -50,7 +50,7 @@ def implausible_climb(plan: ClimbPlan) -> tuple[str, ...]:
 def _robot(robot: Robot) -> Iterator[str]:
     yield from implausible_gravity(robot.gravity)
     has = robot.has_joint
-    length = np.where(has, robot.link_lengths, 0.0).sum(axis=1)
+    length = np.where(has, robot.longest_links, 0.0).sum(axis=1)
     arm = float(length.max(initial=0.0))
     # N m at a joint that holds all of the weight at full length, N at one that slides
     needed = robot.weight * np.where(robot.slides, 1.0, arm)
@@ -147,7 +147,7 @@ def _deflections(plan: ClimbPlan) -> Iterator[str]:
             f"({_name(robot, limb, joint)}, {instants.label(k, robot.limb_names)}): no joint is a "
             "spring that far"
         )
-    length = np.where(robot.has_joint, robot.link_lengths, 0.0).sum(axis=1)
+    length = np.where(robot.has_joint, robot.longest_links, 0.0).sum(axis=1)
     off = np.linalg.norm(forces.toe_command - instants.toes, axis=-1)
     off = np.where(instants.contact, off, 0.0)
     k, limb = (int(i) for i in np.unravel_index(int(np.argmax(off / length)), off.shape))

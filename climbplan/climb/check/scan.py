@@ -15,6 +15,7 @@ from climbplan.climb.check.anew.gait import gait_of
 from climbplan.climb.check.anew.kinematics import body_axes, placed
 from climbplan.climb.check.convex import hull_distance
 from climbplan.climb.check.raw_distances import distances, gaps, meeting
+from climbplan.climb.check.scan_grips import gripped_sides
 from climbplan.climb.check.scan_links import TOLD, contacts_on, judge_scan_links
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import Index
@@ -31,6 +32,7 @@ def scan_checks(subject: Subject) -> Iterator[Check]:
         return
     yield _toes(subject, scan)
     yield _friction(subject, scan)
+    yield from gripped_sides(subject)
     yield _body(subject, scan)
     stood = gait_of(subject.plan).stood
     contacts = contacts_on(subject, stood, np.zeros_like(stood) - 1)

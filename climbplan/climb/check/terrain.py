@@ -47,7 +47,7 @@ def terrain_differences(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Differenc
         tube = terrain.surfaces[by_name["tube"]]
         yield same("terrain.tube", isinstance(tube, Tube))
         if isinstance(tube, Tube):
-            held = (*tube.center, tube.radius, tube.lower, tube.upper, tube.friction)
+            held = (*tube.center, tube.wall, tube.lower, tube.upper, tube.friction)
             want = (*asked.tube.center, asked.tube.radius, *asked.tube.up, asked.friction)
             yield apart("terrain.tube", held, want)
     if asked.walls is not None:
@@ -85,6 +85,7 @@ def terrain_differences(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Differenc
         yield apart(f"{key}.friction", surface.friction, friction)
         may = [region.limbs is None or name in region.limbs for name in limbs]
         yield apart(f"{key}.limbs", terrain.allowed[:, by_name[region.name]], may)
+        yield _region_hold_apart(key, surface, region)
     boxes = [SolidSpec(name=b.name, lower=b.lower, upper=b.upper) for b in asked.boxes]
     yield from _solids(terrain, [*asked.obstacles, *boxes], asked.free_regions)
 
@@ -163,6 +164,18 @@ def _hold_apart(
     stored = [*hold.axis, hold.undercut, *hold.orientation]
     asked = [*axis, math.radians(spec.undercut_deg), *np.deg2rad(spec.orientation_deg)]
     return apart(f"{key}: axis_deg, undercut_deg, orientation_deg", stored, asked)
+
+
+def _region_hold_apart(key: str, surface: Surface, region: RegionSpec) -> Difference:
+    """How a region can be gripped: its axis without what is along the normal."""
+    stored = surface.hold if isinstance(surface, Region) else None
+    if region.hold is None or stored is None or not isinstance(surface, Region):
+        return same(f"{key}.hold", (region.hold is None) == (stored is None))
+    asked = region.hold
+    across = np.cross(np.cross(surface.normal, asked.axis), surface.normal)
+    axis = across / np.linalg.norm(across)
+    want = [*axis, math.radians(asked.undercut_deg), *np.deg2rad(asked.orientation_deg)]
+    return apart(f"{key}.hold", [*stored.axis, stored.undercut, *stored.orientation], want)
 
 
 def _wall(walls: WallsSpec, side: int) -> Array:

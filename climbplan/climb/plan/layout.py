@@ -35,6 +35,8 @@ ROBOT_NUMBERS = {
     "limb_radius": "m",
 }
 
+FOOT_NUMBERS = {"radius": "m"}  # of the group `robot/foot`; plans without it have point toes
+
 # Stored in the group `robot/capsules`, where links are not all straight and alike; C of each limb.
 CAPSULES = {
     "joint": Layout(("N", "*"), kind="int"),
@@ -130,6 +132,7 @@ SCAN = {
     "triangles": Layout(("*", 3), kind="int"),
 }
 SCAN_NUMBERS = ("flatness", "toe_radius")
+SCAN_DEPTH = "finger_depth"  # only where grippers hold what was scanned
 
 SEQUENCES = {
     "cost": Layout(("Q",)),

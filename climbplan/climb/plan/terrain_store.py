@@ -39,6 +39,8 @@ def write_terrain(group: h5py.Group, terrain: Terrain) -> None:
             write_dataset(scan, name, vars(terrain.scan)[name], shape)
         for name in layout.SCAN_NUMBERS:
             scan.attrs[name] = float(vars(terrain.scan)[name])
+        if terrain.scan.finger_depth:
+            scan.attrs[layout.SCAN_DEPTH] = float(terrain.scan.finger_depth)
 
 
 def read_terrain(reader: Reader, where: str) -> Terrain:
@@ -77,7 +79,10 @@ def _read_scan(reader: Reader, where: str) -> RawSurface:
     triangles, corners = fields["triangles"], len(fields["vertices"])
     if not len(triangles) or triangles.min() < 0 or triangles.max() >= corners:
         raise reader.refuse(f"{where}/triangles names a corner that is not there, or is empty")
-    fields |= {name: reader.number(where, name) for name in layout.SCAN_NUMBERS}
+    numbers = [*layout.SCAN_NUMBERS]
+    if reader.has_attribute(where, layout.SCAN_DEPTH):
+        numbers.append(layout.SCAN_DEPTH)
+    fields |= {name: reader.number(where, name) for name in numbers}
     return RawSurface(**fields)
 
 
@@ -108,8 +113,6 @@ def _write_surface(group: h5py.Group, surface: Surface) -> None:
         group.attrs["offset"] = float(surface.offset)
         for name, shape in layout.FLAT.items():
             write_dataset(group, name, vars(surface)[name], shape)
-        if surface.standoff:
-            group.attrs["standoff"] = float(surface.standoff)
         if surface.hold is not None:
             _write_hold(group.create_group("hold"), surface.hold)
     elif isinstance(surface, Tube):
@@ -119,6 +122,8 @@ def _write_surface(group: h5py.Group, surface: Surface) -> None:
         write_dataset(group, "center", surface.center, layout.TUBE["center"])
     else:
         raise TypeError(f"no file layout for surfaces of type {type(surface).__name__}")
+    if surface.standoff:
+        group.attrs["standoff"] = float(surface.standoff)
 
 
 def _write_hold(group: h5py.Group, hold: Hold) -> None:
@@ -135,6 +140,8 @@ def _read_hold(reader: Reader, where: str) -> Hold:
 def _read_surface(reader: Reader, where: str) -> Surface:
     kind = reader.text(where, "kind")
     name, friction = reader.text(where, "name"), reader.number(where, "friction")
+    given = reader.has_attribute(where, "standoff")
+    standoff = reader.number(where, "standoff") if given else 0.0
     if kind == "flat":
         arrays = {
             field: reader.array(f"{where}/{field}", shape) for field, shape in layout.FLAT.items()
@@ -142,17 +149,17 @@ def _read_surface(reader: Reader, where: str) -> Surface:
         corners = len(arrays["vertices"])
         if corners < 3 or len(arrays["A"]) != corners or len(arrays["b"]) != corners:
             raise reader.refuse(f"{where} has {corners} corners, {len(arrays['b'])} edges")
-        standoff = reader.has_attribute(where, "standoff")
         return Region(
             name=name,
             offset=reader.number(where, "offset"),
             friction=friction,
-            standoff=reader.number(where, "standoff") if standoff else 0.0,
+            standoff=standoff,
             hold=_read_hold(reader, f"{where}/hold") if reader.has(f"{where}/hold") else None,
             **arrays,
         )
     if kind == "tube":
         center = reader.array(f"{where}/center", layout.TUBE["center"])
         numbers = {field: reader.number(where, field) for field in layout.TUBE_NUMBERS}
-        return Tube(name=name, center=np.asarray(center), friction=friction, **numbers)
+        middle = np.asarray(center)
+        return Tube(name=name, center=middle, friction=friction, standoff=standoff, **numbers)
     raise reader.refuse(f"{where} is a surface of unknown kind {kind!r}")

@@ -29,7 +29,7 @@ def longest_reach(scene: MotionScene) -> Array:
     """(N,) largest distance [m] of a toe from its shoulder, links stretched out; may be inf."""
     if isinstance(scene.robot.limbs, FiveBar):
         return np.full(scene.robot.limb_count, np.inf)
-    return np.asarray(scene.robot.link_lengths.sum(axis=1) + SLACK)
+    return np.asarray(scene.robot.longest_links.sum(axis=1) + SLACK)
 
 
 def shoulder_balls(scene: MotionScene) -> list[tuple[Array, Array]]:

@@ -31,6 +31,9 @@ from climbplan.program.trajectory import Trajectory
 SPEED_SHARE = 0.95  # of the joint speed limit
 FORCE_SHARE = 0.985
 CONE_SHARE = 0.96
+# With masses legs have no rows for their own loads: feet that all stand bear hardly more of the box
+# than an even share each, others no more than it weighs, and so it moves calmly
+EVEN = 1.2
 RANGE_MARGIN = 0.02  # [rad]
 APPROACH_MARGIN = 0.15  # [rad] further where latches close: a module still has to get there
 OWN_SIDE = 0.02  # [m] of a foot ahead of its face of the box
@@ -45,8 +48,12 @@ HARDEST = 60.0  # [m/s^2]
 class LegProgram:
     """Adds phase after phase."""
 
-    def __init__(self, scene: Scene, limbs: Sequence[Limb]) -> None:
+    def __init__(self, scene: Scene, limbs: Sequence[Limb], has_steps: bool) -> None:
+        """has_steps: whether feet leave the ground."""
         self.scene, self.limbs, self.store = scene, limbs, Trajectory("legs")
+        calm = scene.weight * (1.0 if has_steps else EVEN / len(limbs))
+        held = scene.module.max_force
+        self.most = FORCE_SHARE * (held if scene.massless else min(held, calm))  # of a foot [N]
         self.chain = chain_function(scene.module)
         self.leg = [leg_function(scene.module, limb, scene.box_size[0]) for limb in limbs]
         self.outputs: list[ca.MX] = []
@@ -231,7 +238,7 @@ class LegProgram:
     ) -> list[list[ca.MX]]:
         """Dynamics, eq. (6.5), moment balance, eq. (6.6), friction, eq. (6.8)."""
         store, scene = self.store, self.scene
-        mass, most = float(scene.box_mass[0]), FORCE_SHARE * scene.module.max_force
+        mass, most = float(scene.box_mass[0]), self.most
         friction = CONE_SHARE * scene.friction
         up = ca.DM([0, 0, GRAVITY])
         rows = []

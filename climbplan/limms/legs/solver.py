@@ -49,7 +49,7 @@ def solve_legs(
 ) -> LegOutcome:
     """Build and solve the program of a contact sequence from a guess, which carries its phases."""
     began = time.perf_counter()
-    program = LegProgram(scene, limbs)
+    program = LegProgram(scene, limbs, any(trace.phase.swing for trace in guess))
     for number, trace in enumerate(guess):
         program.phase(
             trace,

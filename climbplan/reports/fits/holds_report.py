@@ -1,38 +1,82 @@
-"""What can be gripped in a scanned wall: terrain.yaml with a panel and its holds, report.json."""
+"""What grippers can hold of a scan: terrain.yaml with panel or regions, report.json."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from climbplan.reports.fits.terrain_report import FRICTION, RESULT
-from climbplan.scan.holds import Grasping, Wall
+from climbplan.scan.body_holds import bodies, body_headline, body_holds, body_regions
+from climbplan.scan.holds import Grasping, found_holds
+from climbplan.scan.orienting import facing
 from climbplan.scan.panel import holds_headline, panel_of
+from climbplan.scan.raw import RawScan
+from climbplan.spec.climb.scan import ScanSpec
 from climbplan.spec.yaml_source import write_yaml
 
+_UNITS = {"opening": "m", "depth": "m", "width": "m"}
+_ABOVE = 10.0  # [m] of the place from which sheets beside closed bodies are seen
 
-def holds_report(wall: Wall, grasping: Grasping, name: str, file: str) -> dict[str, Any]:
-    """Key figures as JSON-ready values, SI units and degrees."""
-    return {
+
+@dataclass(frozen=True)
+class Graspable:
+    """What was found."""
+
+    headline: str
+    report: dict[str, Any]  # key figures as JSON-ready values, SI units and degrees
+    terrain: dict[str, Any]  # keys of `terrain` of a spec
+    remark: str  # what is to be known of them
+
+
+def graspable(raw: RawScan, scan: ScanSpec, grasping: Grasping, name: str) -> Graspable:
+    """Holds of a scanned wall, or of the closed bodies of a mesh; raises ScanError for none."""
+    report = {
         "name": name,
-        "file_read": file,
+        "file_read": scan.file,
         "opening": grasping.opening,
         "depth": grasping.depth,
-        "angle_deg": wall.angle_deg,
-        "turn_deg": wall.turn_deg,
-        "holds": [vars(hold) for hold in wall.holds],
-        "units": {"opening": "m", "depth": "m", "at": "m", "rise": "m", "width": "m", "room": "m"},
     }
-
-
-def write_holds(wall: Wall, grasping: Grasping, report: dict[str, Any], directory: Path) -> None:
-    """Write terrain.yaml and report.json."""
-    text = (
-        f"# {holds_headline(wall, grasping)}.\n"
-        "# ASSUMED: friction. A scan seen from before shows no undercut.\n"
+    if bodies(raw).any():
+        top = raw.vertices.mean(axis=0) + _ABOVE * np.array([0.0, 0.0, 1.0])
+        found = body_holds(facing(raw, top), scan, grasping)
+        holds = [
+            {
+                "vertices": hold.vertices.tolist(),
+                "normal": hold.normal.tolist(),
+                "axis": hold.axis.tolist(),
+                "undercut_deg": hold.undercut_deg,
+                "width": hold.width,
+            }
+            for hold in found
+        ]
+        return Graspable(
+            body_headline(found, grasping),
+            {**report, "holds": holds, "units": {**_UNITS, "vertices": "m"}},
+            {"regions": body_regions(found, scan)},
+            "From each face they are gripped in every direction in which both sides are.",
+        )
+    wall = found_holds(raw, grasping)
+    report |= {"angle_deg": wall.angle_deg, "turn_deg": wall.turn_deg}
+    return Graspable(
+        holds_headline(wall, grasping),
+        {
+            **report,
+            "holds": [vars(hold) for hold in wall.holds],
+            "units": {**_UNITS, "at": "m", "rise": "m", "room": "m"},
+        },
+        {"panel": panel_of(wall)},
+        "A scan seen from before shows no undercut.",
     )
-    body = {"terrain": {"friction": FRICTION, "panel": panel_of(wall)}}
+
+
+def write_holds(found: Graspable, directory: Path) -> None:
+    """Write terrain.yaml and report.json."""
+    text = f"# {found.headline}.\n# ASSUMED: friction. {found.remark}\n"
+    body = {"terrain": {"friction": FRICTION, **found.terrain}}
     (directory / RESULT).write_text(text + write_yaml(body), encoding="utf-8")
-    words = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
+    words = json.dumps(found.report, indent=2, allow_nan=False, ensure_ascii=False)
     (directory / "report.json").write_text(f"{words}\n", encoding="utf-8")

@@ -108,7 +108,7 @@ def _leg_names(robot: UrdfRobot) -> tuple[str, ...]:
             f"walking is of legs with {_LEAST} to {_MOST} joints, got {len(own)}: "
             + ", ".join(joint.name for joint in own),
         )
-        for name, own in robot.joints.items()
+        for name, own in robot.own_joints.items()
         if not _LEAST <= len(own) <= _MOST
     ]
     faults += [

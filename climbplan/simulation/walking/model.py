@@ -39,8 +39,8 @@ def build_mjcf(plan: WalkPlan, conditions: Conditions) -> str:
     return world_of(plan, ground_of(plan, conditions), f"{_body(plan, conditions)}\n{toes}")
 
 
-def world_of(plan: WalkPlan, ground: GroundParts, robot: str) -> str:
-    """A model of the ground and what stands on it."""
+def world_of(plan: WalkPlan, ground: GroundParts, robot: str, ties: str = "") -> str:
+    """A model of the ground and what stands on it, with ties between its joints."""
     return f"""
 <mujoco model="climbplan walk">
 <option timestep="{TIME_STEP}" gravity="0 0 {-plan.task.body.gravity}" cone="elliptic"
@@ -63,6 +63,7 @@ def world_of(plan: WalkPlan, ground: GroundParts, robot: str) -> str:
 {ground.geoms}
 {robot}
 </worldbody>
+<equality>{ties}</equality>
 </mujoco>"""
 
 

@@ -84,6 +84,18 @@ class WholeBodyControl:
         self.bodies = [int(model.site_bodyid[site]) for site in self.sites]
         self.root = model.body("body").id
         self.size = int(model.nv)
+        # Speeds by those of angles, of joints that have some; what holds joints that mimic others
+        self.by_angle = np.zeros((len(self.joints), self.size))
+        self.by_angle[np.arange(len(self.joints)), self.joints] = 1.0
+        column = np.full(self.there.shape, -1)
+        column[self.there] = np.arange(len(self.joints))
+        self.ties = np.zeros((int(legs.mimics.sum()), self.size))
+        for row, (leg, j) in enumerate(np.argwhere(legs.mimics)):
+            drive = legs.chain.drives[leg, j]
+            leader = int(np.argmax(np.abs(drive)))
+            self.by_angle[column[leg, leader], self.dof[leg, j]] = drive[leader]
+            self.ties[row, self.dof[leg, j]] = 1.0
+            self.ties[row, self.dof[leg, leader]] = -drive[leader]
         self.before: Commanded | None = None
 
     def command(self, qpos: Array, qvel: Array, wanted: Wanted) -> Commanded:
@@ -102,10 +114,13 @@ class WholeBodyControl:
             pushes[:, 3 * k : 3 * k + 3] = jacobians[leg].T
         hessian, gradient = self._costs(wanted, jacobians, drifts, stands, unknowns)
         dynamics = np.hstack([mass, -pushes])  # = torques - bias
-        rows = [dynamics[:6], dynamics[self.joints]]
-        lower = [-bias[:6], -self.limits - bias[self.joints]]
-        upper = [-bias[:6], self.limits - bias[self.joints]]
-        sense = [_EQUAL] * 6 + [0] * len(self.joints)
+        motors, held = self.by_angle @ dynamics, self.by_angle @ bias
+        tied = np.hstack([self.ties, np.zeros((len(self.ties), 3 * len(stands)))])
+        none = np.zeros(len(self.ties))
+        rows = [dynamics[:6], motors, tied]
+        lower = [-bias[:6], -self.limits - held, none]
+        upper = [-bias[:6], self.limits - held, none]
+        sense = [_EQUAL] * 6 + [0] * len(self.joints) + [_EQUAL] * len(self.ties)
         cones = _cones(wanted.normal[stands], self.friction)
         cone = np.zeros((cones.shape[0] * cones.shape[1], unknowns))
         for k in range(len(stands)):
@@ -130,7 +145,7 @@ class WholeBodyControl:
         if flag != _SOLVED or not np.isfinite(x).all():
             kept = self.before.torque if self.before is not None else np.zeros(len(self.joints))
             return Commanded(kept, np.zeros((len(self.sites), 3)), False)
-        torque = np.clip(dynamics[self.joints] @ x + bias[self.joints], -self.limits, self.limits)
+        torque = np.clip(motors @ x + held, -self.limits, self.limits)
         force = np.zeros((len(self.sites), 3))
         force[stands] = x[n:].reshape(-1, 3)
         self.before = Commanded(torque, force, True)
@@ -156,7 +171,7 @@ class WholeBodyControl:
             own = self.dof[leg][there]
             if len(own) <= 3:
                 continue
-            by_joint = jacobians[leg][:, own]
+            by_joint = (jacobians[leg] @ self.by_angle.T)[:, np.isin(self.joints, own)]
             free = np.eye(len(own)) - np.linalg.pinv(by_joint) @ by_joint
             off = self.posture[leg][there] - data.qpos[self.at[leg][there]]
             speed = data.qvel[own]

@@ -92,6 +92,8 @@ class _Player:
         self.plan, self.conditions, self.legs = plan, conditions, plan.task.legs
         robot: WholeRobot = whole_robot(plan, conditions)
         self.centre, self.mass = robot.centre, robot.mass
+        foot = robot.found.robot.spec.foot
+        self.foot = 0.0 if foot is None else foot.radius
         known = robot if conditions.payload == 0 else whole_robot(plan, NOMINAL)
         make = self.mujoco.MjModel.from_xml_string
         self.model = make(whole_model(plan, robot, conditions))
@@ -100,7 +102,7 @@ class _Player:
         self.there = self.legs.there
         self.at = np.full(self.there.shape, -1)
         self.dof = self.at.copy()
-        for leg, j in np.argwhere(self.there):
+        for leg, j in np.argwhere(self.there | self.legs.mimics):
             hinge = self.model.joint(f"{leg}_{j}")
             self.at[leg, j], self.dof[leg, j] = hinge.qposadr[0], hinge.dofadr[0]
         self.control = WholeBodyControl(
@@ -151,6 +153,7 @@ class _Player:
             feedback=True,
             time=time[: len(rows)],
             fallen=fell,
+            foot=self.foot,
             unanswered=self.unanswered,
             pushes=self.pushes,
             ticks=self.ticks,
@@ -168,7 +171,8 @@ class _Player:
         quat = np.empty(4)
         self.mujoco.mju_mat2Quat(quat, rotation.ravel())
         data.qpos[3:7] = quat
-        data.qpos[self.at[self.there]] = angles[self.there]
+        named, drives = self.there | legs.mimics, legs.chain.drives
+        data.qpos[self.at[named]] = (drives @ angles[..., None])[..., 0][named]
         spin = rotation.T @ state[SPIN]
         drift = rotation.T @ state[VELOCITY]
         data.qvel[:3] = state[VELOCITY] - rotation @ np.cross(spin, self.centre)
@@ -176,7 +180,7 @@ class _Player:
         away = -(drift + np.cross(spin, spots))  # (L, 3) of toes in the body
         jacobian = legs.chain.jacobian(angles)
         speed = (np.linalg.pinv(jacobian) @ away[..., None])[..., 0]
-        data.qvel[self.dof[self.there]] = speed[self.there]
+        data.qvel[self.dof[named]] = (drives @ speed[..., None])[..., 0][named]
         self.mujoco.mj_forward(self.model, data)
 
     def _interval(self, sample: int) -> dict[str, Any]:
@@ -298,6 +302,7 @@ class _Player:
             "rotation": rotation,
             "velocity": data.qvel[:3] + np.cross(rotation @ data.qvel[3:6], arm),
             "toes": data.site_xpos[self.sites].copy(),
+            "links": data.site_xmat[self.sites].reshape(-1, 3, 3).copy(),
         }
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.walking_body import TO_WALKING
+from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.walking.model import (
     BODY,
@@ -33,6 +34,7 @@ from climbplan.walking.task import Array
 
 _ROOT = 1  # of Pinocchio's joints: the free one
 _THICK = 0.1  # of a link's length, as it is drawn
+_STIFF = 'solref="0.002 1" solimp="0.9999 0.9999 0.001"'
 _HALF_HEIGHT = 0.04  # [m] of the body, which falls on the ground
 
 
@@ -43,6 +45,7 @@ class WholeRobot:
     found: UrdfModel
     centre: Array  # (3,) of mass of the standing robot, from the root body in its axes [m]
     mjcf: str  # of its bodies
+    ties: str  # of joints that mimic others
     mass: float  # [kg]
 
 
@@ -54,10 +57,6 @@ def whole_robot(plan: WalkPlan, conditions: Conditions) -> WholeRobot:
     found = urdf_model(robot_of_plan(plan))
     legs = plan.task.legs
     assert legs is not None  # a robot from a URDF has them
-    if legs.chain.drive is not None:
-        raise UsageError(
-            f"{plan.name}: legs with joints that mimic others are not simulated as they walk"
-        )
     turn = TO_WALKING @ found.turn  # from the root's axes to walking's
     angles = {
         name: float(angle)
@@ -68,12 +67,30 @@ def whole_robot(plan: WalkPlan, conditions: Conditions) -> WholeRobot:
     pin, model = found.library, found.model
     centre = turn @ np.array(pin.centerOfMass(model, model.createData(), found.angles(angles)))
     tree = _Tree(found, plan, turn, conditions.payload, centre)
-    return WholeRobot(found, centre, tree.body(), found.mass())
+    return WholeRobot(found, centre, tree.body(), ties_of(legs), found.mass())
 
 
 def whole_model(plan: WalkPlan, robot: WholeRobot, conditions: Conditions) -> str:
     """The model of a walk by the whole robot; toes are centres of spheres on lowered ground."""
-    return world_of(plan, ground_of(plan, conditions, TOE_RADIUS), robot.mjcf)
+    lower = sphere_radius(robot.found.robot)
+    return world_of(plan, ground_of(plan, conditions, lower), robot.mjcf, robot.ties)
+
+
+def sphere_radius(robot: UrdfRobot) -> float:
+    """Radius of the spheres about the toes [m]: of its feet, where it has spherical ones."""
+    return TOE_RADIUS if robot.spec.foot is None else robot.spec.foot.radius
+
+
+def ties_of(legs: WalkingLegs) -> str:
+    """What moves joints that mimic others."""
+    drive, ties = legs.chain.drives, []
+    for leg, joint in np.argwhere(legs.mimics):
+        leader = int(np.argmax(np.abs(drive[leg, joint])))
+        ties.append(
+            f'<joint joint1="{leg}_{joint}" joint2="{leg}_{leader}" '
+            f'polycoef="0 {drive[leg, joint, leader]:.12g} 0 0 0" {_STIFF}/>'
+        )
+    return "".join(ties)
 
 
 def robot_of_plan(plan: WalkPlan) -> UrdfRobot:
@@ -144,10 +161,10 @@ class _Tree:
             slides = bool(self.legs.chain.sliding[leg, number])
             kind, column = ("slide", whole[:3]) if slides else ("hinge", whole[3:])
             low, high = self.legs.lower[leg, number], self.legs.upper[leg, number]
-            hinge = (
-                f'<joint name="{leg}_{number}" type="{kind}" axis="{numbers(column)}"'
-                f' range="{low:.9g} {high:.9g}" limited="true"/>'
-            )
+            bounds = f' range="{low:.9g} {high:.9g}" limited="true"'
+            if self.legs.mimics[leg, number]:
+                bounds = ""  # those of the joint that it follows
+            hinge = f'<joint name="{leg}_{number}" type="{kind}" axis="{numbers(column)}"{bounds}/>'
             toe = self._toe(leg, joint) if number == self.legs.chain.joint_count - 1 else ""
         below = "".join(self._link(child, np.eye(3)) for child in self.children.get(joint, []))
         drawn = "".join(
@@ -176,7 +193,7 @@ class _Tree:
         point = np.array(place.translation) + np.array(place.rotation) @ np.array(spec.toe_offset)
         return (
             f'{self._drawn(point)}<geom name="toe{leg}" type="sphere" pos="{numbers(point)}"'
-            f' size="{TOE_RADIUS}" mass="0" material="toe" friction="0 0 0"'
+            f' size="{sphere_radius(self.found.robot)}" mass="0" material="toe" friction="0 0 0"'
             f' contype="{TOE}" conaffinity="0"/><site name="toe{leg}" pos="{numbers(point)}"/>'
         )
 

@@ -45,6 +45,32 @@ class HoldSpec(SpecModel):
     )
 
 
+class RegionHoldSpec(SpecModel):
+    """How grippers hold on where a region is: two sides that fingers press on."""
+
+    axis: Vector = quantity(
+        "", "direction in which the fingers close (its part along the region counts)"
+    )
+    undercut_deg: Number = quantity(
+        "deg",
+        "inclination of the gripped sides: 0 at right angles to the region, above 0 undercut",
+        default=0.0,
+        ge=FLAT_DEG,
+        lt=90,
+    )
+    orientation_deg: Vector = quantity(
+        "deg",
+        "turn of the hold's surface against the gripper, as of a panel's holds",
+        default=(0.0, 0.0, 0.0),
+    )
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> Self:
+        if max(map(abs, self.axis)) < 1e-9:
+            refuse([Fault("axis", f"expected a direction, got {list(self.axis)}")])
+        return self
+
+
 class PanelSpec(SpecModel):
     """A rectangle with holds, on which limbs stand on the holds alone."""
 

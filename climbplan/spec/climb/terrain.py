@@ -8,7 +8,7 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from climbplan.spec.base import Fault, Interval, Number, SpecModel, Vector, quantity, refuse
-from climbplan.spec.climb.panel import PanelSpec
+from climbplan.spec.climb.panel import PanelSpec, RegionHoldSpec
 from climbplan.spec.climb.scan import ScanSpec
 from climbplan.spec.climb.shapes import hull_fault, polygon_fault
 
@@ -48,6 +48,9 @@ class RegionSpec(SpecModel):
     )
     limbs: tuple[str, ...] | None = Field(
         default=None, description="limbs that may use the region; all if left out"
+    )
+    hold: RegionHoldSpec | None = Field(
+        default=None, description="how grippers hold on there; as on a plane if left out"
     )
 
     @model_validator(mode="after")
@@ -196,7 +199,8 @@ class TerrainSpec(SpecModel):
     @property
     def gripped(self) -> bool:
         """Whether limbs hold on by grippers, to stated holds or to those of a scan."""
-        return self.panel is not None or (self.scan is not None and self.scan.holds is not None)
+        stated = self.panel is not None or any(r.hold is not None for r in self.regions)
+        return stated or (self.scan is not None and self.scan.holds is not None)
 
     @model_validator(mode="after")
     def _some_surface(self) -> Self:

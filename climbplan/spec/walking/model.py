@@ -66,13 +66,17 @@ class MpcSpec(SpecModel):
         terrain = self.terrain
         if not terrain.regions and terrain.stones is None:
             return []
+        message = "`online` walks on level regions only: `search` and `nlp` take slopes"
         faults = [
-            Fault(f"terrain.regions.{k}", "`online` walks on level regions only")
+            Fault(f"terrain.regions.{k}", message)
             for k, region in enumerate(terrain.regions)
             if any(plane_of(region.corners) if region.corners else region.slope)
         ]
         if self.loop.estimation == "ekf":
-            message = "`ekf` does not know where footholds are: `online` needs `none` on regions"
+            message = (
+                "with `ekf` nothing measures where the robot is among its regions, and its place "
+                "drifts by centimetres a second: `none` walks on them"
+            )
             faults.append(Fault("loop.estimation", message))
         if self.solver.form == "published":
             message = "`published` knows flat ground only"

@@ -124,8 +124,10 @@ class WalkLibrarySpec(SpecModel):
         description="library.h5 of an earlier run, or dataset.h5 of walks; the first `size` walks "
         "are used; solved anew if left out",
     )
-    strategy: Literal["knn", "forest", "boosting", "network"] = Field(
+    strategy: Literal["knn", "forest", "boosting", "network", "reduce"] = Field(
         default="knn",
         description="how candidates are chosen: nearest neighbours, or a classifier of gaits "
-        "trained on the sections at the start, with the nearest section of each likely gait",
+        "trained on the sections at the start, with the nearest section of each likely gait; "
+        "`reduce`: a forest finds the cluster of solutions, whose gaits alone are tried, nearest "
+        "first, before those of the next",
     )

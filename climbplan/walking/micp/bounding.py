@@ -1,4 +1,4 @@
-"""A bound of a union of tubes: linear programs, ranges drawn closer, and HiGHS's search.
+"""A bound of a union of tubes: linear programs, ranges drawn closer, and a search over contacts.
 
 The cost of the mixed-integer program is not the true one: envelopes and the tube give it room. Each
 gait that it comes up with is therefore priced by the SQP on the nonlinear dynamics, and only such
@@ -8,35 +8,38 @@ trajectories are answers.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import highspy
 import numpy as np
 
-from climbplan.solvers.highs.model import highs, rows_model, run_highs
+from climbplan.solvers.highs.model import highs
 from climbplan.walking.answer import Improvement
 from climbplan.walking.check.checker import passes
 from climbplan.walking.footing import gait_of
 from climbplan.walking.micp.covering import Leaf, covering
-from climbplan.walking.micp.heads import Stated, drawn_by_heads
+from climbplan.walking.micp.heads import Stated, bound_drawn, drawn_by_heads
+from climbplan.walking.micp.kept import Kept
 from climbplan.walking.micp.limits import MicpLimits
+from climbplan.walking.micp.mirror import own_image, with_images
 from climbplan.walking.micp.relaxed import SAG, relaxed
 from climbplan.walking.micp.statement import Relaxation, relaxation
-from climbplan.walking.micp.tree import node_of, searched
+from climbplan.walking.micp.tree import Search
 from climbplan.walking.micp.tube import Tube, tube_about
 from climbplan.walking.offline.gaits import with_regions
 from climbplan.walking.offline.sqp import iterate_of, solve_gait
-from climbplan.walking.task import Array, WalkTask, WalkTrajectory
+from climbplan.walking.task import Array, Flags, WalkTask, WalkTrajectory
 
 _TOLERANCE = 1e-7  # of rows
-_OFF = 1e-5  # of rows, beyond which it is told
 _DRAWING = 0.4  # of the time that is left, for drawing tube and ranges closer
 _BRANCHING = 0.3  # of all time, to part tubes
 _NEW_START = 0.85  # times the cost before
 TANGENTS = 3.0  # each so many times the one before; where they are wanted more come
 _SHARES = (0.2, 0.35, 0.5)  # contacts of the relaxed program beyond count as such
+ROUNDS = 3  # of drawing ranges of a gait closer
+_GAIT = 0.0005  # of the cost, that a head has to raise the bound of a gait by
+_SAG = 5.0 * SAG  # of the cost, that squares of a search may be too small
 _PRICING = 8  # QPs for a gait of the program, and once more to settle
 _POLISH = 40
 
@@ -56,7 +59,6 @@ class Bounding:
     share: float = 1.0  # of all time that this tube has
     word: str = "time limit"
     again: bool = False
-    reached: float = 0.0  # the bound of the program with binaries that is solved
     seen: set[bytes] = field(default_factory=set)
     history: list[Improvement] = field(default_factory=list)
 
@@ -134,6 +136,9 @@ class Bounding:
     def bounded(self, tube: Tube) -> None:
         """The program of motions that are cheaper by the gap: if there are none, it is closed."""
         limits, most = self.limits, self.objective * (1.0 - self.limits.gap)
+        width = np.array(limits.angles), np.array(limits.spin)
+        both = with_images(tube, *width) if own_image(self.stated) else None
+        tube = both if both is not None else tube
         stated = Stated(self.stated, tube, most, limits.arm_pieces, limits.height_pieces, TANGENTS)
         program = stated.program(None)
         if not self.tighten(program, most):
@@ -145,50 +150,46 @@ class Bounding:
         program = stated.program(drawn.box)
         if not self.tighten(program, most) or self.left <= 0:
             return
-        root = self.mixed(program, most, lambda bound: self.raise_bound(bound, most))
-        if root is None or self.again:  # not solved: HiGHS had the time that there was
-            return
-        node = node_of(stated, drawn.box)
-        if node is None:
-            self.nothing_cheaper(most)
-            return
-        searched(stated, replace(node, bound=root), drawn.later, self.goes_on, self.solved)
+        self.search(stated, program, both is not None)
 
-    def goes_on(self, bound: float) -> bool:
-        """Keep the bound of a search over contacts, and whether it is to look at another node."""
-        self.raise_bound(bound, bound)
-        return self.left > 0 and not self.closed and not self.again
+    def search(self, stated: Stated, program: Relaxation, images: bool) -> None:
+        """Raise the bound of a program's motions by a search over contacts.
 
-    def solved(self, program: Relaxation, most: float) -> float:
-        """What motions of a node of that search cost at least."""
-        found = self.mixed(program, most, lambda bound: None)
-        return self.reached if found is None else found
+        images: whether the tube holds the mirror images of its motions, too.
+        """
+        basis, most = self.objective, stated.most
+
+        def goes_on(bound: float) -> bool:
+            self.raise_bound(bound, most)
+            self.again = self.objective < _NEW_START * basis
+            return self.left > 0 and not self.closed and not self.again
+
+        def settled(contacts: Flags) -> float:
+            program_of = stated.program(program.box.standing(contacts))
+            drawn = drawn_by_heads(stated, program_of, self.left, self.limits.clock, _GAIT)
+            if drawn is None:
+                return most
+            return bound_drawn(stated, drawn.box, ROUNDS, lambda: self.left, self.limits.clock)
+
+        kept = Kept(program, _SAG * self.objective, images)
+        found = Search(
+            kept,
+            goes_on,
+            lambda: self.left if self.by_wall else np.inf,
+            settled,
+            lambda x: self.consider(program, x),
+        )
+        found.run()
+        model = program.model
+        self.word = (
+            f"{found.nodes} nodes, {len(model.lower)} variables, {len(kept.binaries)} binaries, "
+            f"{kept.count} rows"
+        )
 
     def nothing_cheaper(self, most: float) -> None:
         """No motion costs less than so much."""
         self.raise_bound(most, most)
         self.word = "no motion is cheaper by the gap, by linear programs alone"
-
-    def mixed(
-        self,
-        program: Relaxation,
-        most: float,
-        told: Callable[[float], None],
-    ) -> float | None:
-        """The least cost of the program with binaries, None if time did not suffice.
-
-        What is solved may owe its cost to squares that tangents leave too small.
-        """
-        self.reached = 0.0
-        while self.left > 0:
-            x = self.branch(program, most, told)
-            if self.reached >= most:
-                return most
-            if x is None or self.again:
-                return None
-            if not program.model.refine(x, SAG * self.objective):
-                return self.reached
-        return None
 
     def tighten(self, program: Relaxation, most: float) -> bool:
         """Tangents where the relaxed program wants to be: a first bound. False if it has no point.
@@ -214,58 +215,6 @@ class Bounding:
         Infinity and no point if it has none.
         """
         return relaxed(program.model, SAG * self.objective, self.quiet())
-
-    def branch(
-        self, program: Relaxation, most: float, told: Callable[[float], None]
-    ) -> Array | None:
-        """The program with binaries; a point if it is solved. told: of each bound.
-
-        No start is handed on: HiGHS 1.16 takes a partial one for cheaper than it is, and ends.
-        """
-        model, basis = program.model, self.objective
-        solver = self.quiet()
-        solver.setOptionValue("mip_rel_gap", 0.0)
-        solver.setOptionValue("mip_heuristic_effort", self.limits.heuristics)
-        solver.passModel(rows_model(model))
-        self.again = False
-
-        def raised(bound: float) -> None:
-            if np.isfinite(bound):
-                self.reached = max(self.reached, min(bound, most))
-                told(self.reached)
-
-        def improved(event: Any) -> None:
-            self.consider(program, np.array(event.data_out.mip_solution))
-
-        def logged(event: Any) -> None:
-            raised(float(event.data_out.mip_dual_bound))
-
-        def interrupt(event: Any) -> None:
-            self.again = self.objective < _NEW_START * basis
-            if self.closed or self.again or (not self.by_wall and self.left <= 0):
-                event.interrupt()
-
-        solver.cbMipImprovingSolution.subscribe(improved)
-        solver.cbMipLogging.subscribe(logged)
-        solver.cbMipInterrupt.subscribe(interrupt)
-        run_highs(solver)
-        info = solver.getInfo()
-        status = solver.getModelStatus()
-        self.word = (
-            f"HiGHS {solver.version()}: {solver.modelStatusToString(status)}, "
-            f"{info.mip_node_count} nodes, {len(model.lower)} variables, {sum(model.integer)} "
-            f"binaries, {len(model)} rows"
-        )
-        none_left = status == highspy.HighsModelStatus.kInfeasible
-        raised(most if none_left else float(info.mip_dual_bound))
-        solution = solver.getSolution()
-        x = np.array(solution.col_value) if solution.value_valid else None
-        if x is not None:
-            self.consider(program, x)
-            if (worst := model.worst(x)).residual > _OFF:
-                self.word += f", {worst}"
-        self.note()
-        return x if status == highspy.HighsModelStatus.kOptimal else None
 
     def raise_bound(self, bound: float, most: float) -> None:
         """A bound on motions that cost no more than so much: the others cost more than that."""

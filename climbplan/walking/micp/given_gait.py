@@ -12,15 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.walking.answer import WalkAnswer
-from climbplan.walking.micp.bounding import TANGENTS, Bounding
+from climbplan.walking.micp.bounding import ROUNDS, TANGENTS
+from climbplan.walking.micp.heads import Stated, bound_drawn
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.ranges import Box
-from climbplan.walking.micp.shrinking import shrunk
-from climbplan.walking.micp.statement import relaxation
 from climbplan.walking.micp.tube import tube_about
 from climbplan.walking.task import WalkTask
-
-_ROUNDS = 3  # of drawing tube and ranges closer
 
 
 def bound_of_gait(task: WalkTask, limits: MicpLimits, answers: Sequence[WalkAnswer]) -> float:
@@ -34,21 +31,11 @@ def bound_of_gait(task: WalkTask, limits: MicpLimits, answers: Sequence[WalkAnsw
         return 0.0
     cost, best = min(known, key=lambda one: one[0])
     stated = replace(task, integrator="euler")
-    run = Bounding(task, stated, limits, best, cost, limits.clock())
     motions = np.stack([motion.state for _, motion in known])
     tube = tube_about(stated, motions, np.array(limits.angles), np.array(limits.spin))
-    most, bound = cost * (1.0 - limits.gap), 0.0
+    pieces = limits.arm_pieces, limits.height_pieces
+    program = Stated(stated, tube, cost * (1.0 - limits.gap), *pieces, TANGENTS)
     force = task.body.force_limit / (task.weight / task.body.leg_count)
-    box, closer = Box.open(stated, most, force).standing(best.gait.contact[:-1]), tube
-    for _ in range(_ROUNDS + 1):
-        pieces = limits.arm_pieces, limits.height_pieces
-        program = relaxation(stated, closer, most, *pieces, TANGENTS, box)
-        found = max((value for value, _ in run.relaxed(program)), default=0.0)
-        bound = max(bound, min(found, most))
-        if bound >= most or run.left <= 0:
-            break
-        drawn = shrunk(program, run.left, limits.clock)
-        if drawn is None:
-            return most
-        box, closer = drawn, drawn.tube(tube)
-    return bound
+    box = Box.open(stated, program.most, force).standing(best.gait.contact[:-1])
+    end = limits.clock() + limits.seconds
+    return bound_drawn(program, box, ROUNDS, lambda: end - limits.clock(), limits.clock)

@@ -27,8 +27,7 @@ from climbplan.walking.task import Goal, WalkTask
 _T = TypeVar("_T", Tube, Box)
 _WHOLE = ("low", "high", "off")  # of a box: states are of one knot more than intervals
 _SHORTEST = 3  # intervals of a head: the first step is the start's
-_AFTER = 2  # intervals from a knot, that a head about it has
-_WORTH = 0.003  # of the cost, that a head has to raise the bound by
+WORTH = 0.003  # of the cost, that a head has to raise the bound by
 _PAD = 1e-4  # of the cost, that later intervals may cost less than the solver says
 
 
@@ -71,22 +70,25 @@ class Drawn:
 
 
 def drawn_by_heads(
-    stated: Stated, program: Relaxation, seconds: float, clock: Callable[[], float]
+    stated: Stated,
+    program: Relaxation,
+    seconds: float,
+    clock: Callable[[], float],
+    worth: float = WORTH,
 ) -> Drawn | None:
     """What ever longer heads tell of a program's motions; None if there are none.
 
-    Until one does not raise what the whole costs at least by a share, or the time is over. Where
-    not even the first one does, the whole is asked.
+    Until one does not raise what the whole costs at least by a share, or the time is over.
     """
     end, box, whole, before = clock() + seconds, program.box, program, -np.inf
-    later, gained = np.zeros(stated.task.knots + 1), False
+    later = np.zeros(stated.task.knots + 1)
     for knots in range(_SHORTEST, stated.task.knots):
         known = max((k for k, _ in relaxed(whole.model, SAG * stated.most, linear())), default=0.0)
         if np.isinf(known):
             return None
-        if clock() >= end or known < before + _WORTH * stated.most:
+        if clock() >= end or known < before + worth * stated.most:
             break
-        before, gained = known, np.isfinite(before)
+        before = known
         least = least_after(whole, knots)
         if least is None:
             return None
@@ -95,19 +97,8 @@ def drawn_by_heads(
         if found is None:
             return None
         box, whole = found, stated.program(found)
-    if not gained and clock() < end:
-        whole_box = shrunk(whole, end - clock(), clock)
-        if whole_box is None:
-            return None
-        box = whole_box
     # What is paid from a knot on is paid from any before it on, too.
     return Drawn(box, tuple(np.maximum.accumulate(later[::-1])[::-1].tolist()))
-
-
-def drawn_about(stated: Stated, box: Box, knot: int, later: Sequence[float]) -> Box | None:
-    """What one head tells of motions about a knot; None if there are none."""
-    knots = min(max(knot + _AFTER, _SHORTEST), stated.task.knots - 1)
-    return drawn_by_head(stated, box, knots, later, max(knot - 1, 0)) if knots > knot else box
 
 
 def drawn_by_head(
@@ -126,6 +117,31 @@ def drawn_by_head(
             return None
     found = shrunk(head, seconds, clock, first)
     return with_head(box, found) if found is not None else None
+
+
+def bound_drawn(
+    stated: Stated,
+    box: Box,
+    rounds: int,
+    left: Callable[[], float],
+    clock: Callable[[], float],
+) -> float:
+    """What motions of a box cost at least, by rounds of linear programs that draw it closer.
+
+    left: [s] for them; `stated.most` if there are no such motions.
+    """
+    bound = 0.0
+    for after in range(rounds + 1):
+        program = stated.program(box)
+        found = (value for value, _ in relaxed(program.model, SAG * stated.most, linear()))
+        bound = max(bound, min(max(found, default=0.0), stated.most))
+        if bound >= stated.most or after == rounds or left() <= 0:
+            break
+        drawn = shrunk(program, left(), clock)
+        if drawn is None:
+            return stated.most
+        box = drawn
+    return bound
 
 
 def least_after(program: Relaxation, knots: int) -> float | None:

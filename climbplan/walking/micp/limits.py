@@ -10,8 +10,6 @@ import numpy as np
 
 from climbplan.spec.walking.solver import WalkSolverSpec
 
-_HEURISTICS = 0.05  # HiGHS's own share, where the start is far from good
-
 
 @dataclass(frozen=True)
 class MicpLimits:
@@ -23,7 +21,6 @@ class MicpLimits:
     height_pieces: int = 1
     angles: tuple[float, float, float] = (0.035, 0.07, 0.035)  # [rad] half widths of the tube
     spin: tuple[float, float, float] = (0.5, 1.0, 0.5)  # [rad/s]
-    heuristics: float = 0.0  # of HiGHS; after a search time is for the bound
     clock: Callable[[], float] = time.perf_counter  # `process_time` where others share the machine
 
 
@@ -36,5 +33,4 @@ def limits_of(solver: WalkSolverSpec) -> MicpLimits:
         solver.height_pieces,
         tuple(np.deg2rad(solver.tube.angles_deg).tolist()),
         solver.tube.spin,
-        0.0 if solver.warm == "search" else _HEURISTICS,
     )

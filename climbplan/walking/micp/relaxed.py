@@ -58,13 +58,18 @@ def relaxed(model: LinearModel, sag: float, solver: Any) -> Iterator[tuple[float
         before = len(model)
         if not model.refine(x, sag):
             return
-        rows = model.matrix()[before:].tocsr()  # the next one starts where this one ends
-        solver.addRows(
-            rows.shape[0],
-            np.array(model.row_lower)[before:],
-            np.array(model.row_upper)[before:],
-            rows.nnz,
-            rows.indptr[:-1].astype(np.int32),
-            rows.indices.astype(np.int32),
-            rows.data,
-        )
+        add_rows(solver, model, before)  # the next one starts where this one ends
+
+
+def add_rows(solver: Any, model: LinearModel, first: int) -> None:
+    """Hand a solver that holds a model the rows that it got since."""
+    rows = model.tail(first)
+    solver.addRows(
+        rows.shape[0],
+        model.row_lower[first:],
+        model.row_upper[first:],
+        rows.nnz,
+        rows.indptr[:-1].astype(np.int32),
+        rows.indices.astype(np.int32),
+        rows.data,
+    )

@@ -39,6 +39,7 @@ class Relaxation:
     given: Array  # (2,) cost of those of them that are no variables
     most: float  # that motions cost
     rows: Whole  # (N, L) of whether legs stand
+    known: int  # the row of what motions cost
     box: Box  # what is known already
     paid: tuple[tuple[int, float], ...]  # (N) of each interval: its first cost, and what is given
 
@@ -135,6 +136,7 @@ class _Statement(Motion):
         counts = self.costs(pieces)
         # Nothing dearer than what is known
         priced = {c: cost for c, cost in enumerate(self.model.cost) if cost}
+        known = len(self.model)
         self.model.add("cost.known", Lin(priced), 0.0, self.cost - self.model.constant)
         states = [(*p[n], *v[n], *angles[n], *spin[n]) for n in range(knots + 1)]
         return Relaxation(
@@ -148,6 +150,7 @@ class _Statement(Motion):
             self.given,
             self.cost,
             np.array([[self.rows[n, leg] for leg in range(self.legs)] for n in range(knots)]),
+            known,
             self.box,
             tuple(self.paid),
         )

@@ -1,104 +1,89 @@
-"""A search over contacts whose nodes draw ranges closer: branch and bound with rebuilt envelopes.
+"""A search over contacts: branch and bound by linear programs that start where the last one ended.
 
-Each node decides for one more leg and knot whether it stands, asks the head of the walk about that
-knot where motions can be then, and states the whole program anew with what it says: envelopes,
-tangents and slacks are those of the node and not of the root. The lowest bound comes first.
+What has the lowest bound comes first, and is followed into the depth for some linear programs, so
+that most of them differ by one decision from the one before. Which leg is decided next is asked in
+the order of knots: what a walk does first says most about the rest, and gaits that differ late
+only are cut off together. Where all contacts are decided, ranges are drawn closer for that gait, as
+soon as nothing else has a lower bound.
 """
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
-import numpy as np
+from climbplan.walking.micp.kept import Decision, Kept
+from climbplan.walking.task import Array, Flags
 
-from climbplan.walking.micp.heads import Stated, drawn_about
-from climbplan.walking.micp.ranges import Box
-from climbplan.walking.micp.relaxed import SAG, linear, relaxed
-from climbplan.walking.micp.statement import Relaxation
-from climbplan.walking.task import Array
-
-_AHEAD = 2  # undecided knots among which the leg is chosen that stands by half
-_UNSURE = 0.05  # of a contact, that it is worth to decide
+_PART = 40  # linear programs in the depth, before the lowest bound is next again
 
 
-@dataclass(frozen=True)
-class Node:
-    """Motions that are left, what they cost at least, and where the relaxed program has legs."""
+@dataclass
+class Search:
+    """What is open of the motions of a program, and what is known of them."""
 
-    box: Box
-    bound: float
-    stands: Array  # (N, L) shares of contacts
+    kept: Kept
+    goes_on: Callable[[float], bool]  # asked before each program, of the bound by then
+    left: Callable[[], float]  # [s] by the wall's clock
+    settled: Callable[[Flags], float]  # what motions with these contacts cost at least
+    told: Callable[[Array], None]  # of points with all contacts decided
+    nodes: int = 0
+    drawn: set[bytes] = field(default_factory=set)  # gaits that were settled
 
-    @property
-    def choice(self) -> tuple[int, int] | None:
-        """The knot and leg that are decided next; None if all are."""
-        open_ = self.box.stands_low < self.box.stands_high
-        knots = np.flatnonzero(open_.any(axis=1))
-        if not len(knots):
-            return None
-        half = np.where(open_, np.minimum(self.stands, 1.0 - self.stands), -1.0)
-        for rows in (knots[:_AHEAD], knots):
-            row, leg = np.unravel_index(int(half[rows].argmax()), half[rows].shape)
-            if half[rows[row], leg] > _UNSURE:
-                return int(rows[row]), int(leg)
-        return int(knots[0]), int(open_[knots[0]].argmax())
-
-
-def searched(
-    stated: Stated,
-    root: Node,
-    later: Sequence[float],
-    goes_on: Callable[[float], bool],
-    solved: Callable[[Relaxation, float], float],
-) -> float:
-    """What motions of a node cost at least, `stated.most` if there are none.
-
-    later: (N + 1) what intervals from a knot on cost at least; goes_on: asked before each node, of
-    the bound by then; solved: a bound of a node's program with its binaries, by its limit.
-    """
-    waiting, count = [(root.bound, 0, root)], 0
-    whole = stated.most  # the lowest bound of what is decided and still possible
-    while waiting and goes_on(min(waiting[0][0], whole)):
-        _, _, node = heapq.heappop(waiting)
-        choice = node.choice
-        if choice is None:
-            whole = min(whole, node.bound)
-            continue
-        for stands in (0.0, 1.0):
-            child = decided(stated, node, choice, stands, later)
-            if child is None:
+    def run(self) -> float:
+        """What motions cost at least, `most` if none costs less."""
+        waiting: list[tuple[float, int, tuple[Decision, ...], Flags | None]] = [(0.0, 0, (), None)]
+        self.drawn.clear()
+        count, whole = 0, self.kept.most  # the lowest bound of what cannot be decided further
+        while waiting and self.goes_on(min(waiting[0][0], whole)) and waiting[0][0] < whole:
+            bound, _, decided, gait = heapq.heappop(waiting)
+            if gait is not None:
+                bound = max(bound, self.settled(gait))
+                if bound < self.kept.most:
+                    heapq.heappush(waiting, (bound, -1, decided, None))
                 continue
-            bound = max(child.bound, solved(stated.program(child.box), stated.most))
-            if bound < stated.most:
+            self.kept.begin()
+            stack = [(bound, decided)]
+            for _ in range(_PART):
+                if not stack or not self.goes_on(min(bound, whole)):
+                    break
+                known, made = stack.pop()
+                found = self.node(known, made)
+                if found is None:
+                    continue
                 count += 1
-                heapq.heappush(waiting, (bound, count, replace(child, bound=bound)))
-    bound = min([whole, *(bound for bound, _, _ in waiting)])
-    goes_on(bound)
-    return bound
+                least, ways, gait = found
+                if gait is not None:  # once its bound is the lowest
+                    heapq.heappush(waiting, (least, count, made, gait))
+                elif ways is None:
+                    whole = min(whole, least)
+                else:
+                    stack += [(least, (*made, way)) for way in reversed(ways)]
+            for known, made in stack:
+                count += 1
+                heapq.heappush(waiting, (known, count, made, None))
+        bound = min([whole, *(known for known, *_ in waiting)])
+        self.goes_on(bound)
+        return bound
 
+    def node(
+        self, known: float, made: tuple[Decision, ...]
+    ) -> tuple[float, tuple[Decision, Decision] | None, Flags | None] | None:
+        """Its bound, what is decided next, if anything, and its gait, if ranges are to be drawn.
 
-def decided(
-    stated: Stated, node: Node, choice: tuple[int, int], stands: float, later: Sequence[float]
-) -> Node | None:
-    """The motions of a node where a leg stands at a knot, or does not; None if there are none."""
-    low, high = node.box.stands_low.copy(), node.box.stands_high.copy()
-    low[choice] = high[choice] = stands
-    box = replace(node.box, stands_low=low, stands_high=high)
-    first = node_of(stated, box)
-    if first is None:
-        return None
-    drawn = drawn_about(stated, box, choice[0], later)
-    found = node_of(stated, drawn) if drawn is not None else None
-    return replace(found, bound=max(found.bound, first.bound, node.bound)) if found else None
-
-
-def node_of(stated: Stated, box: Box) -> Node | None:
-    """What motions of a box cost at least, by linear programs; None if there are none."""
-    program, node = stated.program(box), None
-    for bound, x in relaxed(program.model, SAG * stated.most, linear()):
-        if x is None or bound >= stated.most:
+        None if nothing in it is cheaper.
+        """
+        kept = self.kept
+        kept.decide(made)
+        found = kept.solve(self.left())
+        self.nodes += 1
+        if found is None:
             return None
-        node = Node(box, max(bound, 0.0), program.standing(x))
-    return node if node is not None else Node(box, 0.0, 0.5 * (box.stands_low + box.stands_high))
+        least, gait = max(known, found.bound), kept.contacts
+        if gait is not None and gait.tobytes() not in self.drawn:
+            self.drawn.add(gait.tobytes())
+            if found.x is not None:
+                self.told(found.x)
+            return least, None, gait
+        return least, kept.next(found.x), None

@@ -10,8 +10,7 @@ from climbplan.walking.kernels.speeds import GLANCES, landing_intervals, speed_r
 from climbplan.walking.task import Array, Gait, WalkTask
 
 _TORQUE_IN_HAND = 0.999  # of torque limits, for what iterates still move
-# Of speed limits, for what a controller adds: toes that come late reach down, bodies are off
-_SPEED_IN_HAND = 0.85
+_SPEED_IN_HAND = 0.96  # of speed limits, for that and for what is fastest between glances
 
 
 class JointRows:

@@ -8,17 +8,20 @@ from typing import Literal, Protocol
 import numpy as np
 
 from climbplan.learning.boosting import fit_boosting
+from climbplan.learning.clusters import ClusterOptions, clustered
 from climbplan.learning.forest import fit_forest
 from climbplan.learning.library import Frame
 from climbplan.learning.library import Library as Rows
 from climbplan.learning.network import fit_network
 from climbplan.walking.online.library import Library
-from climbplan.walking.task import Array, Whole
+from climbplan.walking.task import POSITION, Array, Whole
 
-StrategyName = Literal["knn", "forest", "boosting", "network"]
+StrategyName = Literal["knn", "forest", "boosting", "network", "reduce"]
 _TREES, _DEPTH = 60, 30
 _ROUNDS, _RATE, _LEAVES = 30, 0.15, 16
 _HIDDEN, _EPOCHS = (128, 128), 80
+_CLUSTERS = ClusterOptions()
+_SAME = 1e-9  # [m], [N]
 
 
 class Ranking(Protocol):
@@ -76,6 +79,51 @@ class Trained:
         return np.array(best, np.int64)
 
 
+class Reduced:
+    """Sections by the likeliest cluster of solutions: its own gaits alone, nearest first.
+
+    What a cluster's mixed-integer program may choose from is the combinations of contacts that
+    occur in it (section 7.2.2); they are so few that a tick solves them one by one, contacts
+    pinned. Where they are used up those of the next likeliest cluster follow.
+    """
+
+    def __init__(self, library: Library, cluster: Whole, gait: Whole, model: _Classifier) -> None:
+        """cluster, gait (K,): classes of each section."""
+        self._model, self._gait = model, gait
+        self._near = Neighbours(library)
+        self._members = [np.flatnonzero(cluster == k) for k in range(int(cluster.max()) + 1)]
+
+    def ranked(self, features: Array, count: int) -> Whole:
+        """One section of each gait of the likeliest clusters, by cluster and then by distance."""
+        apart = self._near.apart(features)
+        found: list[int] = []
+        seen: set[int] = set()
+        for k in np.argsort(-self._model.probabilities(features), kind="stable"):
+            members = self._members[k]
+            near = members[np.argsort(apart[members], kind="stable")]
+            _, first = np.unique(self._gait[near], return_index=True)
+            for section in near[np.sort(first)].tolist():
+                if self._gait[section] not in seen:
+                    seen.add(int(self._gait[section]))
+                    found.append(section)
+            if len(found) >= count:
+                break
+        return np.array(found[:count], np.int64)
+
+
+def clusters_of(library: Library, seed: int) -> Whole:
+    """The cluster (K,) of each section, the largest first.
+
+    Solutions are compared by what moments are products of: arms of legs that stand, and forces.
+    """
+    arms = library.toes - library.state[:, :, None, POSITION]
+    arms = np.where(library.contact[..., None], arms, 0.0)
+    both = np.concatenate([arms, library.force], axis=-1).reshape(len(library), -1)
+    spread = both.std(axis=0)
+    scaled = (both - both.mean(axis=0)) / np.where(spread > _SAME, spread, 1.0)
+    return clustered(scaled, _CLUSTERS, seed)
+
+
 def trained(name: StrategyName, library: Library, seed: int) -> Ranking:
     """A strategy by its name, trained on the library's sections where it has to be."""
     if name == "knn" or not len(library):
@@ -83,6 +131,11 @@ def trained(name: StrategyName, library: Library, seed: int) -> Ranking:
     rows = _rows(library)
     gait, classes = rows.strategy, len(rows.strategies)
     model: _Classifier
+    if name == "reduce":
+        cluster = clusters_of(library, seed)
+        count = int(cluster.max()) + 1
+        model = fit_forest(library.features, cluster, count, _TREES, _DEPTH, seed)
+        return Reduced(library, cluster, gait, model)
     if name == "forest":
         model = fit_forest(library.features, gait, classes, _TREES, _DEPTH, seed)
     elif name == "boosting":

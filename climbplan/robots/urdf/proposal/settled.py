@@ -129,7 +129,7 @@ class Settled:
             assumed.append(
                 f"forward is the base's {draft.forward} axis, along which legs are spread"
             )
-        buried = _buried(self.toes, self.at_zero, self.shapes)
+        buried = _buried(self.toes, self.at_zero, self.shapes, draft.foot)
         odd = (*self.motors.odd, *_masses(self.tree), *buried)
         return Proposal(
             robot.name, draft, self.tree, self.toes, self.named, self.motors, self, standing,
@@ -305,19 +305,21 @@ def _masses(tree: UrdfTree) -> list[str]:
     return [f"{len(empty)} of {len(mass)} moving links have no mass: {shown}"]
 
 
-def _buried(toes: Sequence[Toe], legs: Sequence[LegAtZero], shapes: list[Shape]) -> list[str]:
-    """Toes that lie inside the collision geometry of their own last link, by how much."""
+def _buried(
+    toes: Sequence[Toe], legs: Sequence[LegAtZero], shapes: list[Shape], foot: float
+) -> list[str]:
+    """Toes deeper inside the collision geometry of their last link than feet are thick [m]."""
     depth: dict[str, float] = {}
     for toe, leg in zip(toes, legs, strict=True):
         own = [shape for shape in shapes if shape.joint == leg.names[-1]]
-        deepest = 0.0
+        deepest = foot
         for shape in own:
             along = leg.toe - leg.joints[-1]
             length = float(np.linalg.norm(along))
             if length > 0:
                 beyond = (shape.points - leg.toe) @ (along / length) + shape.radius
                 deepest = max(deepest, float(beyond.max()))
-        if deepest > 1e-3:
+        if deepest > foot + 1e-3:
             depth[toe.link] = 1e3 * deepest
     if not depth:
         return []

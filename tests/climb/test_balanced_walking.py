@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from climbplan.climb.balance import balancing_shifts, body_way
+from climbplan.climb.balance import _Lift, balancing_shifts, body_way
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.instants import standing_at
@@ -201,3 +201,19 @@ def test_a_quadruped_climbs_a_stair(spec: Path) -> None:
     names = [surface.name for surface in plan.terrain.surfaces]
     stands = [names[r] for r in plan.rounds.region[-1]]
     assert stands.count("stair") == 2
+
+
+def test_a_shift_keeps_torque_limits_where_it_leads(scene: ClimbScene) -> None:
+    """Legs of a shifted body are bent otherwise: programs follow one another (`balance.py`)."""
+    weak = replace(scene, robot=replace(scene.robot, max_torque=0.06 * scene.robot.max_torque))
+    lift = standing(weak, 1, (0.0, 0.0, 0.3))
+
+    def excess(follow: bool) -> float:
+        shift = balancing_shifts(weak, lift, follow=follow)[0, :2]
+        own = _Lift(weak, lift, 0, 1.0)
+        found = own.solved(own.jacobian(shift)[0], 0.0, shift, 0.0, 0.3, 10.0)
+        assert found is not None
+        return found.excess
+
+    assert excess(follow=False) > 0.03
+    assert excess(follow=True) < 0.005

@@ -78,7 +78,11 @@ def legs_of(
     if len(limbs) < FEWEST_LEGS:
         have = ", ".join(limb.end for limb in limbs) or "none"
         short = ", ".join(f"{end} with {count}" for end, count in found.short.items())
-        ours = f"; limbs of fewer joints ({short}) are a limit of climbplan, not of the robot"
+        ours = f"; limbs of fewer joints ({short})"
+        if len(limbs) + len(found.short) >= FEWEST_LEGS:
+            ours += " are a limit of climbplan, not of the robot"
+        else:
+            ours += " would not make three either: it is no robot with legs"
         raise UsageError(
             f"{urdf}: expected three limbs or more of at least 3 joints that turn, carried by the "
             f"body {base!r}, found {len(limbs)} (ending at: {have}){ours if short else ''}"

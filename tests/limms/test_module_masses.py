@@ -222,6 +222,7 @@ def test_modules_with_mass_lift_a_box_and_keep_every_limit() -> None:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
+        ("limms_walk", ()),
         ("limms_lift_heavy", ("task={allow: [quadruped]}",)),
         ("limms_double_arm", ()),
     ],

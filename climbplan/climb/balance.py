@@ -32,7 +32,7 @@ from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.equilibrium import grasp_matrix, total_load
 from climbplan.mechanics.friction import contact_frame
-from climbplan.robots.kinematics import inverse, jacobian_world, to_body
+from climbplan.robots.kinematics import contact_jacobian, contact_points, inverse, to_body
 from climbplan.robots.rotations import Array
 
 _SHARES = (1.0, 0.5, 0.0)  # of the margins, asked for in turn
@@ -136,7 +136,8 @@ class _Lift:
         self.size = size = _FORCES + 3 * n
         self.load = load / unit
         self.equal = np.zeros((6, size))
-        self.equal[:, _FORCES:] = grasp_matrix(lifts.toes[k, stands] - lifts.com[k])
+        touching = contact_points(robot, lifts.toes[k, stands], lifts.normal[k, stands])
+        self.equal[:, _FORCES:] = grasp_matrix(touching - lifts.com[k])
         self.equal[3:, 0] = np.cross([1.0, 0.0, 0.0], self.load[:3])
         self.equal[3:, 1] = np.cross([0.0, 1.0, 0.0], self.load[:3])
         frame = contact_frame(lifts.normal[k, stands]).axes  # (n, 3, 3)
@@ -160,7 +161,8 @@ class _Lift:
         robot = self.scene.robot
         angles = inverse(robot, to_body(com, rpy, lifts.toes[k : k + 1])).best()
         out = np.asarray(np.isnan(angles).any(axis=-1))
-        jacobian = jacobian_world(robot, rpy, np.nan_to_num(angles))
+        normal = lifts.normal[k : k + 1]
+        jacobian = contact_jacobian(robot, rpy, np.nan_to_num(angles), normal)
         jacobian[out] = 0.0
         return jacobian[0][self.stands], not bool(out[0][self.stands].any())
 

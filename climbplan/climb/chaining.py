@@ -9,6 +9,7 @@ import numpy as np
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found
+from climbplan.climb.scene import toes_as_stated
 from climbplan.errors import PlanFileError, SpecError, SpecMistake
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import joint_points_body
@@ -49,7 +50,8 @@ def started(loaded: LoadedClimb) -> LoadedClimb:
 def _last_posture(plan: ClimbPlan) -> str:
     """Body and toes after the last round, as YAML with all digits."""
     rounds = plan.rounds
-    toes = zip(plan.robot.limb_names, rounds.toes[-1].tolist(), strict=True)
+    touching = toes_as_stated(plan.robot, plan.terrain, rounds.toes[-1], rounds.region[-1])
+    toes = zip(plan.robot.limb_names, touching.tolist(), strict=True)
     posture = {
         "com": rounds.com[-1].tolist(),
         "rpy_deg": np.rad2deg(rounds.rpy[-1]).tolist(),
@@ -64,6 +66,8 @@ def _difference(planned: Robot, own: Robot) -> str:
         return f"whose limbs are {', '.join(planned.limb_names)}"
     if planned.joint_count != own.joint_count:
         return f"whose limbs have {planned.joint_count} joints"
+    if not np.isclose(planned.standoff, own.standoff, rtol=0, atol=_SAME):
+        return f"with other feet than this spec's {own.name}"
     for name in ("shoulder_body", "link_lengths", "mount_yaw", "joint_lower", "joint_upper"):
         if not np.allclose(vars(planned)[name], vars(own)[name], rtol=0, atol=_SAME):
             return f"with another {name.replace('_', ' ')} than this spec's {own.name}"

@@ -23,28 +23,35 @@ _LEVEL = 2e-3  # [m] off the plane that still goes on
 _AS_GOOD = 0.9  # part of the friction coefficient
 _SLACK = 1e-3  # [m] by which ground beyond may begin late
 _HALVINGS = 6  # of the strip, until something of the region is left
+_SLIGHT = 1e-7  # [m] of rounding
 _LEFT = 0.25  # part of the area that is left at least
 
 
-def footing(terrain: Terrain, edge: float) -> tuple[Region, ...]:
+def footing(terrain: Terrain, edge: float, radius: float = 0.0) -> tuple[Region, ...]:
     """The regions of a terrain, each without a strip of `edge` [m]; () where nothing changes.
 
-    Holds of grippers stay whole.
+    Holds of grippers stay whole. radius: of spherical feet [m], which also stay so far off what
+    rises beside an edge.
     """
-    if edge <= 0 or terrain.curved:
+    if max(edge, radius) <= 0 or terrain.curved:
         return ()
-    return _changed(terrain, [_kept(terrain, index, edge) for index in range(len(terrain.regions))])
+    kept = [_kept(terrain, index, edge, radius=radius) for index in range(len(terrain.regions))]
+    return _changed(terrain, kept)
 
 
 def footing_with_goal(
-    terrain: Terrain, edge: float, plain: tuple[Region, ...], goal: tuple[Array, Index]
+    terrain: Terrain,
+    edge: float,
+    plain: tuple[Region, ...],
+    goal: tuple[Array, Index],
+    radius: float = 0.0,
 ) -> tuple[Region, ...]:
     """The same with toes (N, 3) of the goal left in their regions (N,); plain: without them."""
     if not plain:
         return ()
     kept = list(plain)
     for index in sorted({int(r) for r in goal[1]}):
-        kept[index] = _kept(terrain, index, edge, goal[0][goal[1] == index])
+        kept[index] = _kept(terrain, index, edge, goal[0][goal[1] == index], radius)
     return _changed(terrain, kept)
 
 
@@ -54,16 +61,38 @@ def _changed(terrain: Terrain, kept: list[Region]) -> tuple[Region, ...]:
     return tuple(kept)
 
 
-def _kept(terrain: Terrain, index: int, edge: float, toes: Array | None = None) -> Region:
+def _kept(
+    terrain: Terrain, index: int, edge: float, toes: Array | None = None, radius: float = 0.0
+) -> Region:
     """One region without its strips; toes (K, 3) stay in it."""
     region = terrain.regions[index]
     if region.hold is not None:
         return region
-    strip: Array = np.where(_goes_on(terrain, index, edge), 0.0, edge)
+    strip: Array = np.zeros(len(region.b))
+    if edge > 0:
+        strip = np.where(_goes_on(terrain, index, edge), 0.0, edge)
+    if radius > 0:
+        strip = np.maximum(strip, _beside(terrain, region, radius))
     if toes is not None:
         room = (region.b - toes @ region.A.T).min(axis=0, initial=np.inf)
         strip = np.minimum(strip, np.maximum(room, 0.0))
     return _without(region, strip)
+
+
+def _beside(terrain: Terrain, region: Region, radius: float) -> Array:
+    """(E,) widths that feet of that radius keep from edges of a region beside what rises there."""
+    corner = region.vertices
+    along = np.roll(corner, -1, axis=0) - corner
+    points = corner[:, None] + _ALONG[:, None] * along[:, None]
+    low, high = corner.min(axis=0) - radius, corner.max(axis=0) + radius
+    strip = np.zeros(len(corner))
+    for solid in terrain.solids:
+        if (solid.vertices.min(axis=0) > high).any() or (solid.vertices.max(axis=0) < low).any():
+            continue
+        # Of what a foot stands on its centre is just that far off
+        near = radius - _SLIGHT - solid.face_distance(points).min(axis=1)
+        strip = np.maximum(strip, np.where(near > 0, near + _SLIGHT, 0.0))
+    return np.minimum(strip, radius)
 
 
 def _goes_on(terrain: Terrain, index: int, edge: float) -> NDArray[np.bool_]:

@@ -120,7 +120,8 @@ def _least_pull(
     wrenches, pulls = [np.zeros((0, 6))], [np.zeros((0, 6))]
     for region, corners in regions:
         edges = pyramid(region, region.friction / safety, _FEWER)
-        for corner in corners - com:
+        # Feet of finite size touch behind where their centres are
+        for corner in corners - region.standoff * region.normal - com:
             wrenches.append(np.hstack([edges, np.cross(corner, edges)]))
             pulls.append(np.concatenate([-region.normal, np.cross(corner, -region.normal)])[None])
     pressed, pulled = np.concatenate(wrenches), np.concatenate(pulls)

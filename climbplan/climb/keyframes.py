@@ -23,7 +23,7 @@ from climbplan.climb.swing_ways import together
 from climbplan.errors import NoPlanFound, NotProved
 from climbplan.mechanics.grip import Grippers
 from climbplan.mechanics.stiffness import deflections_for_forces, rigid_motion
-from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.kinematics import contact_points, inverse, to_body
 from climbplan.robots.rotations import Array
 
 # Share of a limb step's time by phase
@@ -49,6 +49,7 @@ class Keyframes:
     toes: Array  # (F, N, 3) where the toes are, world
     force: Array  # (F, N, 3) on the toes [N]
     carried: Array  # (F, N, 3) as in Load
+    normal: Array  # (F, N, 3) of the surfaces that toes stand on, or are on their way to
     held: Array  # (F, N, 10) likewise
     contact: Mask  # (F-1, N) toes on their surface during each segment
     share: Array  # (F-1,) nominal part of one limb step's time
@@ -153,7 +154,8 @@ def _loads(
     if grips is not None and scene.robot.gripper is not None:
         arm = -scene.robot.gripper.length * instants.normal
         held = np.concatenate([grips.packed, grips.moment + np.cross(arm, force)], axis=-1)
-    motion = rigid_motion(instants.toes - instants.com[:, None]) * instants.contact[..., None, None]
+    touching = contact_points(scene.robot, instants.toes, instants.normal)
+    motion = rigid_motion(touching - instants.com[:, None]) * instants.contact[..., None, None]
     carried = np.einsum("kniv,kv->kni", motion, com_deflection)
     return [Load(f, c, h) for f, c, h in zip(force, carried, held, strict=True)]
 
@@ -169,6 +171,7 @@ def keyframes(
     held = _loads(scene, instants, forces.force, forces.com_deflection, forces.grips)
     placed = _placing_loads(scene, instants, held)
     com, rpy, toes = [rounds.com[0]], [rounds.rpy[0]], [rounds.toes[0]]
+    normal = [instants.normal[0]]
     load = [_start_load(scene, rounds, instants)]
     contact: list[Mask] = []
     share: list[float] = []
@@ -176,23 +179,28 @@ def keyframes(
     ways_left = iter(paths)
     everyone = np.ones(len(names), bool)
 
-    def to(where: Array, pressing: Load, touching: Mask, part: float, name: str) -> None:
+    def to(
+        where: Array, under: Array, pressing: Load, touching: Mask, part: float, name: str
+    ) -> None:
         com.append(com[-1])
         rpy.append(rpy[-1])
         toes.append(where)
+        normal.append(under)
         load.append(pressing)
         contact.append(touching)
         share.append(part)
         label.append(name)
 
     if (instants.com[0] != rounds.com[0]).any():  # over the limbs that stay at the first lift
-        to(toes[0], _ready_load(scene, rounds, instants), everyone, _PUSH, "first shift")
+        ready = _ready_load(scene, rounds, instants)
+        to(toes[0], normal[0], ready, everyone, _PUSH, "first shift")
         com[-1], rpy[-1] = instants.com[0], instants.rpy[0]
     for k in range(0, instants.count, 2):
         limbs = np.flatnonzero(instants.lifted[k])
         name = instants.label(k, names)
         others = ~instants.lifted[k]
         old, new = toes[-1], instants.toes[k + 1]
+        was, under = instants.normal[k], instants.normal[k + 1]
         ways = together([next(ways_left) for _ in limbs])  # (P, limbs, 3)
 
         def swung(points: Array, standing: Array = old, limbs: Index = limbs) -> Array:
@@ -200,13 +208,13 @@ def keyframes(
             out[limbs] = points
             return out
 
-        to(old, held[k], everyone, _UNLOAD, name)
-        to(swung(ways[0]), held[k], others, _LIFT, name)
+        to(old, was, held[k], everyone, _UNLOAD, name)
+        to(swung(ways[0]), under, held[k], others, _LIFT, name)
         for points in ways[1:]:
-            to(swung(points), held[k], others, _SWING / (len(ways) - 1), name)
-        to(new, held[k], others, _LOWER, name)
-        to(new, placed[k // 2], everyone, _PRESS, name)
-        to(new, held[k + 1], everyone, _PUSH, instants.label(k + 1, names))
+            to(swung(points), under, held[k], others, _SWING / (len(ways) - 1), name)
+        to(new, under, held[k], others, _LOWER, name)
+        to(new, under, placed[k // 2], everyone, _PRESS, name)
+        to(new, under, held[k + 1], everyone, _PUSH, instants.label(k + 1, names))
         com[-1], rpy[-1] = instants.com[k + 1], instants.rpy[k + 1]
     return Keyframes(
         np.array(com),
@@ -214,6 +222,7 @@ def keyframes(
         np.array(toes),
         np.array([one.force for one in load]),
         np.array([one.carried for one in load]),
+        np.array(normal),
         np.array([one.held for one in load]),
         np.array(contact),
         np.array(share),

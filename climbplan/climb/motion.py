@@ -16,6 +16,7 @@ from climbplan.climb.coupled.planner import COUPLED_METHODS, plan_coupled
 from climbplan.climb.forces.explanation import NoForces
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
+from climbplan.climb.grips.apart import grips_meet
 from climbplan.climb.grips.plan import require_wrists
 from climbplan.climb.limb_clearance import LimbShortfall, limb_shortfall
 from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds
@@ -190,6 +191,12 @@ def _plan_motion(
                     if limb >= 0:
                         margins = _nearer_stance(scene, margins, limb)
                 notes.append(f"workspaces of limbs that meet tightened: {words}")
+                continue
+            grips = grips_meet(scene, instants)
+            if grips is not None:
+                for limb in (grips.limb, grips.other):
+                    margins = _nearer_stance(scene, margins, limb)
+                notes.append(f"workspaces of limbs whose grippers meet tightened: {grips.words}")
                 continue
             try:
                 swings = _clear_of_obstacles(scene, rounds, instants)

@@ -63,6 +63,8 @@ def scanned(loaded: Loaded) -> Loaded:
     guide = guide_of(loaded.spec)
     if scan.holds is not None:
         return _with_holds(loaded, scan, scan.holds, robot, guide)
+    if robot.foot is not None and robot.foot.radius > scan.toe_radius:
+        scan = scan.model_copy(update={"toe_radius": robot.foot.radius})
     try:
         raw = near_scan(scan, loaded.directory, guide, robot)
         _tell(raw)

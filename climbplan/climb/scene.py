@@ -16,7 +16,7 @@ from climbplan.errors import SpecError, SpecMistake
 from climbplan.mechanics.grip import Grippers, grippers_on
 from climbplan.mechanics.gripper_model import load_model
 from climbplan.robots.any_robot import build_robot
-from climbplan.robots.kinematics import to_body
+from climbplan.robots.kinematics import contact_points, to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.robots.task_robot import standing_as, with_grip_limit, with_stance
@@ -108,14 +108,16 @@ def stance_of(
     toes, region = np.empty_like(nominal), np.empty(robot.limb_count, np.int64)
     for limb, name in enumerate(robot.limb_names):
         point = np.array(posture.toes.get(name, nominal[limb]), float)
-        region[limb] = terrain.nearest_surface(limb, point)
+        if name in posture.toes:
+            point, region[limb], distance = _stated_toe(robot, terrain, limb, point)
+        else:
+            region[limb], distance = terrain.nearest_surface(limb, point), 0.0
         surface = terrain.surfaces[region[limb]]
         toes[limb] = surface.project(point)
         if name not in posture.toes:
             toes[limb] = _within_reach(robot.reach, shoulders[limb], toes[limb], surface)
             toes[limb] = within_joints(robot, limb, (com, rpy), toes[limb], surface, lift)
-        distance = surface.distance(point)
-        if name in posture.toes and distance > ON_SURFACE:
+        if distance > ON_SURFACE:
             mistakes.append(
                 SpecMistake(
                     f"{key}.toes.{name}",
@@ -124,6 +126,29 @@ def stance_of(
                 )
             )
     return Stance(com, rpy, toes, region)
+
+
+def _stated_toe(
+    robot: Robot, terrain: Terrain, limb: int, point: Array
+) -> tuple[Array, int, float]:
+    """Where a limb's toe is that touches a stated point (3,); its surface, and how far that is off.
+
+    Of feet of finite size the point is the one that touches, of grippers the wrist's centre.
+    """
+    there = terrain if robot.foot is None else terrain.moved(-robot.standoff)
+    region = there.nearest_surface(limb, point)
+    distance = there.surfaces[region].distance(point)
+    if robot.foot is None:
+        return point, region, distance
+    normal = there.surfaces[region].normal_at(point)
+    return point + robot.standoff * normal, region, distance
+
+
+def toes_as_stated(robot: Robot, terrain: Terrain, toes: Array, region: Index) -> Array:
+    """Toes (N, 3) on surfaces (N,) as specs state them: of feet of finite size where they touch."""
+    where = zip(toes, region, strict=True)
+    normal = np.array([terrain.surfaces[int(r)].normal_at(toe) for toe, r in where])
+    return contact_points(robot, toes, normal)
 
 
 def _on_footing(
@@ -301,13 +326,14 @@ def build_scene(
     lift = spec.trajectory.lift
     start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes, lift)
     edge = spec.margins.edge
-    off_edges = footing(terrain, edge)
-    if edge > 0:
+    radius = 0.0 if robot.foot is None else robot.foot.radius
+    off_edges = footing(terrain, edge, radius)
+    if max(edge, radius) > 0:
         start = _on_footing(start, spec.task.start, robot, terrain, off_edges, lift)
     # Where the toes stand at the start is the stance of the whole climb, unless the task says so.
     robot = standing_as(robot, start.com, start.rpy, start.toes, spec.task.stance)
     goal = stance_of(spec.task.goal, "task.goal", robot, terrain, mistakes, lift)
-    if edge > 0:
+    if max(edge, radius) > 0:
         goal = _on_footing(goal, spec.task.goal, robot, terrain, off_edges, lift)
     if mistakes:
         raise SpecError(source, mistakes)
@@ -321,5 +347,5 @@ def build_scene(
         goal=goal,
         gait=tuple(robot.limb_names.index(name) for name in order),
         grippers=_grippers(spec, robot_spec, robot, terrain, directory or Path()),
-        footing=footing_with_goal(terrain, edge, off_edges, (goal.toes, goal.region)),
+        footing=footing_with_goal(terrain, edge, off_edges, (goal.toes, goal.region), radius),
     )

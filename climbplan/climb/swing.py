@@ -27,7 +27,8 @@ from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.solids import Solid
 
 _OVERLAP = 1e-9  # [m] that counts
-TOE_CLEARANCE = 0.01  # [m] distance a swinging toe keeps from every solid
+TOE_CLEARANCE = 0.01  # [m] distance a swinging toe, or the foot round it, keeps from every solid
+_TOUCHES = 1e-6  # [m] by which a foot that stands may seem to be in what it stands on
 # [m] what it keeps from a scan where some way does: over a long walk the body is 10 to 15 mm lower
 # than planned, and a toe that catches an edge drags the feet that stand
 _ROOMY = 0.03
@@ -124,15 +125,22 @@ def swing_path(scene: MotionScene, swing: Swing) -> Array:
     closest = _links_too_near(scene, swing, _links(robot, swing, np.concatenate(legs)))
     if closest is not None:
         raise SwingBlocked(closest, f"{closest.words(scene)} as its toe is lifted or set down")
+    size = 0.0 if robot.foot is None else robot.foot.radius
+    if size:
+        for way in legs:
+            near = _too_near(way, solids, size - _TOUCHES)
+            if near is not None:
+                blocker = f"to where its foot of {1e3 * size:.0f} mm clears {near.name!r}"
+                raise _no_way(swing, blocker)
     beside = _Beside.of(scene.robot, swing)
     tried, met = 0, None
     for path in _roomiest_first(scene, candidates(swing.contacts, swing.normals, lift)):
-        near = _too_near(sampled(path), solids)
+        near = _too_near(sampled(path), solids, TOE_CLEARANCE + size)
         if near is not None:
             blocker = blocker or near.name
             continue
         if scene.terrain.scan is not None and not raw_toes_clear(
-            scene.terrain.scan, sampled(path), TOE_CLEARANCE
+            scene.terrain.scan, sampled(path), TOE_CLEARANCE + size
         ):
             blocker = blocker or THE_SCAN
             continue
@@ -155,13 +163,12 @@ def swing_path(scene: MotionScene, swing: Swing) -> Array:
     if met is not None:
         words = f"{met.words(scene.robot)} on the nearest way"
         raise SwingMeets(swing.limb, swing.where, words)
-    name = f"past {blocker!r}" if blocker is not None else "within the limb's reach"
-    raise NotProved(
-        "no clear swing path",
-        [Conflict(swing.where, (f"swing path of the toe {name}",))],
-        because=WAYS,
-        stage="swing",
-    )
+    raise _no_way(swing, f"past {blocker!r}" if blocker is not None else "within the limb's reach")
+
+
+def _no_way(swing: Swing, where: str) -> NotProved:
+    conflict = Conflict(swing.where, (f"swing path of the toe {where}",))
+    return NotProved("no clear swing path", [conflict], because=WAYS, stage="swing")
 
 
 @dataclass(frozen=True)
@@ -228,26 +235,27 @@ def _links_too_near(
 def _roomiest_first(scene: MotionScene, paths: Iterator[Array]) -> Iterator[Array]:
     """Ways on which the toe has room to spare beside a scan, then all others, each in its order."""
     scan = scene.terrain.scan
+    size = 0.0 if scene.robot.foot is None else scene.robot.foot.radius
     room = min(_ROOMY, _OF_LIFT * scene.spec.trajectory.lift)
     if scan is None or room <= TOE_CLEARANCE:
         yield from paths
         return
     others = []
     for path in paths:
-        if raw_toes_clear(scan, sampled(path), room):
+        if raw_toes_clear(scan, sampled(path), room + size):
             yield path
         else:
             others.append(path)
     yield from others
 
 
-def _too_near(points: Array, solids: tuple[Solid, ...]) -> Solid | None:
-    """The solid that toes at points (S, 3) come too close to, if any.
+def _too_near(points: Array, solids: tuple[Solid, ...], least: float) -> Solid | None:
+    """The solid that toes at points (S, 3) come closer to than `least` [m], if any.
 
     The face distance never exceeds the true distance, so what passes here is really clear.
     """
     for solid in solids:
-        if solid.face_distance(points).min() < TOE_CLEARANCE - 1e-9:
+        if solid.face_distance(points).min() < least - 1e-9:
             return solid
     return None
 

@@ -25,8 +25,8 @@ from climbplan.mechanics.stiffness import (
 )
 from climbplan.robots.joint_units import place_words
 from climbplan.robots.kinematics import (
+    contact_jacobian,
     inverse,
-    jacobian_world,
     require_reachable,
     to_body,
 )
@@ -112,6 +112,7 @@ class _Moving:
     toes: Array  # (S, N, 3)
     force: Array  # (S, N, 3)
     carried: Array  # (S, N, 3)
+    normal: Array  # (S, N, 3) under toes that press
     held: Array  # (S, N, 10)
 
 
@@ -128,6 +129,7 @@ def _between(frames: Keyframes, segment: Index, share: Array) -> _Moving:
         mix(frames.toes),
         mix(frames.force),
         mix(frames.carried),
+        mix(frames.normal),
         mix(frames.held),
     )
 
@@ -151,7 +153,7 @@ def _joint_commands(robot: Robot, moving: _Moving, where: list[str]) -> Array:
     for s in np.flatnonzero(~solution.valid.all(axis=1)):
         require_reachable(robot, toes_body[s], where[s])
     angles = solution.best()
-    jacobian = jacobian_world(robot, moving.rpy, angles)
+    jacobian = contact_jacobian(robot, moving.rpy, angles, moving.normal)
     torques = np.einsum("snij,sni->snj", jacobian, moving.force)
     if robot.gripper is not None:
         axes = joint_axes_body(robot, angles) @ np.swapaxes(

@@ -21,7 +21,12 @@ from climbplan.exports.motion import (
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.plans.check import Array
 from climbplan.reports.replay import sample_instants, true_angles
-from climbplan.robots.kinematics import jacobian_world, joint_points_body, toe_world
+from climbplan.robots.kinematics import (
+    contact_jacobian,
+    contact_points,
+    joint_points_body,
+    toe_world,
+)
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
@@ -60,7 +65,7 @@ def climb_motion(path: Path) -> RobotMotion:
         contacts=_contacts(plan, angle, torque),
         limbs=_limbs(plan, angle),
         body_size=np.abs(robot.body_hull).max(axis=0),
-        surfaces=tuple(s.vertices for s in plan.terrain.regions if isinstance(s, Region)),
+        surfaces=tuple(s.material for s in plan.terrain.regions if isinstance(s, Region)),
         words=(gain_words(robot.joint_stiffness[there], slides=slides),),
     )
 
@@ -81,13 +86,14 @@ def joint_names(robot: Robot) -> tuple[str, ...]:
 def _contacts(plan: ClimbPlan, angle: Array, torque: Array) -> ContactMotion:
     moving, robot = plan.trajectory, plan.robot
     force = moving.force
+    normal = plan.instants.normal[np.maximum(sample_instants(plan), 0)]
     if force is None:  # tau = -J^T f, exact but near singular postures
-        jacobian = jacobian_world(robot, moving.rpy, angle)
+        jacobian = contact_jacobian(robot, moving.rpy, angle, normal)
         inverse = np.linalg.pinv(np.swapaxes(jacobian, -1, -2), rcond=1e-6)
         force = -(inverse @ torque[..., None])[..., 0]
     return ContactMotion(
         robot.limb_names,
-        toe_world(robot, moving.com, moving.rpy, angle),
+        contact_points(robot, toe_world(robot, moving.com, moving.rpy, angle), normal),
         np.where(moving.contact[..., None], force, 0.0),
         moving.contact,
     )

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.mechanics.stiffness import joint_softness, joint_turns, rigid_motion
-from climbplan.robots.kinematics import toe_hessian
+from climbplan.robots.kinematics import contact_hessian
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body, skew
+from climbplan.robots.rotations import Array, skew
 
 _RESISTED = 1e-8  # part of the largest stiffness: what is less is left to the load by the contacts
 
@@ -53,10 +53,14 @@ def braced_body(
     jacobian: Array,
     arms: Array,
     contact: NDArray[np.bool_],
+    normal: Array,
 ) -> BracedBody:
-    """The elastic part, for rpy (B, 3), angles (B, N, J), arms, jacobian (B, N, 3, J), world."""
+    """The elastic part, for rpy (B, 3) and angles (B, N, J).
+
+    arms (B, N, 3) to, and jacobian (B, N, 3, J) of, the points that touch, normal (B, N, 3), world.
+    """
     turn = -joint_turns(robot, jacobian) @ rigid_motion(arms) * contact[..., None, None]
-    hessian = np.einsum("bil,bnljk->bnijk", rotation_world_body(rpy), toe_hessian(robot, angles))
+    hessian = contact_hessian(robot, rpy, angles, normal)
     firm = turn / joint_softness(robot)[..., None]
     count = len(arms)
     elastic = np.swapaxes(turn.reshape(count, -1, 6), 1, 2) @ firm.reshape(count, -1, 6)

@@ -110,6 +110,13 @@ SCAN_LIMITS = {
     "scan.trajectory": Limit(1e-6, "m", "and so they do on the way, swings included"),
 }
 
+# Made beside these for feet of finite size. Lifting and setting down, a foot may go into a surface
+# as deep as links may: joints turn evenly between samples.
+FEET_LIMITS = {
+    "limbs.feet": Limit(1e-6, "m", "feet of finite size touch what is solid, and no more"),
+    "trajectory.feet": Limit(1e-3, "m", "and so they do on the way, swings included"),
+}
+
 # Made beside these for robots with grippers; no friction cones at their toes then.
 GRIP_LIMITS = {
     "grip.data": Limit(0, "", "grippers, holds and model of spines out of their range"),
@@ -119,6 +126,7 @@ GRIP_LIMITS = {
     "grip.shear": Limit(1e-6, "of weight", "shear within (mu f_n + spines) / S_mu, by finger"),
     "grip.force": Limit(1e-6, "N", "gripping force within its limit over S_tau"),
     "grip.moment": Limit(1e-6, "N m", "no moment about the fingers' axis, none without contact"),
+    "grip.apart": Limit(1e-6, "m", "grippers that hold on, as thick as limbs, do not overlap"),
     "grip.pull_out": Limit(1e-6, "of weight", "the stored pull-out margins are those of the grips"),
     "robust.pull": Limit(0, "N", "grips hold so much further pull, without S_mu"),
     "wrist.square": Limit(1e-6, "", "wrists hold grippers square on their holds"),
@@ -208,7 +216,7 @@ def judge(
     name: str, residual: float, worst_at: str = "", margin: str = "", used: float = 0.0
 ) -> Check:
     """A check by its name in the tables of limits; NaN never passes."""
-    limit = (LIMITS | SHIFT_LIMITS | RISK_LIMITS | GRIP_LIMITS | SCAN_LIMITS)[name]
+    limit = (LIMITS | SHIFT_LIMITS | RISK_LIMITS | GRIP_LIMITS | SCAN_LIMITS | FEET_LIMITS)[name]
     residual = float(residual) + 0.0  # no minus zero
     passed = bool(residual <= limit.value)  # False for NaN
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))

@@ -117,7 +117,7 @@ def _tube_panels(tube: Tube, box: Box) -> list[Patch]:
     if lower >= upper:
         return []
     angle = np.linspace(0, 2 * np.pi, TUBE_SIDES + 1)
-    ring = tube.center + tube.radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    ring = tube.center + tube.wall * np.column_stack([np.cos(angle), np.sin(angle)])
     panels = []
     for a, b in pairwise(ring):
         corners = np.array([[*a, lower], [*b, lower], [*b, upper], [*a, upper]])
@@ -132,7 +132,7 @@ def surface_patches(surface: Surface, box: Box) -> list[Patch]:
         return _tube_panels(surface, box)
     if isinstance(surface, Region):
         # Where wrists hold grippers before a wall, the wall is what is seen.
-        on_wall = surface.vertices - surface.standoff * surface.normal
+        on_wall = surface.material
         vertices = clip(on_wall, box.solid())
         return [Patch(vertices, surface.normal)] if len(vertices) else []
     raise TypeError(f"cannot draw a surface of type {type(surface).__name__}")

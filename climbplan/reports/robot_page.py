@@ -40,7 +40,7 @@ def robot_page(
             for name, (x, y, z) in zip(robot.limb_names, brace.toes, strict=True)
         }
         braced = robot_facts(with_stance(robot, toes))
-        title = f"between walls {brace.gap:.3f} m apart"
+        title = f"between walls {brace.gap + 2 * robot.standoff:.3f} m apart"
         images[title] = png(robot_picture(braced, title, looks))
     notes = [("IMPLAUSIBLE", text) for text in proposal.odd]
     notes += [("ASSUMED", text) for text in proposal.assumed]
@@ -51,6 +51,8 @@ def robot_page(
         Card("Reach", f"{robot.reach:.3f} m", "of the leg that reaches least"),
         Card("Stiffness", f"{proposal.motors.stiffness:g} N m/rad", "of most joints, proposed"),
     ]
+    if robot.foot is not None:
+        cards.append(Card("Feet", f"{1e3 * robot.foot.radius:g} mm", "spheres round the toes"))
     whole = all(good for _, good in told)
     fields = frame_fields(
         robot.name, ("robot",), tuple(words for words, _ in told), whole, cards, images

@@ -24,6 +24,8 @@ def assumptions(spec: AnyRobot, robot: Robot) -> tuple[str, ...]:
     given, out = spec.spec, []
     if "joint_stiffness" not in given.model_fields_set:
         out.append(f"joint_stiffness {given.joint_stiffness:g} N m/rad: no URDF says it")
+    if "slide_stiffness" not in given.model_fields_set and robot.slides.any():
+        out.append(f"slide_stiffness {given.slide_stiffness:g} N/m")
     if "structural_compliance_share" not in given.model_fields_set:
         out.append("structural_compliance_share 0: links as rigid bodies")
     if given.limb_radius is None and robot.capsules is None:

@@ -6,12 +6,16 @@ closed form (`coxa_femur_tibia.py`), or any chain of revolute joints (`serial_ch
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from climbplan.errors import ReachFailure
+from climbplan.robots.chain_pose import ChainPose
 from climbplan.robots.mechanism import InverseKinematics
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.serial_chain import SerialChain
 
 
 def joint_points_body(robot: Robot, angles: Array) -> Array:
@@ -50,6 +54,40 @@ def jacobian_world(robot: Robot, rpy: Array, angles: Array) -> Array:
     """d(toe_world)/d(angles) at a fixed body, (..., N, 3, J) [m/rad]."""
     rotation = rotation_world_body(rpy)
     return np.einsum("...ij,...njk->...nik", rotation, jacobian_body(robot, angles))
+
+
+def contact_jacobian(robot: Robot, rpy: Array, angles: Array, normal: Array) -> Array:
+    """d(point that touches)/d(angles) at a fixed body, (..., N, 3, J), world frame [m/rad].
+
+    normal: (..., N, 3) of the surfaces under the toes. The point is one of the last link: of point
+    toes the toe, and where wrists hold grippers their centre.
+    """
+    if robot.foot is None:
+        return jacobian_world(robot, rpy, angles)
+    jacobian = _touching(robot, rpy, angles, normal).jacobian
+    return np.einsum("...ij,...njk->...nik", rotation_world_body(rpy), jacobian)
+
+
+def contact_hessian(robot: Robot, rpy: Array, angles: Array, normal: Array) -> Array:
+    """Its second derivatives by the angles of its limb, (..., N, 3, J, J), world [m/rad^2]."""
+    own = toe_hessian(robot, angles)
+    if robot.foot is not None:
+        own = _touching(robot, rpy, angles, normal).hessian
+    return np.einsum("...il,...nljk->...nijk", rotation_world_body(rpy), own)
+
+
+def contact_points(robot: Robot, toes: Array, normal: Array) -> Array:
+    """Where toes (..., N, 3) with surfaces of unit normals (..., N, 3) under them touch [m]."""
+    return toes if robot.foot is None else toes + robot.foot.arm(normal)
+
+
+def _touching(robot: Robot, rpy: Array, angles: Array, normal: Array) -> ChainPose:
+    """Chains in the body frame that end in the points of their feet that touch."""
+    assert robot.foot is not None
+    assert isinstance(robot.mechanism, SerialChain)
+    pose = robot.mechanism.pose(angles)
+    local = np.einsum("...ji,...nj->...ni", rotation_world_body(rpy), robot.foot.arm(normal))
+    return replace(pose, toe=pose.toe + local)
 
 
 def to_body(com: Array, rpy: Array, points_world: Array) -> Array:

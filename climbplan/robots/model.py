@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from climbplan.robots.chain_pose import RADIAN
 from climbplan.robots.coxa_femur_tibia import CoxaFemurTibia
 from climbplan.robots.five_bar import FiveBar, Linkage
+from climbplan.robots.foot import Foot
 from climbplan.robots.gripper import Gripper
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.rotations import Array
@@ -75,6 +76,7 @@ class Robot:
     limb_radius: float  # capsule radius of the links, the largest where they differ [m]
     mechanism: Mechanism | None = None  # None: coxa, femur and tibia of the lengths above
     gripper: Gripper | None = None  # on a wrist at every toe
+    foot: Foot | None = None  # round every toe; None: toes are points
     capsules: MountedCapsules | None = None  # None: from joint to joint, as thick as limb_radius
     body_parts: tuple[Array, ...] = ()  # (V, 3) convex parts that limbs keep off; none: the hull
     # (T, 4) limb and capsule, and limb and capsule or -1 and 0 for the body: parts that touch
@@ -90,6 +92,13 @@ class Robot:
     def joint_count(self) -> int:
         """J, joints of the limb that has most."""
         return int(self.max_torque.shape[1])
+
+    @property
+    def standoff(self) -> float:
+        """How far toes stay off the surfaces that they stand on [m]."""
+        if self.gripper is not None:
+            return self.gripper.length
+        return 0.0 if self.foot is None else self.foot.radius
 
     @property
     def limbs(self) -> Mechanism:

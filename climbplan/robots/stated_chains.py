@@ -45,16 +45,19 @@ class ChainsAtToes:
             ties.append(Tie("kinematics.settled", off, "rad", 0.0, 0.0))
         return ties
 
-    def torques(self, force: Any) -> Any:
-        """Joint torques J^T f (J, N) of forces (3, N) on the toes, body frame."""
+    def torques(self, force: Any, moment: Any = None) -> Any:
+        """Joint torques (J, N) of forces (3, N) on the toes and moments about them, body frame."""
         pose = self.stated.pose(self.numbers, self.angles)
         arms = [
             ca.cross(axis, pose.toe - at) for at, axis in zip(pose.joints, pose.axes, strict=True)
         ]
         if pose.slides:
             arms = [arm + slide for arm, slide in zip(arms, pose.slides, strict=True)]
-        own = ca.vertcat(*(ca.sum1(arm * force) for arm in arms))
-        return self.stated.by_angles(self.numbers, own)
+        torques = [ca.sum1(arm * force) for arm in arms]
+        if moment is not None:
+            turning = zip(torques, pose.axes, strict=True)
+            torques = [torque + ca.sum1(axis * moment) for torque, axis in turning]
+        return self.stated.by_angles(self.numbers, ca.vertcat(*torques))
 
     def free_toes(self, bent: Any) -> Any:
         """Where toes (3, N) would be in free space, body frame, with joints `bent` (J, N) back."""
@@ -82,6 +85,7 @@ class StatedChains:
     mounted: tuple[tuple[int, ...], ...] | None = None
     slides: bool = False  # whether a joint does
     follows: bool = False  # whether a joint moves by the angle of another one
+    footed: bool = False  # whether feet are spheres about the toes
 
     @property
     def numbers(self) -> Shapes:
@@ -94,6 +98,7 @@ class StatedChains:
             "posture": (self.joints, n),
             **({"slide_zero": (3, n * self.joints)} if self.slides else {}),
             **({"drive": (self.joints**2, n)} if self.follows else {}),
+            **({"foot": (1, 1)} if self.footed else {}),
             **({} if self.mounted is None else {"capsule_zero": (3, 2 * n * len(self.mounted[0]))}),
         }
 
@@ -123,6 +128,7 @@ class StatedChains:
             "toe_zero": chain.toe_zero.T,
             "posture": chain.posture.T,
             **({} if drive is None else {"drive": drive.reshape(len(drive), -1).T}),
+            **({} if robot.foot is None else {"foot": np.array([[robot.foot.radius]])}),
         }
 
     def at_toes(self, robot: Robot, toes: Array) -> dict[str, Array]:

@@ -51,8 +51,10 @@ class ClosedFormAtToes:
         y = self.radial[0, :] * ca.sin(turn) + self.radial[1, :] * ca.cos(turn)
         return self.shoulder + ca.vertcat(out * x, out * y, z)
 
-    def torques(self, force: Any) -> Any:
-        """Joint torques J^T f (3, N) of forces (3, N) on the toes, body frame."""
+    def torques(self, force: Any, moment: Any = None) -> Any:
+        """Joint torques J^T f (3, N) of forces (3, N) on the toes, body frame; no moments."""
+        if moment is not None:
+            raise TypeError("feet of finite size are stated for chains of joints")
         links = self.links
         outward = self.radial[0, :] * force[0, :] + self.radial[1, :] * force[1, :]
         sideways = self.radial[0, :] * force[1, :] - self.radial[1, :] * force[0, :]
@@ -75,6 +77,11 @@ class StatedClosedForm:
     def joints(self) -> int:
         """Coxa, femur and tibia."""
         return 3
+
+    @property
+    def footed(self) -> bool:
+        """Toes are points."""
+        return False
 
     @property
     def numbers(self) -> Shapes:

@@ -42,8 +42,8 @@ class StandingLimbs(Protocol):
     def ties(self, room: float) -> list[Tie]:
         """What has to hold for the toes to be in reach; room: off full stretch, of a cosine."""
 
-    def torques(self, force: Any) -> Any:
-        """Joint torques J^T f (J, N) of forces (3, N) on the toes, body frame."""
+    def torques(self, force: Any, moment: Any = None) -> Any:
+        """Joint torques (J, N) of forces (3, N) on the toes and moments about them, body frame."""
 
     def free_toes(self, bent: Any) -> Any:
         """Where toes (3, N) would be in free space, body frame, with joints `bent` (J, N) back."""
@@ -59,6 +59,10 @@ class StatedLimbs(Protocol):
     @property
     def joints(self) -> int:
         """J."""
+
+    @property
+    def footed(self) -> bool:
+        """Whether feet are of finite size: `foot` [m] is then one of the robot's numbers."""
 
     @property
     def numbers(self) -> Shapes:
@@ -102,7 +106,7 @@ def stated_limbs(robot: Robot) -> StatedLimbs:
         own = None if parts is None else tuple(map(tuple, parts))
         chain, count = robot.mechanism, robot.joint_count
         kinds = chain.slide_zero is not None, chain.drive is not None
-        return StatedChains(robot.limb_count, count, count > 3, own, *kinds)
+        return StatedChains(robot.limb_count, count, count > 3, own, *kinds, robot.foot is not None)
     raise UsageError(
         f"{robot.name} has legs that are closed linkages, which smooth programs do not state; "
         "expected limbs of coxa, femur and tibia, or the legs of a URDF"

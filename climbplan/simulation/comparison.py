@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.climb.check.anew.feet import foot_arm, rolling
 from climbplan.climb.check.anew.static_pose import Braced, settle
 from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
 from climbplan.climb.plan.spans import spans_of
@@ -18,6 +19,7 @@ from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import motor_stiffness
 from climbplan.simulation.planned_pressure import planned_pressure
 from climbplan.simulation.replay import Run
+from climbplan.simulation.rolling import rolled
 
 SLIP = 0.005  # [m] that a standing toe slides from where it was set down
 LEAST_TORQUE = 1.0  # [N m] planned torques below are left out of relative errors
@@ -128,9 +130,11 @@ def predicted_sag(plan: ClimbPlan, conditions: Conditions, rows: Index, toes: Ar
     if robot.gripper is not None and plan.grips is not None:
         arm = -robot.gripper.length * instants.normal[rows]
         moment = plan.grips.instants.moment[rows] + np.cross(arm, forces.force[rows])
+    stiff = _with_stiffness(plan, motor_stiffness(robot, conditions) / (1 - share))
+    normal = instants.normal[rows]
     braced = Braced(
-        _with_stiffness(plan, motor_stiffness(robot, conditions) / (1 - share)),
-        toes,
+        rolling(stiff, axes, instants.joint_angles[rows], normal),
+        toes + foot_arm(robot, normal),
         instants.contact[rows],
         forces.joint_command[rows],
         instants.joint_angles[rows],
@@ -146,7 +150,7 @@ def _with_stiffness(plan: ClimbPlan, stiffness: Array) -> Robot:
 
 
 def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
-    """Toes that slid by more than SLIP while they should stand.
+    """Toes that slid by more than SLIP while they should stand; spherical feet may roll.
 
     A toe that is let go of, planned to press by less than LEAST_HELD until it is lifted, may slide.
     Grippers hold or let go.
@@ -163,6 +167,10 @@ def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
                 continue
             start = first + int(touched[0])
             shift = run.toes[start:last, limb] - run.toes[start, limb]
+            if plan.robot.foot is not None:
+                normal = plan.instants.normal[max(int(instant[last - 1]), 0), limb]
+                links = run.links[start:last, limb]
+                shift = shift - rolled(plan.robot.foot.radius, links, normal)
             slid = np.linalg.norm(shift, axis=1)
             if slid.max(initial=0.0) > SLIP:
                 when = start + int(np.argmax(slid > SLIP))

@@ -7,7 +7,7 @@ import numpy as np
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.reports.replay import sample_instants, true_angles
-from climbplan.robots.kinematics import jacobian_world
+from climbplan.robots.kinematics import contact_jacobian
 from climbplan.robots.rotations import Array
 
 
@@ -20,9 +20,9 @@ def planned_pressure(plan: ClimbPlan) -> Array:
     instant = sample_instants(plan)
     angles = true_angles(plan, instant)
     torque = (angles - moving.joint_command) / joint_softness(robot)
-    jacobian = jacobian_world(robot, moving.rpy, angles)  # (T, N, 3, J)
+    normal = plan.instants.normal[np.maximum(instant, 0)]
+    jacobian = contact_jacobian(robot, moving.rpy, angles, normal)  # (T, N, 3, J)
     inverse = np.linalg.pinv(np.swapaxes(jacobian, -1, -2), rcond=1e-6)
     force = (inverse @ torque[..., None])[..., 0]
-    normal = plan.instants.normal[np.maximum(instant, 0)]
     pressure: Array = np.einsum("tni,tni->tn", force, normal) * moving.contact
     return pressure

@@ -67,6 +67,7 @@ class Run:
     com: Array  # (S, 3) body origin [m]
     rotation: Array  # (S, 3, 3) body to world
     toes: Array  # (S, N, 3) [m]
+    links: Array  # (S, N, 3, 3) of the links that toes are on to the world
     force: Array  # (S, N, 3) on the toes, from the terrain [N]
     normal: Array  # (S, N) pressure [N]
     shear: Array  # (S, N) [N]
@@ -322,6 +323,7 @@ class _Player:
             "com": data.qpos[:3].copy(),
             "rotation": data.xmat[self.body].reshape(3, 3).copy(),
             "toes": data.geom_xpos[self.toe_geom].copy(),
+            "links": data.geom_xmat[self.toe_geom].reshape(n, 3, 3).copy(),
             "force": force,
             "normal": normal,
             "shear": shear,

@@ -13,7 +13,7 @@ import numpy as np
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import Array
-from climbplan.simulation.toe import TOE_RADIUS
+from climbplan.simulation.toe import toe_radius
 from climbplan.simulation.worlds.ground import material
 from climbplan.terrain.model import Terrain
 
@@ -40,7 +40,7 @@ def set_up(plan: ClimbPlan, terrain: Terrain) -> Start:
     put = np.array([s.project(toe) for s, toe in zip(on, planned, strict=True)])
     if terrain.scan is None:
         out = np.array([s.normal_at(toe) for s, toe in zip(on, put, strict=True)])
-        put = _outside(put, out, material(terrain, TOE_RADIUS))
+        put = _outside(put, out, material(terrain, toe_radius(plan.robot)))
     moved = inverse(plan.robot, to_body(com, rpy, put))
     toes = np.where(moved.valid[:, None], put, planned)
     return Start(toes, inverse(plan.robot, to_body(com, rpy, toes)).best())

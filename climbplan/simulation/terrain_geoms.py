@@ -45,9 +45,7 @@ def surface_geoms(index: int, surface: Surface, factor: float, assets: list[str]
     if isinstance(surface, Tube):
         return _tube(name, surface, friction)
     assert isinstance(surface, Region)
-    # What wrists stand before is drawn and met where it is
-    deeper = surface.standoff if surface.standoff else TOE_RADIUS
-    vertices = surface.vertices - deeper * surface.normal
+    vertices = surface.vertices - _deeper(surface) * surface.normal
     edges = np.roll(vertices, -1, axis=0) - vertices
     corners = np.abs(np.einsum("ki,ki->k", edges, np.roll(edges, -1, axis=0)))
     if len(vertices) == 4 and corners.max() < 1e-9:
@@ -60,10 +58,21 @@ def surface_geoms(index: int, surface: Surface, factor: float, assets: list[str]
     return [terrain_geom(name, mesh_shape(name, Solid.from_points(name, deep), assets), friction)]
 
 
-def raw_geoms(scan: RawSurface, toes: Array, friction: float, assets: list[str]) -> list[str]:
+def _deeper(surface: Surface) -> float:
+    """How far behind the places of toes a surface is met [m].
+
+    What wrists and feet of finite size stay off is drawn and met where it is.
+    """
+    return surface.standoff if surface.standoff else TOE_RADIUS
+
+
+def raw_geoms(
+    scan: RawSurface, toes: Array, friction: float, assets: list[str], behind: float
+) -> list[str]:
     """The raw triangles of a scan as thin prisms, those within a stride of toes (..., 3).
 
-    Their fronts are the toe's radius behind the triangles, so that toes stand on these.
+    Their fronts are so far behind the triangles [m]: the radius of toes that are planned as points,
+    so that these stand on them.
     """
     corners = scan.corners
     low, high = corners.min(axis=1) - _AROUND, corners.max(axis=1) + _AROUND
@@ -75,7 +84,7 @@ def raw_geoms(scan: RawSurface, toes: Array, friction: float, assets: list[str])
     for t in np.flatnonzero(near):
         doubled = np.cross(corners[t, 1] - corners[t, 0], corners[t, 2] - corners[t, 0])
         normal = doubled / np.linalg.norm(doubled)
-        front = corners[t] - TOE_RADIUS * normal
+        front = corners[t] - behind * normal
         name = f"scan{t}"
         assets.append(_prism(name, np.vstack([front, front - _PRISM * normal])))
         shape = f'type="mesh" mesh="{name}" pos="{numbers(front.mean(axis=0))}"'
@@ -107,7 +116,7 @@ def mesh_shape(name: str, solid: Solid, assets: list[str]) -> str:
 def _tube(name: str, tube: Tube, friction: float) -> list[str]:
     """Staves whose inner faces touch the tube, the toe's radius further out."""
     out = []
-    radius = tube.radius + TOE_RADIUS
+    radius = tube.radius + _deeper(tube)
     half = np.array(
         [radius * np.tan(np.pi / _STAVES), (tube.upper - tube.lower) / 2, SLAB_THICKNESS / 2]
     )

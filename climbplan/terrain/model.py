@@ -83,6 +83,11 @@ class Terrain:
             stated = tuple(r for r in stated if r.name in STATED)
         return (*self.obstacles, *(region.slab() for region in stated))
 
+    def moved(self, standoff: float) -> Terrain:
+        """The terrain with surfaces that far into free space, for where else toes are [m]."""
+        surfaces = tuple(surface.lifted(standoff) for surface in self.surfaces)
+        return replace(self, surfaces=surfaces)
+
     def nearest_surface(self, limb: int, point: Array) -> int:
         """Index of the surface nearest to a point among those the limb may use."""
         candidates = np.flatnonzero(self.allowed[limb])
@@ -96,7 +101,7 @@ def _lies_on(surface: Surface, solid: Solid, near: float) -> bool:
     """Whether a flat surface covers part of a face of a solid, within `near` [m]."""
     if not isinstance(surface, Region):
         return False
-    distance = surface.vertices @ solid.A.T - solid.b  # (V, F)
+    distance = surface.material @ solid.A.T - solid.b  # (V, F)
     on_face = np.abs(distance).max(axis=0) < near
     inside = bool((distance < near).all())
     return inside and bool((on_face & (solid.A @ surface.normal > 0)).any())
@@ -247,9 +252,8 @@ def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
             region = _gripped(region, item.hold)
         surfaces.append(region)
         allowed.append([item.limbs is None or name in item.limbs for name in robot.limb_names])
-    if robot.gripper is not None:
-        length = robot.gripper.length
-        surfaces = [s.lifted(length) if isinstance(s, Region) else s for s in surfaces]
+    if robot.standoff:
+        surfaces = [surface.lifted(robot.standoff) for surface in surfaces]
     if spec.panel is not None:
         panel = _panel_region(spec.panel, _friction(spec.panel.friction, spec))
         surfaces.insert(0, panel)

@@ -27,6 +27,13 @@ class Surface(Protocol):
     def friction(self) -> float:
         """Friction coefficient."""
 
+    @property
+    def standoff(self) -> float:
+        """How far it lies before the material [m]."""
+
+    def lifted(self, standoff: float) -> Self:
+        """The places of toes that stay so far off it [m]."""
+
     def normal_at(self, points: Array) -> Array:
         """Unit normals (..., 3) at points (..., 3) on the surface, into free space."""
 
@@ -48,7 +55,8 @@ class Region:
     A: Array  # (K, 3) unit outward normals of the edges, in the plane
     b: Array  # (K,) [m]
     friction: float
-    standoff: float = 0.0  # [m] by which it lies before the material, where wrists hold grippers
+    # [m] by which it lies before the material: where wrists hold grippers, and feet their centres
+    standoff: float = 0.0
     hold: Hold | None = None  # how it can be gripped; None: as a plane
 
     @classmethod
@@ -109,13 +117,14 @@ class Region:
         feet = self.vertices + np.clip(along, 0, 1)[:, None] * edges
         return np.asarray(feet[np.argmin(((feet - foot) ** 2).sum(axis=1))])
 
+    @property
+    def material(self) -> Array:
+        """(K, 3) corners of what toes touch, behind the places of toes that stay off it [m]."""
+        return self.vertices - self.standoff * self.normal if self.standoff else self.vertices
+
     def slab(self) -> Solid:
         """The material behind the region."""
-        front = self.vertices
-        offset = self.offset
-        if self.standoff:
-            front = front - self.standoff * self.normal
-            offset -= self.standoff
+        front, offset = self.material, self.offset - self.standoff
         behind = front - SLAB_THICKNESS * self.normal
         return Solid(
             name=self.name,
@@ -124,8 +133,8 @@ class Region:
             b=np.concatenate([[offset, SLAB_THICKNESS - offset], self.b]),
         )
 
-    def lifted(self, standoff: float) -> Region:
-        """The places of wrists whose grippers, so long, grip this region."""
+    def lifted(self, standoff: float) -> Self:
+        """The places of toes that stay so far off this region: wrists, centres of feet [m]."""
         return replace(
             self,
             vertices=self.vertices + standoff * self.normal,
@@ -140,10 +149,25 @@ class Tube:
 
     name: str
     center: Array  # (2,) axis position [m]
-    radius: float  # [m]
+    radius: float  # at which toes stand [m]
     lower: float  # z from [m]
     upper: float  # z to [m]
     friction: float
+    standoff: float = 0.0  # [m] by which the wall lies beyond it
+
+    @property
+    def wall(self) -> float:
+        """Radius of the material [m]."""
+        return self.radius + self.standoff
+
+    def lifted(self, standoff: float) -> Self:
+        """The places of toes that stay so far off the wall [m]."""
+        if not self.radius > standoff:
+            raise UsageError(
+                f"tube {self.name!r} of radius {self.radius:g} m: expected more than the "
+                f"{standoff:g} m that toes stay off it"
+            )
+        return replace(self, radius=self.radius - standoff, standoff=standoff)
 
     def normal_at(self, points: Array) -> Array:
         """Unit normals towards the axis."""

@@ -11,7 +11,14 @@ from climbplan import errors
 from climbplan.bookshelf.check.plan_checks import LIMITS as SHELF
 from climbplan.bookshelf.check.plan_checks import MEANINGS
 from climbplan.limms.check.limits import LIMITS as MODULES
-from climbplan.plans.check import GRIP_LIMITS, LIMITS, RISK_LIMITS, SCAN_LIMITS, SHIFT_LIMITS
+from climbplan.plans.check import (
+    FEET_LIMITS,
+    GRIP_LIMITS,
+    LIMITS,
+    RISK_LIMITS,
+    SCAN_LIMITS,
+    SHIFT_LIMITS,
+)
 from climbplan.solvers.registry import BACKENDS
 from climbplan.walking.check.checker import LIMITS as WALK
 from climbplan.walking.check.checker import LOOP_LIMITS
@@ -60,7 +67,12 @@ def api_page() -> str:
 def checks_page() -> str:
     """Every check by name, with what it lets pass."""
     kinds = {
-        "Climbs and transitions": LIMITS | SHIFT_LIMITS | RISK_LIMITS | GRIP_LIMITS | SCAN_LIMITS,
+        "Climbs and transitions": LIMITS
+        | SHIFT_LIMITS
+        | RISK_LIMITS
+        | GRIP_LIMITS
+        | SCAN_LIMITS
+        | FEET_LIMITS,
         "Walks": {**WALK_PLAN, **WALK, **LOOP_LIMITS},
         "Modules": MODULES,
         "Bookshelf": SHELF,

@@ -168,7 +168,7 @@ def test_the_simulated_toes_stand_on_raw_triangles(made) -> None:
     plan, assets = made[1], []
     scan = plan.terrain.scan
     assert scan is not None
-    geoms = raw_geoms(scan, plan.rounds.toes, 0.5, assets)
+    geoms = raw_geoms(scan, plan.rounds.toes, 0.5, assets, TOE_RADIUS)
     assert len(geoms) == len(assets) >= 4
     assert Conditions().friction == 1.0
     first = assets[0].split('vertex="')[1].split('"')[0]

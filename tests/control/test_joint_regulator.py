@@ -31,7 +31,9 @@ def test_chains_place_toes_where_the_robot_does(planned: Planned) -> None:
     robot = planned().robot
     zero = zero_angles(robot)
     assert zero is not None
-    chains = Chains(zero.axes, zero.joints, zero.toe)
+    none = np.zeros_like(zero.axes)
+    alone = np.tile(np.eye(zero.axes.shape[1]), (len(zero.toe), 1, 1))
+    chains = Chains(zero.axes, zero.joints, zero.toe, none, alone)
     for angles in np.random.default_rng(0).normal(size=(20, robot.limb_count, robot.joint_count)):
         np.testing.assert_allclose(chains.place(angles), toe_body(robot, angles), atol=1e-12)
 

@@ -24,7 +24,6 @@ from climbplan.limms.consensus.refinement import action_of
 from climbplan.limms.consensus.setting import (
     FREE,
     HELD,
-    SECONDS,
     STABLE,
     Setting,
     setting_of,
@@ -74,7 +73,7 @@ def test_first_block_throws_and_obeys_its_dynamics(setting: Setting, first: Foun
     assert (first.modes.wall[0, held] == 0).all()
     at, v = first.copy.box, first.velocity
     for k in range(setting.intervals):
-        h = SECONDS[box[k]]
+        h = setting.form.seconds[box[k]]
         assert np.allclose(at[k + 1] - at[k], h * (v[k] + v[k + 1]) / 2, atol=1e-6)
         if box[k] == FREE:
             assert np.allclose(v[k + 1] - v[k], [0, 0, -GRAVITY * h], atol=1e-6)

@@ -14,7 +14,7 @@ from climbplan.bench.limms.run import (
     bench_limms,
     write_text,
 )
-from climbplan.bench.limms.trial import METHODS, Trial, attempt
+from climbplan.bench.limms.trial import Trial, attempt
 from climbplan.limms.random_jumps import random_jump
 from climbplan.limms.scene import scene_of
 
@@ -25,7 +25,7 @@ def result() -> LimmsResult:
 
 
 def test_both_methods_are_measured_on_the_same_scene(result: LimmsResult) -> None:
-    assert [trial.method for trial in result.shipped] == list(METHODS)
+    assert [trial.method for trial in result.shipped] == ["modes", "admm"]
     assert all(trial.succeeded for trial in result.shipped)
     modes, admm = result.shipped
     assert modes.sequence == admm.sequence
@@ -38,8 +38,25 @@ def test_both_methods_are_measured_on_the_same_scene(result: LimmsResult) -> Non
     text = out.getvalue()
     assert "4857 (670)" in text  # the published row
     assert f"{admm.sizes['mip_variables']} ({admm.sizes['mip_binaries']})" in text
+    assert f"{1e3 * admm.consensus.points:.1f} ({1e3 * admm.consensus.points_most:.0f})" in text
     assert f"{admm.processor_seconds / modes.processor_seconds:.1f}" in text
     json.dumps(as_json(result, LimmsOptions()), allow_nan=False)
+
+
+@pytest.mark.slow
+def test_as_published_blocks_stay_further_apart(result: LimmsResult) -> None:
+    """A throw in steps of one second: no plan, and the residuals are told."""
+    options = LimmsOptions(count=0, methods="admm-published", scenes=("limms_throw",))
+    (published,) = bench_limms(options).shipped
+    assert published.outcome == "limit"
+    assert published.consensus is not None
+    improved = result.shipped[1].consensus
+    assert improved is not None
+    assert published.consensus.box > 10 * improved.box
+    out = io.StringIO()
+    write_text(LimmsResult((published,), {}), out)
+    row = next(line for line in out.getvalue().splitlines() if "admm-published" in line)
+    assert f"{1e3 * published.consensus.box:.1f} ({1e3 * published.consensus.box_most:.0f})" in row
 
 
 def test_failures_are_counted_with_their_reasons() -> None:

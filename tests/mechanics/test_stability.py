@@ -67,6 +67,7 @@ class Held:
             self.jacobian[None],
             self.toes[None],
             contact,
+            np.zeros((1, *self.toes.shape)),
         )
 
 
@@ -158,6 +159,7 @@ def test_rotation_is_the_models(braced_robot: RobotMaker) -> None:
         jacobian_world(robot, rpy, held.angles[None]),
         held.toes[None] @ rotation.T,
         np.ones((1, 6), bool),
+        np.zeros((1, *held.toes.shape)),
     )
     np.testing.assert_allclose(
         loaded_stiffness(turned, held.force[None] @ rotation.T).left, left, atol=1e-9

@@ -166,8 +166,9 @@ def test_drawn_braces_hold_better_than_those_they_begin_from(quadruped: Proposal
     # Motors with which the best that is known just holds
     torque = max(one.use for one in begun) * robot.max_torque
     legs = Legs(chain, low, high, torque, reach, robot.weight, mirror, box)
-    found = refined(legs, begun, 0.8, 0.1, lambda points, posture: True)
+    found, least = refined(legs, begun, 0.8, 0.1, lambda points, posture: True)
     assert found
+    assert least <= min(one.use for one in found) + 1e-12
     normal = np.sign(found[0].toes) * [-1.0, 0.0, 0.0]
     own = found[0].angles, found[0].toes, normal, torque, robot.weight, 0.8, 0.1
     assert moved_share(chain, (low, high), *own)[0] == pytest.approx(found[0].use, rel=1e-6)

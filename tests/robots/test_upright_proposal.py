@@ -1,4 +1,4 @@
-"""Robots with arms: where idle arms are held, and standing on feet with hands on walls."""
+"""Robots with arms: where idle arms are held, and standing on hands and feet, or with walls."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from urdf_walkers import Walker
 
 from climbplan.climb.proposed import Trials
 from climbplan.errors import UsageError
-from climbplan.robots.urdf.proposal.proposing import propose
-from climbplan.robots.urdf.proposal.settled import Proposal
+from climbplan.robots.urdf.proposal.proposing import legs_of, propose
+from climbplan.robots.urdf.proposal.settled import Proposal, settled
 from climbplan.robots.urdf.workspace import common_reach
 
 # A bar across the front legs at zero, which half a turn takes up over them
@@ -49,7 +49,21 @@ def test_one_reach_is_a_necessary_one_for_all() -> None:
 
 @pytest.fixture(scope="module", name="upright")
 def _upright(tmp_path_factory: pytest.TempPathFactory) -> Proposal:
-    return propose(humanoid(tmp_path_factory.mktemp("upright") / "humanoid.urdf"))
+    found = legs_of(humanoid(tmp_path_factory.mktemp("upright") / "humanoid.urdf"))
+    own = found.draft, found.tree, list(found.toes), found.named, found.shapes, found.unread
+    return settled(*own).proposal()
+
+
+@pytest.mark.slow
+def test_a_humanoid_goes_on_hands_and_feet(tmp_path: Path) -> None:
+    found = propose(humanoid(tmp_path / "humanoid.urdf"))
+    assert (found.draft.forward, found.draft.up) == ("z", "-x")
+    assert found.named.names == ("RF", "RR", "LR", "LF")
+    assert not found.posture.gap
+    np.testing.assert_allclose(found.posture.toes[:, 2], found.posture.toes[0, 2])
+    trials = Trials(found, tmp_path)
+    assert trials.ground.plan is not None, trials.ground.why
+    assert "walls:" not in trials.ground.text
 
 
 @pytest.mark.slow

@@ -74,6 +74,7 @@ def test_a_sound_section_loads(tmp_path: Path) -> None:
         ("toe: L1_toe,", "toe: L1_tow,", "s.yaml:6: robot.legs.L1.toe: the URDF has no link"),
         ("toe: L1_toe,", "toe: L1_tow,", "(did you mean 'L1_toe'?)"),
         ("toe: L1_toe,", "toe: L1_lift_link,", "expected 3 to 7 joints that move from 'base_link'"),
+        ("toe: L1_toe,", "toe: L1_lift_link,", "with two a toe moves on a surface alone"),
         ("toe: L2_toe,", "toe: L1_toe,", "moves L1 and L2 together; expected joints of its own"),
         ("L1_lift: 30", "L1_lfit: 30", "leg L1 has no joint 'L1_lfit', only L1_yaw, L1_lift"),
         ("L1_lift: 30", "L1_lift: 300", "expected an angle within the joint's bounds, -85.94 to"),

@@ -407,6 +407,11 @@ def test_heads_keep_cheaper_motions_and_draw_ranges_closer(cheap: Cheap) -> None
     assert drawn_by_heads(none, none.program(None), 1.0, time.process_time) is None
 
 
+def all_decided(kept: Kept, contact: Flags) -> tuple[Decision, ...]:
+    rows = np.ndenumerate(kept.program.rows)
+    return tuple(Decision(True, int(row), float(contact[at])) for at, row in rows)
+
+
 def contacts_searched(kept: Kept) -> Search:
     return Search(kept, lambda bound: True, lambda: np.inf, lambda contacts: 0.0, lambda x: None)
 
@@ -421,11 +426,7 @@ def test_a_search_over_contacts_never_loses_a_motion(cheap: Cheap) -> None:
     ways = kept.next(root.x)
     assert ways is not None
     assert {way.value for way in ways} == {0.0, 1.0}
-    decided = [
-        Decision(True, int(row), float(contact[at]))
-        for at, row in np.ndenumerate(kept.program.rows)
-    ]
-    kept.decide(tuple(decided))
+    kept.decide(all_decided(kept, contact))
     gait = kept.solve(np.inf)  # the motion is in it
     assert gait is not None
     assert root.bound <= gait.bound <= cheap.cost
@@ -563,7 +564,13 @@ def test_heads_keep_what_other_seeds_find(disturbed: bool) -> None:
     assert drawn is not None
     held = stated.program(drawn.box)
     assert lowest(stated, stated.program(None)) + 0.03 * cost < lowest(stated, held)
+    kept = Kept(held, 5e-4 * cost)  # as the search over contacts has it
     for one in found:
+        kept.begin()
+        kept.decide(all_decided(kept, one.gait.contact[:-1]))
+        point = kept.solve(np.inf)
+        assert point is not None
+        assert point.bound <= objective(task, one.state, one.force) * (1 + 1e-6)
         assert (one.gait.contact[:-1] >= drawn.box.stands_low).all()
         assert (one.gait.contact[:-1] <= drawn.box.stands_high).all()
         assert program_cost(held, one) <= cost * (1 + 1e-6)

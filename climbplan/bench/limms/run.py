@@ -11,8 +11,8 @@ from typing import Any, TextIO
 
 from climbplan.bench.limms.published import TABLE
 from climbplan.bench.limms.room_table import write_rooms
-from climbplan.bench.limms.table import write_beside, write_blocks, write_random
-from climbplan.bench.limms.trial import METHODS, Trial, attempt
+from climbplan.bench.limms.table import write_beside, write_blocks, write_consensus, write_random
+from climbplan.bench.limms.trial import METHODS, Method, Trial, attempt
 from climbplan.errors import UsageError
 from climbplan.limms.random_jumps import random_jump
 from climbplan.limms.random_rooms import random_room
@@ -88,7 +88,7 @@ def bench_limms(
     for number, name in enumerate(options.scenes if chosen else ()):
         report("scenes", number / len(options.scenes))
         shipped += [
-            attempt(_shipped(name), method, options.seconds)
+            attempt(_shipped(name), method, options.seconds, _horizon(name, method))
             for method in chosen
             if method == "modes" or name in TABLE
         ]
@@ -99,7 +99,11 @@ def bench_limms(
         for number in range(options.drawn(kind)):
             report(f"random {kind}", number / options.drawn(kind))
             loaded = draw(options.seed + number)
-            trials += [attempt(loaded, method, options.seconds) for method in chosen]
+            trials += [
+                attempt(loaded, method, options.seconds)
+                for method in chosen
+                if method != "admm-published"
+            ]
         found[kind] = tuple(trials)
         if trials:
             told(LimmsResult((), {kind: found[kind]}))
@@ -113,6 +117,11 @@ def bench_limms(
         if drawn:
             told(LimmsResult((), {}, {kind: rooms[kind]}))
     return LimmsResult(tuple(shipped), found, rooms)
+
+
+def _horizon(name: str, method: Method) -> tuple[str, ...]:
+    """The published form has the published number of intervals."""
+    return (f"solver.admm.intervals={TABLE[name].steps}",) if method == "admm-published" else ()
 
 
 def _shipped(name: str) -> LoadedLimms:
@@ -136,6 +145,7 @@ def as_json(result: LimmsResult, options: LimmsOptions) -> dict[str, Any]:
 def write_text(result: LimmsResult, out: TextIO) -> None:
     """All tables."""
     write_blocks(result.shipped, out)
+    write_consensus(result.shipped, out)
     write_beside(result.shipped, out)
     for kind, trials in result.random.items():
         if trials:

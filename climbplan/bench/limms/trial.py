@@ -11,6 +11,7 @@ import numpy as np
 from climbplan.errors import Infeasible, LimitReached, NotProved
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.consensus.iteration import GOOD
+from climbplan.limms.consensus.planner import Unrefined
 from climbplan.limms.convergence import Convergence
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.planner import plan_limms
@@ -19,18 +20,27 @@ from climbplan.spec.overrides import apply_overrides
 from climbplan.spec.source import SourceText
 from climbplan.spec.yaml_source import parse_yaml
 
-METHODS: tuple[Literal["modes", "admm"], ...] = ("modes", "admm")
+Method = Literal["modes", "admm", "admm-published"]
+ASSIGNMENTS: dict[Method, tuple[str, ...]] = {  # of each method
+    "modes": ("solver.method=modes",),
+    "admm": ("solver.method=admm",),
+    "admm-published": ("solver.method=admm", "solver.admm.form=published"),
+}
+METHODS = tuple(ASSIGNMENTS)
 
 
 @dataclass(frozen=True)
 class Consensus:
-    """Of the last choice of modes of a consensus: residuals of its best iterate."""
+    """Of a choice of modes of a consensus: residuals of its best iterate, means and largest."""
 
     iterations: int
     good_after: int | None  # iterations until all means are as asked for
     box: float  # [m] r_pB, mean
     points: float  # [m] r_pL
     axes: float  # [rad] r_RL
+    box_most: float
+    points_most: float
+    axes_most: float
 
 
 @dataclass(frozen=True)
@@ -56,15 +66,18 @@ class Trial:
         return self.outcome == "verified"
 
 
-def attempt(loaded: LoadedLimms, method: Literal["modes", "admm"], seconds: float) -> Trial:
-    """Plan and verify; seconds: the time limit of planning."""
+def attempt(
+    loaded: LoadedLimms, method: Method, seconds: float, more: tuple[str, ...] = ()
+) -> Trial:
+    """Plan and verify; seconds: the time limit of planning; more: assignments to the spec."""
     # Into the text: verification reads the method there.
-    assignments = (f"solver.method={method}", f"solver.time_limit={seconds}")
+    assignments = (*ASSIGNMENTS[method], *more, f"solver.time_limit={seconds}")
     text = SourceText(loaded.source, loaded.name, loaded.directory, loaded.text)
     given = limms_of(apply_overrides(parse_yaml(loaded.text, loaded.source), assignments), text)
     clock, wall = time.process_time(), time.perf_counter()
     plan: LimmsPlan | None = None
     outcome, reason = "verified", ""
+    record: Convergence | None = None
     try:
         plan = plan_limms(given)
     except Infeasible as error:
@@ -73,11 +86,15 @@ def attempt(loaded: LoadedLimms, method: Literal["modes", "admm"], seconds: floa
         outcome, reason = "not proved", str(error)
     except LimitReached as error:
         outcome, reason = "limit", str(error)
+        record = error.convergence if isinstance(error, Unrefined) else None
     spent, waited = time.process_time() - clock, time.perf_counter() - wall
     title, modules = loaded.spec.title, len(loaded.spec.modules)
     if plan is None:
         times = (spent, waited)
-        return Trial(loaded.name, method, outcome, reason, "", *times, {}, {}, None, title, modules)
+        agreed = None if record is None else consensus_of(record, planned=False)
+        return Trial(
+            loaded.name, method, outcome, reason, "", *times, {}, {}, agreed, title, modules
+        )
     failed = verification_of(plan).failed
     if failed:
         outcome = "not verified"
@@ -98,14 +115,19 @@ def attempt(loaded: LoadedLimms, method: Literal["modes", "admm"], seconds: floa
     )
 
 
-def consensus_of(record: Convergence) -> Consensus:
-    """Figures of the choice of modes that the plan was made from, the last one."""
-    at = record.attempt == record.attempt[-1]
+def consensus_of(record: Convergence, planned: bool = True) -> Consensus:
+    """Figures of the choice of modes that a plan was made from, the last one.
+
+    planned: False where there is no plan: of the choice on which blocks agreed best.
+    """
+    total = record.box_mean + record.points_mean + 0.1 * record.axes_mean
+    at = record.attempt == record.attempt[-1 if planned else int(np.argmin(total))]
     means = np.array([record.box_mean[at], record.points_mean[at], record.axes_mean[at]])
+    most = np.array([record.box_max[at], record.points_max[at], record.axes_max[at]])
     good = np.flatnonzero((means <= np.array(GOOD)[:, None]).all(axis=0))
     best = int(np.argmin(means[0] + means[1] + 0.1 * means[2]))
     return Consensus(
         int(at.sum()),
         int(good[0]) + 1 if len(good) else None,
-        *(float(value) for value in means[:, best]),
+        *(float(value) for value in (*means[:, best], *most[:, best])),
     )

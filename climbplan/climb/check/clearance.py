@@ -61,7 +61,7 @@ def _body(subject: Subject) -> Check:
         if isinstance(surface, Tube):
             corners = placed(com, axes, subject.body.corners)[..., :2] - surface.center
             names.append(surface.name)
-            clear.append(surface.radius - np.linalg.norm(corners, axis=-1).max(axis=1))
+            clear.append(surface.wall - np.linalg.norm(corners, axis=-1).max(axis=1))
     least = np.stack(clear, axis=-1)  # (P, S)
 
     def where(pose: int, solid: int) -> str:
@@ -131,7 +131,7 @@ def link_depths(subject: Subject, points: Array, enough: float) -> Array:
     for surface in subject.plan.terrain.surfaces:
         if isinstance(surface, Tube):
             # The inside is convex: a segment stays in it if its ends do.
-            radial = np.linalg.norm(points[..., :2] - surface.center, axis=-1) - surface.radius
+            radial = np.linalg.norm(points[..., :2] - surface.center, axis=-1) - surface.wall
             depths.append(np.maximum(radial[..., :-1], radial[..., 1:]))
     if not depths:
         return np.full((*points.shape[:-2], points.shape[-2] - 1, 0), -np.inf)
@@ -226,10 +226,10 @@ def _stood_upon(subject: Subject) -> Iterator[Mask]:
         stands = np.zeros(subject.plan.robot.limb_count, bool)
         for index, surface in enumerate(terrain.surfaces):
             if isinstance(surface, Region):
-                away = solid.face_distances(surface.vertices)  # (V, F)
-                face = (np.abs(away).max(axis=0) < _ON_FACE) & (
-                    solid.normals @ polygon_normal(surface.vertices) > 0
-                )
+                normal = polygon_normal(surface.vertices)
+                touched = surface.vertices - surface.standoff * normal
+                away = solid.face_distances(touched)  # (V, F)
+                face = (np.abs(away).max(axis=0) < _ON_FACE) & (solid.normals @ normal > 0)
                 if face.any() and away.max() < _ON_FACE:
                     stands |= terrain.allowed[:, index]
         yield stands

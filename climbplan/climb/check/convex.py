@@ -52,7 +52,9 @@ def solids_of(terrain: Terrain) -> tuple[ConvexBody, ...]:
     solids = [hull_of(solid.name, solid.vertices) for solid in terrain.obstacles]
     for surface in terrain.surfaces:
         if isinstance(surface, Region) and (terrain.scan is None or surface.name in STATED):
-            solids.append(_slab(surface.name, surface.vertices))
+            # What toes stay off lies so far behind the places of toes
+            behind = surface.standoff * polygon_normal(surface.vertices)
+            solids.append(_slab(surface.name, surface.vertices - behind))
     return tuple(solids)
 
 

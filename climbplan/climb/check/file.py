@@ -42,9 +42,17 @@ def robot_check(robot: Robot) -> Check:
     return faults_check("robot.data", list(_robot_faults(robot)))
 
 
-def terrain_check(terrain: Terrain) -> Check:
-    """Surfaces and solids that are what their corners say."""
-    return faults_check("terrain.data", list(_terrain_faults(terrain)))
+def terrain_check(terrain: Terrain, robot: Robot) -> Check:
+    """Surfaces and solids that are what their corners say, and as far off as the robot's feet."""
+    faults = list(_terrain_faults(terrain))
+    if robot.gripper is None:
+        radius = 0.0 if robot.foot is None else robot.foot.radius
+        faults += [
+            f"{surface.name!r} does not stand off by the radius of the feet, {radius:g} m"
+            for index, surface in enumerate(terrain.surfaces)
+            if terrain.allowed[:, index].any() and abs(surface.standoff - radius) > _SAME_PLANE
+        ]
+    return faults_check("terrain.data", faults)
 
 
 def limits_check(limits: StepLimits) -> Check:
@@ -108,6 +116,11 @@ def _robot_faults(robot: Robot) -> Iterator[str]:
     thick = [robot.limb_radius] if robot.capsules is None else robot.capsules.radius.ravel()
     if not all(THICKNESS.holds(float(radius)) for radius in thick):
         yield f"limb_radius or a radius of its capsules is not {THICKNESS.expected}"
+    if robot.foot is not None:
+        if not LENGTH.holds(robot.foot.radius):
+            yield f"foot: radius {robot.foot.radius:g} m is not {LENGTH.expected}"
+        if not isinstance(robot.mechanism, SerialChain) or robot.gripper is not None:
+            yield "foot: expected limbs that are chains of joints, without grippers"
     if isinstance(robot.mechanism, SerialChain):
         yield from _chain_faults(robot, robot.mechanism)
 

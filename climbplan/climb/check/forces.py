@@ -33,8 +33,7 @@ def _equilibrium(subject: Subject) -> Check:
     robot = subject.plan.robot
     total = force.sum(axis=1) + instants.external_wrench[:, :3]
     total[:, 2] -= robot.mass * robot.gravity
-    arms = instants.toes - instants.com[:, None, :]
-    moment = np.cross(arms, force).sum(axis=1) + instants.external_wrench[:, 3:]
+    moment = np.cross(subject.arms, force).sum(axis=1) + instants.external_wrench[:, 3:]
     moment = moment + subject.wrist_moment.sum(axis=1)
     residual = np.stack([np.linalg.norm(total, axis=1), np.linalg.norm(moment, axis=1)], axis=1)
     what = ("forces", "moments")
@@ -105,17 +104,17 @@ def _stiffness(subject: Subject) -> Iterator[Check]:
     robot, instants, forces = plan.robot, plan.instants, plan.forces
     # J k^-1 J^T f is J applied to the joints' own deflections under tau = J^T f.
     bending = subject.torques / robot.joint_stiffness
-    given = np.einsum("knij,knj->kni", subject.limbs.jacobian(), bending)
+    jacobian = subject.pressed.jacobian()
+    given = np.einsum("knij,knj->kni", jacobian, bending)
     given = given / (1 - robot.structural_compliance_share)
     # [I P^T] d_com moves the toes with the body: translation and rotation x arm.
-    arms = instants.toes - instants.com[:, None, :]
     carried = forces.com_deflection[:, None, :3] + np.cross(
-        forces.com_deflection[:, None, 3:], arms
+        forces.com_deflection[:, None, 3:], subject.arms
     )
     miss = np.linalg.norm(given + carried - forces.wall_deflection, axis=-1)
     yield judge_worst("stiffness.relation", np.where(instants.contact, miss, 0.0), subject.at)
     turned = instants.joint_angles - forces.joint_command
-    imposed = np.einsum("knij,knj->kni", subject.limbs.jacobian(), turned)
+    imposed = np.einsum("knij,knj->kni", jacobian, turned)
     miss = np.linalg.norm(imposed - forces.wall_deflection, axis=-1)
     yield judge_worst("stiffness.joint_command", miss, subject.at)
     commanded = limbs_at(robot, instants.com, subject.axes, forces.joint_command)

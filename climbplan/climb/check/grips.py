@@ -16,6 +16,7 @@ from climbplan.climb.check.anew.grips import (
     spine_bounds,
     wrist_axes,
 )
+from climbplan.climb.check.grips_apart import grips_apart
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
 from climbplan.climb.plan.grips import GripPlan
@@ -79,6 +80,7 @@ def grip_checks(subject: Subject) -> Iterator[Check]:
     yield from _cones(subject, hands)
     yield from _gripping(subject, gripper, grips, hands)
     yield from _wrists(subject, gripper, grips, holds)
+    yield grips_apart(subject, gripper, holds)
     yield _pull_out(subject, grips, further_pull(subject, gripper, grips))
     yield _factors(subject, gripper, grips, hands, bounds[plan.instants.region])
 

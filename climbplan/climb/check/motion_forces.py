@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.climb.check.anew.feet import touching_limbs
 from climbplan.climb.check.anew.kinematics import StandingLimbs, limbs_at
 from climbplan.climb.check.anew.static_pose import body_motion, force_of, joints_by_body
 from climbplan.climb.plan.climb_plan import Mask
@@ -35,21 +36,26 @@ def motion_forces(
     contact: Mask,
     load: Array,
     moment: Array | None = None,
+    arm: Array | None = None,
 ) -> MotionForces:
     """Forces for bodies at com (T, 3), axes (T, 3, 3) with limbs commanded to command (T, N, J).
 
-    moment: (T, N, 3) that wrists bring, at the toes [N m].
+    moment: (T, N, 3) that wrists bring, at the toes [N m]; arm: (T, N, 3) from toes to where feet
+    of finite size touch [m].
     """
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
     touching = contact[..., None]
     torque = np.where(touching, spring * (standing.angles - command), 0.0)
     limbs = limbs_at(robot, com, axes, standing.angles)
+    toes = standing.points[..., -1, :]
+    if arm is not None:
+        limbs, toes = touching_limbs(limbs, arm), toes + arm
     jacobian = limbs.jacobian()
     wrists = np.zeros_like(torque)  # part of the torques that moments take
     if moment is not None:
         wrists = np.where(touching, (limbs.turning() @ moment[..., None])[..., 0], 0.0)
         load = load + np.concatenate([0 * load[:, :3], moment.sum(axis=1)], axis=1)
-    motion = body_motion(standing.points[..., -1, :] - com[:, None, :])
+    motion = body_motion(toes - com[:, None, :])
     bend = joints_by_body(jacobian, motion, spring) * touching[..., None]  # joints turn by -bend dx
     torque_flat = (torque - wrists).reshape(len(com), -1)
     bend_flat = bend.reshape(len(com), -1, 6)

@@ -8,6 +8,7 @@ import numpy as np
 
 from climbplan.climb.check.anew.gait import gait_of
 from climbplan.climb.check.convex import polygon_edges, polygon_normal
+from climbplan.climb.check.normals import normals_of
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import Index
 from climbplan.plans.check import Array, Check, judge_worst
@@ -151,7 +152,7 @@ def _contacts(subject: Subject) -> Iterator[Check]:
     normal = np.empty_like(instants.normal)
     for index, surface in enumerate(surfaces):
         here = instants.region == index
-        normal[here] = _normals(surface, instants.toes[here])
+        normal[here] = normals_of(surface, instants.toes[here])
     yield judge_worst(
         "contact.normal", np.linalg.norm(instants.normal - normal, axis=-1), subject.at
     )
@@ -190,13 +191,3 @@ def _distances(surfaces: tuple[Surface, ...], region: Index, points: Array) -> A
             past = np.maximum(surface.lower - p[:, 2], p[:, 2] - surface.upper)
             distance[here] = np.maximum(radial, past)
     return np.where(distance < 0, 0.0, distance)
-
-
-def _normals(surface: Surface, points: Array) -> Array:
-    """Unit normals into free space at points (P, 3) on or above a surface."""
-    if isinstance(surface, Region):
-        return np.broadcast_to(polygon_normal(surface.vertices), points.shape)
-    if isinstance(surface, Tube):
-        inward = np.append(surface.center, 0.0) - points * [1.0, 1.0, 0.0]
-        return inward / np.linalg.norm(inward, axis=-1, keepdims=True)
-    raise TypeError(f"no normals for surfaces of type {type(surface).__name__}")

@@ -30,6 +30,7 @@ def pressing_checks(motion: Motion) -> Iterator[Check]:
         ~motion.lifted,
         load_of(motion),
         wrist_moment_on_the_way(motion.subject, normal),
+        motion.arm,
     )
     off = _lengths(found.deflection)
     yield judge_worst(

@@ -6,7 +6,7 @@ The terrain is looked at twice: corner by corner, and as planning builds it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -17,11 +17,12 @@ from climbplan.climb.check.anew.gait import Gait, gait_of
 from climbplan.climb.check.anew.kinematics import body_axes
 from climbplan.climb.check.anew.spec import built_anew
 from climbplan.climb.check.inward import inward_check
+from climbplan.climb.check.normals import normals_of
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.check.terrain import terrain_differences
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import SpecError
-from climbplan.plans.check import Check, judge
+from climbplan.plans.check import Array, Check, judge
 from climbplan.plans.differences import Difference, apart, same
 from climbplan.spec.climb.margins import MarginsSpec
 from climbplan.spec.climb.model import ClimbSpec, GoalSpec
@@ -110,7 +111,10 @@ def _task(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
         ("task.goal.toes", last, plan.limits.goal_toes),
     ):
         for name, toe in posture.toes.items():
-            yield apart(f"{key}.{name}", toes[names.index(name)] if name in names else [], toe)
+            if name not in names:
+                yield same(f"{key}.{name}", False)
+                continue
+            yield _stated_toe_apart(f"{key}.{name}", plan, names.index(name), toes, toe)
 
     gait = gait_of(plan)
     if isinstance(spec, ClimbSpec):
@@ -135,6 +139,21 @@ def _task(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
     load[:, :3] += weight
     load[:, 3:] += np.cross(arms, weight)
     yield apart("task.payload, task.external_wrench", plan.instants.external_wrench, load)
+
+
+def _stated_toe_apart(
+    key: str, plan: ClimbPlan, limb: int, toes: Array, stated: Sequence[float]
+) -> Difference:
+    """A toe against the point stated for it; of a foot of finite size that is where it touches."""
+    toe, point = toes[limb], np.array(stated)
+    if plan.robot.foot is None:
+        return apart(key, toe, point)
+    off = [
+        apart(key, toe + plan.robot.foot.radius * -normals_of(surface, toe[None])[0], point)
+        for surface, may in zip(plan.terrain.surfaces, plan.terrain.allowed[limb], strict=True)
+        if may
+    ]
+    return min(off, key=lambda difference: difference.size)
 
 
 def _last_goal(spec: MotionSpec) -> GoalSpec:

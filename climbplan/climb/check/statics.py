@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from climbplan.climb.check.anew.feet import foot_arm, rolling
 from climbplan.climb.check.anew.kinematics import turned
 from climbplan.climb.check.anew.static_pose import Braced, Settled, settle
 from climbplan.climb.check.friction_factor import friction_factor, least_factor
@@ -56,8 +57,8 @@ def _settled(subject: Subject) -> Settled:
     axis = sag[:, 3:] / np.maximum(angle, 1e-300)[:, None]
     axes = turned(subject.axes, axis[:, None, :], angle[:, None])
     braced = Braced(
-        robot,
-        instants.toes,
+        rolling(robot, subject.axes, instants.joint_angles, instants.normal),
+        instants.toes + foot_arm(robot, instants.normal),
         instants.contact,
         forces.joint_command,
         instants.joint_angles,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.climb.check.anew.capsules import Capsule, capsules_at
+from climbplan.climb.check.anew.feet import foot_arm, touching_limbs
 from climbplan.climb.check.anew.kinematics import Limbs, body_axes, limbs_at
 from climbplan.climb.check.convex import ConvexBody, hull_of, solids_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
@@ -24,6 +25,7 @@ class Subject:
     solids: tuple[ConvexBody, ...]
     axes: Array  # (K, 3, 3) body axes as rows, world
     limbs: Limbs  # at the instants
+    pressed: Limbs  # with the points that touch in place of their toes
     capsules: tuple[Capsule, ...]  # links at the instants
 
     def at(self, k: int, *parts: int) -> str:
@@ -73,10 +75,18 @@ class Subject:
     @property
     def torques(self) -> Array:
         """(K, N, J) joint torques from joint angles, forces and moments at wrists [N m]."""
-        torques = np.einsum("knij,kni->knj", self.limbs.jacobian(), self.plan.forces.force)
+        torques = np.einsum("knij,kni->knj", self.pressed.jacobian(), self.plan.forces.force)
         if self.plan.robot.gripper is None:
             return torques
         return torques + (self.limbs.turning() @ self.wrist_moment[..., None])[..., 0]
+
+    @property
+    def arms(self) -> Array:
+        """(K, N, 3) from the body origin to where toes touch [m]."""
+        instants = self.plan.instants
+        touching = instants.toes + foot_arm(self.plan.robot, instants.normal)
+        arms: Array = touching - instants.com[:, None, :]
+        return arms
 
     @property
     def wrist_moment(self) -> Array:
@@ -105,5 +115,6 @@ def subject_of(plan: ClimbPlan) -> Subject:
         solids=solids_of(plan.terrain),
         axes=axes,
         limbs=limbs,
+        pressed=touching_limbs(limbs, foot_arm(robot, instants.normal)),
         capsules=tuple(links),
     )

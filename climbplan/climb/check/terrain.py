@@ -47,7 +47,7 @@ def terrain_differences(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Differenc
         tube = terrain.surfaces[by_name["tube"]]
         yield same("terrain.tube", isinstance(tube, Tube))
         if isinstance(tube, Tube):
-            held = (*tube.center, tube.radius, tube.lower, tube.upper, tube.friction)
+            held = (*tube.center, tube.wall, tube.lower, tube.upper, tube.friction)
             want = (*asked.tube.center, asked.tube.radius, *asked.tube.up, asked.friction)
             yield apart("terrain.tube", held, want)
     if asked.walls is not None:

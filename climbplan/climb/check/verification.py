@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.climb.check.clearance import clearance_checks
+from climbplan.climb.check.feet import feet_check
 from climbplan.climb.check.file import (
     finite_check,
     limits_check,
@@ -67,7 +68,7 @@ def _checks(plan: ClimbPlan, held: HeldSpec | None) -> Iterator[Check]:
         return
     sound = (
         robot_check(plan.robot),
-        terrain_check(plan.terrain),
+        terrain_check(plan.terrain, plan.robot),
         limits_check(plan.limits),
         *([gripper_check(plan)] if plan.robot.gripper is not None else []),
     )
@@ -85,6 +86,7 @@ def _checks(plan: ClimbPlan, held: HeldSpec | None) -> Iterator[Check]:
     yield from risk_check(plan)
     yield from clearance_checks(subject)
     yield self_collision_check(subject)
+    yield from feet_check(subject)
     yield from scan_checks(subject)
     yield from trajectory_checks(subject)
 

@@ -63,7 +63,10 @@ def second_stage(program: Program, pinned: Instance, x: Array) -> Array | None:
     """P2, convex: forces at the postures of P1; None if none balance."""
     force = program.variables["force"]
     kept = np.ones(pinned.size, bool)
-    kept[force.start : force.stop] = False
+    for name in ("force", "moment"):  # moments of feet of finite size follow their forces
+        if name in program.variables:
+            own = program.variables[name]
+            kept[own.start : own.stop] = False
     held = np.flatnonzero(kept)
     if pinned.P.indptr[force.stop] > pinned.P.indptr[force.start]:
         found = solve_convex(linear_with(pinned, x, held), "clarabel", tolerance=TOLERANCE).x

@@ -72,6 +72,22 @@ def loaded_region(region: Region, safety: float) -> Polytope:
     )
 
 
+def footed_region(region: Region, safety: float, radius: float) -> Polytope:
+    """(toe, force, moment) in R^9: as `loaded_region`, and the moment about the toe of the force,
+    which acts where a spherical foot of that radius [m] touches: -radius n x f."""
+    loaded = loaded_region(region, safety)
+    x, y, z = region.normal
+    turned = radius * np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    tied = np.hstack([np.zeros((3, 3)), turned, np.eye(3)])
+    return Polytope(
+        name=loaded.name,
+        A=np.hstack([loaded.A, np.zeros((len(loaded.A), 3))]),
+        b=loaded.b,
+        C=np.vstack([np.hstack([loaded.C, np.zeros((len(loaded.C), 3))]), tied]),
+        c=np.concatenate([loaded.c, np.zeros(3)]),
+    )
+
+
 def force_range(scene: ClimbScene) -> Range:
     """Bounds of one limb's force, (3,) each [weights]: eq. (5.8), and the least load."""
     low = np.array([-FORCE_LIMIT, -FORCE_LIMIT, scene.spec.posture.least_load])
@@ -122,22 +138,31 @@ def coupled_program(
     load = scene_load(scene)
     origin = straight_way(scene) if origin is None else origin
     safety, given = scene.spec.force.safety_friction, force_range(scene)
-    weight = scene.spec.posture.weights.force
+    weight, foot = scene.spec.posture.weights.force, scene.robot.foot
 
     def state(p: Program, toe: Expression, com: Expression, regions: list[list[Region]]) -> None:
         m, n, _ = toe.shape
         # Forces in units of the weight, eq. (5.8)
         f = p.continuous("force", (m, n, 3), given.lower, given.upper, unit="weight")
         # Toes in one region each, eq. (5.6), and friction cones, eq. (5.15)
-        per_limb = [[loaded_region(region, safety) for region in own] for own in regions]
         both = np.concatenate([toe, f], axis=-1)
-        p.one_of("contact.region", both, per_limb * m, unit="m, weight")
+        if foot is None:
+            per_limb = [[loaded_region(region, safety) for region in own] for own in regions]
+            p.one_of("contact.region", both, per_limb * m, unit="m, weight")
+        else:
+            most = 2 * FORCE_LIMIT * foot.radius
+            q = p.continuous("moment", (m, n, 3), -most, most, unit="weight m")
+            both = np.concatenate([both, q], axis=-1)
+            per_limb = [[footed_region(r, safety, foot.radius) for r in own] for own in regions]
+            p.one_of("contact.region", both, per_limb * m, unit="m, weight, weight m")
         # Balance of forces, eq. (5.10)
         p.equal("coupled.force_balance", np.sum(f, axis=1) + load.force, unit="weight")
         # Balance of moments, eqs. (5.11), (5.13)
         arm, body = toe - origin[:, None], com - origin
         forces = np.broadcast_to(load.force, (m, 3))
         turned = np.sum(cross(arm, f), axis=1) + cross(body, forces) + load.moment
+        if foot is not None:
+            turned = turned + np.sum(q, axis=1)
         p.equal("coupled.moment_balance", turned, unit="weight m")
         if weight > 0:
             p.minimise("force", weight * sum_of_squares(f))

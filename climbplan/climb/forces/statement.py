@@ -30,7 +30,7 @@ from climbplan.mechanics.equilibrium import total_load, wrench_of
 from climbplan.mechanics.friction import split_force
 from climbplan.mechanics.stability import BracedBody, braced_body, loaded_stiffness
 from climbplan.mechanics.stiffness import commanded_depth, joint_bending, limb_compliance
-from climbplan.robots.kinematics import jacobian_world, toe_world
+from climbplan.robots.kinematics import contact_jacobian, contact_points, toe_world
 from climbplan.robots.model import Robot
 
 RESIDUAL_LIMIT = 1e-7  # largest residual of accepted forces, see ForceResiduals
@@ -45,10 +45,10 @@ class ForceStatement:
 
     rounds: Index  # (K,) in which they are, from 1
     contact: Mask  # (K, N)
-    arms: Array  # (K, N, 3) from the body origin to the toes [m]
+    arms: Array  # (K, N, 3) from the body origin to where toes touch [m]
     normal: Array  # (K, N, 3) unit, into free space
     mu: Array  # (K, N)
-    jacobian: Array  # (K, N, 3, J) world frame [m/rad]
+    jacobian: Array  # (K, N, 3, J) of where toes touch, world frame [m/rad]
     compliance: Array  # (K, N, 3, 3) of the limbs [m/N]
     joint_angles: Array  # (K, N, J) [rad]
     bending: Array  # (K, N, J, N, 3) D, joint angles less commands by forces [rad/N]
@@ -73,7 +73,13 @@ class ForceStatement:
     def braced(self) -> BracedBody:
         """What the stiffness of the K bodies depends on beside the forces."""
         return braced_body(
-            self.robot, self.rpy, self.joint_angles, self.jacobian, self.arms, self.contact
+            self.robot,
+            self.rpy,
+            self.joint_angles,
+            self.jacobian,
+            self.arms,
+            self.contact,
+            self.normal,
         )
 
     def as_published(self) -> ForceStatement:
@@ -119,7 +125,7 @@ def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
     """The force problems of a scene's instants."""
     robot, force, count = scene.robot, scene.spec.force, instants.count
     asked = -np.inf if force.least_depth is None else force.least_depth
-    arms = instants.toes - instants.com[:, None]
+    arms = contact_points(robot, instants.toes, instants.normal) - instants.com[:, None]
     load = total_load(robot, instants.external_wrench)
     length = robot.reach
     size = np.hypot(
@@ -128,7 +134,7 @@ def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
     heaviest = float(size.max(initial=0.0))
     # Without any load the torque limits set the scale.
     unit = heaviest if heaviest > 0 else float(robot.max_torque.min() / length)
-    jacobian = jacobian_world(robot, instants.rpy, instants.joint_angles)
+    jacobian = contact_jacobian(robot, instants.rpy, instants.joint_angles, instants.normal)
     compensated = force.sag == "compensated"
     bending = joint_bending(robot, jacobian, arms, instants.contact, compensated)
     return ForceStatement(
@@ -193,7 +199,8 @@ def free_depths_of(statement: ForceStatement, force: Array) -> Array:
     """
     command = commands_of(statement, force)
     free = toe_world(statement.robot, np.zeros((len(force), 3)), statement.rpy, command)
-    return np.asarray(np.einsum("kni,kni->kn", statement.normal, statement.arms - free))
+    touching = contact_points(statement.robot, free, statement.normal)
+    return np.asarray(np.einsum("kni,kni->kn", statement.normal, statement.arms - touching))
 
 
 def depth_missing(statement: ForceStatement, force: Array) -> Array:

@@ -35,6 +35,8 @@ ROBOT_NUMBERS = {
     "limb_radius": "m",
 }
 
+FOOT_NUMBERS = {"radius": "m"}  # of the group `robot/foot`; plans without it have point toes
+
 # Stored in the group `robot/capsules`, where links are not all straight and alike; C of each limb.
 CAPSULES = {
     "joint": Layout(("N", "*"), kind="int"),

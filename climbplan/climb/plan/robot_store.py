@@ -18,6 +18,7 @@ from climbplan.climb.plan.mechanism_store import (
 )
 from climbplan.plans.hdf5_reading import Reader
 from climbplan.plans.hdf5_writing import write_dataset, write_text
+from climbplan.robots.foot import Foot
 from climbplan.robots.model import Robot
 from climbplan.spec.robots.stored import RobotTexts
 
@@ -35,6 +36,10 @@ def write_robot(group: h5py.Group, robot: Robot, texts: RobotTexts) -> None:
     write_capsules(group, robot.capsules)
     write_body_parts(group, robot)
     write_gripper(group, robot.gripper)
+    if robot.foot is not None:
+        foot = group.create_group("foot")
+        for name in layout.FOOT_NUMBERS:
+            foot.attrs[name] = float(vars(robot.foot)[name])
     for name, attribute in _TEXTS.items():
         if text := vars(texts)[name]:
             write_text(group, attribute, text)
@@ -52,6 +57,8 @@ def read_robot(reader: Reader) -> Robot:
     fields["capsules"] = read_capsules(reader)
     fields |= read_body_parts(reader)
     fields["gripper"] = read_gripper(reader)
+    if reader.has("robot/foot"):
+        fields["foot"] = Foot(**{n: reader.number("robot/foot", n) for n in layout.FOOT_NUMBERS})
     return Robot(name=reader.text("robot", "name"), **fields)
 
 

@@ -113,8 +113,6 @@ def _write_surface(group: h5py.Group, surface: Surface) -> None:
         group.attrs["offset"] = float(surface.offset)
         for name, shape in layout.FLAT.items():
             write_dataset(group, name, vars(surface)[name], shape)
-        if surface.standoff:
-            group.attrs["standoff"] = float(surface.standoff)
         if surface.hold is not None:
             _write_hold(group.create_group("hold"), surface.hold)
     elif isinstance(surface, Tube):
@@ -124,6 +122,8 @@ def _write_surface(group: h5py.Group, surface: Surface) -> None:
         write_dataset(group, "center", surface.center, layout.TUBE["center"])
     else:
         raise TypeError(f"no file layout for surfaces of type {type(surface).__name__}")
+    if surface.standoff:
+        group.attrs["standoff"] = float(surface.standoff)
 
 
 def _write_hold(group: h5py.Group, hold: Hold) -> None:
@@ -140,6 +140,8 @@ def _read_hold(reader: Reader, where: str) -> Hold:
 def _read_surface(reader: Reader, where: str) -> Surface:
     kind = reader.text(where, "kind")
     name, friction = reader.text(where, "name"), reader.number(where, "friction")
+    given = reader.has_attribute(where, "standoff")
+    standoff = reader.number(where, "standoff") if given else 0.0
     if kind == "flat":
         arrays = {
             field: reader.array(f"{where}/{field}", shape) for field, shape in layout.FLAT.items()
@@ -147,17 +149,17 @@ def _read_surface(reader: Reader, where: str) -> Surface:
         corners = len(arrays["vertices"])
         if corners < 3 or len(arrays["A"]) != corners or len(arrays["b"]) != corners:
             raise reader.refuse(f"{where} has {corners} corners, {len(arrays['b'])} edges")
-        standoff = reader.has_attribute(where, "standoff")
         return Region(
             name=name,
             offset=reader.number(where, "offset"),
             friction=friction,
-            standoff=reader.number(where, "standoff") if standoff else 0.0,
+            standoff=standoff,
             hold=_read_hold(reader, f"{where}/hold") if reader.has(f"{where}/hold") else None,
             **arrays,
         )
     if kind == "tube":
         center = reader.array(f"{where}/center", layout.TUBE["center"])
         numbers = {field: reader.number(where, field) for field in layout.TUBE_NUMBERS}
-        return Tube(name=name, center=np.asarray(center), friction=friction, **numbers)
+        middle = np.asarray(center)
+        return Tube(name=name, center=middle, friction=friction, standoff=standoff, **numbers)
     raise reader.refuse(f"{where} is a surface of unknown kind {kind!r}")

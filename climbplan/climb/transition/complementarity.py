@@ -182,14 +182,17 @@ def _round(shape: Shape, rows: RoundRows) -> Any:
     stage.between("solid.sides", ca.sum1(s["side"]), 1.0, 1.0)
 
     each = (ca.repmat(local[k, :], 3, 1) * axis for k, axis in enumerate((normal, along, across)))
-    force = sum(each, ca.SX.zeros(3, n * count)) @ of_limb
+    pushes = sum(each, ca.SX.zeros(3, n * count))
+    force, moment = pushes @ of_limb, rows.foot_moments(normal, pushes)
+    if moment is not None:
+        moment = moment @ of_limb
     limbs = [rows.limbs(point, k) for k, point in enumerate((old, new))]
     rows.reach(limbs, _STRETCH_ROOM)
-    torque = rows.torques(limbs[0], force)
+    torque = rows.torques(limbs[0], force, moment)
     rows.command(limbs[0], torque)
     rows.torque(torque)
     rows.toe_steps()
-    rows.equilibrium(force)
+    rows.equilibrium(force, moment)
     stage.between("switch.supporting", ca.sum2(hold))
     rows.body_step()
     rows.costs(_FORCE_PREFERENCE)

@@ -89,10 +89,11 @@ def _regions(scene: TransitionScene) -> tuple[Region, ...]:
 def _bounds_room(scene: TransitionScene) -> Mask:
     """(R,) whether all other surfaces and postures are in front of a surface's plane."""
     regions = _regions(scene)
-    points = np.concatenate([r.vertices for r in regions] + [scene.start.toes, scene.goal.toes])
+    points = np.concatenate([r.material for r in regions] + [scene.start.toes, scene.goal.toes])
     solids = [s.vertices for s in scene.terrain.obstacles]
     points = np.concatenate([points, *solids])
-    return np.array([bool((points @ r.normal >= r.offset - _IN_FRONT).all()) for r in regions])
+    behind = [(r.normal, r.offset - r.standoff - _IN_FRONT) for r in regions]
+    return np.array([bool((points @ normal >= offset).all()) for normal, offset in behind])
 
 
 def _solids(scene: TransitionScene) -> list[Solid]:

@@ -15,7 +15,7 @@ import numpy as np
 from climbplan.climb.motion import Motion, StageClock, plan_motion
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.postures.explanation import NoPostures
-from climbplan.climb.scene import ClimbScene, Stance, build_scene
+from climbplan.climb.scene import ClimbScene, Stance, build_scene, toes_as_stated
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.errors import NoPlanFound, NotProved, Remedy
 from climbplan.robots.kinematics import to_body
@@ -94,9 +94,10 @@ def _renamed(remedy: Remedy) -> Remedy:
 def _climb_scene(loaded: LoadedTransition, scene: TransitionScene) -> ClimbScene:
     """The climb's own scene: the same robot and terrain, from where the transition ends."""
     goal, names = scene.goal, scene.robot.limb_names
+    touching = toes_as_stated(scene.robot, scene.terrain, goal.toes, goal.region)
     toes = {
         name: (float(toe[0]), float(toe[1]), float(toe[2]))
-        for name, toe in zip(names, goal.toes, strict=True)
+        for name, toe in zip(names, touching, strict=True)
     }
     com = (float(goal.com[0]), float(goal.com[1]), float(goal.com[2]))
     start = StartSpec(com=com, rpy_deg=scene.spec.task.goal.rpy_deg, toes=toes)

@@ -91,9 +91,21 @@ class RoundRows:
             high = np.inf if one.upper is None else one.upper
             self.stage.between(one.name, rows, low, high, one.unit)
 
-    def torques(self, limbs: StandingLimbs, force: Any) -> Any:
-        """J^T f (J, N) of forces (3, N), world frame."""
-        return limbs.torques(self.turn.T @ force)
+    def foot_moments(self, normals: Any, forces: Any) -> Any:
+        """Moments (3, N) about toes of forces (3, N) that act where feet of finite size touch.
+
+        normals: (3, N) of the surfaces. None for point toes.
+        """
+        if not self._stated.footed:
+            return None
+        radius = self.symbols["foot"]
+        columns = range(forces.shape[1])
+        return ca.horzcat(*(-radius * ca.cross(normals[:, i], forces[:, i]) for i in columns))
+
+    def torques(self, limbs: StandingLimbs, force: Any, moment: Any = None) -> Any:
+        """Joint torques (J, N) of forces (3, N) on the toes and moments about them, world frame."""
+        own = None if moment is None else self.turn.T @ moment
+        return limbs.torques(self.turn.T @ force, own)
 
     def torque(self, torque: Any) -> None:
         """Within a share s of the limits."""
@@ -113,13 +125,16 @@ class RoundRows:
         toes = self.turn.T @ (points - self._com)
         return ca.sum1((self.turn.T @ s["normal_old"]) * (toes - free))
 
-    def equilibrium(self, force: Any) -> None:
-        """Forces (3, N) on the toes before the round, world frame, hold body and load."""
+    def equilibrium(self, force: Any, moment: Any = None) -> None:
+        """Forces (3, N) on the toes before the round, and moments, hold body and load; world."""
         load = self.symbols["load"]
         arm = self.symbols["toe_before"] - self._com
         moments = (ca.cross(arm[:, i], force[:, i]) for i in range(force.shape[1]))
         total = load[:3] - ca.vertcat(0, 0, 1) + ca.sum2(force)
-        self.stage.equal("force.equilibrium", ca.vertcat(total, sum(moments, load[3:])))
+        turning = sum(moments, load[3:])
+        if moment is not None:
+            turning += ca.sum2(moment)
+        self.stage.equal("force.equilibrium", ca.vertcat(total, turning))
 
     def toe_steps(self) -> None:
         """Squared."""

@@ -68,13 +68,14 @@ def build_transition(loaded: LoadedTransition) -> TransitionScene:
 def _buried(key: str, stance: Stance, terrain: Terrain, robot: Robot) -> list[SpecMistake]:
     """Toes that a box or obstacle covers: the point just off their surface is inside."""
     found = []
+    size = 0.0 if robot.foot is None else robot.foot.radius
     for limb, name in enumerate(robot.limb_names):
         toe = stance.toes[limb]
         off = toe + 2 * _INSIDE * terrain.surfaces[stance.region[limb]].normal_at(toe)
         found += [
             SpecMistake(f"{key}.toes.{name}", f"{name} is covered by {solid.name!r}: move one")
             for solid in terrain.obstacles
-            if float(solid.face_distance(off)) < 0
+            if float(solid.face_distance(off)) < size - _INSIDE * (size > 0)
         ]
     return found
 
@@ -162,5 +163,5 @@ def _widest_gap(scene: TransitionScene, stance: Stance) -> float | None:
             require_reachable(robot, to_body(stance.com, stance.rpy, toes), "")
         except ReachFailure:
             continue
-        return float(gap)
+        return float(gap) + 2 * robot.standoff
     return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from climbplan.limms.consensus.columns import FASTEST, Columns
-from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, SECONDS, STANDS, Setting
+from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STANDS, Setting
 from climbplan.limms.scene import GRAVITY
 from climbplan.program.linear_rows import LinearRows, Term
 
@@ -49,8 +49,9 @@ def add_box(setting: Setting, table: LinearRows, columns: Columns) -> None:
 
 def _dynamics(setting: Setting, table: LinearRows, c: Columns, k: int) -> None:
     mass = float(setting.scene.box_mass[0])
-    in_air, h_air = (c.box[FREE, k], c.box[LEAPS, k]), SECONDS[FREE]
-    h_held, h_stands = SECONDS[HELD], SECONDS[STANDS]
+    seconds = setting.form.seconds
+    in_air, h_air = (c.box[FREE, k], c.box[LEAPS, k]), seconds[FREE]
+    h_held, h_stands = seconds[HELD], seconds[STANDS]
     for axis in range(3):
         fall = GRAVITY if axis == 2 else 0.0
         air, held, stands = c.in_mode[:, k, axis]

@@ -10,8 +10,7 @@ from dataclasses import replace
 
 from climbplan.errors import Conflict
 from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, Kind, MixedInteger
-from climbplan.limms.consensus.setting import setting_of
-from climbplan.limms.scene import Scene
+from climbplan.limms.consensus.setting import Setting, setting_of
 
 KINDS = {"arms": "arms", "stand": "quadruped that stands", "leap": "quadruped that leaps"}
 TRIAL = 100  # looks of HiGHS in each loosened block
@@ -33,9 +32,7 @@ _BLOCKS = {
 }
 
 
-def conflicts_of(
-    scene: Scene, intervals: int, nearest: dict[Kind, float], deadline: float
-) -> list[Conflict]:
+def conflicts_of(setting: Setting, nearest: dict[Kind, float], deadline: float) -> list[Conflict]:
     """One conflict for each behaviour: how near it comes, and what would let it reach the goal.
 
     deadline: `time.monotonic` [s], after which nothing more is loosened.
@@ -43,7 +40,7 @@ def conflicts_of(
     found = []
     for kind, missed in nearest.items():
         text = f"the box is proved to miss its goal, {missed:.2f} m off in the best plan seen"
-        guilty = _guilty(scene, intervals, kind, deadline)
+        guilty = _guilty(setting, kind, deadline)
         if guilty:
             text += "; it conflicts with the " + " and the ".join(guilty.values())
         names = ("goal.reached", *(name for name in guilty if name != _HORIZON))
@@ -51,7 +48,7 @@ def conflicts_of(
     return found
 
 
-def _guilty(scene: Scene, intervals: int, kind: Kind, deadline: float) -> dict[str, str]:
+def _guilty(setting: Setting, kind: Kind, deadline: float) -> dict[str, str]:
     """What lets the goal be reached once it is loosened, in words, by the names of checks."""
 
     def reaches(block: MixedInteger) -> bool:
@@ -59,6 +56,7 @@ def _guilty(scene: Scene, intervals: int, kind: Kind, deadline: float) -> dict[s
         return block.first(TRIAL, deadline).missed <= NEAR_GOAL
 
     found: dict[str, str] = {}
+    scene, intervals, form = setting.scene, setting.intervals, setting.form
     trials = [
         (name, words, replace(scene, module=scene.module.model_copy(update={key: factor * value})))
         for name, (words, key, factor) in _LOOSER.items()
@@ -72,9 +70,9 @@ def _guilty(scene: Scene, intervals: int, kind: Kind, deadline: float) -> dict[s
         if time.monotonic() > deadline:
             return found
         longer = 2 if name == _HORIZON else 1
-        if reaches(MixedInteger(setting_of(loose, longer * intervals))):
+        if reaches(MixedInteger(setting_of(loose, longer * intervals, form))):
             found[name] = words
-    block = MixedInteger(setting_of(scene, intervals))
+    block = MixedInteger(setting)
     for name in (name for name in block.rows.names.names if name in _BLOCKS):
         if time.monotonic() > deadline:
             return found

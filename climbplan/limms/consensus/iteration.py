@@ -12,7 +12,7 @@ from climbplan.limms.consensus.copies import Copy, Found, Modes
 from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, MixedInteger
 from climbplan.limms.consensus.nonlinear import Nonlinear
 from climbplan.limms.consensus.projection import Projection
-from climbplan.limms.consensus.setting import Setting, chain_points
+from climbplan.limms.consensus.setting import HELD, Setting, chain_points
 from climbplan.limms.scene import Array
 from climbplan.program.residuals import BlockResidual
 
@@ -59,6 +59,7 @@ class Iterate:
     copy: Copy  # of the nonlinear block
     angles: Array
     velocity: Array  # of the box, from the mixed-integer block
+    held_seconds: float  # [s] of an interval in which the box is held
     residual: Residual
     violation: float
     off: BlockResidual | None  # the rows that the mixed-integer block's answer is furthest off
@@ -119,9 +120,9 @@ def agree(
 ) -> Agreement | None:
     """Algorithm 3 from a first answer of the mixed-integer block; None without time for a step.
 
-    The integers are frozen after `freeze_after` iterations, if the block reaches the goal with
-    them: a poor incumbent would be polished far from it. Ends early where the blocks agree to a
-    tenth of what is asked for. deadline: `time.monotonic` [s], a cap.
+    The integers are frozen after `freeze_after` iterations (in the published form never), if the
+    block reaches the goal with them: a poor incumbent would be polished far from it. Ends early
+    where the blocks agree to a tenth of what is asked for. deadline: `time.monotonic` [s], a cap.
     """
     setting = block.setting
     weight, found = parameters.weight, first
@@ -155,6 +156,7 @@ def agree(
             bent.copy,
             bent.angles,
             found.velocity,
+            setting.form.seconds[HELD],
             residual,
             max(bent.violation, bent.penetration),
             found.off,
@@ -167,7 +169,8 @@ def agree(
         # eq. (6.12c), and the dual shrinks as the weights grow
         dual = dual.moved(found.copy, 1.0).moved(bent.copy, -1.0).scaled(1 / parameters.growth)
         weight *= parameters.growth
-        if frozen is None and number + 1 >= parameters.freeze_after and found.missed <= NEAR_GOAL:
+        late = setting.form.follow and number + 1 >= parameters.freeze_after
+        if frozen is None and late and found.missed <= NEAR_GOAL:
             assert found.x is not None
             frozen = Projection(block, found.x)
         target = bent.copy.moved(dual, -1.0)

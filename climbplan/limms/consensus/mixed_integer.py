@@ -197,7 +197,7 @@ class MixedInteger:
         for _ in range(LAPS):
             found = self._reaching(looks, deadline)
             spent += found.seconds
-            if found.x is None or found.missed > NEAR_GOAL:
+            if found.x is None or found.missed > NEAR_GOAL or not self.setting.form.reach:
                 break
             smooth = self._smooth(found.x, deadline)
             spent += smooth.seconds

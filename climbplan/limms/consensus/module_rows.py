@@ -9,7 +9,6 @@ from climbplan.limms.consensus.setting import (
     LEAPS,
     LEVER,
     POINTS,
-    SECONDS,
     Setting,
     start_points,
 )
@@ -80,6 +79,8 @@ def _bent(
 
     outward: direction of the latched link away from its latch, constant while `chosen` is 1.
     """
+    if not setting.form.reach:
+        return
     joint, length = (1, setting.links[1]) if end == 0 else (4, setting.links[2])
     least = float(np.cos(min(setting.scene.module.joint_range[joint], np.pi))) * length
     one, two = (1, 2) if end == 0 else (3, 2)
@@ -204,12 +205,14 @@ def _standing(setting: Setting, table: LinearRows, c: Columns, m: int, k: int, k
 def _speeds(setting: Setting, table: LinearRows, c: Columns, m: int, k: int) -> None:
     """Eq. (6.9); feet stand still; the other points no faster than joints move them."""
     module, big = setting.scene.module, _reach(setting)
-    lasts: list[Term] = list(zip(c.box[:, k], SECONDS, strict=True))
+    lasts: list[Term] = list(zip(c.box[:, k], setting.form.seconds, strict=True))
     fast, slow = LEVER * module.max_joint_speed, _OCTAGON * module.ground_speed
     moved = c.moved[m, k]
     # In a leap everything flies with the box
-    flies = (c.box[LEAPS, k], -(FASTEST - fast) * SECONDS[LEAPS])
-    table.at_most("joint.speed", [(moved, 1), *((column, -fast * h) for column, h in lasts), flies])
+    flies = (c.box[LEAPS, k], -(FASTEST - fast) * setting.form.seconds[LEAPS])
+    if setting.form.reach:
+        most: list[Term] = [(moved, 1.0), *((column, -fast * h) for column, h in lasts), flies]
+        table.at_most("joint.speed", most)
     steps: list[list[Term]] = []
     for point in range(POINTS):
         for axis in range(3):
@@ -241,6 +244,8 @@ def _minus(terms: list[Term]) -> list[Term]:
 
 def _links(setting: Setting, table: LinearRows, c: Columns, m: int, knot: int) -> None:
     """Ends of each link no further apart than it is long: planes round the ball."""
+    if not setting.form.reach:
+        return
     for i, length in enumerate(setting.links):
         ends = c.points[knot, m, i], c.points[knot, m, i + 1]
         apart = [[(ends[1][axis], 1.0), (ends[0][axis], -1.0)] for axis in range(3)]

@@ -24,6 +24,7 @@ HELD_WITHIN = 1e-4  # [m] an answer that is off by more is begun anew
 CLOSE = 0.05  # [m] from targets in the mean: an answer that is further off is begun anew, too
 INSIDE = 1e-3  # [m] by which a link may stick out of its free block and keep it
 ROUNDS = 3
+_ANYWHERE = np.array([[-np.inf] * 3, [np.inf] * 3])  # free blocks are the other block's alone
 
 
 @dataclass(frozen=True)
@@ -155,7 +156,11 @@ class Nonlinear:
     ) -> _Knot:
         setting = self.setting
         planes, _ = planes_at(setting, hands, placed, pose.box)
-        region = region_at(setting, placed, region)
+        blocks = _ANYWHERE
+        if setting.form.follow:
+            region = region_at(setting, placed, region)
+            blocks = setting.free[region]
+        blocks = np.broadcast_to(blocks, (*region.shape, 2, 3))
         for _ in range(ROUNDS):
             solved = self.programs.solve(
                 hands,
@@ -164,7 +169,7 @@ class Nonlinear:
                 target.points,
                 (BOX_WEIGHT, POINT_WEIGHT),
                 planes,
-                setting.free[region],
+                blocks,
                 target.rests,
                 deadline,
             )

@@ -19,8 +19,9 @@ from climbplan.limms.consensus.iteration import Agreement, Parameters, agree
 from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, MixedInteger
 from climbplan.limms.consensus.nonlinear import Nonlinear
 from climbplan.limms.consensus.refinement import action_of, refine
-from climbplan.limms.consensus.setting import setting_of
+from climbplan.limms.consensus.setting import FORMS, setting_of
 from climbplan.limms.consensus.story import consensus_lines, convergence_of
+from climbplan.limms.convergence import Convergence
 from climbplan.limms.direct import search
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_making import Making, make_plan
@@ -32,6 +33,14 @@ from climbplan.spec.limms.loading import LoadedLimms
 
 METHOD = "admm"
 SLICES = (150, 300, 600, 1200, 2400)  # looks of HiGHS in the first block, behaviours in turn
+
+
+class Unrefined(LimitReached):
+    """No choice of modes that was tried led to a plan; says how far the blocks agreed on each."""
+
+    def __init__(self, message: str, convergence: Convergence) -> None:
+        super().__init__(message, stage="motion")
+        self.convergence = convergence
 
 
 @dataclass
@@ -58,7 +67,7 @@ def plan_by_consensus(
     bounds = search(scene)
     if not bounds.actions:
         raise ruled_out(scene, bounds.conflicts)
-    setting = setting_of(scene, solver.admm.intervals)
+    setting = setting_of(scene, solver.admm.intervals, FORMS[solver.admm.form])
     block, nonlinear = MixedInteger(setting), Nonlinear(setting)
     parameters = Parameters(
         solver.admm.iterations, solver.admm.growth, solver.admm.weight, solver.admm.freeze_after
@@ -116,7 +125,7 @@ def first_integers(scene: Scene, block: MixedInteger, run: Run, deadline: float)
         return None
     raise NotProved(
         f"no modes lead to the goal with {block.setting.intervals} intervals",
-        conflicts_of(scene, block.setting.intervals, nearest, deadline),
+        conflicts_of(block.setting, nearest, deadline),
         because=f"{BEHAVIOURS}, in steps of equal length",
         stage="modes",
     )
@@ -137,7 +146,7 @@ def _refusal(run: Run, attempts: Attempts) -> LimitReached:
         f"{1e3 * r.box[0]:.1f} mm (box), {1e3 * r.points[0]:.1f} mm (modules), "
         f"{r.axes[0]:.3f} rad apart in the mean, but the refinement failed"
     )
-    return LimitReached("; ".join([text, *notes]), stage="motion")
+    return Unrefined("; ".join([text, *notes]), convergence_of([a.steps for a in run.agreements]))
 
 
 def _plan(

@@ -1,8 +1,7 @@
 """What both blocks of the consensus know of a scene: intervals, ends of modules, free space.
 
 Interval k lies between knots k and k + 1 and has one mode; what is latched in it is latched at both
-of its knots, so that a module changes hands only where both ends are in place. How long it lasts
-depends on the box's mode: with one second each, as published, a free fall drops ten metres a step.
+of its knots, so that a module changes hands only where both ends are in place.
 """
 
 from __future__ import annotations
@@ -16,10 +15,25 @@ from climbplan.limms.scene import Array, Index, Scene
 from climbplan.spec.limms.module import ModuleSpec
 
 STABLE, FREE, HELD, STANDS, LEAPS = range(5)  # modes of the box in an interval
-SECONDS = (2.0, 0.12, 0.6, 0.3, 0.12)  # [s] of an interval in each
 POINTS = 5  # ends of a module's straight links: points 0, 2, 3, 5 and 7 of its chain
 CHAIN_POINTS = (0, 2, 3, 5, 7)
 LEVER = 0.6  # [m] from a turning joint to what it moves, for speeds of points
+
+
+@dataclass(frozen=True)
+class Form:
+    """What the published consensus and the improved one differ in."""
+
+    seconds: tuple[float, ...]  # [s] of an interval in each mode of the box
+    reach: bool  # lengths of links, joint ranges and joint speeds in the mixed-integer block, too
+    follow: bool  # integers are frozen, free blocks of links follow the other block's poses
+
+
+# With one second each, as published, a free fall drops ten metres a step
+FORMS = {
+    "improved": Form((2.0, 0.12, 0.6, 0.3, 0.12), True, True),
+    "published": Form((1.0, 1.0, 1.0, 1.0, 1.0), False, False),
+}
 
 
 @dataclass(frozen=True)
@@ -32,6 +46,7 @@ class Setting:
     centres: Array  # (C, 2, 3) largest free blocks of the box's centre [m]
     links: Array  # (4,) lengths of the straight links [m]
     wall_end: Index  # (L,) end that latches to the terrain: 1 last; 0 if latched at the start
+    form: Form
 
     @property
     def knots(self) -> int:
@@ -44,7 +59,7 @@ class Setting:
         return 1 - self.wall_end
 
 
-def setting_of(scene: Scene, intervals: int) -> Setting:
+def setting_of(scene: Scene, intervals: int, form: Form = FORMS["improved"]) -> Setting:
     """The setting of a scene."""
     point = replace(scene, box_size=np.zeros((1, 3)), box_start=scene.box_start[:1])
     return Setting(
@@ -54,6 +69,7 @@ def setting_of(scene: Scene, intervals: int) -> Setting:
         centres=centre_blocks(scene),
         links=link_lengths(scene.module),
         wall_end=np.where(scene.held >= 0, 0, 1),
+        form=form,
     )
 
 

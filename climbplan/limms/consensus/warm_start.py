@@ -15,7 +15,7 @@ from climbplan.limms.arms.held import plan_held
 from climbplan.limms.arms.held_branches import HeldTask
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.consensus.iteration import Iterate
-from climbplan.limms.consensus.setting import HELD, SECONDS
+from climbplan.limms.consensus.setting import HELD
 from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.densify import Follow
 from climbplan.limms.modules.chain import BRANCHES
@@ -52,7 +52,7 @@ def carry_on(
         )
         for chain in chains
     ]
-    guess = traces_along(scene, limbs, task, _pieces(task, path))
+    guess = traces_along(scene, limbs, task, _pieces(task, path, best.held_seconds))
     outcome = plan_held(scene, limbs, task, attempts.end, guess)
     name = f"{action.named(scene)}, from the best iterate"
     attempts.count(outcome, name)
@@ -75,8 +75,8 @@ def _with_branch(scene: Scene, limb: Limb, box: Array, angles: Array) -> Limb:
     return replace(limb, branch=min(BRANCHES, key=off))
 
 
-def _pieces(task: HeldTask, path: Array) -> list[Piece]:
-    """The way (n, 3) from knot to knot, cut where it crosses from block to block."""
+def _pieces(task: HeldTask, path: Array, seconds: float) -> list[Piece]:
+    """The way (n, 3) from knot to knot, `seconds` each, cut where it enters other blocks."""
     last = len(path) - 1.0
     fine = np.linspace(0, last, 20 * (len(path) - 1) + 1)
     dense = np.column_stack([np.interp(fine, np.arange(len(path)), path[:, i]) for i in range(3)])
@@ -93,7 +93,7 @@ def _pieces(task: HeldTask, path: Array) -> list[Piece]:
             [np.interp(at, np.arange(len(path)), path[:, i]) for i in range(3)]
         )
         position = np.clip(position, block[0], block[1])
-        duration = max((end - begin) * SECONDS[HELD], 0.2)
+        duration = max((end - begin) * seconds, 0.2)
         velocity = np.gradient(position, duration / KNOTS, axis=0)
         pieces.append(Piece(position, duration, velocity, block))
     return pieces

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.robots.foot import Foot
 from climbplan.robots.gripper import Gripper
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
@@ -64,6 +65,8 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
             stance[index] = place
     if spec.gripper is not None:
         _wrists_have_directions(robot, chain)
+    if spec.foot is not None:
+        _feet_end_limbs(robot, legs, spec.foot.radius)
     chain = _standing(robot, chain, stance, given, lower, upper)
     first = chain.joint_zero[:, 0]
     shapes = []
@@ -108,6 +111,7 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
         limb_radius=LIMB_RADIUS if radius is None else radius,
         mechanism=chain,
         gripper=None if spec.gripper is None else Gripper.from_spec(spec.gripper),
+        foot=None if spec.foot is None else Foot(spec.foot.radius),
         capsules=capsules,
         body_parts=() if spec.body_half_size is not None else parts,
     )
@@ -200,6 +204,23 @@ def _wrists_have_directions(robot: UrdfRobot, chain: SerialChain) -> None:
     ]
     if found:
         raise robot.refused(found)
+
+
+def _feet_end_limbs(robot: UrdfRobot, legs: list[LegAtZero], radius: float) -> None:
+    """Raises SpecError for feet that reach back to the last joint of their leg that turns."""
+    found = []
+    for name, leg in zip(robot.limb_names, legs, strict=True):
+        turns = np.flatnonzero(~np.array(leg.slides))
+        last = int(turns.max(initial=0))
+        away = float(np.linalg.norm(leg.toe - leg.joints[last]))
+        if radius >= away:
+            message = (
+                f"expected less than {away:g} m, the distance of {name}'s toe from its joint "
+                f"{leg.names[last]}, got {radius:g}"
+            )
+            found.append(Finding(("foot", "radius"), message))
+    if found:
+        raise robot.refused(found[:1])
 
 
 def _side(side: str, x: float) -> str:

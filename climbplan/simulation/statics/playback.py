@@ -67,7 +67,8 @@ class Steps:
 def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
     """The steps of a plan, the same for all worlds under these conditions.
 
-    Raises UsageError for robots with grippers, five-bar legs or limbs of fewer than three joints.
+    Raises UsageError for robots with grippers, feet of finite size, five-bar legs or limbs of fewer
+    than three joints.
     """
     robot, moving = plan.robot, plan.trajectory
     zero, unit = _zero(plan), robot.joint_unit
@@ -218,6 +219,8 @@ def _zero(plan: ClimbPlan) -> Array:
         raise UsageError(
             f"{plan.name}: limbs of {robot.name} have fewer than three joints, which {_NOT_KNOWN}"
         )
+    if robot.foot is not None:
+        raise UsageError(f"{plan.name}: {robot.name} has feet of finite size, which {_NOT_KNOWN}")
     if isinstance(robot.mechanism, SerialChain) and robot.mechanism.drive is not None:
         raise UsageError(
             f"{plan.name}: limbs of {robot.name} have joints that mimic others, which {_NOT_KNOWN}"

@@ -10,6 +10,7 @@ from climbplan.climb.plan.spans import spans_of
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.comparison import SLIP
 from climbplan.simulation.replay import planned_tilt
+from climbplan.simulation.rolling import rolled
 from climbplan.simulation.walking.replay import WalkRun
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.task import ANGLES, POSITION, Array, Flags
@@ -73,7 +74,7 @@ def compare_walk(plan: WalkPlan, run: WalkRun) -> WalkComparison:
 
 
 def _slips(plan: WalkPlan, run: WalkRun) -> tuple[WalkSlip, ...]:
-    """Toes that slid by more than SLIP from where they touched down."""
+    """Toes that slid by more than SLIP from where they touched down; spherical feet may roll."""
     out = []
     contact = plan.trajectory.gait.contact[: run.samples]
     for leg in range(plan.task.body.leg_count):
@@ -83,7 +84,13 @@ def _slips(plan: WalkPlan, run: WalkRun) -> tuple[WalkSlip, ...]:
                 continue
             # The sample after an interval with contact is where the toe stood through it.
             stood = np.minimum(first + touched + 1, run.samples - 1)
-            slid = np.linalg.norm(run.toes[stood, leg] - run.toes[stood[0], leg], axis=1)
+            shift = run.toes[stood, leg] - run.toes[stood[0], leg]
+            if run.foot and run.links is not None:
+                ground = plan.task.ground.frame[plan.trajectory.gait.region[first, leg]]
+                every = slice(int(stood[0]), int(stood[-1]) + 1)
+                moved = rolled(run.foot, run.links[every, leg], ground[2])
+                shift = shift - moved[stood - stood[0]]
+            slid = np.linalg.norm(shift, axis=1)
             if slid.max(initial=0.0) > SLIP:
                 when = stood[int(np.argmax(slid > SLIP))]
                 out.append(WalkSlip(leg, float(run.time[when]), float(slid.max())))

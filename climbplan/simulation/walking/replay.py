@@ -52,6 +52,8 @@ class WalkRun:
     correction: Array  # (S, L, 3) of the planned force, mean likewise [N]
     overreach: Array  # (S,) furthest that a standing toe is out of its workspace box [m]
     fallen: bool
+    links: Array | None  # (S, L, 3, 3) of toes' links to the world; None: of bodies without any
+    foot: float  # radius of spherical feet, zero of point toes [m]
 
     @property
     def samples(self) -> int:
@@ -136,6 +138,8 @@ class _Walker:
             feedback=self.feedback,
             time=reference.time[: len(rows)],
             fallen=fell,
+            links=None,
+            foot=0.0,
             **stacked,
         )
 

@@ -92,6 +92,8 @@ class _Player:
         self.plan, self.conditions, self.legs = plan, conditions, plan.task.legs
         robot: WholeRobot = whole_robot(plan, conditions)
         self.centre, self.mass = robot.centre, robot.mass
+        foot = robot.found.robot.spec.foot
+        self.foot = 0.0 if foot is None else foot.radius
         known = robot if conditions.payload == 0 else whole_robot(plan, NOMINAL)
         make = self.mujoco.MjModel.from_xml_string
         self.model = make(whole_model(plan, robot, conditions))
@@ -151,6 +153,7 @@ class _Player:
             feedback=True,
             time=time[: len(rows)],
             fallen=fell,
+            foot=self.foot,
             unanswered=self.unanswered,
             pushes=self.pushes,
             ticks=self.ticks,
@@ -299,6 +302,7 @@ class _Player:
             "rotation": rotation,
             "velocity": data.qvel[:3] + np.cross(rotation @ data.qvel[3:6], arm),
             "toes": data.site_xpos[self.sites].copy(),
+            "links": data.site_xmat[self.sites].reshape(-1, 3, 3).copy(),
         }
 
 

@@ -72,7 +72,13 @@ def whole_robot(plan: WalkPlan, conditions: Conditions) -> WholeRobot:
 
 def whole_model(plan: WalkPlan, robot: WholeRobot, conditions: Conditions) -> str:
     """The model of a walk by the whole robot; toes are centres of spheres on lowered ground."""
-    return world_of(plan, ground_of(plan, conditions, TOE_RADIUS), robot.mjcf, robot.ties)
+    lower = sphere_radius(robot.found.robot)
+    return world_of(plan, ground_of(plan, conditions, lower), robot.mjcf, robot.ties)
+
+
+def sphere_radius(robot: UrdfRobot) -> float:
+    """Radius of the spheres about the toes [m]: of its feet, where it has spherical ones."""
+    return TOE_RADIUS if robot.spec.foot is None else robot.spec.foot.radius
 
 
 def ties_of(legs: WalkingLegs) -> str:
@@ -187,7 +193,7 @@ class _Tree:
         point = np.array(place.translation) + np.array(place.rotation) @ np.array(spec.toe_offset)
         return (
             f'{self._drawn(point)}<geom name="toe{leg}" type="sphere" pos="{numbers(point)}"'
-            f' size="{TOE_RADIUS}" mass="0" material="toe" friction="0 0 0"'
+            f' size="{sphere_radius(self.found.robot)}" mass="0" material="toe" friction="0 0 0"'
             f' contype="{TOE}" conaffinity="0"/><site name="toe{leg}" pos="{numbers(point)}"/>'
         )
 

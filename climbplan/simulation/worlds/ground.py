@@ -42,16 +42,17 @@ def material(terrain: Terrain, radius: float) -> Array:
     """(G, F, 4) rows of A and b of solids {A x <= b}: slabs of flat surfaces, then obstacles.
 
     They are as the middles of toes of a radius [m] meet them: larger by it, but for the front of a
-    slab, which lies so much behind where toes are planned to stand. Solids of fewer faces are
-    padded with rows 0 x <= 1.
+    slab, which lies so much behind where toes are planned to stand, unless these stand off it.
+    Solids of fewer faces are padded with rows 0 x <= 1.
     """
-    slabs = [s.slab() for s in terrain.surfaces if isinstance(s, Region)]
+    flat = [s for s in terrain.surfaces if isinstance(s, Region)]
+    slabs = [s.slab() for s in flat]
     solids = [*slabs, *terrain.obstacles]
     rows = np.zeros((len(solids), max((len(s.b) for s in solids), default=1), 4))
     rows[:, :, 3] = 1.0
     for g, solid in enumerate(solids):
         rows[g, : len(solid.b), :3], rows[g, : len(solid.b), 3] = solid.A, solid.b + radius
-    rows[: len(slabs), 0, 3] -= radius
+    rows[: len(slabs), 0, 3] -= [0.0 if s.standoff else radius for s in flat]
     return rows
 
 
@@ -109,6 +110,6 @@ def _is_face(surface: Surface, solid: Solid) -> bool:
     """Whether a flat surface covers part of a face of a solid."""
     if not isinstance(surface, Region):
         return False
-    distance = surface.vertices @ solid.A.T - solid.b
+    distance = surface.material @ solid.A.T - solid.b
     on = np.abs(distance).max(axis=0) < 1e-6
     return bool((distance < 1e-6).all() and (on & (solid.A @ surface.normal > 0)).any())

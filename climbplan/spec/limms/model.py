@@ -136,6 +136,12 @@ class DeliverySpec(SpecModel):
 class ConsensusSpec(SpecModel):
     """Method `admm`: the published consensus of a mixed-integer and a nonlinear block."""
 
+    form: Literal["improved", "published"] = Field(
+        default="improved",
+        description="`improved`: intervals as long as the box's mode asks for, reach in the "
+        "mixed-integer block, frozen integers; `published`: one second each, reach in the "
+        "nonlinear block alone, integers free in every iteration",
+    )
     intervals: Count = quantity("", "intervals of the horizon", default=8, ge=3, le=30)
     iterations: Count = quantity("", "iterations at most", default=15, ge=1, le=100)
     growth: Number = quantity(

@@ -17,9 +17,10 @@ from climbplan.bench.zoo.second.stances import Limbs, Stance, Surface, anywhere,
 from climbplan.bench.zoo.second.statics import Load, least_load
 from climbplan.errors import SpecError, UsageError
 from climbplan.robots.urdf.pinocchio_model import urdf_model
+from climbplan.robots.urdf.proposal.braces import SAFETY, WALLS
 from climbplan.robots.urdf.proposal.motors import motors_of
 from climbplan.robots.urdf.proposal.proposing import FoundLegs, legs_of, propose
-from climbplan.robots.urdf.proposal.settled import FLOOR, GRAVITY, SAFETY, WALLS
+from climbplan.robots.urdf.proposal.settled import FLOOR, GRAVITY
 from climbplan.robots.urdf.proposal.touching import Parts, parts_of
 
 COUNT = 150  # postures drawn anywhere that have their toes on surfaces, and are free of all else

@@ -8,7 +8,7 @@ about their commands, settle where their energy is least.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -87,6 +87,14 @@ def slide_directions(chain: SerialChain) -> Array:
     return np.zeros_like(chain.axis_zero) if chain.slide_zero is None else chain.slide_zero
 
 
+def turned_back(chain: SerialChain, angles: Array, vectors: Array) -> Array:
+    """Vectors (..., N, 3) of last links at angles (..., N, J), turned with them to zero angles."""
+    moved = joint_motions(chain, angles)
+    for j in range(moved.shape[-1]):
+        vectors = _turned(vectors, chain.axis_zero[:, j], -moved[..., j])
+    return vectors
+
+
 @dataclass(frozen=True)
 class SettledChains:
     """Chains whose toes are held."""
@@ -96,9 +104,16 @@ class SettledChains:
 
 
 def settled_chains(
-    chain: SerialChain, toes: Array, alike: Array, command: Array, spring: Array
+    chain: SerialChain,
+    toes: Array,
+    alike: Array,
+    command: Array,
+    spring: Array,
+    arm: Array | None = None,
 ) -> SettledChains:
     """Angles near `alike` (..., N, J) with toes at (..., N, 3), body frame, and least energy.
+
+    arm: (..., N, 3) from toes to where forces act on feet of finite size; none: on the toes.
 
     spring: (N, J) of joints about `command` (..., N, J). Newton's method on k (q - command) = J^T f
     and toe(q) = x for angles q and toe forces f; the energy counts where a limb has a choice.
@@ -107,14 +122,15 @@ def settled_chains(
     q = alike.copy()
     limbs = chains_at(chain, q)
     jacobian = limbs.jacobian()
+    pressed_at = _pressed_at(limbs, arm)
     give = jacobian / spring[:, None, :] @ np.swapaxes(jacobian, -1, -2) + _SLIGHT * np.eye(3)
     pressed = np.linalg.solve(give, (jacobian @ (q - command)[..., None]))
     force = np.asarray(pressed[..., 0], np.float64)
     matrix = np.zeros((*shape[:-1], count + 3, count + 3))
     matrix[..., count:, count:] = _SLIGHT * np.eye(3)
     for _ in range(_ITERATIONS):
-        transposed = np.swapaxes(jacobian, -1, -2)
-        matrix[..., :count, :count] = spring[:, None, :] * np.eye(count) - limbs.bending(force)
+        transposed = np.swapaxes(pressed_at.jacobian(), -1, -2)
+        matrix[..., :count, :count] = spring[:, None, :] * np.eye(count) - pressed_at.bending(force)
         matrix[..., :count, count:] = -transposed
         matrix[..., count:, :count] = jacobian
         pull = (transposed @ force[..., None])[..., 0] - spring * (q - command)
@@ -126,9 +142,15 @@ def settled_chains(
         force = force + step[..., count:]
         limbs = chains_at(chain, q)
         jacobian = limbs.jacobian()
+        pressed_at = _pressed_at(limbs, arm)
         if not (most > _STILL).any():
             break
     return SettledChains(q, np.linalg.norm(toes - limbs.toe, axis=-1))
+
+
+def _pressed_at(limbs: ChainLimbs, arm: Array | None) -> ChainLimbs:
+    """Limbs with the points at which forces act in place of their toes."""
+    return limbs if arm is None else replace(limbs, toe=limbs.toe + arm)
 
 
 def turned_about(points: Array, about: Array, axis: Array, angle: Array) -> Array:

@@ -117,18 +117,25 @@ class StandingLimbs:
 
 
 def standing_limbs(
-    robot: Robot, com: Array, axes: Array, toes: Array, alike: Array, command: Array
+    robot: Robot,
+    com: Array,
+    axes: Array,
+    toes: Array,
+    alike: Array,
+    command: Array,
+    arm: Array | None = None,
 ) -> StandingLimbs:
     """Limbs that reach for toes (..., N, 3), bent to the same side as by angles alike (..., N, J).
 
     Angles are those within half a turn of `alike`. The knee is where the circles of femur and tibia
     meet in the limb's plane. A chain of more than three joints
-    settles as springs about their commands (..., N, J) do.
+    settles as springs about their commands (..., N, J) do, with forces that act on the toes or, on
+    feet of finite size, at arm (..., N, 3) from them.
     """
     if isinstance(robot.mechanism, FiveBar):
         return _standing_five_bars(robot.mechanism, com, axes, toes, alike)
     if robot.mechanism is not None:
-        return _standing_chains(robot, com, axes, toes, alike, command)
+        return _standing_chains(robot, com, axes, toes, alike, command, arm)
     model = limbs_at(robot, com, axes, alike)
     shoulder = placed(com, axes, robot.shoulder_body)
     up = axes[..., 2:3, :]
@@ -214,13 +221,21 @@ def _chains_at(chain: SerialChain, com: Array, axes: Array, angles: Array) -> Li
 
 
 def _standing_chains(
-    robot: Robot, com: Array, axes: Array, toes: Array, alike: Array, command: Array
+    robot: Robot,
+    com: Array,
+    axes: Array,
+    toes: Array,
+    alike: Array,
+    command: Array,
+    arm: Array | None,
 ) -> StandingLimbs:
     """Chains that reach for toes (..., N, 3), joints as springs about their commands."""
     chain = chain_of(robot)
     local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
-    settled = settled_chains(chain, local, alike, command, spring)
+    if arm is not None:
+        arm = np.einsum("...ij,...nj->...ni", axes, arm)
+    settled = settled_chains(chain, local, alike, command, spring, arm)
     points = _chains_at(chain, com, axes, settled.angles).points
     return StandingLimbs(points, settled.angles, settled.missing)
 

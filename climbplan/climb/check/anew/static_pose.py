@@ -36,7 +36,7 @@ class Braced:
     """Robots held by K sets of toes."""
 
     robot: Robot
-    toes: Array  # (K, N, 3) [m]
+    toes: Array  # (K, N, 3) that the terrain holds: where feet of finite size touch [m]
     contact: Mask  # (K, N)
     command: Array  # (K, N, J) [rad]
     alike: Array  # (K, N, J) joint angles that tell which way the limbs bend [rad]

@@ -65,6 +65,7 @@ def robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
     use = f"at most {100 * p.posture.use:.0f} % of a torque limit on three legs"
     lines += [
         *_links(robot),
+        *_feet(robot),
         f"# workspace: {{stance_radius: {robot.stance_radius:g}}}  # [m] sampled about the stance",
         "",
         f"# Legs in leg order. Standing: body {stands:.3f} m above its toes, with most room about",
@@ -79,6 +80,16 @@ def robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
             lines.append(f"    toe_offset: {json.dumps(list(toe.offset))}  # [m] in its frame")
         lines.append(f"    posture_deg: {mapping(own['posture_deg'])}")
     return "\n".join(lines) + "\n"
+
+
+def _feet(robot: Robot) -> list[str]:
+    """Feet of finite size."""
+    if robot.foot is None:
+        return []
+    return [
+        "# Spherical feet, by the collision geometry of their links: toes are their centres.",
+        f"foot: {{radius: {robot.foot.radius:g}}}  # [m]",
+    ]
 
 
 def _links(robot: Robot) -> list[str]:

@@ -27,6 +27,7 @@ class Draft:
     forward: str = "x"
     up: str = "z"
     packages: dict[str, str] = field(default_factory=dict)
+    foot: float = 0.0  # radius of spherical feet [m]; 0: points
 
     def robot(self, meshes: bool = False) -> UrdfRobot:
         """The robot of the section; without meshes none is looked for.
@@ -44,6 +45,8 @@ class Draft:
             "locked": self.locked,
             "packages": self.packages,
         }
+        if self.foot:
+            section["foot"] = {"radius": self.foot}
         if not meshes:
             section |= {"limb_radius": 0.02, "body_half_size": [0.1, 0.1, 0.1]}
         document = Document(self.urdf.name, "", section)

@@ -15,7 +15,7 @@ from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.limbs import FoundLimb, alike, body_link, legs_among, limbs_of
 from climbplan.robots.urdf.proposal.naming import Named, named
 from climbplan.robots.urdf.proposal.settled import Proposal, Settled, settled
-from climbplan.robots.urdf.proposal.toes import Toe, toe_of
+from climbplan.robots.urdf.proposal.toes import Toe, spherical, toe_of
 from climbplan.robots.urdf.shapes import Shape
 from climbplan.spec.robots.urdf.model import FEWEST_LEGS
 from climbplan.spec.robots.urdf.tree import UrdfTree, read_urdf
@@ -114,7 +114,11 @@ def legs_of(
     out = {joint.name for i in legs for joint in limbs[i].locked}
     draft.locked = {n: angle for n, angle in draft.locked.items() if n in ways or n in out}
     shapes, unread = draft.shapes()
-    return FoundLegs(draft, tree, tuple(toes[i] for i in legs), names, shapes, unread)
+    own = [toes[i] for i in legs]
+    own, draft.foot = spherical(draft.model(), names.names, own, shapes)
+    for name, toe in zip(names.names, own, strict=True):
+        draft.legs[name]["toe_offset"] = list(toe.offset)
+    return FoundLegs(draft, tree, tuple(own), names, shapes, unread)
 
 
 def read_tree(urdf: Path) -> UrdfTree:

@@ -26,7 +26,7 @@ from climbplan.robots.urdf.proposal.quality import quality_of
 
 _LOOKED = 16  # postures looked at again, those with most torque left
 _BEGUN = 3  # of which postures are drawn about
-_DRAWN = 24  # about each
+_DRAWN = 32  # about each
 _SPREADS = (0.06, 0.015)  # of reach, from the first to the last
 _STEP = 0.06  # [m] of room that is enough
 _HOPELESS = 1.4  # times the torque limits, from which on nothing nearby is looked for
@@ -36,8 +36,10 @@ Clear = Callable[[Array, Posture], bool]  # points of links (N, P, 3) of a postu
 
 def refined(
     legs: Legs, tried: list[Posture], mu: float, most: float, clear: Clear
-) -> list[Posture]:
+) -> tuple[list[Posture], float]:
     """Postures that hold with any one limb lifted, by exact kinematics; best first.
+
+    And the least share of the torque limits that one needs, infinite without any.
 
     tried: with the share and shift of the first look; mu: friction that may be used; most: [m]
     that the body may shift; clear: of what stands about the robot.
@@ -48,7 +50,8 @@ def refined(
     rng = np.random.default_rng(0)
     begun = [one for one in found[:_BEGUN] if one.use < _HOPELESS]
     found += [own.moved(one, rng) for one in begun]
-    return sorted((one for one in found if one.use < 1), key=_worth, reverse=True)
+    least = min((one.use for one in found), default=np.inf)
+    return sorted((one for one in found if one.use < 1), key=_worth, reverse=True), least
 
 
 def _worth(posture: Posture) -> float:

@@ -11,10 +11,17 @@ import numpy as np
 from climbplan.errors import UsageError
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
-from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.building import by_leg, chain_at_zero, joint_angles_of, robot_of_urdf
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
+from climbplan.robots.urdf.proposal.braces import (
+    CLEARANCE,
+    IN_HAND,
+    SAFETY,
+    braces_of,
+    farthest,
+    lacking,
+)
 from climbplan.robots.urdf.proposal.corridor import corridor_postures
 from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.holding import Lack
@@ -23,28 +30,19 @@ from climbplan.robots.urdf.proposal.leaning import leaning_postures
 from climbplan.robots.urdf.proposal.motors import Motors, motors_of
 from climbplan.robots.urdf.proposal.naming import Named, mirrored
 from climbplan.robots.urdf.proposal.postures import (
-    SHIFTED,
     Legs,
     Posture,
-    bracing_postures,
     standing_postures,
 )
-from climbplan.robots.urdf.proposal.refining import refined
 from climbplan.robots.urdf.proposal.toes import Toe
 from climbplan.robots.urdf.proposal.touching import Parts, parts_of
 from climbplan.robots.urdf.shapes import Shape, body_box
-from climbplan.robots.urdf.workspace import common_reach, farthest_toes, stance_balls
+from climbplan.robots.urdf.workspace import common_reach, stance_balls
 from climbplan.spec.robots.urdf.tree import UrdfTree
 
 GRAVITY = 9.81  # [m/s^2]
-CLEARANCE = 0.02  # [m] of body and knees from walls
-SAFETY = 1.2  # S_mu
-WALLS = {1.0: "rubber on anti-slip tape", 1.5: "climbing rubber on grit; it may not brace on less"}
-_IN_HAND = 0.95  # of the friction that may be used
 SHARE = 0.1  # of compliance in the structure
 _TRIED = 24  # postures whose room is measured with exact kinematics
-_BRACES = 16  # postures between walls that are kept, for the planner to choose from
-_DOUBTED = 0.5  # of the torque limits, from which on postures between walls are looked at again
 _LONGEST = 0.97  # share of reach that `farthest_toes` gives
 _STRONG = 100.0  # times the torque limits, to see what is missing
 FLOOR = 0.8  # friction: rubber on a floor
@@ -113,7 +111,11 @@ class Settled:
             x, y, z = (round(float(value), 3) for value in np.ptp(self.inner, axis=0) / 2)
             half = (x, y, z)
         robot = _planned_with(draft, half, self.shapes)
-        braces, lacks = self._braces(robot)
+
+        def apart(brace: Posture) -> bool:
+            return not _touching(self.parts, self.at_zero, brace)
+
+        braces, lacks = braces_of(robot, self.mirror, apart)
         assumed = []
         if self.unread:
             assumed.append(f"collision geometry is not read: {self.unread}")
@@ -127,46 +129,12 @@ class Settled:
             assumed.append(
                 f"forward is the base's {draft.forward} axis, along which legs are spread"
             )
-        buried = _buried(self.toes, self.at_zero, self.shapes)
+        buried = _buried(self.toes, self.at_zero, self.shapes, draft.foot)
         odd = (*self.motors.odd, *_masses(self.tree), *buried)
         return Proposal(
             robot.name, draft, self.tree, self.toes, self.named, self.motors, self, standing,
             posture, braces, lacks, robot, box, half, odd, tuple(assumed),
         )  # fmt: skip
-
-    def _braces(self, robot: Robot) -> tuple[tuple[Posture, ...], str]:
-        """Postures between walls in which no parts touch, and what is lacking on the roughest."""
-        if not isinstance(robot.mechanism, SerialChain):
-            raise TypeError("a robot from a URDF has chains")
-        chain, low, high = robot.mechanism, robot.joint_lower, robot.joint_upper
-        box = robot.body_hull.min(axis=0), robot.body_hull.max(axis=0)
-        reach = _farthest(chain, low, high)
-        legs = Legs(chain, low, high, robot.max_torque, reach, robot.weight, self.mirror, box)
-
-        def apart(posture: Posture) -> bool:
-            return not _touching(self.parts, self.at_zero, posture)
-
-        def clear(points: Array, posture: Posture) -> bool:
-            out = np.abs(points[:, :-1, 0]).max() >= posture.gap / 2 - CLEARANCE
-            return not out and apart(posture)
-
-        out: list[Posture] = []
-        lacks, held = "", 0
-        for mu in WALLS:
-            usable = _IN_HAND * mu / SAFETY
-            found, lack = bracing_postures(legs, chain.posture, CLEARANCE, usable)
-            held += len(found)
-            lacks = f", on walls of friction {mu:g}{_lacking(legs, lack)}"
-            if lack.share > _DOUBTED:
-                most = SHIFTED[-1] * float(reach.min())
-                found = refined(legs, [b for b in found if apart(b)], usable, most, clear)
-            found = [one for one in found[:_BRACES] if apart(one)]
-            out += [replace(brace, friction=mu) for brace in found]
-        if held and not out:
-            lacks = (
-                f": of {held} that a first look takes to hold, parts touch or motors lack torque"
-            )
-        return tuple(out), lacks
 
 
 def settled(
@@ -196,7 +164,7 @@ def settled(
     )
     joints = [tuple(tree.joints[j] for j in leg.names) for leg in at_zero]
     chain = chain_at_zero(at_zero, width, np.zeros(3), rest)
-    reach = _farthest(chain, lower, upper)
+    reach = farthest(chain, lower, upper)
     motors = motors_of(joints, reach, mass * GRAVITY)
     draft = replace(draft, joints=_stated(motors))
     bounds = {
@@ -233,7 +201,7 @@ def settled(
 
     lack = Lack()
     standings = _roomiest(legs, fine(standing_postures(legs, _TRIED)))
-    usable = _IN_HAND * FLOOR / SAFETY
+    usable = IN_HAND * FLOOR / SAFETY
     if not standings:
         standings = _roomiest(legs, fine(leaning_postures(legs, center, _TRIED, usable)))
     if not standings and walls and any(names.arms):
@@ -245,7 +213,7 @@ def settled(
         strong = replace(legs, torque=_STRONG * legs.torque)
         lacks = f"; on level ground{_too_weak(legs, fine(standing_postures(strong, _TRIED)))}"
         if any(names.arms):
-            lacks += f"; standing on its feet with its hands on walls{_lacking(legs, lack)}"
+            lacks += f"; standing on its feet with its hands on walls{lacking(legs, lack)}"
         raise UsageError(
             f"{tree.path}: found no posture in which it stands with {', '.join(names.names)} "
             f"(toes {', '.join(toe.link for toe in toes)}): `climbplan new robot --example "
@@ -269,12 +237,6 @@ def _by_joint(legs: Sequence[LegAtZero], angles: Array) -> dict[str, float]:
 def _touching(parts: Parts | None, legs: Sequence[LegAtZero], posture: Posture) -> bool:
     """Whether parts of the robot touch in a posture; not, where there is no collision geometry."""
     return parts is not None and bool(parts.touching(_by_joint(legs, posture.angles)))
-
-
-def _farthest(chain: SerialChain, lower: Array, upper: Array) -> Array:
-    """(N,) farthest toe of sampled postures from the first joint [m]."""
-    low, high = np.clip(lower, -np.pi, np.pi), np.clip(upper, -np.pi, np.pi)
-    return farthest_toes(chain, low, high) / _LONGEST
 
 
 def _stated(motors: Motors) -> dict[str, dict[str, float]]:
@@ -333,20 +295,6 @@ def _too_weak(legs: Legs, found: list[Posture]) -> str:
     )
 
 
-def _lacking(legs: Legs, lack: Lack) -> str:
-    """What motors lack to hold the robot with any one limb lifted."""
-    if np.isnan(lack.share):
-        return " no posture is in reach, clear of the body"
-    if np.isinf(lack.share):
-        return " no posture in reach holds its weight within the friction cones"
-    name = legs.chain.names[lack.limb][lack.joint]
-    has = float(legs.torque[lack.limb, lack.joint])
-    return (
-        f" the motors need {lack.share:.2g} times their torque limits with any one limb lifted: "
-        f"{name} {lack.torque:.3g} N m, and has {has:.3g} N m"
-    )
-
-
 def _masses(tree: UrdfTree) -> list[str]:
     """Links that joints move and that weigh nothing, with all that is fixed to them."""
     mass = tree.moving_mass
@@ -357,19 +305,21 @@ def _masses(tree: UrdfTree) -> list[str]:
     return [f"{len(empty)} of {len(mass)} moving links have no mass: {shown}"]
 
 
-def _buried(toes: Sequence[Toe], legs: Sequence[LegAtZero], shapes: list[Shape]) -> list[str]:
-    """Toes that lie inside the collision geometry of their own last link, by how much."""
+def _buried(
+    toes: Sequence[Toe], legs: Sequence[LegAtZero], shapes: list[Shape], foot: float
+) -> list[str]:
+    """Toes deeper inside the collision geometry of their last link than feet are thick [m]."""
     depth: dict[str, float] = {}
     for toe, leg in zip(toes, legs, strict=True):
         own = [shape for shape in shapes if shape.joint == leg.names[-1]]
-        deepest = 0.0
+        deepest = foot
         for shape in own:
             along = leg.toe - leg.joints[-1]
             length = float(np.linalg.norm(along))
             if length > 0:
                 beyond = (shape.points - leg.toe) @ (along / length) + shape.radius
                 deepest = max(deepest, float(beyond.max()))
-        if deepest > 1e-3:
+        if deepest > foot + 1e-3:
             depth[toe.link] = 1e3 * deepest
     if not depth:
         return []

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.robots.urdf.proposal.braces import SAFETY, WALLS
 from climbplan.robots.urdf.proposal.postures import Posture
-from climbplan.robots.urdf.proposal.settled import FLOOR, SAFETY, WALLS, Proposal
+from climbplan.robots.urdf.proposal.settled import FLOOR, Proposal
 from climbplan.robots.urdf.proposal.yaml_words import scalar, vector
 
 _STEP = 0.35  # of the ball about its stance, that a toe steps in a round on ground
@@ -81,7 +82,7 @@ robot: {scalar(robot_file)}
 
 terrain:
   friction: {brace.friction:g}  # ASSUMED: {WALLS[brace.friction]}
-  walls: {{gap: {brace.gap:.4f}, along: {extent}, up: {extent}}}
+  walls: {{gap: {_apart(proposal, brace.gap):.4f}, along: {extent}, up: {extent}}}
 
 task:
   rounds: {_ROUNDS}
@@ -156,7 +157,8 @@ def wall_document(proposal: Proposal, robot_file: str, brace: Posture) -> str:
     """From standing on the ground to bracing between walls, in one of its bracing postures."""
     robot = proposal.robot
     height, away, shift = _stands(proposal)
-    up = max(height, _ABOVE_GROUND - float(brace.toes[:, 2].min()))
+    lowest = float(brace.toes[:, 2].min()) - robot.standoff
+    up = max(height, _ABOVE_GROUND - lowest)
     far = _FAR + away
     stance = "\n".join(
         f"    {scalar(name)}: {vector(toe)}"
@@ -164,7 +166,8 @@ def wall_document(proposal: Proposal, robot_file: str, brace: Posture) -> str:
     )
     shift = max(shift, 2 * brace.shift)
     lift = min(_LIFT * min(robot.stance_radius, 2 * brace.room), 0.05)
-    rounds, half = robot.limb_count, brace.gap / 2
+    rounds, gap = robot.limb_count, _apart(proposal, brace.gap)
+    half = gap / 2
     torque = min(_WALL_TORQUE, max(1.0, _OF_BRACE / max(brace.use, 1e-3)))
     return f"""# {robot.name} goes from the ground to two walls, in {rounds} rounds.
 #
@@ -175,12 +178,12 @@ robot: {scalar(robot_file)}
 
 terrain:
   friction: {brace.friction:g}  # ASSUMED: {WALLS[brace.friction]}
-  walls: {{gap: {brace.gap:.4f}, along: [-{far:.1f}, {far:.1f}], up: [0, {far:.1f}]}}
+  walls: {{gap: {gap:.4f}, along: [-{far:.1f}, {far:.1f}], up: [0, {far:.1f}]}}
   ground: {{across: [-{half:.4f}, {half:.4f}], along: [-{far:.1f}, {far:.1f}]}}
 
 task:
   rounds: {rounds}
-{_start(proposal, brace.gap)}
+{_start(proposal, gap)}
   goal: {{com: [0, 0, {up:.4f}]}}
   stance:  # [m] toes against the walls, body frame
 {stance}
@@ -195,12 +198,17 @@ seed: 0
 """
 
 
+def _apart(proposal: Proposal, toes: float) -> float:
+    """How far walls are apart whose toes are so far apart [m]."""
+    return toes + 2 * proposal.robot.standoff
+
+
 def _stands(proposal: Proposal) -> tuple[float, float, float]:
     """Height of the body [m], of its farthest toe on the level, and how far it may shift."""
     stance = proposal.robot.stance_body
     away = float(np.linalg.norm(stance[:, :2], axis=1).max())
     shift = 2 * proposal.posture.shift if proposal.posture.gap else _SHIFT * away
-    return float(-stance[:, 2].min()), away, shift
+    return float(-stance[:, 2].min()) + proposal.robot.standoff, away, shift
 
 
 def _start(proposal: Proposal, gap: float = 0.0) -> str:
@@ -213,7 +221,7 @@ def _start(proposal: Proposal, gap: float = 0.0) -> str:
     toes = robot.stance_body.copy()
     arms = np.array(proposal.named.arms) & (posture.gap > 0)
     toes[:, 2] = np.where(arms, toes[:, 2] + height, 0.0)
-    toes[arms, 0] = np.sign(toes[arms, 0]) * round(gap or posture.gap, 4) / 2
+    toes[arms, 0] = np.sign(toes[arms, 0]) * round(gap or _apart(proposal, posture.gap), 4) / 2
     listed = "\n".join(
         f"      {scalar(name)}: {vector(toe, 5 if arm else 4)}"
         for name, toe, arm in zip(robot.limb_names, toes, arms, strict=True)
@@ -224,11 +232,11 @@ def _start(proposal: Proposal, gap: float = 0.0) -> str:
 def _floor(proposal: Proposal, far: float) -> str:
     """Ground, and walls for the hands of a robot that stands between them."""
     gap = proposal.posture.gap
-    across = f"{gap / 2:.4f}" if gap else f"{far:.1f}"
+    across = f"{_apart(proposal, gap) / 2:.4f}" if gap else f"{far:.1f}"
     ground = f"  ground: {{across: [-{across}, {across}], along: [-{far:.1f}, {far:.1f}]}}"
     return f"{ground}\n{_walls(proposal, far)}" if gap else ground
 
 
 def _walls(proposal: Proposal, far: float) -> str:
-    gap = proposal.posture.gap
+    gap = _apart(proposal, proposal.posture.gap)
     return f"  walls: {{gap: {gap:.4f}, along: [-{far:.1f}, {far:.1f}], up: [0, {far:.1f}]}}"

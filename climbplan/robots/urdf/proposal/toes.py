@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +16,8 @@ from climbplan.robots.urdf.shapes import Shape
 _FEET = re.compile(r"foot|feet|toe|sole|tip|contact", re.IGNORECASE)
 _OFF_JOINT = 0.01  # [m] a frame this close to the joint is no toe
 _FAR = 0.6  # of the farthest collision geometry, that a frame has to be away to be a toe
+_ROUND_TOE = 1.05  # radii of a sphere within which a toe belongs to it
+_SAME = 1e-4  # [m]
 _ENDS = 0.03  # of the distance, within which points of a shape count as its end
 
 
@@ -59,6 +63,55 @@ def toe_of(found: UrdfModel, joint: str, end: str, shapes: list[Shape]) -> Toe:
     offset = place.rotation.T @ (point - place.translation)
     x, y, z = (round(float(value), 4) for value in offset)
     return Toe(end, (x, y, z), "the end of its last body's collision geometry")
+
+
+def spherical(
+    found: UrdfModel, names: Sequence[str], toes: list[Toe], shapes: list[Shape]
+) -> tuple[list[Toe], float]:
+    """Toes in the centres of spherical feet, and the radius of these [m]; as they are, 0 for none.
+
+    A foot is a sphere of the last body's collision geometry round the toe, or that touches it, with
+    nothing of that body beyond. All legs (names) have to have one, of the same size.
+    """
+    centred, radii = [], []
+    for name, toe in zip(names, toes, strict=True):
+        leg = found.leg(name)
+        own = [shape for shape in shapes if shape.joint == leg.names[-1]]
+        balls = [
+            s
+            for s in own
+            if len(s.points) == 1 and np.linalg.norm(s.points[0] - leg.toe) <= _ROUND_TOE * s.radius
+        ]
+        if not balls:
+            return toes, 0.0
+        foot = max(balls, key=lambda shape: shape.radius)
+        along = foot.points[0] - leg.joints[-1]
+        length = float(np.linalg.norm(along))
+        if not foot.radius < length:
+            return toes, 0.0
+        ahead = [float((s.points @ along).max()) / length + s.radius for s in own]
+        if max(ahead) > float(foot.points[0] @ along) / length + foot.radius + _SAME:
+            return toes, 0.0
+        if np.linalg.norm(foot.points[0] - leg.toe) > _SAME:
+            place = _frame_of(found, toe.link)
+            point = foot.points[0] @ found.turn + found.origin
+            offset = place.rotation.T @ (point - place.translation)
+            x, y, z = (round(float(value), 4) for value in offset)
+            toe = replace(toe, offset=(x, y, z), why=f"{toe.why}; the centre of its sphere")
+        centred.append(toe)
+        radii.append(foot.radius)
+    if max(radii) - min(radii) > _SAME:
+        return toes, 0.0
+    return centred, round(float(np.mean(radii)), 4)
+
+
+def _frame_of(found: UrdfModel, link: str) -> Any:
+    """Where a link is at zero angles, in the root's frame."""
+    pin, model = found.library, found.model
+    data = model.createData()
+    pin.forwardKinematics(model, data, found.angles({}))
+    pin.updateFramePlacements(model, data)
+    return data.oMf[int(model.getFrameId(link, pin.FrameType.BODY))]
 
 
 def _end_of_shapes(

@@ -18,6 +18,10 @@ from climbplan.spec.robots.urdf.tree import UrdfJoint, UrdfTree
 
 FEWEST_JOINTS, MOST_JOINTS = 3, 7
 JOINTS_BELOW_WRIST = 3  # with more a gripper's moment would have a say in how a leg settles
+_PLANE = (
+    "; with two a toe moves on a surface alone, and where it stands beside that follows from the "
+    "body, which is not planned"
+)
 _NAMED = 8  # names listed in a message
 
 
@@ -141,7 +145,8 @@ def leg_findings(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> Iterator[Fin
                 f"expected {FEWEST_JOINTS} to {MOST_JOINTS} joints that move from {base!r} to "
                 f"{leg.toe!r}, got {len(own)}{': ' if own else ''}"
                 f"{', '.join(joint.name for joint in own)}"
-                + ("; `locked` holds some" if len(own) > MOST_JOINTS else ""),
+                + ("; `locked` holds some" if len(own) > MOST_JOINTS else "")
+                + (_PLANE if len(own) == FEWEST_JOINTS - 1 else ""),
             )
         if spec.gripper is not None and len(moving) > JOINTS_BELOW_WRIST:
             message = (

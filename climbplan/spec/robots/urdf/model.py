@@ -10,6 +10,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.spec.climb.uncertainty import RobotUncertaintySpec
 from climbplan.spec.fields import FILE_TAG, MAPPING_TAG
+from climbplan.spec.robots.foot import FootSpec
 from climbplan.spec.robots.gripper import GripperSpec
 from climbplan.spec.robots.ranges import (
     GRAVITY,
@@ -180,6 +181,9 @@ class UrdfRobotSpec(SpecModel):
         description="grippers on wrists at the toes of all legs, of three joints each: a toe is "
         "then the wrist's centre, and what the URDF has beyond it is held; none if left out",
     )
+    foot: FootSpec | None = Field(
+        default=None, description="feet of finite size at the toes of all legs; none: points"
+    )
     workspace: UrdfWorkspaceSpec = UrdfWorkspaceSpec()
     """Limb workspace of the posture planner."""
     uncertainty: RobotUncertaintySpec = RobotUncertaintySpec()
@@ -202,6 +206,8 @@ class UrdfRobotSpec(SpecModel):
         if self.body_half_size is not None and min(self.body_half_size) <= 0:
             size = list(self.body_half_size)
             faults.append(Fault("body_half_size", f"expected three numbers > 0, got {size}"))
+        if self.foot is not None and self.gripper is not None:
+            faults.append(Fault("foot", "expected grippers or feet at the toes, got both"))
         if not faults:
             faults = self._sizes()
         refuse(faults)
@@ -223,6 +229,7 @@ class UrdfRobotSpec(SpecModel):
             "body_half_size": (self.body_half_size, LENGTH),
             "limb_radius": (self.limb_radius, THICKNESS),
             **{f"limb_radii.{name}": (r, THICKNESS) for name, r in self.limb_radii.items()},
+            "foot.radius": (None if self.foot is None else self.foot.radius, LENGTH),
             "workspace.reach": (self.workspace.reach, LENGTH),
             "workspace.stance_radius": (self.workspace.stance_radius, LENGTH),
         }

@@ -89,7 +89,7 @@ class Scene:
     patches: tuple[Patch, ...]
     allow: tuple[str, ...]
     massless: bool = True  # modules have no mass of their own
-    pace: float = 1.0  # of ways without the box, as part of the fastest: less of it, less load
+    pace: float = 1.0  # of ways without the box and of steps, as part of the fastest: for less load
 
     @property
     def count(self) -> int:

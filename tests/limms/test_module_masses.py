@@ -15,9 +15,11 @@ from limms_scenes import changed, loaded, scene
 from climbplan.errors import Infeasible, SpecError
 from climbplan.limms.arms.loads import load_function
 from climbplan.limms.arms.symbols import arm_function
+from climbplan.limms.check.dense import stretches
 from climbplan.limms.check.kinematics import placed
 from climbplan.limms.check.limits import LIMITS, MASS_LIMITS
 from climbplan.limms.check.loads import loads_of_all
+from climbplan.limms.check.masses import needs_of
 from climbplan.limms.check.newton_euler import at_rest, demand, joint_torques, total
 from climbplan.limms.check.verification import verification_of, verify
 from climbplan.limms.legs.program import FORCE_SHARE, LegProgram
@@ -28,7 +30,7 @@ from climbplan.limms.plan_file import read_limms_plan
 from climbplan.limms.planner import plan_limms
 from climbplan.limms.scene import GRAVITY, Pose
 from climbplan.spec.limms.loading import builtin_module, load_limms
-from climbplan.spec.limms.module import OF_MASSES
+from climbplan.spec.limms.module import OF_MASSES, ModuleSpec
 
 MODULE = builtin_module("limms")
 BODIES = link_bodies(MODULE)
@@ -277,3 +279,16 @@ def test_absurd_places_are_held_by_nothing(throw: LimmsPlan) -> None:
     checks = {check.name: check for check in verification_of(replace(lost, massless=False)).checks}
     assert not checks["load.balance"].passed
     assert "nothing gives" in checks["load.balance"].margin
+
+
+def test_what_turns_faster_at_once_is_a_blow_that_nothing_gives(throw: LimmsPlan) -> None:
+    module = ModuleSpec.model_validate(throw.module)
+    assert needs_of(throw, module).of("load.balance").over < 1e-4
+    second = list(stretches(throw, module))[1]
+    rates = throw.motion.joint_velocity.copy()
+    rates[second.first, 0, 2] += 0.5
+    off = replace(throw, motion=replace(throw.motion, joint_velocity=rates))
+    balance = needs_of(off, module).of("load.balance")
+    assert balance.over >= 0.5 - 1e-6
+    assert "joint 3 of" in balance.words
+    assert balance.where.startswith(f"{second.time[0]:.3f} s")

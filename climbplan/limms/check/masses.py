@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from climbplan.limms.check.dense import Stretch
 from climbplan.limms.check.kinematics import turned
 from climbplan.limms.check.limits import judge
 from climbplan.limms.check.loads import StretchLoads, loads_of_all
@@ -18,6 +19,9 @@ from climbplan.spec.limms.module import ModuleSpec
 MASSLESS = "massless modules"
 _NOT_JUDGED = MASSLESS
 _ROUNDING = 1e-4  # [N, N m]
+_JUMP = (
+    0.1  # [rad/s] from one stretch to the next: more is a blow, less is how samples are followed
+)
 
 
 @dataclass
@@ -55,8 +59,12 @@ class Needs:
 def needs_of(plan: LimmsPlan, module: ModuleSpec) -> Needs:
     """Loads of a plan with masses beside what its hardware holds."""
     needs = Needs()
+    before: StretchLoads | None = None
     for loads in loads_of_all(plan, module):
         _unheld(loads, needs)
+        if before is not None:
+            _blows(plan, before.stretch, loads.stretch, needs)
+        before = loads
         _contacts(plan, module, loads, needs)
         _joints(plan, module, loads, needs)
     return needs
@@ -82,8 +90,24 @@ def _check(plan: LimmsPlan, name: str, worst: _Need) -> Check:
 def _unheld(loads: StretchLoads, needs: Needs) -> None:
     time = loads.stretch.time
     worst = needs.of("load.balance")
+    over = worst.over
     worst.look(time, loads.unheld, 0.0, "box and modules", "")
-    worst.words = f"nothing gives {worst.over:.3g} N or N m" if worst.over > _ROUNDING else ""
+    if worst.over > over or np.isnan(worst.over):
+        small = worst.over <= _ROUNDING
+        worst.words = "" if small else f"nothing gives {worst.over:.3g} N or N m"
+
+
+def _blows(plan: LimmsPlan, before: Stretch, after: Stretch, needs: Needs) -> None:
+    """What has mass changes its speed by forces: at once, as between two stretches, by none."""
+    jump = np.abs(after.rates[0] - before.rates[-1])  # (L, 6)
+    module, joint = np.unravel_index(int(np.argmax(jump)), jump.shape)
+    size, worst = float(jump[module, joint]), needs.of("load.balance")
+    if size <= _JUMP or size <= worst.over:
+        return
+    who = f"joint {joint + 1} of {plan.module_names[module]}"
+    worst.over, worst.needed, worst.holds = size, size, 0.0
+    worst.where = f"{after.time[0]:.3f} s, {who}"
+    worst.words = f"nothing gives the blow by which {who} turns {size:.3g} rad/s faster at once"
 
 
 def _contacts(plan: LimmsPlan, module: ModuleSpec, loads: StretchLoads, needs: Needs) -> None:

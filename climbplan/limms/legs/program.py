@@ -76,7 +76,8 @@ class LegProgram:
             if ends.feet is not None:
                 for foot, given in zip(self.feet, ends.feet, strict=True):
                     store.equal("ground.feet", foot[:2] - ca.DM(given[:2]), "m")
-        duration = store.variable("T", guess.duration, phase.shortest, phase.longest)
+        shortest = phase.shortest / (self.scene.pace if phase.swing else 1.0)
+        duration = store.variable("T", guess.duration, shortest, phase.longest)
         p, v, a = self._motion(guess, duration)
         before = self.feet
         after = [
@@ -184,11 +185,18 @@ class LegProgram:
         controls = [
             store.variable("c", guess.controls[i, j], -bound, bound) for j in range(CONTROLS)
         ]
-        for share, control, foot in ((0.0, controls[0], before), (1.0, controls[-1], after)):
-            at, _ = path.at(share)
-            angles, _, _ = self.leg[i](at - foot, ca.DM.zeros(3))
+        ends = rate_weights(CONTROLS)[[0, -1]]
+        for share, control, foot, weights in (
+            (0.0, controls[0], before, ends[0]),
+            (1.0, controls[-1], after, ends[1]),
+        ):
+            at, moving = path.at(share)
+            angles, speeds, _ = self.leg[i](at - foot, moving)
             store.equal("swing.ends", ca.sin(control - angles))  # up to whole turns of the guess
             store.between("swing.ends", ca.cos(control - angles), 0.5)
+            if not self.scene.massless:  # nothing turns what has mass faster at once
+                rate = sum(w * c for w, c in zip(weights, controls, strict=True) if w)
+                store.equal("swing.blow", (rate - path.duration * speeds) / 10.0, "10 rad")
         limit = SPEED_SHARE * module.max_joint_speed
         for row in rate_weights(CONTROLS):
             rate = sum(w * c for w, c in zip(row, controls, strict=True) if w)

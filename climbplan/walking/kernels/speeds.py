@@ -13,8 +13,8 @@ from climbplan.walking.kernels.compiling import compiled
 from climbplan.walking.kernels.legs import leg_jacobian
 from climbplan.walking.task import Array, Flags, Whole
 
-GLANCES = 7  # at each interval of a swing
-_FIRST, _APART = 0.2, 0.1  # shares of the interval where they are
+GLANCES = 9  # at each interval of a swing
+_FIRST, _APART = 0.1, 0.1  # shares of the interval where they are
 _FAR_FROM = 0.5  # of a limit, below which there is no row
 _DAMPED = 1e-8  # of the Jacobian's squared size
 

@@ -133,6 +133,7 @@ def test_bounds_of_the_statement_hold(scenes: Scenes, optima: list[SceneAnswer])
         assert answer.objective >= optima[9].bound - 1e-3, method
 
 
+@pytest.mark.slow
 def test_bonmin_finds_a_placement(scenes: Scenes, optima: list[SceneAnswer]) -> None:
     which = [3, 9, 11]  # a heuristic on a nonconvex program: now and then it ends without one
     answers = solved(scenes, which, {"method": "minlp-bonmin", "time_limit": 20.0})

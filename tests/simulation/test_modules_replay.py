@@ -102,6 +102,7 @@ def test_a_latch_breaks_at_its_limit_and_the_box_is_lost(
     assert simulate_modules(free, Conditions()).broken == ()
 
 
+@pytest.mark.slow
 def test_a_heavier_box_than_planned_is_not_where_it_should_be(heavy: LimmsPlan) -> None:
     run = simulate_modules(heavy, Conditions(payload=0.5))
     assert run.lost or run.broken or compare_modules(run).off.max() > 0.005

@@ -95,7 +95,7 @@ def test_a_push_moves_it_and_it_comes_back_to_its_speed(plan: WalkPlan, run: Who
     apart = pushed.velocity[:, 1] - run.velocity[:, 1]
     assert not pushed.fallen
     assert np.abs(apart).max() > 0.1
-    assert np.abs(apart[-1]) < 0.1
+    assert np.abs(apart[-1]) < 0.15  # of 0.3 m/s, four steps of its trot later
 
 
 def test_what_a_simulation_tells(plan: WalkPlan) -> None:

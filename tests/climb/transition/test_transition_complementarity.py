@@ -27,7 +27,7 @@ def scene_of(path: Path, *overrides: str) -> TransitionScene:
     return build_transition(load_transition(path, list(overrides)))
 
 
-@pytest.mark.parametrize("rounds", [2, 3])
+@pytest.mark.parametrize("rounds", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_random_starts_end_at_sequences_that_stand(rounds: int) -> None:
     scene = scene_of(FLAT, f"task.rounds={rounds}")
     found: list[Sequence] = []

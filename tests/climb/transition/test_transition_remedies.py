@@ -28,13 +28,17 @@ def _changed(loaded: LoadedTransition, remedy: Remedy) -> LoadedTransition:
     ("spec", "overrides", "key"),
     [
         ("transition_flat", ("task.rounds=1",), "task.rounds"),
-        ("transition_bricks", ("terrain.boxes=[]",), "task.step_max"),
+        pytest.param(
+            "transition_bricks", ("terrain.boxes=[]",), "task.step_max", marks=pytest.mark.slow
+        ),
         (
             "transition_bricks_4",
             ("task.rounds=3", "task.sequence=LF LR RM | RF RR LM | LF LR RM"),
             "task.sequence",
         ),
-        ("mission_ground_to_top", ("climb.rounds=3",), "climb.rounds"),
+        pytest.param(
+            "mission_ground_to_top", ("climb.rounds=3",), "climb.rounds", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_changes_that_are_named_lead_to_a_plan(
@@ -48,6 +52,7 @@ def test_changes_that_are_named_lead_to_a_plan(
         assert plan_transition(_changed(loaded, remedy)).status == "feasible"
 
 
+@pytest.mark.slow
 def test_more_friction_where_the_walls_are_too_smooth() -> None:
     loaded = load_transition(
         SPECS / "transition_flat.yaml", ["terrain.friction=0.3", "task.sequence=3-3"]

@@ -25,7 +25,7 @@ def chain(zero: Array, angles: Array, columns: Array, axes: Array, out: Array) -
 def softness(zero: Array, angles: Array, pad: Pad) -> float:
     """`_softness`."""
     _chain(zero, angles, pad.columns, pad.axes, pad.v[0])
-    return _softness(zero, _volume(pad.columns))
+    return _softness(zero, len(pad.columns), _volume(pad.columns))
 
 
 @compiled

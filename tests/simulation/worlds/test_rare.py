@@ -59,6 +59,7 @@ def test_few_worlds_are_refused() -> None:
         split(beyond(1.0), 10, 400, 0)
 
 
+@pytest.mark.slow
 def test_a_plans_falls_are_found_as_by_counting(planned: Planned) -> None:
     plan = planned("uncertainty.friction=0.2", "uncertainty.surface_mm=0")
     counted = judge_plan(plan, Conditions(), "statics", 1000, 1)

@@ -201,8 +201,10 @@ class UrdfRobotSpec(SpecModel):
             Fault("legs", "expected a name for every leg, got ''") for n in self.legs if not n
         ]
         if self.up[-1] == self.forward[-1]:
-            message = f"expected an axis square to `forward: {self.forward}`, got {self.up!r}"
-            faults.append(Fault("up", message))
+            odd, other = ("up", "forward") if "up" in self.model_fields_set else ("forward", "up")
+            axes = {"up": self.up, "forward": self.forward}
+            message = f"expected an axis square to `{other}: {axes[other]}`, got {axes[odd]!r}"
+            faults.append(Fault(odd, message))
         if self.body_half_size is not None and min(self.body_half_size) <= 0:
             size = list(self.body_half_size)
             faults.append(Fault("body_half_size", f"expected three numbers > 0, got {size}"))

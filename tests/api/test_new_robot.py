@@ -30,6 +30,7 @@ def _folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place / "mine"
 
 
+@pytest.mark.slow
 def test_the_specs_plan_as_they_are(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert sorted(path.name for path in folder.iterdir()) == [
         "walker4.html",
@@ -45,6 +46,7 @@ def test_the_specs_plan_as_they_are(folder: Path, capsys: pytest.CaptureFixture[
         assert spec != "ground" or "found by" not in " ".join(plan.warnings)  # not by trials
 
 
+@pytest.mark.slow
 def test_the_robot_file_is_commented_and_names_its_urdf_by_place(folder: Path) -> None:
     text = (folder / "walker4.yaml").read_text()
     assert 'urdf: "../urdf/walker.urdf"' in text
@@ -55,6 +57,7 @@ def test_the_robot_file_is_commented_and_names_its_urdf_by_place(folder: Path) -
     assert robot.mass == pytest.approx(4.0 + 12 * 0.2)
 
 
+@pytest.mark.slow
 def test_the_page_shows_both_postures(folder: Path) -> None:
     page = (folder / "walker4.html").read_text()
     assert page.count("data:image/png") == 2

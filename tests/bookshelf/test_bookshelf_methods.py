@@ -125,6 +125,7 @@ def test_admm(scenes: Scenes, optima: list[SceneAnswer], meaning: Meaning) -> No
             assert answer.objective >= optima[k].bound - 1e-3
 
 
+@pytest.mark.slow
 def test_bounds_of_the_statement_hold(scenes: Scenes, optima: list[SceneAnswer]) -> None:
     """SCIP's and the envelopes' bounds are below the optimum that branch and bound proved."""
     for method in ("minlp-scip", "micp"):

@@ -193,6 +193,7 @@ def test_orders_put_opposite_limbs_after_one_another() -> None:
     assert all(sorted(one) == sorted(limbs) for one in found)
 
 
+@pytest.mark.slow
 def test_files_keep_the_promise_and_verify_recomputes_its_interval(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -38,7 +38,7 @@ class LegSpeeds:
     """Of each interval and leg (N, L)."""
 
     missing: Array  # (N, L) [m] by which joints do not get a swinging toe along its way
-    speed: Array  # (N, L, J) [rad/s] largest
+    speed: Array  # (N, L, J) largest [rad/s], [m/s] of joints that slide
 
 
 def leg_speeds(legs: WalkingLegs, task: WalkTask, found: WalkTrajectory) -> LegSpeeds:

@@ -93,7 +93,7 @@ class _Player:
         robot: WholeRobot = whole_robot(plan, conditions)
         self.centre, self.mass = robot.centre, robot.mass
         foot = robot.found.robot.spec.foot
-        self.foot = 0.0 if foot is None else foot.radius
+        self.foot = 0.0 if foot is None else foot.radius or 0.0
         known = robot if conditions.payload == 0 else whole_robot(plan, NOMINAL)
         make = self.mujoco.MjModel.from_xml_string
         self.model = make(whole_model(plan, robot, conditions))

@@ -96,7 +96,7 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
         height=float(-toes[:, 2].mean()),
         boxes=boxes,
         legs=legs,
-        foot=0.0 if robot.spec.foot is None else robot.spec.foot.radius,
+        foot=robot.spec.foot_radius,
     )
 
 

@@ -223,6 +223,11 @@ class UrdfRobotSpec(SpecModel):
         return self.foot is not None and self.foot.flat
 
     @property
+    def foot_radius(self) -> float:
+        """Radius of spherical feet [m]; zero of others."""
+        return 0.0 if self.foot is None else self.foot.radius or 0.0
+
+    @property
     def held(self) -> dict[str, float]:
         """Joint name -> angle [rad] or place [m] at which it is held."""
         turned = {name: float(np.deg2rad(degrees)) for name, degrees in self.locked.items()}

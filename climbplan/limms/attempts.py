@@ -30,6 +30,7 @@ class Attempts:
     variables: int = 0
     constraints: int = 0
     notes: list[str] = field(default_factory=list)
+    known: dict[bytes, Outcome] = field(default_factory=dict)  # answers of programs of arms
     under_way: str = ""  # what is being tried
     end: float = field(init=False)  # `time.monotonic` [s]
 
@@ -44,7 +45,11 @@ class Attempts:
     @property
     def spare(self) -> int:
         """What is left of the budget."""
-        return self.most - self.work.programs - self.begun
+        return self.left_of(self.most)
+
+    def left_of(self, most: int) -> int:
+        """What would be left if the budget were another one."""
+        return most - self.work.programs - self.begun
 
     def begin(self, what: str) -> None:
         """From now on `what` is being tried, which counts as one program.
@@ -87,7 +92,7 @@ class Attempts:
     def part(self, most: int) -> Attempts:
         """The budget of a part of the planning, with the same end; `add` what it took."""
         part = Attempts(self.limit, min(most, self.spare))
-        part.end = self.end
+        part.end, part.known = self.end, self.known
         return part
 
     def add(self, part: Attempts) -> None:

@@ -12,14 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.errors import Infeasible, LimitReached, NoPlanFound
+from climbplan.errors import Infeasible, LimitReached
 from climbplan.limms.assembly import initial
 from climbplan.limms.attempts import Attempts
-from climbplan.limms.between_legs import Settle
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.consensus.planner import plan_by_consensus
 from climbplan.limms.courses import courses, relays
-from climbplan.limms.direct import Search, search
+from climbplan.limms.direct import Search, legs_misfit, search
 from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.modules.weights import PACES, too_heavy
 from climbplan.limms.motions import Motions
@@ -51,28 +50,36 @@ def plan_limms(loaded: LoadedLimms, report: Progress = lambda stage, share: None
     solver = loaded.spec.solver
     attempts = Attempts(solver.time_limit, solver.programs)
     if scene.massless:
-        return _plan_at_pace(loaded, scene, report, attempts)
+        return _plan_at_pace(loaded, scene, report, attempts)[0]
     return _calmest(loaded, scene, report, attempts)
 
 
 def _calmest(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts) -> LimmsPlan:
     """With masses: ways without the box slower and slower, until all that they ask for is held.
 
+    Arms carry the box as they do at any pace, so that where legs take no part the first pace says
+    what can be found. Legs swing slower at calmer ones, so that with them each pace but the last
+    gets half of what is left of the budget.
+
     Raises as `plan_limms`; a plan that fails at every pace is the last one.
     """
     plan: LimmsPlan | None = None
+    whole, has_legs = attempts.most, "quadruped" in scene.allow and not legs_misfit(scene)
     for pace in PACES:
+        is_last = pace == PACES[-1]
+        attempts.most = whole - (attempts.left_of(whole) // 2 if has_legs and not is_last else 0)
         try:
-            plan = _plan_at_pace(loaded, replace(scene, pace=pace), report, attempts)
-        except NoPlanFound:
-            if plan is None:
-                raise
-            # The plan of before is written, and marked as failing
-            return _cut_short(plan, attempts) if attempts.over else plan
-        if verification_of(plan).passed:
-            break
+            plan, passed = _plan_at_pace(loaded, replace(scene, pace=pace), report, attempts)
+        except LimitReached:
+            if attempts.over or attempts.left_of(whole) <= 0 or is_last or not has_legs:
+                if plan is None:
+                    raise
+                break  # the plan of before is written, and marked as failing
+        else:
+            if passed:
+                return plan
     assert plan is not None
-    return plan
+    return _cut_short(plan, attempts) if attempts.over else plan
 
 
 def _cut_short(plan: LimmsPlan, attempts: Attempts) -> LimmsPlan:
@@ -85,13 +92,12 @@ def _cut_short(plan: LimmsPlan, attempts: Attempts) -> LimmsPlan:
 
 def _plan_at_pace(
     loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts
-) -> LimmsPlan:
-    """The plan of a scene within what is left. Raises as `plan_limms`."""
+) -> tuple[LimmsPlan, bool]:
+    """The plan of a scene within what is left, and whether it passes. Raises as `plan_limms`."""
     began = time.perf_counter()
     report("modes", 0.0)
     found = _possible(scene)
     searched = time.perf_counter() - began
-    refused: list[LimmsPlan] = []  # fail their verification
     tried, named = 0, ""
 
     def made(world: PlanSoFar) -> LimmsPlan:
@@ -107,7 +113,8 @@ def _plan_at_pace(
 
     start = initial(scene)
     rng = np.random.default_rng(loaded.spec.seed)
-    motions = Motions(start, attempts, rng, loaded.spec.solver.most_steps, _judge(made, refused))
+    judge = _Judge(made)
+    motions = Motions(start, attempts, rng, loaded.spec.solver.most_steps, judge)
     listed = courses(start, found.actions) if scene.deliveries == 1 else relays(start, 1)
     try:
         for number, course in enumerate(listed):
@@ -116,15 +123,15 @@ def _plan_at_pace(
             attempts.begin(named)
             world = motions.plan(course)
             if world is not None:
-                return made(world)
+                return made(world), judge.passed
             if len(attempts.notes) == told:
                 attempts.notes.append(f"{named}: no module can take its part")
         attempts.left()
     except LimitReached:
-        if not refused:
+        if judge.refused is None:
             raise
-    if refused:  # better than none: it is written, and marked as failing
-        return refused[0]
+    if judge.refused is not None:  # better than none: it is written, and marked as failing
+        return judge.refused, False
     if not tried:
         raise ruled_out(scene, found.conflicts)
     raise LimitReached(
@@ -163,21 +170,25 @@ def _possible(scene: Scene) -> Search:
     return Search((), conflicts, sum(found.configurations for found in each))
 
 
-def _judge(made: Callable[[PlanSoFar], LimmsPlan], refused: list[LimmsPlan]) -> Settle:
+class _Judge:
     """Plans are verified where they end; one that fails is kept, and the search goes on.
 
     What is too much for the hardware is for slower ways first, as long as there are any.
     """
 
-    def judged(world: PlanSoFar) -> PlanSoFar:
-        plan = made(world)
+    def __init__(self, made: Callable[[PlanSoFar], LimmsPlan]) -> None:
+        self.made = made
+        self.passed = False  # whether the plan of the last world passes as it is
+        self.refused: LimmsPlan | None = None  # the first that failed
+
+    def __call__(self, world: PlanSoFar) -> PlanSoFar:
+        plan = self.made(world)
         verification = verification_of(plan)
+        self.passed = verification.passed
         failed = [check.name for check in verification.failed]
         if not plan.massless and world.scene.pace > min(PACES):
             failed = [name for name in failed if not name.startswith("load.")]
         if not failed:
             return world
-        refused.append(plan)
+        self.refused = self.refused or plan
         raise Blocked(verification.headline())
-
-    return judged

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -41,6 +42,37 @@ def test_both_methods_are_measured_on_the_same_scene(result: LimmsResult) -> Non
     assert f"{1e3 * admm.consensus.points:.1f} ({1e3 * admm.consensus.points_most:.0f})" in text
     assert f"{admm.processor_seconds / modes.processor_seconds:.1f}" in text
     json.dumps(as_json(result, LimmsOptions()), allow_nan=False)
+
+
+def test_plans_of_the_search_are_simulated_beside_it(result: LimmsResult) -> None:
+    pytest.importorskip("mujoco")
+    modes, admm = result.shipped
+    assert admm.replay is None
+    played = modes.replay
+    assert played is not None
+    assert played.holds
+    assert played.off < 0.005
+    out = io.StringIO()
+    write_text(result, out)
+    rows = out.getvalue().splitlines()
+    row = next(line for line in rows if line.startswith("limms_throw") and "delivered" in line)
+    assert row.split()[1:4] == ["limms_quick", str(modes.checks), "pass"]
+    assert f"{1e3 * played.off:.1f}, {1e3 * played.off_at_end:.1f}" in row
+    assert "the seven scenes: 1 of 1 verified, 1 simulated to the goal" in out.getvalue()
+    broken = replace(played, outcome="delivered with 1 contact that did not hold", holds=False)
+    weak = LimmsResult((), {}, masses=(replace(modes, replay=broken),))
+    out = io.StringIO()
+    write_text(weak, out)
+    assert "1 of 1 verified, 0 simulated to the goal without a broken latch" in out.getvalue()
+
+
+@pytest.mark.slow
+def test_scenes_with_masses_name_hardware_that_holds() -> None:
+    options = LimmsOptions(count=0, methods="masses", scenes=("limms_throw", "limms_relatch"))
+    (throw,) = bench_limms(options).masses  # nothing holds the other
+    assert throw.succeeded
+    assert throw.hardware == "limms_quick_strong"
+    assert throw.checks == 53
 
 
 @pytest.mark.slow

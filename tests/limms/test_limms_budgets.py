@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from limms_scenes import loaded, scene
 
 from climbplan.errors import LimitReached
+from climbplan.limms import planner
 from climbplan.limms.arms.carrying import carry
 from climbplan.limms.assembly import initial
 from climbplan.limms.attempts import Attempts
@@ -19,6 +21,9 @@ from climbplan.limms.direct import search
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_making import Making, make_plan
 from climbplan.limms.planner import plan_limms
+from climbplan.limms.scene import Scene
+from climbplan.progress import Progress
+from climbplan.spec.limms.loading import LoadedLimms
 
 
 def _racing(clock: Callable[[], float], factor: float) -> Callable[[], float]:
@@ -89,3 +94,48 @@ def test_first_integers_are_those_of_the_work_they_got() -> None:
     assert found[0].x is None or found[1].x is not None
     if found[0].x is not None and found[1].x is not None:
         assert np.array_equal(found[0].x, found[1].x)
+
+
+@pytest.mark.parametrize("has_legs", [True, False])
+def test_a_pace_that_finds_nothing_leaves_budget_to_calmer_ones_with_legs(
+    has_legs: bool, throw: LimmsPlan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    budgets: dict[float, int] = {}
+
+    def at_pace(
+        loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts
+    ) -> tuple[LimmsPlan, bool]:
+        budgets[scene.pace] = attempts.spare
+        if scene.pace > 0.25:
+            attempts.begun += attempts.spare
+            attempts.left()
+        return throw, scene.pace < 0.2
+
+    monkeypatch.setattr(planner, "_plan_at_pace", at_pace)
+    allowed = "[arms, quadruped]" if has_legs else "[arms]"
+    spec = loaded("limms_walk", "massless=false", "robot=limms_carrier", f"task.allow={allowed}")
+    if not has_legs:
+        with pytest.raises(LimitReached, match="with 200 programs"):
+            plan_limms(spec)
+        assert budgets == {1.0: 200}
+        return
+    assert plan_limms(spec) is throw
+    assert budgets == {1.0: 100, 0.5: 50, 0.25: 25, 0.12: 50}
+
+
+def test_arms_are_not_solved_again_at_another_pace() -> None:
+    own = scene("limms_throw")
+    (action,) = search(own).actions
+    attempts = Attempts(60.0, 100)
+    worlds = []
+    for pace in (1.0, 0.5):
+        start = initial(replace(own, pace=pace))
+        worlds.append(carry(start, action, attempts, np.random.default_rng(0)))
+        programs = attempts.work.programs
+    first, calmer = worlds
+    assert first is not None
+    assert calmer is not None
+    assert programs == 1
+    assert calmer.stretches[-1].time[-1] == first.stretches[-1].time[-1]
+    ways = [sum(each.time[-1] for each in world.stretches) for world in (first, calmer)]
+    assert ways[1] > ways[0]

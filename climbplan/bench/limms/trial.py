@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from climbplan.errors import Infeasible, LimitReached, NotProved
+from climbplan.bench.limms.replay import Replay, replay_of
+from climbplan.errors import Infeasible, LimitReached, MissingSolver, NotProved
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.consensus.iteration import GOOD
 from climbplan.limms.consensus.planner import Unrefined
@@ -52,13 +53,17 @@ class Trial:
     outcome: str  # "verified", "not verified", "infeasible", "limit"
     reason: str  # of a failure
     sequence: str
-    processor_seconds: float
+    processor_seconds: float  # of planning
     seconds: float
     timings: dict[str, float]
     sizes: dict[str, Any]
     consensus: Consensus | None
     title: str = ""  # of the scene
     modules: int = 0
+    hardware: str = ""  # the module's file
+    checks: int = 0  # that judge
+    verifying_seconds: float = 0.0  # [s] of processor time, after planning
+    replay: Replay | None = None
 
     @property
     def succeeded(self) -> bool:
@@ -67,9 +72,16 @@ class Trial:
 
 
 def attempt(
-    loaded: LoadedLimms, method: Method, seconds: float, more: tuple[str, ...] = ()
+    loaded: LoadedLimms,
+    method: Method,
+    seconds: float,
+    more: tuple[str, ...] = (),
+    simulated: bool = False,
 ) -> Trial:
-    """Plan and verify; seconds: the time limit of planning; more: assignments to the spec."""
+    """Plan and verify; seconds: the time limit of planning; more: assignments to the spec.
+
+    simulated: also play the plan in the simulation, where MuJoCo is there.
+    """
     # Into the text: verification reads the method there.
     assignments = (*ASSIGNMENTS[method], *more, f"solver.time_limit={seconds}")
     text = SourceText(loaded.source, loaded.name, loaded.directory, loaded.text)
@@ -93,9 +105,23 @@ def attempt(
         times = (spent, waited)
         agreed = None if record is None else consensus_of(record, planned=False)
         return Trial(
-            loaded.name, method, outcome, reason, "", *times, {}, {}, agreed, title, modules
+            loaded.name,
+            method,
+            outcome,
+            reason,
+            "",
+            *times,
+            {},
+            {},
+            agreed,
+            title,
+            modules,
+            given.spec.robot,
         )
-    failed = verification_of(plan).failed
+    clock = time.process_time()
+    verification = verification_of(plan)
+    verifying = time.process_time() - clock
+    failed = verification.failed
     if failed:
         outcome = "not verified"
         reason = "; ".join(f"{c.name} {c.residual:.2g} {c.unit} at {c.worst_at}" for c in failed)
@@ -112,7 +138,19 @@ def attempt(
         None if plan.convergence is None else consensus_of(plan.convergence),
         title,
         modules,
+        given.spec.robot,
+        sum(check.judged for check in verification.checks),
+        verifying,
+        _replayed(plan) if simulated else None,
     )
+
+
+def _replayed(plan: LimmsPlan) -> Replay | None:
+    """None without MuJoCo."""
+    try:
+        return replay_of(plan)
+    except MissingSolver:
+        return None
 
 
 def consensus_of(record: Convergence, planned: bool = True) -> Consensus:

@@ -36,6 +36,7 @@ class WalkingBody:
     height: float  # [m] of the centre of mass above the standing toes
     boxes: ToeBoxes
     legs: WalkingLegs
+    foot: float  # [m] radius of its feet, 0 of points
 
 
 def walking_body(robot: UrdfRobot) -> WalkingBody:
@@ -92,6 +93,7 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
         height=float(-toes[:, 2].mean()),
         boxes=boxes,
         legs=legs,
+        foot=0.0 if robot.spec.foot is None else robot.spec.foot.radius,
     )
 
 

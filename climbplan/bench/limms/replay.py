@@ -1,0 +1,55 @@
+"""A plan of modules played in the simulation: the figures that tables show beside it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.limms.plan import LimmsPlan
+from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.modules.study import end_of, simulate_module_plan
+from climbplan.simulation.study import Asked
+
+
+@dataclass(frozen=True)
+class Replay:
+    """How a plan ended in the simulation."""
+
+    outcome: str  # "delivered", "delivered with 2 contacts that did not hold", "box lost at 4.2 s"
+    holds: bool  # whether the box arrived, and all contacts held
+    off: float  # [m] of the worst box from its way, the most
+    off_at_end: float  # [m]
+    misses: float  # [m] of latches where they close, the most
+    force: float  # [N] the most of any latch
+    force_planned: float
+    torque: float  # [N m] the most of any joint
+    torque_planned: float
+    processor_seconds: float
+    seconds: float
+
+
+def replay_of(plan: LimmsPlan) -> Replay:
+    """Play it once as it is, without pictures.
+
+    Raises:
+        MissingSolver: MuJoCo is not installed.
+    """
+    clock, wall = time.process_time(), time.perf_counter()
+    found = simulate_module_plan(plan, Asked(Conditions(), pictures=False))
+    run, compared, end = found.run, found.compared, end_of(found)
+    worst = max(compared.borne, key=lambda borne: borne.force, default=None)
+    return Replay(
+        outcome=end.words,
+        holds=not end.failure(None),
+        off=float(compared.off.max()),
+        off_at_end=float(compared.off[-1]),
+        misses=float(run.misses.max(initial=0.0)),
+        force=0.0 if worst is None else worst.force,
+        force_planned=0.0 if worst is None else worst.force_planned,
+        torque=float(np.abs(run.torque).max()),
+        torque_planned=float(np.abs(run.planned_torque).max()),
+        processor_seconds=time.process_time() - clock,
+        seconds=time.perf_counter() - wall,
+    )

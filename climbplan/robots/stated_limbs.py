@@ -13,10 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from climbplan.errors import UsageError
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
-from climbplan.robots.serial_chain import SerialChain
 
 Shapes = dict[str, tuple[int, int]]
 
@@ -92,22 +90,3 @@ class StatedLimbs(Protocol):
         self, numbers: Mapping[str, Any], toes: Any, own: Mapping[str, Any]
     ) -> StandingLimbs:
         """Limbs with toes (3, N), body frame; own: what is given and found there."""
-
-
-def stated_limbs(robot: Robot) -> StatedLimbs:
-    """The limbs of a robot as programs state them; raises UsageError for closed linkages."""
-    from climbplan.robots.stated_chains import StatedChains  # CasADi, where programs are stated
-    from climbplan.robots.stated_closed_form import StatedClosedForm
-
-    if robot.mechanism is None:
-        return StatedClosedForm(robot.limb_count)
-    if isinstance(robot.mechanism, SerialChain):
-        parts = None if robot.capsules is None else robot.capsules.joint.tolist()
-        own = None if parts is None else tuple(map(tuple, parts))
-        chain, count = robot.mechanism, robot.joint_count
-        kinds = chain.slide_zero is not None, chain.drive is not None
-        return StatedChains(robot.limb_count, count, count > 3, own, *kinds, robot.foot is not None)
-    raise UsageError(
-        f"{robot.name} has legs that are closed linkages, which smooth programs do not state; "
-        "expected limbs of coxa, femur and tibia, or the legs of a URDF"
-    )

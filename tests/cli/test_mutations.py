@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from mutation_cases import PLANS, QUICK_PLANS, Case, Outcome, Worker, cases, made_plans
 
-SAMPLE = 15
+SAMPLE = 8
 ALL = 1000
 # Mutants of earlier runs that ended in a bug
 KNOWN = [
@@ -45,7 +45,7 @@ def worker(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Worker]:
 def test_a_sample(worker: Worker) -> None:
     codes = run_all(worker, [*KNOWN, *cases(7, SAMPLE, worker.plans)])
     assert codes[0] > 0  # some change nothing that matters,
-    assert codes[2] > 5  # some are refused as files
+    assert codes[2] > 2  # some are refused as files
     assert codes[5] > 0  # and some as plans
 
 

@@ -31,8 +31,8 @@ from climbplan.simulation.feedforward import limb_weight_torques
 from climbplan.simulation.model import build_mjcf, link_mass
 from climbplan.simulation.regulator import regulator_tables
 from climbplan.simulation.replay import simulate
+from climbplan.simulation.statics.outcome import FELL
 from climbplan.simulation.statics.playback import played, prepare
-from climbplan.simulation.statics.run import FELL
 from climbplan.spec.examples import example_data, example_text
 from climbplan.spec.loading import load_climb
 

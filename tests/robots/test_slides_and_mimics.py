@@ -14,7 +14,7 @@ from climbplan.climb.check.anew.chains import chains_at
 from climbplan.robots.kinematics import inverse, jacobian_body, toe_body, toe_hessian
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.stated_limbs import stated_limbs
+from climbplan.robots.stated_robot import stated_limbs
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.spec.robots.urdf.source import UrdfRobot
 

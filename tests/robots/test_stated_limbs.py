@@ -15,7 +15,8 @@ from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.kinematics import jacobian_body, joint_points_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
-from climbplan.robots.stated_limbs import StatedLimbs, stated_limbs
+from climbplan.robots.stated_limbs import StatedLimbs
+from climbplan.robots.stated_robot import stated_limbs
 from climbplan.spec.robots.source import load_any_robot
 
 SPECS = Path(__file__).parents[2] / "specs"

@@ -120,7 +120,14 @@ def test_a_mass_that_pinocchio_has_not(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32", "utf-16-be", "utf-32-le"])
-@pytest.mark.parametrize("declared", ["", "utf-16", "UTF-8", "shift_jis", "idna"])
+@pytest.mark.parametrize(
+    "declared",
+    [
+        "",
+        "shift_jis",
+        *(pytest.param(d, marks=pytest.mark.slow) for d in ("utf-16", "UTF-8", "idna")),
+    ],
+)
 def test_encodings_with_a_mark_or_wide_characters(
     tmp_path: Path, encoding: str, declared: str
 ) -> None:

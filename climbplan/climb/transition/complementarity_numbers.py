@@ -29,7 +29,7 @@ from climbplan.mechanics.friction import contact_frame
 from climbplan.program.trajectory import Trajectory
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.robots.kinematics import to_body
-from climbplan.robots.stated_limbs import stated_limbs
+from climbplan.robots.stated_robot import stated_limbs
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region
 

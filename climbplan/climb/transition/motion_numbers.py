@@ -34,7 +34,7 @@ from climbplan.program.trajectory import Trajectory
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.robots.kinematics import to_body
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.robots.stated_limbs import stated_limbs
+from climbplan.robots.stated_robot import stated_limbs
 from climbplan.terrain.surfaces import Region
 
 _JOINT_ROOM = 2e-3  # [rad] off joint bounds, so that motions between instants have room

@@ -33,7 +33,8 @@ from climbplan.mechanics.stiffness import joint_softness
 from climbplan.program.stage import Stage
 from climbplan.program.trajectory import Trajectory
 from climbplan.robots.model import Robot
-from climbplan.robots.stated_limbs import StandingLimbs, StatedLimbs, stated_limbs
+from climbplan.robots.stated_limbs import StandingLimbs, StatedLimbs
+from climbplan.robots.stated_robot import stated_limbs
 from climbplan.robots.symbols import rotation
 
 COST_SCALE = 100.0  # cost of about one, so that tolerances mean something

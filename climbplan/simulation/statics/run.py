@@ -5,34 +5,33 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.robots.rotations import Array
-from climbplan.simulation.falls import FALLEN, TUMBLED
 from climbplan.simulation.statics.compiling import compiled
-from climbplan.simulation.statics.contact import AIR, SLIDES, STICKS
+from climbplan.simulation.statics.contact import AIR, SLIDES
 from climbplan.simulation.statics.corner import _runs_into
+from climbplan.simulation.statics.driving import _commanded, _sprung
 from climbplan.simulation.statics.links import (
     LOOSE,
     _chain,
     _free_angles,
     _pushes,
-    _softness,
     _volume,
 )
-from climbplan.simulation.statics.regulation import (
-    _arrived,
-    _estimate,
-    _keep,
-    _moved,
-    _placed,
-    _read,
-    _regulated,
+from climbplan.simulation.statics.outcome import (
+    BALANCE,
+    CAUSE_LIMB,
+    COLUMNS,
+    _fell,
+    _is_down,
+    _look,
+    _record,
 )
-from climbplan.simulation.statics.small_algebra import _dot, _times
+from climbplan.simulation.statics.regulation import (
+    _keep,
+)
+from climbplan.simulation.statics.small_algebra import _copied, _times
 from climbplan.simulation.statics.step import _settled
-from climbplan.simulation.statics.surfaces import BESIDE, TUBE, _beyond, _landed, _onto
+from climbplan.simulation.statics.surfaces import BESIDE, _beyond, _landed, _onto
 from climbplan.simulation.statics.tuples import (
-    BY_JOINTS,
-    BY_POSE,
-    NO_REGULATOR,
     Body,
     Feet,
     Ground,
@@ -55,15 +54,6 @@ _SLIDING = 0.03  # [s] of a step while a toe slides, which goes another way as i
 _SNAP = 2e-3  # [s] of a step in which toes may snap
 _KEPT = 2048  # offsets that are remembered for a regulator that is late
 FINEST = 1.0 / 512  # part of a step below which it is not divided
-
-# What a run tells of itself: columns of its row
-FELL, FELL_STEP, CAUSE, CAUSE_LIMB, CAUSE_STEP, SLIPS, LOST, FARTHEST, BALANCE, USED, SLID = range(
-    11
-)
-COLUMNS = 11
-NOTHING, LOSES, SLIPS_OFF, TOO_WEAK, UNBALANCED = range(5)  # causes
-# USED: share of a held toe's friction at most in use; SLID: farthest that one slid [m]
-_SLIP = 0.005  # [m]
 _THERE = 1e-5  # [m] from a surface at the start that counts as on it
 
 
@@ -218,14 +208,6 @@ def _put(one: Body, other: Body) -> None:
 
 
 @compiled
-def _copied(one: Array, other: Array) -> None:
-    """What stands in one (N, n) stands in the other too."""
-    for i in range(len(one)):
-        for a in range(one.shape[1]):
-            other[i, a] = one[i, a]
-
-
-@compiled
 def _lose(machine: Machine, s: int, moves: bool, stand: Stand) -> None:
     """Which toes have no friction in a step."""
     for i in range(len(stand.slippery)):
@@ -233,119 +215,6 @@ def _lose(machine: Machine, s: int, moves: bool, stand: Stand) -> None:
     for loss in range(len(machine.losses)):
         if moves and machine.losses[loss, 1] <= s < machine.losses[loss, 2]:
             stand.slippery[int(machine.losses[loss, 0])] = 1
-
-
-@compiled
-def _commanded(
-    plan: Playback,
-    machine: Machine,
-    s: int,
-    done: float,
-    part: float,
-    span: float,
-    moves: bool,
-    clock: float,
-    body: Body,
-    motors: Motors,
-    known: Known,
-    pad: Pad,
-) -> None:
-    """What motors are told at the end of part of a step: plan, missed footholds, regulator.
-
-    clock: time since the motion began at its start [s].
-    """
-    before, share = max(s - 1, 0), done + part
-    wanted = motors.wanted
-    for i in range(len(wanted)):
-        for j in range(wanted.shape[1]):
-            wanted[i, j] = (1 - share) * plan.command[before, i, j] + (
-                share * plan.command[s, i, j]
-            )
-    _placed(plan, s, machine.placement, wanted, pad)
-    if machine.regulator == NO_REGULATOR:
-        return
-    if not moves:
-        _moved(plan, s, known.offset, wanted)
-        _copied(wanted, known.sent)
-        return
-    _read(motors.rotor, machine.noise, span, known)
-    for i in range(len(wanted)):
-        for j in range(wanted.shape[1]):
-            carrying = plan.carrying[before, i, j]
-            known.lag[i, j] = known.reading[i, j] - known.told[i, j] + carrying
-    if machine.regulator == BY_JOINTS:
-        _estimate(plan, before, known, pad)
-        _regulated(plan, s, done, span, True, known.com, known.rotation, known, pad)
-    else:
-        place = machine.regulator == BY_POSE
-        _regulated(plan, s, done, span, place, body.com, body.rotation, known, pad)
-    if machine.delay > 0.0:
-        _arrived(clock + span - machine.delay, clock + span, known)
-        _moved(plan, before, known.late, wanted)
-    else:
-        _moved(plan, before, known.offset, wanted)
-    _copied(wanted, known.sent)
-
-
-@compiled
-def _sprung(
-    plan: Playback,
-    machine: Machine,
-    span: float,
-    springs: Springs,
-    touch: Touch,
-    motors: Motors,
-) -> None:
-    """Motors as the springs of a step of span [s]."""
-    rotor, wanted = motors.rotor, motors.wanted
-    for i in range(len(wanted)):
-        springs.soft[i] = _softness(plan.zero[i], wanted.shape[1], springs.volume[i])
-        touch.saturated[i] = 0
-        for j in range(wanted.shape[1]):
-            k, c = machine.stiffness[i, j], machine.damping[i, j] / span
-            m = machine.armature / span**2
-            firm = k + c + m
-            # A motor pushes with its largest torque at most, by where it was last
-            most = machine.strongest[i, j] / k
-            lead = rotor[i, j] - wanted[i, j]
-            if abs(lead) > most:
-                touch.saturated[i] = 1
-                wanted[i, j] = rotor[i, j] - np.copysign(most, lead)
-            springs.stiffness[i, j], springs.loose[i, j] = firm, LOOSE * firm
-            springs.command[i, j] = (
-                k * wanted[i, j] + c * rotor[i, j] + m * (rotor[i, j] + span * motors.speed[i, j])
-            ) / firm
-            touch.angles[i, j] = motors.angles[i, j]
-
-
-@compiled
-def _record(body: Body, touch: Touch, path: Array) -> None:
-    """Leave body, toes and forces in a row of a path."""
-    n = len(touch.state)
-    for a in range(3):
-        path[a] = body.com[a]
-        for i in range(n):
-            path[3 + 3 * i + a] = touch.place[i, a]
-            path[3 + 3 * n + 3 * i + a] = touch.force[i, a]
-
-
-@compiled
-def _is_down(plan: Playback, s: int, body: Body, row: Array) -> bool:
-    """Whether a body is so low, or so tilted, that it counts as fallen (`replay.py`)."""
-    departure, trace = 0.0, 0.0
-    for a in range(3):
-        departure += (plan.com[s, a] - body.com[a]) ** 2
-        for b in range(3):
-            trace += plan.rotation[s, a, b] * body.rotation[a, b]
-    row[FARTHEST] = max(row[FARTHEST], np.sqrt(departure))
-    return plan.com[s, 2] - body.com[2] > FALLEN or (trace - 1) / 2 < np.cos(TUMBLED)
-
-
-@compiled
-def _fell(s: int, row: Array) -> None:
-    row[FELL], row[FELL_STEP] = 1, s
-    if row[CAUSE] == NOTHING:
-        row[CAUSE], row[CAUSE_STEP] = UNBALANCED, s
 
 
 @compiled
@@ -416,43 +285,3 @@ def _finish(
             rotor[i, j] = now
         for a in range(3):
             stand.anchor[i, a] = place[a]
-
-
-@compiled
-def _used(limb: int, ground: Ground, touch: Touch) -> float:
-    """Share of a toe's friction that is in use, 1 of one that slides or has come off."""
-    if touch.state[limb] != STICKS:
-        return 1.0
-    g, force, normal = touch.solid[limb], touch.force[limb], touch.normal[limb]
-    mu = ground.tube_friction[g] if touch.face[limb] == TUBE else ground.friction[g]
-    press = _dot(force, normal)
-    shear = np.sqrt(max(_dot(force, force) - press * press, 0.0))
-    return min(shear / max(mu * press, 1e-9), 1.0)
-
-
-@compiled
-def _look(plan: Playback, s: int, ground: Ground, touch: Touch, feet: Feet, row: Array) -> None:
-    """Note the first thing that went wrong since all was well."""
-    cause, limb = NOTHING, -1
-    slips = 0.0
-    for i in range(len(touch.state)):
-        if feet.slid[i] > _SLIP and plan.stands[s, i]:
-            slips += 1.0
-        if not plan.stands[s, i]:
-            continue
-        row[USED] = max(row[USED], _used(i, ground, touch))
-        row[SLID] = max(row[SLID], feet.slid[i])
-        if touch.state[i] == AIR:
-            row[LOST] = 1
-            if cause == NOTHING:
-                cause, limb = LOSES, i
-        elif touch.state[i] == SLIDES:
-            if cause != SLIPS_OFF:
-                cause, limb = SLIPS_OFF, i
-        elif touch.saturated[i] and cause == NOTHING:
-            cause, limb = TOO_WEAK, i
-    row[SLIPS] = max(row[SLIPS], slips)
-    if cause == NOTHING:
-        row[CAUSE], row[CAUSE_LIMB] = NOTHING, -1
-    elif row[CAUSE] == NOTHING:
-        row[CAUSE], row[CAUSE_LIMB], row[CAUSE_STEP] = cause, limb, s

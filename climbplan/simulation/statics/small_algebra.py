@@ -123,3 +123,11 @@ def _solve_firm(matrix: Array, vector: Array) -> bool:
             total -= matrix[k, j] * vector[j]
         vector[k] = total / matrix[k, k]
     return True
+
+
+@compiled
+def _copied(one: Array, other: Array) -> None:
+    """What stands in one (N, n) stands in the other too."""
+    for i in range(len(one)):
+        for a in range(one.shape[1]):
+            other[i, a] = one[i, a]

@@ -15,8 +15,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.simulation.comparison import find_losses, find_slips
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.replay import simulate
-from climbplan.simulation.statics.playback import Steps, played, prepare
-from climbplan.simulation.statics.run import (
+from climbplan.simulation.statics.outcome import (
     CAUSE,
     CAUSE_LIMB,
     CAUSE_STEP,
@@ -24,6 +23,7 @@ from climbplan.simulation.statics.run import (
     FELL,
     FELL_STEP,
 )
+from climbplan.simulation.statics.playback import Steps, played, prepare
 from climbplan.simulation.worlds.intervals import clopper_pearson
 from climbplan.simulation.worlds.stated import KEYS, uncertainty_of
 from climbplan.simulation.worlds.uncertainty import Layout, conditions_of, layout_of, numbers_of

@@ -31,8 +31,8 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import UsageError
 from climbplan.robots.rotations import Array
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.statics.outcome import FARTHEST, FELL, SLID, USED
 from climbplan.simulation.statics.playback import Steps, played, prepare
-from climbplan.simulation.statics.run import FARTHEST, FELL, SLID, USED
 from climbplan.simulation.worlds.intervals import CONFIDENCE, clopper_pearson
 from climbplan.simulation.worlds.stated import uncertainty_of
 from climbplan.simulation.worlds.uncertainty import Layout, conditions_of, layout_of

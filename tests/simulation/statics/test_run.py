@@ -11,8 +11,8 @@ from climbplan.bench.climb.shipped import planned_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.replay import simulate
+from climbplan.simulation.statics.outcome import FELL
 from climbplan.simulation.statics.playback import played, prepare
-from climbplan.simulation.statics.run import FELL
 
 Planned = Callable[..., ClimbPlan]
 

@@ -23,7 +23,7 @@ from climbplan.climb.postures.nlp.links import parting_planes
 from climbplan.climb.scene import ClimbScene
 from climbplan.robots.kinematics import inverse, joint_points_body
 from climbplan.robots.rotations import Array, rotation_world_body
-from climbplan.robots.stated_limbs import stated_limbs
+from climbplan.robots.stated_robot import stated_limbs
 from climbplan.terrain.model import FreeRegion
 from climbplan.terrain.surfaces import Region, Tube
 

@@ -1,0 +1,26 @@
+"""The limbs of a robot as programs state them: which statement its mechanism takes."""
+
+from __future__ import annotations
+
+from climbplan.errors import UsageError
+from climbplan.robots.model import Robot
+from climbplan.robots.serial_chain import SerialChain
+from climbplan.robots.stated_chains import StatedChains
+from climbplan.robots.stated_closed_form import StatedClosedForm
+from climbplan.robots.stated_limbs import StatedLimbs
+
+
+def stated_limbs(robot: Robot) -> StatedLimbs:
+    """The limbs of a robot as programs state them; raises UsageError for closed linkages."""
+    if robot.mechanism is None:
+        return StatedClosedForm(robot.limb_count)
+    if isinstance(robot.mechanism, SerialChain):
+        parts = None if robot.capsules is None else robot.capsules.joint.tolist()
+        own = None if parts is None else tuple(map(tuple, parts))
+        chain, count = robot.mechanism, robot.joint_count
+        kinds = chain.slide_zero is not None, chain.drive is not None
+        return StatedChains(robot.limb_count, count, count > 3, own, *kinds, robot.foot is not None)
+    raise UsageError(
+        f"{robot.name} has legs that are closed linkages, which smooth programs do not state; "
+        "expected limbs of coxa, femur and tibia, or the legs of a URDF"
+    )

@@ -16,7 +16,7 @@ from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.planner import plan_walk
 
-_TIME_LIMIT = "solver.time_limit=60"
+_TIME_LIMIT = "solver.time_limit=180"
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 The body carries limbs of coxa, femur and tibia. Motors are position servos of stiffness
 k (1 - share): the structure's give is counted to the joints, as everywhere in the planner. A toe is
 a small sphere about the planned toe point, so surfaces lie its radius deeper than planned; a
-spherical foot is one of its own radius, on surfaces where they are.
+spherical foot is one of its own radius, on surfaces where they are; a flat one is a plate.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from climbplan.simulation.terrain_geoms import (
     surface_geoms,
     terrain_geom,
 )
-from climbplan.simulation.toe import TOE_RADIUS, toe_radius
+from climbplan.simulation.toe import TOE_RADIUS, sole_plate, toe_radius
 from climbplan.simulation.worlds.ground import moved_terrain
 from climbplan.terrain.model import STATED
 from climbplan.terrain.raw_surface import SLENDER
@@ -50,6 +50,7 @@ TIME_STEP = 1e-3  # [s]
 # over `RADIAN`^2, 0.8 kg
 ARMATURE = 0.05
 DAMPING_RATIO = 1.0  # of motor and rotor inertia
+_CENTRED = 1e-6  # [m] off the centre of mass, up to which the body's box is about it
 _CONE = 6  # capsules of a limb's cone beside a scan
 _LEAST_MASS = 1e-3  # [kg] of a link; smaller ones make the equations stiff
 
@@ -191,18 +192,25 @@ def _robot(robot: Robot, conditions: Conditions, narrow: Narrow) -> list[str]:
     world = conditions.world
     whole = robot.mass * (1.0 if world is None else world.mass)
     body = whole - robot.joint_count * limbs * link + conditions.payload
-    size = np.abs(robot.body_hull).max(axis=0)
-    inertial = ""
-    if world is not None and world.com.any():
+    low, high = robot.body_hull.min(axis=0), robot.body_hull.max(axis=0)
+    # The mass acts in the origin; a torso that rises over the hips makes a box that is beside it
+    middle, size = (low + high) / 2, (high - low) / 2
+    beside = bool(np.abs(middle).max() > _CENTRED)
+    place = np.zeros(3)
+    if world is not None:
         # The whole mass is off by so much, thus the body's by more
         place = world.com * (whole + conditions.payload) / body
+    inertial = at = ""
+    if place.any() or beside:
         inertia = body / 3 * ((size**2).sum() - size**2)
         inertial = (
             f'<inertial pos="{numbers(place)}" mass="{body:.9g}" diaginertia="{numbers(inertia)}"/>'
         )
+    if beside:
+        at = f' pos="{numbers(middle)}"'
     box = (
-        f'<geom name="body" type="box" size="{numbers(size)}" mass="{body:.9g}" material="body"'
-        f' contype="{BODY}" conaffinity="0"/>'
+        f'<geom name="body" type="box"{at} size="{numbers(size)}" mass="{body:.9g}" '
+        f'material="body" contype="{BODY}" conaffinity="0"/>'
     )
     lines = ['<body name="body">', inertial, '<freejoint name="free"/>', box]
     for limb in range(limbs):
@@ -263,9 +271,11 @@ def _end(robot: Robot, limb: int) -> str:
     """What is at a limb's end, with {place}: a toe, or a gripper on its wrist."""
     if robot.gripper is not None:
         return gripper_end(robot.gripper, limb, max(robot.limb_radius, 0.005))
-    radius = toe_radius(robot)
+    shape = f'type="sphere" pos="{{place}}" size="{toe_radius(robot)}"'
+    if robot.sole is not None:
+        shape = sole_plate(robot, limb)
     return (
-        f'<geom name="toe{limb}" type="sphere" pos="{{place}}" size="{radius}" mass="0.001"'
+        f'<geom name="toe{limb}" {shape} mass="0.001"'
         f' material="toe" contype="{TOE}" conaffinity="0" margin="{_STANDS_IN}" friction="0 0 0"/>'
         f'<site name="toe{limb}" pos="{{place}}" size="0.001"/>'
     )

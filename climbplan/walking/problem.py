@@ -15,6 +15,7 @@ from climbplan.spec.walking.loading import WalkingRobot
 from climbplan.spec.walking.model import MpcSpec
 from climbplan.spec.walking.task import WalkGoalSpec
 from climbplan.spec.walking.terrain import LevelRegionSpec, WalkTerrainSpec, plane_of
+from climbplan.walking.feet import too_near
 from climbplan.walking.ground import Ground
 from climbplan.walking.stones import drawn_stones
 from climbplan.walking.task import (
@@ -42,6 +43,7 @@ class Walker:
     body: RigidBody
     height: float  # [m] of its centre of mass as it stands
     legs: WalkingLegs | None  # of a robot from a URDF
+    foot: float = 0.0  # [m] radius of its feet, 0 of points
 
 
 def build_walker(spec: WalkingRobot) -> Walker:
@@ -61,7 +63,7 @@ def build_walker(spec: WalkingRobot) -> Walker:
             toe_half=found.boxes.half,
             force_limit=found.boxes.force,
         )
-        return Walker(body, found.height, found.legs)
+        return Walker(body, found.height, found.legs, found.foot)
     body = RigidBody(
         name=spec.name,
         leg_names=tuple(spec.legs),
@@ -75,8 +77,9 @@ def build_walker(spec: WalkingRobot) -> Walker:
     return Walker(body, spec.standing_height, None)
 
 
-def build_ground(spec: WalkTerrainSpec) -> Ground:
-    """The regions and stones of a spec, or flat ground."""
+def build_ground(spec: WalkTerrainSpec, foot: float = 0.0) -> Ground:
+    """The regions and stones of a spec, or flat ground; foot: radius of feet [m]."""
+    edge = foot if spec.edge is None else spec.edge
     names = [region.name for region in spec.regions]
     outlines = [np.array(region.outline, float) for region in spec.regions]
     slopes = [_slope(region) for region in spec.regions]
@@ -90,7 +93,7 @@ def build_ground(spec: WalkTerrainSpec) -> Ground:
         known += [(0.0, 0.0, float(height)) for height in raised]
         angular |= spec.stones.turn_deg > 0
     if not names:
-        return replace(Ground.flat(spec.friction), edge=spec.edge)
+        return replace(Ground.flat(spec.friction), edge=edge)
     most = max(map(len, outlines)) if angular else 0
     points = np.array(known, float)
     ground = Ground(
@@ -101,7 +104,7 @@ def build_ground(spec: WalkTerrainSpec) -> Ground:
         spec.friction,
         np.array(slopes, float),
         np.stack([_padded(outline, most) for outline in outlines]),
-        spec.edge,
+        edge,
     )
     rise = (ground.slope * (ground.inner - points[:, :2])).sum(axis=1)
     return replace(ground, height=ground.height + rise)
@@ -130,8 +133,9 @@ def build_task(spec: MpcSpec, robot: WalkingRobot, source: str = "spec") -> Walk
         SpecError: a force limit that cannot carry the robot, stated toes off the ground.
         MissingSolver: a robot from a URDF, without Pinocchio.
     """
-    walker, ground, mistakes = build_walker(robot), build_ground(spec.terrain), []
-    body = walker.body
+    walker, mistakes = build_walker(robot), []
+    body, ground = walker.body, build_ground(spec.terrain, walker.foot)
+    mistakes += [SpecMistake("terrain.edge", word) for word in too_near(ground, walker.foot)]
     if 4 * body.force_limit <= body.mass * body.gravity:
         message = (
             f"{body.leg_count} legs of {body.force_limit:g} N cannot carry {body.mass:g} kg "

@@ -13,9 +13,11 @@ from walking_urdf import planned_walk, walking_robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.urdf.walking_body import walking_body
 from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.check.speed import leg_speeds
 from climbplan.walking.check.torque import leg_loads
 from climbplan.walking.check.verification import verify
 from climbplan.walking.kernels.legs import leg_jacobian
+from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.sqp import solve_gait
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.plan_file import read_walk_plan, write_walk_plan
@@ -102,3 +104,28 @@ def test_plans_keep_torque_limits_and_the_check_sees_what_does_not(planned: Walk
     assert failures(check_trajectory(weaker, again.trajectory)) == ""
     used = np.abs(leg_loads(weak, weaker, again.trajectory).torque).max()
     assert used == pytest.approx(0.93 * asked, rel=2e-3)  # they bind
+
+
+def test_joints_that_are_too_fast_are_told_by_rows_and_check(planned: WalkPlan) -> None:
+    task, found = planned.task, planned.trajectory
+    assert task.legs is not None
+    program = PinnedProgram(task, found.gait)
+    spots = found.toes[program.footing.first, program.footing.leg, :2]
+    most = (leg_speeds(task.legs, task, found).speed / task.legs.max_speed).max()
+    slow = replace(task, legs=replace(task.legs, max_speed=most * task.legs.max_speed))
+    told = PinnedProgram(slow, found.gait).joints.too_fast(
+        found.state, found.toes, spots, program.tilt
+    )
+    assert told == pytest.approx(0.0, abs=0.05)
+
+
+def test_where_all_joints_are_too_slow_a_motion_says_by_how_much(planned: WalkPlan) -> None:
+    """What has no motion at all gives a search nothing to go on from."""
+    task, gait = planned.task, planned.trajectory.gait
+    assert task.legs is not None
+    slow = replace(task, legs=replace(task.legs, max_speed=0.3 * task.legs.max_speed))
+    assert solve_gait(slow, gait, elastic=False).trajectory is None
+    found = solve_gait(slow, gait)
+    assert found.trajectory is not None
+    assert found.reach > 1e-3
+    assert not found.holds

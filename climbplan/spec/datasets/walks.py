@@ -102,7 +102,7 @@ class WalksProblemSpec(SpecModel):
         if self.terrain.regions:
             message = "walks of a dataset are on flat ground, or on treads by `problem.world.rise`"
             faults.append(Fault("terrain.regions", message))
-        if 2 * self.terrain.edge >= self.world.tread[0]:
+        if 2 * (self.terrain.edge or 0.0) >= self.world.tread[0]:
             faults.append(Fault("terrain.edge", "leaves nothing of the shortest tread"))
         if self.task.knots < 5:
             faults.append(Fault("task.knots", f"sections need 5 knots, got {self.task.knots}"))

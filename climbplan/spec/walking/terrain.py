@@ -130,8 +130,13 @@ class WalkTerrainSpec(SpecModel):
         default=None, description="a random field of stepping stones, S1, S2, ... in rows along y"
     )
 
-    edge: Number = quantity(
-        "m", "no toe is set down so near to the edge of a region or stone", 0.0, ge=0, le=0.2
+    edge: Number | None = quantity(
+        "m",
+        "no toe is set down so near to the edge of a region or stone; left out: the radius of the "
+        "robot's feet, 0 of points",
+        None,
+        ge=0,
+        le=0.2,
     )
 
     @model_validator(mode="after")
@@ -139,9 +144,9 @@ class WalkTerrainSpec(SpecModel):
         faults = [
             Fault(f"regions.{k}", f"has no room within {self.edge:g} m of its edges")
             for k, region in enumerate(self.regions)
-            if not _room_within(region.outline, self.edge)
+            if self.edge and not _room_within(region.outline, self.edge)
         ]
-        if self.stones is not None and self.stones.size <= 2 * self.edge:
+        if self.stones is not None and self.stones.size <= 2 * (self.edge or 0.0):
             faults.append(Fault("edge", f"leaves nothing of stones of {self.stones.size:g} m"))
         for i, region in enumerate(self.regions):
             for other in self.regions[:i]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.walking.footing import Footing
 from climbplan.walking.kernels.legs import torque_rows
 from climbplan.walking.kernels.speeds import GLANCES, landing_intervals, speed_rows
@@ -50,14 +51,40 @@ class JointRows:
         task, legs = self.task, self.task.legs
         if legs is None:
             return 0
-        chain, cut = legs.chain, self.torques
-        geometry = (
-            chain.joint_zero, chain.axis_zero, chain.slides_zero, chain.drives, chain.toe_zero,
-            chain.posture,
+        cut = self.torques
+        torque_rows(
+            *_geometry(legs), state, toes, self.gait.contact, force_unit, rows[:cut]
         )  # fmt: skip
-        torque_rows(*geometry, state, toes, self.gait.contact, force_unit, rows[:cut])
         return cut + speed_rows(
-            *geometry, _SPEED_IN_HAND * legs.max_speed, task.steps, task.lift, state, toes,
+            *_geometry(legs), _SPEED_IN_HAND * legs.max_speed, task.steps, task.lift, state, toes,
             self.gait.contact, self.footing.foothold, spots, tilt, offset, by, foot_unit,
             foot_column, rows[cut:], lower[cut:], upper[cut:],
         )  # fmt: skip
+
+    def too_fast(self, state: Array, toes: Array, spots: Array, tilt: Array) -> float:
+        """By what share of its limit a joint is beyond it at the glances of rows; below 0 if none.
+
+        Arguments as of `speed_rows`.
+        """
+        task, legs = self.task, self.task.legs
+        if legs is None:
+            return -1.0
+        count, unknowns = self.speeds, spots.size
+        rows, nothing = np.zeros((count, unknowns)), np.zeros((*state.shape, unknowns))
+        lower, upper = np.zeros(count), np.zeros(count)
+        written = speed_rows(
+            *_geometry(legs), legs.max_speed, task.steps, task.lift, state, toes,
+            self.gait.contact, self.footing.foothold, spots, tilt, state, nothing, 1.0, 0,
+            rows, lower, upper,
+        )  # fmt: skip
+        share = rows[:written] @ spots.ravel() - 0.5 * (lower + upper)[:written]
+        return float(np.abs(share).max(initial=0.0)) - 1.0
+
+
+def _geometry(legs: WalkingLegs) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Chains as kernels take them."""
+    chain = legs.chain
+    return (
+        chain.joint_zero, chain.axis_zero, chain.slides_zero, chain.drives, chain.toe_zero,
+        chain.posture,
+    )  # fmt: skip

@@ -30,10 +30,12 @@ FOOT_SCALE = 0.1  # [m] unit of the foothold unknowns
 _RIDGE = 1e-7  # curvature along directions that cost nothing
 _SOLVED = 1
 _SOLVED_SOFTLY = 2
+_UNSOLVED = 0
 _NOT_CONVEX = -5
 _AT_UPPER, _AT_LOWER = 1, 3  # rows that DAQP starts with
 _SOFT = 8  # rows that DAQP may break at a price
 _FAR = 1e30
+_TOO_FAST = 0.1  # [m] of overreach that joints twice as fast as they can be are worth
 _MOST_STEPS = 2000  # DAQP iterations: infeasible QPs end far sooner
 
 
@@ -165,12 +167,14 @@ class PinnedProgram:
     def reach(self, state: Array, toes: Array) -> float:
         """How far toes leave their boxes at knots 1 to N, and standing ones at 0 [m].
 
-        Or the body misses its goal, if that is more.
+        Or the body misses its goal, or joints are too fast, if that is more.
         """
         body, whole = self.task.body, self.task.whole_stance
         contact = self.gait.contact
         worst = float(worst_beyond(body.toe_center, body.toe_half, whole, contact, state, toes))
-        return max(worst, float(self.task.goal.missed(state[-1, :2])))
+        worst = max(worst, float(self.task.goal.missed(state[-1, :2])))
+        spots = toes[self.footing.first, self.footing.leg, :2]
+        return max(worst, _TOO_FAST * self.joints.too_fast(state, toes, spots, self.tilt))
 
     def cost(self, state: Array, force: Array) -> float:
         """The objective, eq. (8.30), of states (N + 1, 12) and forces (>= N, L, 3)."""
@@ -286,12 +290,18 @@ class PinnedProgram:
         )  # fmt: skip
 
     def step(
-        self, at: Iterate, elastic: bool = False, soft: bool = False, most: int = _MOST_STEPS
+        self,
+        at: Iterate,
+        elastic: bool = False,
+        soft: bool = False,
+        most: int = _MOST_STEPS,
+        any_speed: bool = False,
     ) -> Iterate | None:
         """The optimum of that QP; None if it has none.
 
         elastic: if it has none, the one with the least overreach, dearly paid for; soft: look for
-        that at once. most: DAQP iterations. `spent` and `softly` tell how it went.
+        that at once; any_speed: if it has none, the one for motors of any speed. most: DAQP
+        iterations, with any_speed twice. `spent` and `softly` tell how it went.
         """
         self.spent, self.softly = 0, False
         qp = self.qp(at)
@@ -304,6 +314,13 @@ class PinnedProgram:
             z, flag = self._minimised(qp, self._active, most)
             if flag != _SOLVED and self._active is not None:
                 z, flag = self._minimised(qp, None, most - self.spent)
+        if flag != _SOLVED and any_speed and self.joints.count:
+            used, most = self.motors + self.joints.torques, most + self.spent
+            qp = replace(
+                qp, rows=qp.rows[:used], lower=qp.lower[: self.size + used],
+                upper=qp.upper[: self.size + used],
+            )  # fmt: skip
+            z, flag = self._minimised(qp, None, most - self.spent)
         if flag != _SOLVED and (elastic or soft) and self.spent < most:
             z, flag = self._minimised(qp, None, most - self.spent, _SOFT)
             self.softly = flag == _SOLVED
@@ -333,9 +350,10 @@ class PinnedProgram:
             unit = self._scale = 1.0 / np.sqrt(np.diag(qp.hessian))
             z, flag, info = _daqp(qp, unit, sense, most)
         self.spent += int(info["iterations"])
-        solved = flag in (_SOLVED, _SOLVED_SOFTLY)
-        self._active = np.array(info["lam"]) if flag == _SOLVED and reach == 0 else None
-        return z, _SOLVED if solved else flag
+        # Of QPs whose soft rows contradict others DAQP may say that it solved them, without numbers
+        solved = flag in (_SOLVED, _SOLVED_SOFTLY) and bool(np.isfinite(z).all())
+        self._active = np.array(info["lam"]) if solved and flag == _SOLVED and reach == 0 else None
+        return z, _SOLVED if solved else min(flag, _UNSOLVED)
 
     def iterate(self, qp: PinnedQp, z: Array) -> Iterate:
         """The point that unknowns stand for, its states as the QP predicts them."""
@@ -420,4 +438,5 @@ def _daqp(
         iter_limit=max(most, 1),
         eps_prox=0.0,
     )
-    return np.asarray(z) * unit, int(flag), info
+    z = np.asarray(z)
+    return z * unit if np.isfinite(z).all() else z, int(flag), info

@@ -57,14 +57,15 @@ def solve_gait(
 ) -> GaitAnswer:
     """Up to so many QPs from a start (a guess of our own if None), then the true rollout.
 
-    margin: kept inside the workspace boxes [m]; elastic: as of `PinnedProgram.step`; ceiling: no
-    further QP once one predicts a higher objective.
+    margin: kept inside the workspace boxes [m]; elastic: as of `PinnedProgram.step`, and joints
+    may be too fast where nothing else is possible; ceiling: no further QP once one predicts a
+    higher objective.
     """
     program = PinnedProgram(task, gait, margin)
     at = start if start is not None else guess(task, gait)
     agreed, done, share, before = False, 0, 1.0, np.inf
     for done in range(1, iterations + 1):
-        found = program.step(at, elastic)
+        found = program.step(at, elastic, any_speed=elastic)
         if found is None or not np.abs(found.state).max() < _WILD:
             return GaitAnswer(None, np.inf, np.inf, done, False)
         moved = float(np.abs(found.state - at.state).max())

@@ -31,8 +31,8 @@ _TRIED = 8  # bracing postures that are planned with
 _ENOUGH = 0.9  # of its margins: plans that keep less may fall
 _WALL_ENOUGH = 0.5  # of a transition's, whose stances are fewer to choose from
 _WALL_PLANS = 3  # transitions that are planned to the end, at most
-_LIMIT = 60.0  # [s] of a posture planner's time
-_WALL_LIMIT = 180.0  # [s] of a transition's search
+_LIMIT = 180.0  # [s] of a posture planner's time
+_WALL_LIMIT = 360.0  # [s] of a transition's search
 _METHOD = ("solver.method=micp", f"solver.time_limit={_LIMIT}")
 _WALL_METHOD = ("solver.method=enumerate", f"solver.time_limit={_WALL_LIMIT}")
 
@@ -82,15 +82,23 @@ class Trials:
         self.name = file_name(found.name)
         self.robot_file = f"{self.name}.yaml"
         self._stand(found)
+        self._others: list[Proposal] | None = None
         self.ground = first = self._walk()
-        for other in islice(found.otherwise(), _STANDINGS - 1):
-            if self.ground.plan is not None:
-                return
+        if first.plan is not None:
+            return
+        for other in self.others():
             self._stand(other)
             self.ground = self._walk()
-        if self.ground.plan is None and self.found is not found:
-            self._stand(found)
-            self.ground = first
+            if self.ground.plan is not None:
+                return
+        self._stand(found)
+        self.ground = first
+
+    def others(self) -> list[Proposal]:
+        """The robot in the other standing postures that are tried, roomiest first."""
+        if self._others is None:
+            self._others = list(islice(self.found.otherwise(), _STANDINGS - 1))
+        return [one for one in self._others if one is not self.found]
 
     def _stand(self, found: Proposal) -> None:
         """Write the robot file, for what is planned from now on."""
@@ -103,7 +111,23 @@ class Trials:
         return self._outcome("walks on ground", ground_document(self.found, self.robot_file))
 
     def stairs(self) -> Outcome:
-        """Up two stairs, the body pitching with the stance, or else level."""
+        """Up two stairs, the body pitching with the stance, or else level.
+
+        Where the robot does not as it stands on the ground, in its other standing postures.
+        """
+        settled, first = self.found, self._stairs()
+        if first.plan is not None:
+            return first
+        found = first
+        for other in self.others():
+            self._stand(other)
+            found = self._stairs()
+            if found.plan is not None:
+                break
+        self._stand(settled)
+        return first if found.plan is None else found
+
+    def _stairs(self) -> Outcome:
         first: Outcome | None = None
         for leans in (True, False):
             text = stairs_document(self.found, self.robot_file, leans)

@@ -11,10 +11,12 @@ from scipy.spatial import ConvexHull
 from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
+from climbplan.robots.serial_chain import SerialChain
 
 Pairs = NDArray[np.int64]
 _DRAWN = 60  # postures that tell which parts always touch
 _ALWAYS = 0.5  # share of these
+_ONE_PLACE = 0.01  # [m] within which joints of a hip are in one place
 _PLACES = 17  # looked at along an axis
 
 
@@ -22,13 +24,15 @@ def parts_beside(robot: Robot, links: Capsules) -> tuple[Pairs, Pairs]:
     """Pairs that have to keep apart: of limbs and the body (B, 4), of two limbs (Q, 4).
 
     A row is limb and capsule, and limb and capsule or -1 and 0 for the body. The first link of a
-    limb is joined with the body; links of one limb are kept apart by joint bounds. First links of
-    two limbs that are as thick as their parts, hips side by side, have capsules that are wider.
+    limb is joined with the body; links of one limb are kept apart by joint bounds. Hips that are
+    as thick as their parts have capsules that are wider, beside the body and beside one another:
+    first links, and those further out while joints are in one place.
     """
     count, limbs = links.radius.shape[1], range(robot.limb_count)
-    first = robot.has_joint.argmax(axis=1)
+    first, hip = robot.has_joint.argmax(axis=1), _hips(robot)
     left_out = {tuple(row) for row in robot.touching.tolist()}
-    to_body = [(i, c, -1, 0) for i in limbs for c in range(count) if links.link[i, c] != first[i]]
+    joined = first if robot.capsules is None else hip
+    to_body = [(i, c, -1, 0) for i in limbs for c in range(count) if links.link[i, c] > joined[i]]
     between = [
         (i, c, other, beside)
         for i in limbs
@@ -36,14 +40,25 @@ def parts_beside(robot: Robot, links: Capsules) -> tuple[Pairs, Pairs]:
         for c in range(count)
         for beside in range(count)
         if robot.capsules is None
-        or links.link[i, c] != first[i]
-        or links.link[other, beside] != first[other]
+        or links.link[i, c] > hip[i]
+        or links.link[other, beside] > hip[other]
     ]
 
     def kept(pairs: list[tuple[int, int, int, int]]) -> Pairs:
         return np.array([p for p in pairs if p not in left_out], np.int64).reshape(-1, 4)
 
     return kept(to_body), kept(between)
+
+
+def _hips(robot: Robot) -> NDArray[np.int64]:
+    """(N,) the last link of each limb that is a part of its hip."""
+    hip = robot.has_joint.argmax(axis=1)
+    if isinstance(robot.mechanism, SerialChain):
+        joints = robot.mechanism.joint_zero
+        for limb, first in enumerate(hip.copy()):
+            near = np.linalg.norm(joints[limb, first:] - joints[limb, first], axis=-1) < _ONE_PLACE
+            hip[limb] = first + max(int(np.logical_and.accumulate(near).sum()) - 2, 0)
+    return np.asarray(hip, np.int64)
 
 
 def always_touching(robot: Robot, parts: Sequence[Array]) -> Pairs:

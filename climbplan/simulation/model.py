@@ -50,6 +50,7 @@ TIME_STEP = 1e-3  # [s]
 # over `RADIAN`^2, 0.8 kg
 ARMATURE = 0.05
 DAMPING_RATIO = 1.0  # of motor and rotor inertia
+_CENTRED = 1e-6  # [m] off the centre of mass, up to which the body's box is about it
 _CONE = 6  # capsules of a limb's cone beside a scan
 _LEAST_MASS = 1e-3  # [kg] of a link; smaller ones make the equations stiff
 
@@ -191,18 +192,25 @@ def _robot(robot: Robot, conditions: Conditions, narrow: Narrow) -> list[str]:
     world = conditions.world
     whole = robot.mass * (1.0 if world is None else world.mass)
     body = whole - robot.joint_count * limbs * link + conditions.payload
-    size = np.abs(robot.body_hull).max(axis=0)
-    inertial = ""
-    if world is not None and world.com.any():
+    low, high = robot.body_hull.min(axis=0), robot.body_hull.max(axis=0)
+    # The mass acts in the origin; a torso that rises over the hips makes a box that is beside it
+    middle, size = (low + high) / 2, (high - low) / 2
+    beside = bool(np.abs(middle).max() > _CENTRED)
+    place = np.zeros(3)
+    if world is not None:
         # The whole mass is off by so much, thus the body's by more
         place = world.com * (whole + conditions.payload) / body
+    inertial = at = ""
+    if place.any() or beside:
         inertia = body / 3 * ((size**2).sum() - size**2)
         inertial = (
             f'<inertial pos="{numbers(place)}" mass="{body:.9g}" diaginertia="{numbers(inertia)}"/>'
         )
+    if beside:
+        at = f' pos="{numbers(middle)}"'
     box = (
-        f'<geom name="body" type="box" size="{numbers(size)}" mass="{body:.9g}" material="body"'
-        f' contype="{BODY}" conaffinity="0"/>'
+        f'<geom name="body" type="box"{at} size="{numbers(size)}" mass="{body:.9g}" '
+        f'material="body" contype="{BODY}" conaffinity="0"/>'
     )
     lines = ['<body name="body">', inertial, '<freejoint name="free"/>', box]
     for limb in range(limbs):

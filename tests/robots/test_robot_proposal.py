@@ -20,6 +20,7 @@ from climbplan.robots.urdf.proposal.proposing import propose
 from climbplan.robots.urdf.proposal.refining import refined
 from climbplan.robots.urdf.proposal.settled import Proposal
 from climbplan.spec.robots.source import load_any_robot
+from climbplan.spec.robots.urdf.mimics import mimic_findings
 from climbplan.spec.robots.urdf.tree import urdf_of_text
 
 
@@ -68,6 +69,16 @@ def test_limbs_end_at_joints_that_cannot_move() -> None:
     limit = leg.index("<limit", place)
     body = leg[:limit] + held + leg[leg.index("/>", limit) + 2 :]
     assert found_in(body)[0] == [["leg_1", "leg_2", "leg_3"]]
+
+
+def test_a_fixed_joint_mimics_nothing() -> None:
+    leg = chain("leg", "base", ["revolute"] * 3 + ["fixed"]).replace(
+        '<child link="leg_4"/>', '<child link="leg_4"/><mimic joint="leg_1"/>'
+    )
+    assert "<mimic" in leg
+    tree = urdf_of_text(f'<robot name="r"><link name="base"/>{leg}</robot>', Path("r.urdf"))
+    assert tree.joints["leg_4"].mimic is None
+    assert mimic_findings(tree) == []
 
 
 def test_more_than_seven_joints_are_locked_from_the_far_end() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,9 @@ from urdf_walkers import Walker
 
 from climbplan.climb.proposed import Trials
 from climbplan.errors import UsageError
+from climbplan.robots.capsules import limb_capsules
+from climbplan.robots.touching_parts import parts_beside
+from climbplan.robots.urdf.building import robot_of_urdf
 from climbplan.robots.urdf.proposal.proposing import legs_of, propose
 from climbplan.robots.urdf.proposal.settled import Proposal, settled
 from climbplan.robots.urdf.workspace import common_reach
@@ -40,6 +44,51 @@ def test_an_arm_in_the_way_is_held_elsewhere(tmp_path: Path) -> None:
     assert parts is not None
     standing = {joint: float(np.deg2rad(value)) for joint, value in found.standing.items()}
     assert not parts.touching(standing)
+
+
+def test_limbs_end_before_motors_too_weak_for_their_toes(tmp_path: Path) -> None:
+    urdf = humanoid(tmp_path / "humanoid.urdf")
+    assert legs_of(urdf).draft.locked == {}
+    text = urdf.read_text()
+    for side in ("left", "right"):  # a fair share of 20 kg at 0.25 m asks for 15 N m
+        at = text.index(f'<joint name="{side}_arm_bend"')
+        text = text[:at] + text[at:].replace('effort="150.0"', 'effort="2"', 1)
+    urdf.write_text(text)
+    found = legs_of(urdf)
+    toes = dict(zip(found.named.names, found.toes, strict=True))
+    for side in ("left", "right"):
+        toe = toes[f"{side[0].upper()}_arm"]
+        assert (toe.link, toe.offset) == (f"{side}_arm_pitch", (0.0, 0.0, -0.25))
+        assert "has 2 N m" in toe.why
+        # The forearm is turned back, and so ahead of the elbow by no more than its thickness
+        assert abs(found.draft.locked[f"{side}_arm_bend"]) > 90
+    assert toes["L_leg"].link == "left_leg_tip"
+
+
+def test_forward_is_where_left_is_left(tmp_path: Path) -> None:
+    urdf = humanoid(tmp_path / "humanoid.urdf")
+    assert legs_of(urdf).draft.forward == "x"
+    text = urdf.read_text()
+    urdf.write_text(text.replace("left", "LEFT").replace("right", "left").replace("LEFT", "right"))
+    found = legs_of(urdf)
+    assert found.draft.forward == "-x"
+    for name, toe in zip(found.named.names, found.toes, strict=True):
+        assert toe.link[0] == name[0].lower()
+
+
+def test_hips_of_several_joints_in_one_place(tmp_path: Path) -> None:
+    found = legs_of(humanoid(tmp_path / "humanoid.urdf"))
+    drawn = found.draft.robot(meshes=True)
+    size = drawn.spec.workspace.model_copy(update={"reach": 1.0, "stance_radius": 0.1})
+    spec = drawn.spec.model_copy(update={"workspace": size})
+    robot = robot_of_urdf(replace(drawn, spec=spec))
+    links = limb_capsules(robot, np.zeros((1, 4, 4)))
+    for pairs in parts_beside(robot, links):
+        for limb, capsule, other, beside in pairs:
+            if other < 0:
+                assert links.link[limb, capsule] >= 2
+            else:
+                assert max(links.link[limb, capsule], links.link[other, beside]) >= 2
 
 
 def test_one_reach_is_a_necessary_one_for_all() -> None:

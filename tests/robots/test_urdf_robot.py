@@ -227,6 +227,38 @@ def test_meshes_are_found(tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPa
     np.testing.assert_allclose(size, [0.2, 0.6, 0.1], atol=1e-6)
 
 
+def write_dae(path: Path, half: tuple[float, float, float], up: str) -> None:
+    """A box as COLLADA."""
+    corners = list(itertools.product(*((-h, h) for h in half)))
+    places = " ".join(f"{value:g}" for corner in corners for value in corner)
+    faces = ["0 1 3 2", "4 6 7 5", "0 4 5 1", "2 3 7 6", "0 2 6 4", "1 5 7 3"]
+    around = " ".join(f"{a} {b} {c} {a} {c} {d}" for a, b, c, d in map(str.split, faces))
+    path.write_text(
+        f"""<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit meter="1"/><up_axis>{up}</up_axis></asset>
+<library_geometries><geometry id="g"><mesh>
+<source id="s"><float_array id="a" count="24">{places}</float_array><technique_common>
+<accessor source="#a" count="8" stride="3"><param name="X" type="float"/>
+<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#s"/></vertices>
+<triangles count="12"><input semantic="VERTEX" source="#v" offset="0"/><p>{around}</p></triangles>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="w"><node id="n"><instance_geometry url="#g"/></node>
+</visual_scene></library_visual_scenes><scene><instance_visual_scene url="#w"/></scene></COLLADA>
+"""
+    )
+
+
+@pytest.mark.parametrize("up", ["Z_UP", "Y_UP"])
+def test_a_collada_file_says_which_way_is_up(tmp_path: Path, up: str) -> None:
+    lengths = (0.3, 0.1, 0.05) if up == "Z_UP" else (0.3, 0.05, 0.1)
+    write_dae(tmp_path / "body.dae", lengths, up)
+    robot = built(tmp_path, replace(QUADRUPED, mesh="body.dae"))
+    size = robot.body_hull.max(axis=0) - robot.body_hull.min(axis=0)
+    np.testing.assert_allclose(size, [0.2, 0.6, 0.1], atol=1e-6)
+
+
 def test_meshes_that_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "body.stl").write_text("no mesh at all")
     said = refusal(tmp_path, replace(QUADRUPED, mesh="body.stl"))

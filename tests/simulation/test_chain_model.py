@@ -59,6 +59,20 @@ def test_model_is_the_robot_of_the_plan(plan: ClimbPlan) -> None:
             np.testing.assert_allclose(toes, toe_world(robot, com, rpy, angles), atol=1e-9)
 
 
+def test_the_body_is_where_it_is(plan: ClimbPlan) -> None:
+    """A torso over the hips does not make a box below them; mass acts in the origin."""
+    up = np.array([0.0, 0.0, 0.2])
+    lifted = replace(plan, robot=replace(plan.robot, body_hull=plan.robot.body_hull + up))
+    model = mujoco.MjModel.from_xml_string(build_mjcf(lifted, Conditions()))
+    half = np.ptp(plan.robot.body_hull, axis=0) / 2
+    box = model.geom("body")
+    np.testing.assert_allclose(box.size, half, atol=1e-6)
+    middle = plan.robot.body_hull.mean(axis=0) + up
+    np.testing.assert_allclose(box.pos, middle, atol=1e-6)
+    np.testing.assert_allclose(model.body("body").ipos, 0.0, atol=1e-9)
+    assert model.body_mass.sum() == pytest.approx(plan.robot.mass, rel=1e-3)
+
+
 def test_weights_of_links_by_virtual_work(plan: ClimbPlan) -> None:
     """The torques are the slope of the links' potential energy by the joint angles."""
     robot, conditions = plan.robot, Conditions(limb_mass_share=0.3)

@@ -14,6 +14,7 @@ from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.solvers.highs.model import highs, rows_model
 from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.check.checker import LIMITS, check_trajectory, failures
+from climbplan.walking.check.truth import euler_rates
 from climbplan.walking.cost import objective
 from climbplan.walking.draws import StartRanges, drawn_start
 from climbplan.walking.micp.covering import covering, halves
@@ -34,6 +35,8 @@ from climbplan.walking.micp.model import Lin, LinearModel
 from climbplan.walking.micp.ranges import Box, ranges_below
 from climbplan.walking.micp.relaxed import infeasible, linear, relaxed
 from climbplan.walking.micp.shrinking import shrunk
+from climbplan.walking.micp.smooth import Function, sine, straight
+from climbplan.walking.micp.spinning import Spinning
 from climbplan.walking.micp.statement import Relaxation, relaxation
 from climbplan.walking.micp.tree import Search
 from climbplan.walking.micp.tube import Tube, tube_about, turning
@@ -297,8 +300,63 @@ def test_what_turns_stays_within_its_bounds() -> None:
         assert (np.abs(inverse - t.inverse) <= t.inverse_off + 1e-9).all()
         world = R @ inertia @ R.T
         assert (np.abs(world - t.inertia) <= t.inertia_off + 1e-9).all()
-        gyro = -np.linalg.solve(world, np.cross(omega, world @ omega))
-        assert (np.abs(gyro - t.gyro) <= t.gyro_off + 1e-9).all()
+        about = t.principal.T @ R.T @ omega
+        assert (about >= t.about_low).all()
+        assert (about <= t.about_high).all()
+    axes = t.principal
+    assert np.allclose(axes @ np.diag(t.moments) @ axes.T, inertia, atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("middle", [-0.4, 0.0, 0.7])
+@pytest.mark.parametrize("half", [0.0, 0.05, 0.45])
+def test_straight_lines_are_off_by_no_more_than_they_say(middle: float, half: float) -> None:
+    x = np.linspace(-half, half, 3001)
+    slope, off = sine(half)
+    assert (np.abs(np.sin(x) - slope * x) <= off).all()
+    assert off <= half**3 / 20.0 + 2e-9
+    shapes: dict[Function, Array] = {
+        "secant": 1 / np.cos(middle + x),
+        "tangent": np.tan(middle + x),
+    }
+    for name, values in shapes.items():
+        line = straight(name, middle, half)
+        beyond = np.abs(values - line.middle - line.slope * x)
+        assert (beyond <= line.off).all()
+        assert beyond.max() >= 0.9 * line.off - 1e-9
+
+
+def test_spins_and_rates_of_a_tube_are_in_its_rows() -> None:
+    # Envelopes of rates and of gyroscopic moments hold every attitude and turning of a wide tube.
+    task = shorter(walk_task((0.5, 0, 0)), 3)
+    rng = np.random.default_rng(1)
+    middle, half = np.array([0.1, -0.2, 0.7]), np.array([0.2, 0.25, 0.4])
+    spin, spin_half = np.array([1.0, -2.0, 4.0]), np.array([2.0, 2.0, 2.0])
+    tube = Tube(*(np.tile(row, (4, 1)) for row in (middle, half, spin, spin_half)))
+    t = turning(task, tube, 1)
+    frame = Spinning(task, tube, 3000.0, 1, 1, 3.0, None)
+    frame.attitude(1)
+    moments, largest = frame.gyroscopic(1)
+    for _ in range(20):
+        angles = middle + half * rng.uniform(-1, 1, 3)
+        omega = spin + spin_half * rng.uniform(-1, 1, 3)
+        about = t.principal.T @ rotation_world_body(angles).T @ omega
+        true = -np.cross(about, t.moments * about)
+        assert (np.abs(true) <= largest + 1e-9).all()
+        model = frame.model
+        after = angles + task.step * euler_rates(angles, omega)
+        given = {frame.angles[1][k].column: angles[k] for k in range(3)}
+        given |= {frame.spin[1][k].column: omega[k] for k in range(3)}
+        solver = linear()
+        solver.passModel(rows_model(model, relaxed=True))
+        for column, value in given.items():
+            solver.changeColBounds(column, value, value)
+        for k in range(3):
+            solver.changeColBounds(frame.angles[2][k].column, after[k], after[k])
+            ((column, factor),) = moments[k].terms.items()
+            solver.changeColBounds(column, true[k] / factor, true[k] / factor)
+        solver.run()
+        assert solver.getModelStatus() == highspy.HighsModelStatus.kOptimal
 
 
 def test_tangents_are_below_their_square() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from climbplan.bench.climb.stands import fares
 from climbplan.climb.proposed import Outcome, Trials
 from climbplan.errors import UsageError
+from climbplan.robots.urdf.proposal.settled import Proposal
 from climbplan.simulation.conditions import NOMINAL
 from climbplan.simulation.walking.comparison import compare_walk
 from climbplan.simulation.walking.walk_report import end_of
@@ -63,18 +64,32 @@ def _climb(make: Callable[[Trials, Told], Outcome]) -> Column:
 def _walk(turns: bool) -> Column:
     def cell(trials: Trials, told: Told) -> Cell:
         begin = time.process_time()
-        made: ProposedWalk = proposed_walk(trials.found, trials.robot_file, turns)
+        plan, words = _asked_walk(trials.found, trials.robot_file, turns)
+        for other in trials.others() if plan is None else ():
+            plan, own = _asked_walk(other, trials.robot_file, turns)
+            if plan is not None:
+                words = own
+                break
         spent = time.process_time() - begin
-        plan = made.plan
         if plan is None:
-            return Cell(False, "", made.words, spent)
-        reached, asked, unit = _turned(plan) if turns else _speed(plan)
-        words = f"{reached:.2f} of {asked:.2f} {unit}"
-        if reached < _REACHED * asked:
-            return Cell(False, "", f"the plan reaches {words} alone", spent)
-        return Cell(True, _simulated(lambda: _fares(plan)), words, spent)
+            return Cell(False, "", words, spent)
+        walk = plan
+        return Cell(True, _simulated(lambda: _fares(walk)), words, spent)
 
     return cell
+
+
+def _asked_walk(found: Proposal, robot_file: str, turns: bool) -> tuple[WalkPlan | None, str]:
+    """A walk that does what is asked, and how much of it; else none, and why."""
+    made: ProposedWalk = proposed_walk(found, robot_file, turns)
+    plan = made.plan
+    if plan is None:
+        return None, made.words
+    reached, asked, unit = _turned(plan) if turns else _speed(plan)
+    words = f"{reached:.2f} of {asked:.2f} {unit}"
+    if reached < _REACHED * asked:
+        return None, f"the plan reaches {words} alone"
+    return plan, words
 
 
 def _speed(plan: WalkPlan) -> tuple[float, float, str]:

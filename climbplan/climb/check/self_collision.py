@@ -2,13 +2,15 @@
 
 Left out are the body and the first link of each limb, which a joint connects, links of one limb,
 which joint bounds keep apart, the joint of the second link with the first, pairs that touch however
-the robot stands (`Robot.touching`), and of robots from URDFs the first links of two limbs: hips lie
-side by side, and the capsules about their housings are wider than these by centimetres.
+the robot stands (`Robot.touching`), and of robots from URDFs hips beside one another and beside the
+body, first links and those between further joints in the same place: the capsules about their
+housings are wider than these by centimetres.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -21,9 +23,11 @@ from climbplan.climb.check.distances import chain_distance
 from climbplan.climb.check.subject import Subject
 from climbplan.plans.check import Array, Check, judge_worst
 from climbplan.robots.model import Robot
+from climbplan.robots.serial_chain import SerialChain
 
 _TOLD = 0.02  # [m] room between parts up to which it is measured, not bounded
 _OF_JOINT = 0.2  # of a radius: what of a link counts as the joint that carries it
+_SAME_PLACE = 0.01  # [m] within which joints of a hip are
 _NO_DIRECTION = 1e-12  # [m] a difference shorter than this has no direction
 
 
@@ -79,11 +83,13 @@ def parts_apart(
     """Room between links and body parts, and links of two limbs; arguments as above."""
     left_out = {tuple(int(i) for i in row) for row in robot.touching}
     first = robot.has_joint.argmax(axis=1)
+    hip = [_hip(robot, limb, int(first[limb])) for limb in range(robot.limb_count)]
     clear: list[Array] = []
     radii: list[float] = []
     pairs: list[tuple[Capsule, Capsule | None]] = []
     for one in capsules:
-        if one.link == first[one.limb] or (one.limb, one.number, -1, 0) in left_out:
+        joined = {int(first[one.limb])} if robot.capsules is None else hip[one.limb]
+        if one.link in joined or (one.limb, one.number, -1, 0) in left_out:
             continue
         axis, radius = one.axis, one.radius
         if robot.capsules is None and one.link == first[one.limb] + 1:
@@ -98,7 +104,7 @@ def parts_apart(
         pair = (one.limb, one.number, other.limb, other.number)
         if one.limb == other.limb or pair in left_out:
             continue
-        hips = one.link == first[one.limb] and other.link == first[other.limb]
+        hips = one.link in hip[one.limb] and other.link in hip[other.limb]
         if hips and robot.capsules is not None:
             continue
         thick = one.radius + other.radius
@@ -107,6 +113,18 @@ def parts_apart(
         pairs.append((one, other))
     room = np.stack(clear, axis=1) if clear else np.zeros((len(com), 0))
     return PartsApart(room, np.array(radii), tuple(pairs))
+
+
+def _hip(robot: Robot, limb: int, first: int) -> set[int]:
+    """Links of a limb that end where it begins, and its first link."""
+    links = {first}
+    if isinstance(robot.mechanism, SerialChain):
+        places = robot.mechanism.joint_zero[limb]
+        for link in range(first, len(places) - 1):
+            if math.dist(places[link + 1], places[first]) >= _SAME_PLACE:
+                break
+            links.add(link)
+    return links
 
 
 def _past_joint(capsule: Capsule) -> tuple[Array, float]:

@@ -7,10 +7,12 @@ looks at, with each number as Python prints it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from climbplan.spec.robots.urdf.meshes import mesh_path
+from climbplan.spec.robots.urdf.meshes import mesh_path, y_is_up
 from climbplan.spec.robots.urdf.source import UrdfRobot
 from climbplan.spec.robots.urdf.xml import Element, number_of, parsed, vector_of
 
@@ -62,7 +64,9 @@ def normal_document(robot: UrdfRobot) -> str:
     """
     root = parsed(robot.tree.text)
     root.attributes["name"] = robot.tree.name
-    return _written(root, {name: str(path) for name, path in robot.meshes.items()}, _KEPT)
+    meshes = {name: str(path) for name, path in robot.meshes.items()}
+    _upright(root, meshes)
+    return _written(root, meshes, _KEPT)
 
 
 def visual_document(robot: UrdfRobot) -> str:
@@ -83,7 +87,27 @@ def visual_document(robot: UrdfRobot) -> str:
         name: str(mesh_path(name, robot.tree.path, robot.spec.packages, robot.directory))
         for name in meshes
     }
+    _upright(root, found)
     return _written(root, found, _PICTURED)
+
+
+def _upright(root: Element, meshes: dict[str, str]) -> None:
+    """Turn meshes whose file says that y is up (COLLADA): Pinocchio takes their axes as they are.
+
+    A further turn about x by 90 degrees is one more of the first of three about fixed axes.
+    """
+    turned = {name for name, path in meshes.items() if y_is_up(Path(path))}
+    for shape in root.walk() if turned else ():
+        geometry = shape.first("geometry") if shape.tag in _SHAPES else None
+        mesh = None if geometry is None else geometry.first("mesh")
+        if mesh is None or mesh.attributes.get("filename") not in turned:
+            continue
+        origin = shape.first("origin")
+        if origin is None:
+            origin = Element("origin", {}, shape.line)
+            shape.children.append(origin)
+        roll, pitch, yaw = vector_of(origin, "rpy") or (0.0, 0.0, 0.0)
+        origin.attributes["rpy"] = f"{roll + 0.5 * math.pi!r} {pitch!r} {yaw!r}"
 
 
 def _written(element: Element, meshes: dict[str, str], tags: dict[str, _Kept]) -> str:

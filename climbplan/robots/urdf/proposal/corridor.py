@@ -14,6 +14,7 @@ import numpy as np
 from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.proposal.holding import Lack, holding_share, lack_of
 from climbplan.robots.urdf.proposal.postures import (
+    BESIDE,
     Legs,
     Mask,
     Posture,
@@ -25,7 +26,7 @@ from climbplan.robots.urdf.proposal.quality import quality_of
 from climbplan.robots.urdf.workspace import common_reach
 
 _LOW = np.arange(0.6, 0.96, 0.07)  # shares of reach that feet are below hips
-_OUT = np.array([0.0, 0.08, 0.16])  # that they are further out
+_OUT = np.array([0.0, 0.08, 0.16, 0.24, 0.32])  # that they are further out
 _WIDE = np.arange(0.35, 0.92, 0.08)  # that walls are from shoulders
 _BELOW = np.array([-0.2, 0.0, 0.2, 0.4, 0.6])  # that hands are below them
 _AHEAD = np.array([0.0, 0.25, 0.5])  # and before them
@@ -41,16 +42,17 @@ def corridor_postures(
     legs: Legs,
     arms: Mask,
     center: Callable[[Array], Array],
-    count: int,
     clearance: float,
     mu: float,
+    beside: Callable[[Array], Array] | None = None,
 ) -> tuple[list[Posture], Lack]:
     """The best postures, best first, and the least share of torque limits that one needs.
 
     Toes in the frame of the chains.
 
     arms: (N,) limbs whose ends are on walls; center: centre of mass of angles (N, J) [m];
-    clearance: [m] of the body and elbows from walls; mu: friction coefficient that may be used.
+    clearance: [m] of the body and elbows from walls; mu: friction coefficient that may be used;
+    beside: room (C,) between limbs at angles (C, N, J) [m].
     """
     reach, hips, sign = legs.reach, legs.hips, legs.outward
     sides = np.where(sign[:, 0] == 0, 1.0, sign[:, 0])
@@ -80,6 +82,8 @@ def corridor_postures(
     most = np.minimum(reach, common_reach(reach))
     near = np.linalg.norm(toes - hips, axis=-1) < _LONGEST * most
     fine = reached & near & within & clear_of_body(legs, quality.points) & (above > _ABOVE * reach)
+    if beside is not None:
+        fine &= (beside(angles) > BESIDE)[:, None]
     found, lack = [], Lack(np.inf)
     for posture in best_of(quality, angles, toes, fine, _HELD, 2 * half):
         jacobian = legs.chain.jacobian(posture.angles)
@@ -103,6 +107,5 @@ def corridor_postures(
         joint = int(np.argmax(needed / legs.torque[limb]))
         share = float(quality.use[whole][best, limb])
         lack = Lack(share, limb, joint, float(needed[joint]))
-    return sorted(found, key=lambda posture: -posture.score)[
-        :count
-    ], lack if whole.any() else Lack()
+    held = sorted(found, key=lambda posture: -posture.score)
+    return held, lack if whole.any() else Lack()

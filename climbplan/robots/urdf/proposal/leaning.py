@@ -17,6 +17,7 @@ from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.proposal.holding import moved_share
 from climbplan.robots.urdf.proposal.postures import (
     ABOVE,
+    BESIDE,
     Legs,
     Posture,
     best_of,
@@ -34,11 +35,15 @@ _ENOUGH = 1.0  # of the torque limits
 
 
 def leaning_postures(
-    legs: Legs, center: Callable[[Array], Array], count: int, mu: float
+    legs: Legs,
+    center: Callable[[Array], Array],
+    mu: float,
+    beside: Callable[[Array], Array] | None = None,
 ) -> list[Posture]:
     """The best postures, best first; toes in the frame of the chains.
 
-    center: centre of mass of angles (N, J) [m]; mu: friction coefficient that may be used.
+    center: centre of mass of angles (N, J) [m]; mu: friction coefficient that may be used;
+    beside: room (C,) between limbs at angles (C, N, J) [m].
     """
     reach, hips, sign = legs.reach, legs.hips, legs.outward
     low, out, front, rear = (
@@ -55,6 +60,8 @@ def leaning_postures(
     quality = quality_of(legs.chain, angles, light, legs.limits)
     above = quality.points[..., :-1, 2].min(axis=-1) - toes[..., 2]
     fine = reached & clear_of_body(legs, quality.points) & (above > ABOVE * reach)
+    if beside is not None:
+        fine &= (beside(angles) > BESIDE)[:, None]
     normal = np.zeros((len(hips), 3))
     normal[:, 2] = 1.0
     found, far = [], _SHIFTED * float(reach.min())
@@ -68,4 +75,4 @@ def leaning_postures(
         if use < _ENOUGH:
             score = posture.room * (1 - use)
             found.append(replace(posture, use=use, shift=shift, score=score))
-    return sorted(found, key=lambda posture: -posture.score)[:count]
+    return sorted(found, key=lambda posture: -posture.score)

@@ -36,6 +36,7 @@ _HELD = 120  # of the roomiest braces whose forces are looked at
 SHIFTED = (0.15, 0.22)  # of reach that the body may shift between walls; more if need be
 _WEAK = 0.75  # share of the torque limits from which on there is need
 ABOVE = 0.05  # of reach that links stay above toes on the ground
+BESIDE = 0.02  # [m] that limbs of robots with arms keep from one another, as they stand
 _ROUND_ZERO = 2.0  # [rad] that joints without bounds are bent at most
 _HOLDING = 3  # legs that bear the weight
 _ONE_BEND = 0.5  # [m] off the mirror image of the other leg, that counts as one metre of room

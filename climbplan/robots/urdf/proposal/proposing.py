@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,16 +16,18 @@ from climbplan.robots.urdf.pinocchio_model import LegAtZero
 from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.limbs import FoundLimb, alike, body_link, legs_among, limbs_of
 from climbplan.robots.urdf.proposal.naming import Named, named
-from climbplan.robots.urdf.proposal.settled import Proposal, Settled, settled
+from climbplan.robots.urdf.proposal.nearer import Nearer, nearer_end
+from climbplan.robots.urdf.proposal.settled import GRAVITY, Proposal, Settled, settled
 from climbplan.robots.urdf.proposal.toes import Toe, spherical, toe_of
 from climbplan.robots.urdf.shapes import Shape
 from climbplan.spec.robots.urdf.model import FEWEST_LEGS
-from climbplan.spec.robots.urdf.tree import UrdfTree, read_urdf
+from climbplan.spec.robots.urdf.tree import UrdfJoint, UrdfTree, read_urdf
 from climbplan.spec.robots.urdf.xml import UrdfFault, UrdfFaults
 
 _AHEAD = 1.3  # times as far apart front to rear as side to side: how legs tell forward from aside
 _LYING = (("z", "-x"), ("z", "x"))  # forward and up of a base on its front, whose x was ahead
 _LEG_NAMES = "limb {}"
+_LEFT, _RIGHT = (re.compile(rf"(^|_){s[0]}_|{s}", re.IGNORECASE) for s in ("left", "right"))
 
 
 @dataclass(frozen=True)
@@ -87,25 +91,18 @@ def legs_of(
             f"{urdf}: expected three limbs or more of at least 3 joints that turn, carried by the "
             f"body {base!r}, found {len(limbs)} (ending at: {have}){ours if short else ''}"
         )
-    locked = [*found.shared, *(joint for limb in limbs for joint in limb.locked)]
-    draft = Draft(
-        urdf=urdf.resolve(),
-        base=base,
-        legs={_LEG_NAMES.format(i): {"toe": limb.end} for i, limb in enumerate(limbs)},
-        joints={
-            j.name: {"max_torque": 1.0, "max_speed": 1.0} for limb in limbs for j in limb.joints
-        },
-        locked={joint.name: _rest(joint.lower, joint.upper) for joint in locked},
-        packages=dict(packages or {}),
-    )
+    draft = _draft(urdf, base, limbs, found.shared, packages)
     shapes, unread = draft.shapes()
     model = draft.model()
     toes = [toe_of(model, limb.joints[-1].name, limb.end, shapes) for limb in limbs]
-    draft.legs = {
-        _LEG_NAMES.format(i): {"toe": toe.link, "toe_offset": list(toe.offset)}
-        for i, toe in enumerate(toes)
-    }
+    draft.legs = _with_toes(toes)
     legs, groups = _chosen(draft, limbs, urdf)
+    if ends := _nearer(draft, limbs, legs, shapes):
+        limbs = tuple(ends[i].limb if i in ends else limb for i, limb in enumerate(limbs))
+        toes = [ends[i].toe if i in ends else toe for i, toe in enumerate(toes)]
+        draft = _draft(urdf, base, limbs, found.shared, packages)
+        draft.legs = _with_toes(toes)
+        draft.locked |= {name: angle for end in ends.values() for name, angle in end.held.items()}
     draft, hips = _facing(draft, limbs, legs, groups, axes)
     links = [toes[i].link for i in legs]
     names = named(hips, links, [groups[i] for i in legs])
@@ -123,6 +120,46 @@ def legs_of(
     for name, toe in zip(names.names, own, strict=True):
         draft.legs[name]["toe_offset"] = list(toe.offset)
     return FoundLegs(draft, tree, tuple(own), names, shapes, unread)
+
+
+def _draft(
+    urdf: Path,
+    base: str,
+    limbs: tuple[FoundLimb, ...],
+    shared: tuple[UrdfJoint, ...],
+    packages: dict[str, str] | None,
+) -> Draft:
+    """All limbs as legs with their ends as toes, and what is held."""
+    locked = [*shared, *(joint for limb in limbs for joint in limb.locked)]
+    return Draft(
+        urdf=urdf.resolve(),
+        base=base,
+        legs={_LEG_NAMES.format(i): {"toe": limb.end} for i, limb in enumerate(limbs)},
+        joints={
+            j.name: {"max_torque": 1.0, "max_speed": 1.0} for limb in limbs for j in limb.joints
+        },
+        locked={joint.name: _rest(joint.lower, joint.upper) for joint in locked},
+        packages=dict(packages or {}),
+    )
+
+
+def _nearer(
+    draft: Draft, limbs: tuple[FoundLimb, ...], legs: list[int], shapes: list[Shape]
+) -> dict[int, Nearer]:
+    """Legs that end before motors too weak for their toes, by their number."""
+    model = draft.model()
+    share = model.mass() * GRAVITY / len(legs)
+    found = {
+        i: nearer_end(model, limbs[i], model.leg(_LEG_NAMES.format(i)), share, shapes) for i in legs
+    }
+    return {i: end for i, end in found.items() if end is not None}
+
+
+def _with_toes(toes: list[Toe]) -> dict[str, dict[str, Any]]:
+    return {
+        _LEG_NAMES.format(i): {"toe": toe.link, "toe_offset": list(toe.offset)}
+        for i, toe in enumerate(toes)
+    }
 
 
 def read_tree(urdf: Path) -> UrdfTree:
@@ -177,4 +214,14 @@ def _facing(
         one_kind = len({groups[i] for i in legs}) == 1 and len(legs) > 3
         if not (one_kind and wide > _AHEAD * long):
             break
+    if axes is None and _sides_swapped([limbs[i].end for i in legs], hips):
+        turned = replace(draft, forward=f"-{turned.forward}", up=turned.up)
+        hips = hips * [-1.0, -1.0, 1.0]
     return turned, hips
+
+
+def _sides_swapped(ends: list[str], hips: Array) -> bool:
+    """Whether all that is called left is on the right: forward is the other way then."""
+    sides = [(bool(_LEFT.search(end)), bool(_RIGHT.search(end))) for end in ends]
+    told = [(left, x) for (left, right), x in zip(sides, hips[:, 0], strict=True) if left != right]
+    return bool(told) and all((x > 0) == left for left, x in told)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from climbplan.errors import UsageError
+from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
+from climbplan.robots.touching_parts import limbs_room, parts_beside
 from climbplan.robots.urdf.building import by_leg, chain_at_zero, joint_angles_of, robot_of_urdf
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
@@ -202,13 +204,16 @@ def settled(
     lack = Lack()
     standings = _roomiest(legs, fine(standing_postures(legs, _TRIED)))
     usable = IN_HAND * FLOOR / SAFETY
+    beside = _room_beside(draft) if shapes and not standings else None
     if not standings:
-        standings = _roomiest(legs, fine(leaning_postures(legs, center, _TRIED, usable)))
+        found = fine(leaning_postures(legs, center, usable, beside))
+        standings = _roomiest(legs, found[:_TRIED])
     if not standings and walls and any(names.arms):
         found, lack = corridor_postures(
-            legs, np.array(names.arms), center, _TRIED, CLEARANCE, usable
+            legs, np.array(names.arms), center, CLEARANCE, usable, beside
         )
-        standings = _roomiest(legs, fine([replace(one, friction=FLOOR) for one in found]))
+        found = fine([replace(one, friction=FLOOR) for one in found])
+        standings = _roomiest(legs, found[:_TRIED])
     if not standings:
         strong = replace(legs, torque=_STRONG * legs.torque)
         lacks = f"; on level ground{_too_weak(legs, fine(standing_postures(strong, _TRIED)))}"
@@ -223,6 +228,22 @@ def settled(
         draft, tree, tuple(toes), names, shapes, unread, tuple(at_zero), motors, legs.mirror,
         parts, inner, tuple(standings),
     )  # fmt: skip
+
+
+def _room_beside(draft: Draft) -> Callable[[Array], Array]:
+    """Room (C,) [m] between limbs at angles (C, N, J), as thick as planning takes them."""
+    robot = draft.robot(meshes=True)
+    # No stance is settled yet, and none is needed for how thick limbs are
+    size = robot.spec.workspace.model_copy(update={"reach": 1.0, "stance_radius": SHARE})
+    spec = robot.spec.model_copy(update={"workspace": size})
+    planned = robot_of_urdf(replace(robot, spec=spec))
+
+    def room(angles: Array) -> Array:
+        links = limb_capsules(planned, angles)
+        _, pairs = parts_beside(planned, links)
+        return np.asarray(limbs_room(links, pairs).min(axis=-1, initial=np.inf))
+
+    return room
 
 
 def _by_joint(legs: Sequence[LegAtZero], angles: Array) -> dict[str, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -58,11 +58,15 @@ def toe_of(found: UrdfModel, joint: str, end: str, shapes: list[Shape]) -> Toe:
         return Toe(farthest, (0.0, 0.0, 0.0), "the farthest frame of its last body")
     if points is None:
         return Toe(end, (0.0, 0.0, 0.0), "ASSUMED: nothing says how long the last link is")
-    place = data.oMf[int(model.getFrameId(end, pin.FrameType.BODY))]
-    point = points @ found.turn + found.origin  # back into the root's frame
-    offset = place.rotation.T @ (point - place.translation)
-    x, y, z = (round(float(value), 4) for value in offset)
-    return Toe(end, (x, y, z), "the end of its last body's collision geometry")
+    return toe_at(found, end, points, "the end of its last body's collision geometry")
+
+
+def toe_at(found: UrdfModel, link: str, point: Array, why: str) -> Toe:
+    """A toe at a point (3,) of a link, at zero angles, base frame turned to x right, y forward."""
+    place = _frame_of(found, link)
+    there = point @ found.turn + found.origin  # back into the root's frame
+    x, y, z = (round(float(value), 4) for value in place.rotation.T @ (there - place.translation))
+    return Toe(link, (x, y, z), why)
 
 
 def spherical(
@@ -93,11 +97,7 @@ def spherical(
         if max(ahead) > float(foot.points[0] @ along) / length + foot.radius + _SAME:
             return toes, 0.0
         if np.linalg.norm(foot.points[0] - leg.toe) > _SAME:
-            place = _frame_of(found, toe.link)
-            point = foot.points[0] @ found.turn + found.origin
-            offset = place.rotation.T @ (point - place.translation)
-            x, y, z = (round(float(value), 4) for value in offset)
-            toe = replace(toe, offset=(x, y, z), why=f"{toe.why}; the centre of its sphere")
+            toe = toe_at(found, toe.link, foot.points[0], f"{toe.why}; the centre of its sphere")
         centred.append(toe)
         radii.append(foot.radius)
     if max(radii) - min(radii) > _SAME:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
 from climbplan.spec.robots.urdf.xml import UrdfFault
 
 _PACKAGE = "package://"
+_HEAD = 65_536  # [bytes] of a mesh file that has its <asset>
+_AXIS = 16  # [bytes] behind the tag
 
 
 def mesh_path(name: str, urdf: Path, packages: Mapping[str, str], directory: Path) -> Path:
@@ -30,6 +33,21 @@ def mesh_path(name: str, urdf: Path, packages: Mapping[str, str], directory: Pat
     if not path.is_file():
         raise UrdfFault(f"mesh {name!r} not found: no file {path}")
     return path.resolve()
+
+
+@cache
+def y_is_up(path: Path) -> bool:
+    """Whether a mesh file says that its y points up: `<up_axis>` of COLLADA.
+
+    Where that is left out z is up, as in all other meshes of URDFs.
+    """
+    if path.suffix.lower() != ".dae":
+        return False
+    try:
+        with path.open("rb") as stream:
+            return b"Y_UP" in stream.read(_HEAD).partition(b"<up_axis>")[2][:_AXIS]
+    except OSError:
+        return False
 
 
 def _package(name: str, urdf: Path, packages: Mapping[str, str], directory: Path) -> Path:

@@ -332,7 +332,8 @@ def _joint(element: Element) -> UrdfJoint:
         upper=upper,
         effort=number_of(limit, "effort"),
         velocity=number_of(limit, "velocity"),
-        mimic=None if mimic is None else _mimic(mimic),
+        # A joint that does not move follows nothing: reduced models leave the element behind
+        mimic=None if mimic is None or kind == "fixed" else _mimic(mimic),
     )
 
 

@@ -20,7 +20,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.errors import SpecError
+from climbplan.errors import SpecError, UsageError
 from climbplan.mechanics.flat_contact import centre_of_pressure, moment_of
 from climbplan.plans.check import FEET_LIMITS, SOLE_LIMITS
 from climbplan.robots.kinematics import contact_jacobian
@@ -190,5 +190,5 @@ def test_a_biped_does_not_fall_in_simulation(tmp_path: Path) -> None:
     found = climbplan.read(tmp_path / "plan.h5").simulate()
     assert found.stands
     assert found.slips == 0
-    with pytest.raises(climbplan.UsageError, match="not flat feet"):
+    with pytest.raises(UsageError, match="not flat feet"):
         climbplan.read(tmp_path / "plan.h5").simulate(regulator="joints")

@@ -59,10 +59,11 @@ def fit_envelopes(
         from climbplan.climb.envelopes.file import write_envelopes
         from climbplan.climb.envelopes.run import fit_envelopes as fit
         from climbplan.reports.fits.envelope_report import write_report
-        from climbplan.robots.any_robot import build_robot
+        from climbplan.robots.any_robot import build_robot, without_flat_feet
 
         with StageProgress(session) as progress:
-            run = fit(loaded, build_robot(robot_spec), progress.report, jobs)
+            pointed = without_flat_feet(robot_spec, "envelopes")
+            run = fit(loaded, build_robot(pointed), progress.report, jobs)
         for line in _table(run):
             session.note(line)
         write_envelopes(run, loaded, directory.path / ENVELOPES_FILE)

@@ -98,13 +98,15 @@ def simulate(
         ),
     ] = 0.0,
     regulate: Annotated[
-        Regulated,
+        Regulated | None,
         typer.Option(
             "--regulate",
             help="What of the body's pose standing limbs are told to correct: its attitude (an "
-            "inertial sensor's), or its place as well: by the joints' own sensors, or as it is.",
+            "inertial sensor's), or its place as well: by the joints' own sensors, or as it is "
+            "[default: joints; of flat feet nothing].",
+            show_default=False,
         ),
-    ] = Regulated.joints,
+    ] = None,
     delay_ms: Annotated[
         float, typer.Option("--delay-ms", metavar="MS", min=0.0, help="That corrections come late.")
     ] = 0.0,
@@ -214,7 +216,7 @@ def simulate(
             backlash=math.radians(backlash_deg),
             limb_weights=limb_weights,
             speed=speed,
-            regulator=regulate.value,
+            regulator=None if regulate is None else regulate.value,
             delay=delay_ms / 1e3,
             joint_noise=math.radians(joint_noise_deg),
             noise_seed=seed or 0,

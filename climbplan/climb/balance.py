@@ -22,7 +22,7 @@ and the force planner says what conflicts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import clarabel
 import numpy as np
@@ -32,7 +32,7 @@ from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.equilibrium import grasp_matrix, total_load
 from climbplan.mechanics.friction import contact_frame
-from climbplan.robots.kinematics import contact_jacobian, contact_points, inverse, to_body
+from climbplan.robots.kinematics import by_point, point_jacobian, pushed_points, standing_inverse
 from climbplan.robots.rotations import Array
 
 _SHARES = (1.0, 0.5, 0.0)  # of the margins, asked for in turn
@@ -70,10 +70,12 @@ def balancing_shifts(
 
 def _least_shift(lift: _Lift, most: float, follow: bool) -> Array:
     """(3,) for one instant."""
-    margins = lift.scene.spec.margins.asked
-    way, _ = lift.jacobian(np.zeros(2))
+    margins = lift.scene.spec.margins.asked or lift.scene.robot.sole is not None
+    whole = lift
     best: tuple[float, Array] = np.inf, np.zeros(2)
     for share in _SHARES if margins else _SHARES[-1:]:
+        lift = whole.pressed_within(share)
+        way, _ = lift.jacobian(np.zeros(2))
         found = lift.solved(way, share, np.zeros(2), most, most, 0.0)
         if found is not None and (
             not follow or lift.excess(*lift.jacobian(found.shift), found.force) <= 0
@@ -126,9 +128,13 @@ class _Lift:
     """One instant with limbs lifted."""
 
     def __init__(self, scene: MotionScene, lifts: Instants, k: int, narrower: float) -> None:
-        self.scene, self.lifts, self.k = scene, lifts, k
+        self.scene, self.lifts, self.k, self.narrower = scene, lifts, k, narrower
         spec, robot = scene.spec, scene.robot
-        self.stands = stands = np.flatnonzero(lifts.contact[k])
+        self.stands = np.flatnonzero(lifts.contact[k])
+        # Points at which standing limbs are pushed, each with its limb's place among these
+        stands = np.flatnonzero(by_point(robot, lifts.contact[k], 0))
+        self.points = len(stands) // max(len(self.stands), 1)
+        self.limb_of = np.repeat(np.arange(len(self.stands)), self.points)
         load = total_load(robot, lifts.external_wrench[k])
         self.unit = unit = max(float(np.linalg.norm(load[:3])), 1e-9)
         self.n = n = len(stands)
@@ -136,12 +142,13 @@ class _Lift:
         self.size = size = _FORCES + 3 * n
         self.load = load / unit
         self.equal = np.zeros((6, size))
-        touching = contact_points(robot, lifts.toes[k, stands], lifts.normal[k, stands])
+        normal = by_point(robot, lifts.normal[k], 0)[stands]
+        touching = pushed_points(robot, lifts.toes[k], lifts.normal[k])[stands]
         self.equal[:, _FORCES:] = grasp_matrix(touching - lifts.com[k])
         self.equal[3:, 0] = np.cross([1.0, 0.0, 0.0], self.load[:3])
         self.equal[3:, 1] = np.cross([0.0, 1.0, 0.0], self.load[:3])
-        frame = contact_frame(lifts.normal[k, stands]).axes  # (n, 3, 3)
-        self.steep = narrower * lifts.mu[k, stands] / spec.force.safety_friction
+        frame = contact_frame(normal).axes  # (n, 3, 3)
+        self.steep = narrower * by_point(robot, lifts.mu[k], 0)[stands] / spec.force.safety_friction
         self.press = np.zeros((n, size))
         self.cones = np.zeros((n, 3, size))
         for i in range(n):
@@ -150,8 +157,16 @@ class _Lift:
             self.cones[i, :, own] = -frame[i]
             self.cones[i, 0, own] *= self.steep[i]
 
+    def pressed_within(self, share: float) -> _Lift:
+        """The same with a share of the margin of soles; itself for feet that are not flat."""
+        margin = share * self.scene.spec.margins.sole
+        if self.scene.robot.sole is None or margin == 0:
+            return self
+        scene = replace(self.scene, robot=self.scene.robot.pressed_within(margin))
+        return _Lift(scene, self.lifts, self.k, self.narrower)
+
     def jacobian(self, shift: Array) -> tuple[Array, bool]:
-        """(n, 3, J) of the body shifted by (2,), world, and whether standing toes are reached.
+        """(n, 3, J) of the body shifted by (2,), world, and whether standing limbs reach.
 
         Zero for a limb out of reach: torques are left open, as another shift may mend it.
         """
@@ -159,22 +174,25 @@ class _Lift:
         com = lifts.com[k : k + 1] + np.array([*shift, 0.0])
         rpy = lifts.rpy[k : k + 1]
         robot = self.scene.robot
-        angles = inverse(robot, to_body(com, rpy, lifts.toes[k : k + 1])).best()
-        out = np.asarray(np.isnan(angles).any(axis=-1))
         normal = lifts.normal[k : k + 1]
-        jacobian = contact_jacobian(robot, rpy, np.nan_to_num(angles), normal)
-        jacobian[out] = 0.0
-        return jacobian[0][self.stands], not bool(out[0][self.stands].any())
+        angles = standing_inverse(robot, com, rpy, lifts.toes[k : k + 1], normal).best()
+        out = np.asarray(np.isnan(angles).any(axis=-1))
+        jacobian = point_jacobian(robot, rpy, np.nan_to_num(angles), normal)
+        jacobian[by_point(robot, out, 1)] = 0.0
+        standing = by_point(robot, lifts.contact[k], 0)
+        return jacobian[0][standing], not bool(out[0][self.stands].any())
 
     def _share(self, jacobian: Array) -> Array:
         """(n, 3, J) of torque limits over S_tau, by units of the load."""
-        limit = self.scene.robot.max_torque[self.stands, None]
+        limit = self.scene.robot.max_torque[self.stands][self.limb_of, None]
         share: Array = jacobian * self.unit * self.scene.spec.force.safety_torque / limit
         return share
 
     def excess(self, jacobian: Array, reached: bool, force: Array) -> float:
         """What forces (3 n,) take beyond the torque limits of a posture; infinite out of reach."""
         taken = np.einsum("nij,ni->nj", self._share(jacobian), force.reshape(-1, 3))
+        if self.points > 1:
+            taken = taken.reshape(len(self.stands), self.points, -1).sum(axis=1)
         return float(np.abs(taken).max()) - 1.0 if reached else np.inf
 
     def solved(
@@ -188,10 +206,11 @@ class _Lift:
         spec, size, n = self.scene.spec, self.size, self.n
         joints = self.scene.robot.joint_count
         taken = self._share(jacobian)
-        turns = np.zeros((n, 2, joints, size))
-        for i in range(n):
+        limbs = len(self.stands)
+        turns = np.zeros((limbs, 2, joints, size))
+        for i, limb in enumerate(self.limb_of):
             own = slice(_FORCES + 3 * i, _FORCES + 3 * i + 3)
-            turns[i, 0][:, own], turns[i, 1][:, own] = taken[i].T, -taken[i].T
+            turns[limb, 0][:, own], turns[limb, 1][:, own] = taken[i].T, -taken[i].T
         turns[..., 2] = -1.0
         over = np.zeros((1, size))
         over[0, 2] = -1.0 if price else 0.0
@@ -210,16 +229,17 @@ class _Lift:
         q[2] = price
         kinds = [
             clarabel.ZeroConeT(7),
-            clarabel.NonnegativeConeT(n + 2 * n * joints + 1),
+            clarabel.NonnegativeConeT(n + 2 * limbs * joints + 1),
             *[clarabel.SecondOrderConeT(3)] * (n + 2),
         ]
-        weight = self.scene.robot.weight / self.unit
-        least = max(share * spec.margins.pressure * weight, spec.force.least_pressure / self.unit)
+        weight = self.scene.robot.weight / self.unit / self.points
+        asked = spec.force.least_pressure / self.unit / self.points
+        least = max(share * spec.margins.pressure * weight, asked)
         ends = np.zeros((n, 3))
         ends[:, 0] = -self.steep * share * spec.margins.friction * weight
         b = np.concatenate(
-            [-self.load, [0.0], np.full(n, -least), np.full(2 * n * joints, 1.0 - _IN_HAND), [0.0],
-             ends.ravel(), [most, 0.0, 0.0], [trust + _NONE, *-about]]
+            [-self.load, [0.0], np.full(n, -least), np.full(2 * limbs * joints, 1.0 - _IN_HAND),
+             [0.0], ends.ravel(), [most, 0.0, 0.0], [trust + _NONE, *-about]]
         )  # fmt: skip
         settings = clarabel.DefaultSettings()
         settings.verbose = False

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.climb.plan.climb_plan import Index
+from climbplan.robots.foot import Foot
 from climbplan.robots.rotations import Array
 from climbplan.terrain.model import Terrain
+from climbplan.terrain.soles import shrunk, without_sole
 from climbplan.terrain.surfaces import Region
 
 _ALONG = np.array([0.1, 0.3, 0.5, 0.7, 0.9])  # places on an edge beyond which ground is looked for
@@ -27,15 +29,15 @@ _SLIGHT = 1e-7  # [m] of rounding
 _LEFT = 0.25  # part of the area that is left at least
 
 
-def footing(terrain: Terrain, edge: float, radius: float = 0.0) -> tuple[Region, ...]:
+def footing(terrain: Terrain, edge: float, foot: Foot | None = None) -> tuple[Region, ...]:
     """The regions of a terrain, each without a strip of `edge` [m]; () where nothing changes.
 
-    Holds of grippers stay whole. radius: of spherical feet [m], which also stay so far off what
-    rises beside an edge.
+    Holds of grippers stay whole. Spherical feet also stay off what rises beside an edge, by their
+    radius, and flat ones are on their region as a whole.
     """
-    if max(edge, radius) <= 0 or terrain.curved:
+    if (edge <= 0 and foot is None) or terrain.curved:
         return ()
-    kept = [_kept(terrain, index, edge, radius=radius) for index in range(len(terrain.regions))]
+    kept = [_kept(terrain, index, edge, foot=foot) for index in range(len(terrain.regions))]
     return _changed(terrain, kept)
 
 
@@ -44,14 +46,14 @@ def footing_with_goal(
     edge: float,
     plain: tuple[Region, ...],
     goal: tuple[Array, Index],
-    radius: float = 0.0,
+    foot: Foot | None = None,
 ) -> tuple[Region, ...]:
     """The same with toes (N, 3) of the goal left in their regions (N,); plain: without them."""
     if not plain:
         return ()
     kept = list(plain)
     for index in sorted({int(r) for r in goal[1]}):
-        kept[index] = _kept(terrain, index, edge, goal[0][goal[1] == index], radius)
+        kept[index] = _kept(terrain, index, edge, goal[0][goal[1] == index], foot)
     return _changed(terrain, kept)
 
 
@@ -62,7 +64,7 @@ def _changed(terrain: Terrain, kept: list[Region]) -> tuple[Region, ...]:
 
 
 def _kept(
-    terrain: Terrain, index: int, edge: float, toes: Array | None = None, radius: float = 0.0
+    terrain: Terrain, index: int, edge: float, toes: Array | None = None, foot: Foot | None = None
 ) -> Region:
     """One region without its strips; toes (K, 3) stay in it."""
     region = terrain.regions[index]
@@ -71,12 +73,15 @@ def _kept(
     strip: Array = np.zeros(len(region.b))
     if edge > 0:
         strip = np.where(_goes_on(terrain, index, edge), 0.0, edge)
-    if radius > 0:
-        strip = np.maximum(strip, _beside(terrain, region, radius))
+    if foot is not None and foot.radius > 0:
+        strip = np.maximum(strip, _beside(terrain, region, foot.radius))
     if toes is not None:
         room = (region.b - toes @ region.A.T).min(axis=0, initial=np.inf)
         strip = np.minimum(strip, np.maximum(room, 0.0))
-    return _without(region, strip)
+    if foot is None or foot.sole is None:
+        return _without(region, strip)
+    # Of the strips for edges some may be lost, of that for the sole nothing
+    return _without(without_sole(region, foot.sole), strip)
 
 
 def _beside(terrain: Terrain, region: Region, radius: float) -> Array:
@@ -129,26 +134,11 @@ def _without(region: Region, strip: Array) -> Region:
         return region
     whole = _area(region.vertices)
     for _ in range(_HALVINGS):
-        vertices = region.vertices
-        for row, bound in zip(region.A, region.b - strip, strict=True):
-            vertices = _cut(vertices, row, float(bound))
+        vertices = shrunk(region, strip)
         if len(vertices) > 2 and _area(vertices) >= _LEFT * whole:
             return replace(region, vertices=vertices, b=region.b - strip)
         strip = strip / 2
     return region
-
-
-def _cut(vertices: Array, row: Array, bound: float) -> Array:
-    """The part of a convex polygon (K, 3) with row . p <= bound."""
-    height = vertices @ row - bound
-    after, beyond = np.roll(vertices, -1, axis=0), np.roll(height, -1)
-    out = []
-    for here, there, low, high in zip(vertices, after, height, beyond, strict=True):
-        if low <= 0:
-            out.append(here)
-        if (low < 0 < high) or (high < 0 < low):
-            out.append(here + low / (low - high) * (there - here))
-    return np.array(out).reshape(-1, 3)
 
 
 def _area(vertices: Array) -> float:

@@ -89,6 +89,6 @@ def _check_placing(scene: ClimbScene, instants: Instants) -> None:
     place = instants.toes[push, limb]
     above = place + scene.spec.trajectory.lift * instants.normal[push, limb]
     for point, doing in ((place, " and placed"), (above, ", above its new place")):
-        toes = instants.toes.copy()
-        toes[lift, limb] = point
-        joint_angles(scene.robot, instants, toes, doing)
+        toes, normal = instants.toes.copy(), instants.normal.copy()
+        toes[lift, limb], normal[lift, limb] = point, instants.normal[push, limb]
+        joint_angles(scene.robot, replace(instants, normal=normal), toes, doing)

@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import Array, Index, Instants, Mask
 from climbplan.climb.scene import MotionScene, load_wrench
-from climbplan.robots.kinematics import inverse, require_reachable, to_body
+from climbplan.robots.kinematics import inverse, require_reachable, sole_turns, to_body
 from climbplan.robots.model import Robot
 
 
@@ -71,8 +71,10 @@ def joint_angles(robot: Robot, instants: Instants, toes: Array, doing: str = "")
     Raises ReachFailure with the instant and what is being done there (`doing`).
     """
     toes_body = to_body(instants.com, instants.rpy, toes)
-    solution = inverse(robot, toes_body)
+    turns = sole_turns(robot, instants.rpy, instants.normal)
+    solution = inverse(robot, toes_body, turns)
     names = robot.limb_names
     for k in np.flatnonzero(~solution.valid.all(axis=1)):
-        require_reachable(robot, toes_body[k], instants.label(int(k), names) + doing)
+        turned = None if turns is None else turns[k]
+        require_reachable(robot, toes_body[k], instants.label(int(k), names) + doing, turned)
     return solution.best()

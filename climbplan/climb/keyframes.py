@@ -10,25 +10,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.climb.forces.margins import solve_with_margins
-from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.forces.statement import state_forces
+from climbplan.climb.forces.planner import deflections_of, plan_forces
+from climbplan.climb.forces.soles import solve_on_feet
 from climbplan.climb.grips.planner import answers_of
 from climbplan.climb.grips.solving import solve_grips
 from climbplan.climb.grips.statement import state_grips
 from climbplan.climb.plan.climb_plan import Forces, Index, Instants, Mask, Rounds
 from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene import MotionScene
-from climbplan.climb.swing_ways import together
+from climbplan.climb.swing_ways import together, way_shares
 from climbplan.errors import NoPlanFound, NotProved
+from climbplan.mechanics.flat_contact import moment_of
 from climbplan.mechanics.grip import Grippers
-from climbplan.mechanics.stiffness import deflections_for_forces, rigid_motion
-from climbplan.robots.kinematics import contact_points, inverse, to_body
+from climbplan.mechanics.stiffness import rigid_motion
+from climbplan.robots.kinematics import contact_points, standing_inverse
 from climbplan.robots.rotations import Array
 
 # Share of a limb step's time by phase
 _UNLOAD, _LIFT, _SWING, _LOWER, _PRESS, _PUSH = 0.15, 0.1, 0.25, 0.15, 0.15, 0.2
-PACKED, HELD = 7, 10  # entries of packed grips, and with the moments at the wrists
+PACKED, HELD = 7, 10  # entries of packed grips, and with the moments at wrists, or on soles
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Load:
 
     force: Array  # (N, 3) [N]
     carried: Array  # (N, 3) toe displacement by the body's own deflection, zero in the air [m]
-    held: Array  # (N, 10) grips as they are packed, and their moments at the wrists; else zeros
+    held: Array  # (N, 10) grips as they are packed; moments at wrists, or on soles; else zeros
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,12 @@ def _start_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> Load:
             because="toes and factors that the spec leaves out are our own",
             stage="trajectory",
         ) from error
-    return _loads(scene, standing, forces.force, forces.com_deflection, forces.grips)[0]
+    return _loads(scene, standing, _pushes(forces), forces.com_deflection, forces.grips)[0]
+
+
+def _pushes(forces: Forces) -> Array:
+    """Forces (K, N, 3), or of flat feet those of the corners (K, N, 4, 3)."""
+    return forces.force if forces.corner_force is None else forces.corner_force
 
 
 def _ready_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> Load:
@@ -82,7 +87,7 @@ def _ready_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> Load:
     first = np.zeros(1, np.int64)
     standing = _all_standing(scene, instants, first, first, rounds.toes[:1])
     forces = plan_forces(scene, standing)
-    return _loads(scene, standing, forces.force, forces.com_deflection, forces.grips)[0]
+    return _loads(scene, standing, _pushes(forces), forces.com_deflection, forces.grips)[0]
 
 
 def _placing_loads(scene: MotionScene, instants: Instants, lifted: list[Load]) -> list[Load]:
@@ -94,17 +99,13 @@ def _placing_loads(scene: MotionScene, instants: Instants, lifted: list[Load]) -
     standing = _all_standing(scene, instants, lift, push, instants.toes[push])
     if scene.grippers is not None:
         return _placing_grips(scene, standing, scene.grippers, lifted)
-    statement = state_forces(scene, standing)
-    facets = scene.spec.force.facets
-    solved = solve_with_margins(scene, statement, scene.spec.solver.force, facets).solved
-    com = deflections_for_forces(
-        statement.compliance,
-        statement.arms,
-        solved.force,
-        standing.contact,
-        scene.spec.force.sag == "compensated",
-    ).com
-    loads = _loads(scene, standing, solved.force, com)
+    statement, found = solve_on_feet(scene, standing, scene.spec.solver.force)
+    solved = found.solved
+    com = deflections_of(statement, solved.force, scene.spec.force.sag == "compensated").com
+    force = solved.force
+    if statement.points > 1:
+        force = force.reshape(*standing.contact.shape, statement.points, 3)
+    loads = _loads(scene, standing, force, com)
     for place in np.concatenate([solved.missing, solved.unbalanced]):
         loads[place] = lifted[2 * int(place)]
     return loads
@@ -128,7 +129,9 @@ def _all_standing(
     scene: MotionScene, instants: Instants, pose: Index, ground: Index, toes: Array
 ) -> Instants:
     """Instants with all limbs in contact: body poses of some, surfaces under the toes of others."""
-    angles = inverse(scene.robot, to_body(instants.com[pose], instants.rpy[pose], toes)).best()
+    angles = standing_inverse(
+        scene.robot, instants.com[pose], instants.rpy[pose], toes, instants.normal[ground]
+    ).best()
     rows = {name: value[pose] for name, value in vars(instants).items()}
     surface = {name: value[ground] for name, value in vars(instants).items()}
     return Instants(
@@ -150,7 +153,11 @@ def _loads(
     com_deflection: Array,
     grips: GripForces | None = None,
 ) -> list[Load]:
-    held = np.zeros((*force.shape[:-1], HELD))
+    """One of each instant; force: (K, N, 3), or (K, N, 4, 3) at the corners of flat feet."""
+    held = np.zeros((*instants.contact.shape, HELD))
+    if scene.robot.sole is not None:
+        held[..., PACKED:] = moment_of(scene.robot.sole, instants.normal, force)
+        force = force.sum(axis=-2)
     if grips is not None and scene.robot.gripper is not None:
         arm = -scene.robot.gripper.length * instants.normal
         held = np.concatenate([grips.packed, grips.moment + np.cross(arm, force)], axis=-1)
@@ -168,7 +175,7 @@ def keyframes(
     paths: tuple[Array, ...],
 ) -> Keyframes:
     names = scene.robot.limb_names
-    held = _loads(scene, instants, forces.force, forces.com_deflection, forces.grips)
+    held = _loads(scene, instants, _pushes(forces), forces.com_deflection, forces.grips)
     placed = _placing_loads(scene, instants, held)
     com, rpy, toes = [rounds.com[0]], [rounds.rpy[0]], [rounds.toes[0]]
     normal = [instants.normal[0]]
@@ -209,9 +216,10 @@ def keyframes(
             return out
 
         to(old, was, held[k], everyone, _UNLOAD, name)
-        to(swung(ways[0]), under, held[k], others, _LIFT, name)
-        for points in ways[1:]:
-            to(swung(points), under, held[k], others, _SWING / (len(ways) - 1), name)
+        turned = _turned(scene, was, under, len(ways))
+        to(swung(ways[0]), turned[0], held[k], others, _LIFT, name)
+        for points, normals in zip(ways[1:], turned[1:], strict=True):
+            to(swung(points), normals, held[k], others, _SWING / (len(ways) - 1), name)
         to(new, under, held[k], others, _LOWER, name)
         to(new, under, placed[k // 2], everyone, _PRESS, name)
         to(new, under, held[k + 1], everyone, _PUSH, instants.label(k + 1, names))
@@ -228,3 +236,10 @@ def keyframes(
         np.array(share),
         tuple(label),
     )
+
+
+def _turned(scene: MotionScene, was: Array, under: Array, count: int) -> Array:
+    """(P, N, 3) normals by way point: soles turn between lifting off and setting down."""
+    if scene.robot.sole is None:
+        return np.broadcast_to(under, (count, *under.shape))
+    return was + way_shares(count)[:, None, None] * (under - was)

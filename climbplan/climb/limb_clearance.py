@@ -10,7 +10,12 @@ from climbplan.climb.plan.climb_plan import Instants, Mask, Rounds
 from climbplan.climb.raw_clearance import THE_SCAN, Contacts, nearest_raw
 from climbplan.climb.scene import ClimbScene, MotionScene
 from climbplan.robots.capsules import Capsules, limb_capsules
-from climbplan.robots.kinematics import inverse, joint_points_body, to_body
+from climbplan.robots.kinematics import (
+    inverse,
+    joint_points_body,
+    standing_inverse,
+    to_body,
+)
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.solids import Solid
 
@@ -62,9 +67,12 @@ def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> Li
         x[lift, None] + share * (x[push] - x[lift])[:, None] for x in (instants.com, instants.rpy)
     )  # (P, S, 3)
     toes = np.broadcast_to(instants.toes[push, None], (*com.shape[:2], scene.robot.limb_count, 3))
-    start = instants.com[:1], instants.rpy[:1], rounds.toes[:1]
-    flat_toes = toes.reshape(-1, *toes.shape[2:])
-    flat = (com.reshape(-1, 3), rpy.reshape(-1, 3), flat_toes)
+    normals = np.broadcast_to(instants.normal[push, None], toes.shape)
+    # At the start all stand where the first instant has them, or left from there
+    first = instants.normal[:1]
+    start = instants.com[:1], instants.rpy[:1], rounds.toes[:1], first
+    flat_toes, flat_normals = (v.reshape(-1, *v.shape[2:]) for v in (toes, normals))
+    flat = (com.reshape(-1, 3), rpy.reshape(-1, 3), flat_toes, flat_normals)
     links = world_capsules(scene, *(np.concatenate(both) for both in zip(start, flat, strict=True)))
     obstacles = scene.terrain.obstacles
 
@@ -84,12 +92,9 @@ def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> Li
         missing = BETWEEN - found.distance
         short.append(shortfall(missing, found.index, found.link, found.radius, name))
     if scene.terrain.scan is not None:
-        normals = np.broadcast_to(instants.normal[push, None], toes.shape)
-        # At the start all stand where the first instant has them, or left from there
-        first = instants.normal[:1]
         contacts = Contacts(
             np.concatenate([start[2], flat_toes])[..., None, :],
-            np.concatenate([first, normals.reshape(-1, *toes.shape[2:])])[..., None, :],
+            np.concatenate([first, flat_normals])[..., None, :],
         )
         raw = nearest_raw(scene.terrain.scan, links, contacts, BETWEEN)
         nearest = shortfall(raw.missing, raw.index, raw.link, raw.radius, THE_SCAN)
@@ -98,16 +103,24 @@ def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> Li
 
 
 def limb_points(scene: MotionScene, com: Array, rpy: Array, toes: Array) -> Array:
-    """Joints and toes (P, N, J + 1, 3) of limbs for toes (P, N, 3), world; NaN out of reach."""
+    """Joints and toes (P, N, J + 1, 3) of limbs for toes (P, N, 3), world; NaN out of reach.
+
+    Of feet that are not flat.
+    """
     robot = scene.robot
     angles = inverse(robot, to_body(com, rpy, toes)).best()
     points = joint_points_body(robot, angles)
     return com[:, None, None] + np.einsum("kab,knjb->knja", rotation_world_body(rpy), points)
 
 
-def world_capsules(scene: MotionScene, com: Array, rpy: Array, toes: Array) -> Capsules:
-    """Links (P, N, C) of limbs for toes (P, N, 3), world; NaN out of reach."""
-    angles = inverse(scene.robot, to_body(com, rpy, toes)).best()
+def world_capsules(
+    scene: MotionScene, com: Array, rpy: Array, toes: Array, normal: Array
+) -> Capsules:
+    """Links (P, N, C) of limbs for toes (P, N, 3), world; NaN out of reach.
+
+    normal: (P, N, 3) of the surfaces under the toes.
+    """
+    angles = standing_inverse(scene.robot, com, rpy, toes, normal).best()
     return limb_capsules(scene.robot, angles).moved(com, rotation_world_body(rpy))
 
 

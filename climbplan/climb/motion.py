@@ -107,8 +107,8 @@ def plan_motion(
     except LimitReached:
         raise
     except NoPlanFound:
-        if not scene.footing:
-            raise
+        if not scene.footing or scene.robot.sole is not None:
+            raise  # soles stand whole on their surfaces
     # No room off the edges: toes may stand wherever there is ground
     motion = _plan_motion(replace(scene, footing=()), clock, save_model, deadline, kept, nodes)
     edge = 1e3 * scene.spec.margins.edge

@@ -10,16 +10,17 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.climb.flat_feet import flat_foot_mistakes, overhanging
 from climbplan.climb.footing import footing, footing_with_goal
 from climbplan.climb.plan.climb_plan import Index, Mask
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.mechanics.grip import Grippers, grippers_on
 from climbplan.mechanics.gripper_model import load_model
 from climbplan.robots.any_robot import build_robot
-from climbplan.robots.kinematics import contact_points, to_body
+from climbplan.robots.kinematics import contact_points, inverse, sole_turns, to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
-from climbplan.robots.task_robot import standing_as, with_grip_limit, with_stance
+from climbplan.robots.task_robot import heading_as, standing_as, with_grip_limit, with_stance
 from climbplan.spec.climb.model import ClimbSpec, PostureSpec
 from climbplan.spec.climb.motion import MotionSpec
 from climbplan.spec.climb.transition_loading import LoadedTransition
@@ -27,6 +28,7 @@ from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.robots.source import AnyRobot
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.nearest import bounds_of, nearest_region
+from climbplan.terrain.soles import fits
 from climbplan.terrain.surfaces import Region, Surface
 
 Loaded = TypeVar("Loaded", LoadedClimb, LoadedTransition)
@@ -146,9 +148,13 @@ def _stated_toe(
 
 def toes_as_stated(robot: Robot, terrain: Terrain, toes: Array, region: Index) -> Array:
     """Toes (N, 3) on surfaces (N,) as specs state them: of feet of finite size where they touch."""
+    return contact_points(robot, toes, normals_under(terrain, toes, region))
+
+
+def normals_under(terrain: Terrain, toes: Array, region: Index) -> Array:
+    """Unit normals (N, 3) of surfaces (N,) at toes (N, 3)."""
     where = zip(toes, region, strict=True)
-    normal = np.array([terrain.surfaces[int(r)].normal_at(toe) for toe, r in where])
-    return contact_points(robot, toes, normal)
+    return np.array([terrain.surfaces[int(r)].normal_at(toe) for toe, r in where])
 
 
 def _on_footing(
@@ -176,6 +182,8 @@ def _on_footing(
         usable = np.flatnonzero(terrain.allowed[limb])
         best = max(regions[r].friction for r in usable)
         usable = usable[[regions[r].friction >= _HOLDS * best for r in usable]]
+        if robot.sole is not None:
+            usable = usable[[fits(terrain.regions[r], robot.sole) for r in usable]]
         nearest = nearest_region(regions, bounds, usable, toes[limb])
         surface = regions[nearest]
         point = surface.project(toes[limb])
@@ -218,10 +226,11 @@ def within_joints(
     def stands(points: Array, margin: float) -> NDArray[np.bool_]:
         """(P,) whether toe and lifted toe are reached with joints that far inside their bounds."""
         kept = margin * alone.joint_unit
-        lower, upper = alone.joint_lower + kept, alone.joint_upper - kept
-        above = points + lift * np.array([surface.normal_at(point) for point in points])
+        normals = np.array([surface.normal_at(point) for point in points])
+        above = points + lift * normals
+        turns = sole_turns(alone, body[1], normals[:, None])
         valid = [
-            alone.limbs.inverse(to_body(*body, at[:, None]), lower, upper).valid[:, 0]
+            inverse(alone, to_body(*body, at[:, None]), turns, kept).valid[:, 0]
             for at in (points, above)
         ]
         return np.asarray(valid[0] & valid[1])
@@ -320,21 +329,26 @@ def build_scene(
         raise ValueError("the start is still in its plan file")
     robot = with_stance(build_robot(robot_spec), spec.task.stance)
     robot = with_grip_limit(robot, spec.gripper.max_force)
+    robot = heading_as(robot, np.deg2rad(spec.task.start.rpy_deg))
     terrain = build_terrain(spec.terrain, robot)
     terrain = with_scan(terrain, spec, robot, directory or Path())
-    mistakes: list[SpecMistake] = []
+    mistakes = list(flat_foot_mistakes(spec, robot, terrain))
+    if mistakes:
+        raise SpecError(source, mistakes)
     lift = spec.trajectory.lift
     start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes, lift)
     edge = spec.margins.edge
-    radius = 0.0 if robot.foot is None else robot.foot.radius
-    off_edges = footing(terrain, edge, radius)
-    if max(edge, radius) > 0:
+    off_edges = footing(terrain, edge, robot.foot)
+    closer = edge > 0 or robot.foot is not None  # than points, feet do not stand everywhere
+    if closer:
         start = _on_footing(start, spec.task.start, robot, terrain, off_edges, lift)
     # Where the toes stand at the start is the stance of the whole climb, unless the task says so.
     robot = standing_as(robot, start.com, start.rpy, start.toes, spec.task.stance)
     goal = stance_of(spec.task.goal, "task.goal", robot, terrain, mistakes, lift)
-    if max(edge, radius) > 0:
+    if closer:
         goal = _on_footing(goal, spec.task.goal, robot, terrain, off_edges, lift)
+    for key, stance in (("task.start", start), ("task.goal", goal)):
+        mistakes += overhanging(key, robot, terrain, stance.toes, stance.region)
     if mistakes:
         raise SpecError(source, mistakes)
     warn_of_backs(terrain, (start, goal))
@@ -347,5 +361,5 @@ def build_scene(
         goal=goal,
         gait=tuple(robot.limb_names.index(name) for name in order),
         grippers=_grippers(spec, robot_spec, robot, terrain, directory or Path()),
-        footing=footing_with_goal(terrain, edge, off_edges, (goal.toes, goal.region), radius),
+        footing=footing_with_goal(terrain, edge, off_edges, (goal.toes, goal.region), robot.foot),
     )

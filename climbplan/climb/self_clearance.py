@@ -15,7 +15,7 @@ from climbplan.climb.limb_clearance import link_distances
 from climbplan.climb.plan.climb_plan import Instants, Mask
 from climbplan.climb.scene import MotionScene
 from climbplan.robots.capsules import Capsules, limb_capsules
-from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.kinematics import standing_inverse
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.touching_parts import Pairs, limbs_room, parts_beside
@@ -86,8 +86,9 @@ def standing_overlap(scene: MotionScene, instants: Instants) -> tuple[SelfShortf
         x[lift, None] + share * (x[push] - x[lift])[:, None] for x in (instants.com, instants.rpy)
     )
     toes = np.broadcast_to(instants.toes[push, None], (*com.shape[:2], robot.limb_count, 3))
-    between = to_body(com.reshape(-1, 3), rpy.reshape(-1, 3), toes.reshape(-1, *toes.shape[2:]))
-    angles = np.concatenate([instants.joint_angles, inverse(robot, between).best()])
+    normal = np.broadcast_to(instants.normal[push, None], toes.shape)
+    between = (v.reshape(-1, *v.shape[2:]) for v in (com, rpy, toes, normal))
+    angles = np.concatenate([instants.joint_angles, standing_inverse(robot, *between).best()])
     worst = self_shortfall(robot, limb_capsules(robot, angles))
     if worst.missing <= _OVERLAP:
         return None

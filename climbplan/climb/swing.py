@@ -18,10 +18,11 @@ from climbplan.climb.plan.climb_plan import Instants, Mask, Rounds
 from climbplan.climb.raw_clearance import THE_SCAN, Contacts, nearest_raw, raw_toes_clear
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.self_clearance import SelfShortfall, self_shortfall
-from climbplan.climb.swing_ways import candidates, hover, joined, sampled
+from climbplan.climb.swing_ways import candidates, hover, joined, sampled, sampled_shares
 from climbplan.errors import Conflict, NotProved
 from climbplan.robots.capsules import Capsules, limb_capsules
-from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.foot import Sole
+from climbplan.robots.kinematics import standing_inverse
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.terrain.solids import Solid
@@ -48,11 +49,17 @@ class Swing:
     where: str  # "round 3, LM lifted"
     toes: Array | None = None  # (N, 3) of all limbs as it begins [m]
     still: Mask | None = None  # (N,) limbs that stand meanwhile
+    under: Array | None = None  # (N, 3) normals of the surfaces under them all
 
     @property
     def contacts(self) -> Array:
         """(2, 3) the old and the new one [m]."""
         return np.stack([self.old, self.new])
+
+    def turned(self, way: Array) -> Array:
+        """(S, 3) normals that a sole turns with along a way (P, 3), where it is `sampled`."""
+        share = sampled_shares(way)[:, None]
+        return np.asarray((1 - share) * self.normals[0] + share * self.normals[1])
 
 
 WAYS = "some ways of a limb are looked at, between postures that the planner chose"
@@ -86,7 +93,10 @@ def swings_of(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[S
         for limb in (int(i) for i in np.flatnonzero(instants.lifted[k])):
             normals = instants.normal[[k, k + 1], limb]
             still = ~instants.lifted[k]
-            found.append(Swing(limb, *pose, toes[limb], new[limb], normals, where, toes, still))
+            under = instants.normal[k]
+            found.append(
+                Swing(limb, *pose, toes[limb], new[limb], normals, where, toes, still, under)
+            )
         toes = new
     return tuple(found)
 
@@ -122,7 +132,10 @@ def swing_path(scene: MotionScene, swing: Swing) -> Array:
     blocker: str | None = None
     # Lifting off and setting down are parts of every way
     legs = [sampled(np.stack(leg)) for leg in zip(swing.contacts, ends, strict=True)]
-    closest = _links_too_near(scene, swing, _links(robot, swing, np.concatenate(legs)))
+    normals = [np.broadcast_to(n, leg.shape) for n, leg in zip(swing.normals, legs, strict=True)]
+    closest = _links_too_near(
+        scene, swing, _links(robot, swing, np.concatenate(legs), np.concatenate(normals))
+    )
     if closest is not None:
         raise SwingBlocked(closest, f"{closest.words(scene)} as its toe is lifted or set down")
     size = 0.0 if robot.foot is None else robot.foot.radius
@@ -132,10 +145,20 @@ def swing_path(scene: MotionScene, swing: Swing) -> Array:
             if near is not None:
                 blocker = f"to where its foot of {1e3 * size:.0f} mm clears {near.name!r}"
                 raise _no_way(swing, blocker)
+    if robot.sole is not None:
+        for way, under in zip(legs, normals, strict=True):
+            near = _too_near(_under_sole(robot.sole, way, under), solids, -_TOUCHES)
+            if near is not None:
+                raise _no_way(swing, f"to where its sole clears {near.name!r}")
     beside = _Beside.of(scene.robot, swing)
     tried, met = 0, None
     for path in _roomiest_first(scene, candidates(swing.contacts, swing.normals, lift)):
-        near = _too_near(sampled(path), solids, TOE_CLEARANCE + size)
+        whole = path if np.array_equal(path[[0, -1]], ends) else joined(ends, path)
+        way = swing.turned(whole)
+        looked_at = sampled(path)
+        if robot.sole is not None:
+            looked_at = _under_sole(robot.sole, sampled(whole), way)
+        near = _too_near(looked_at, solids, TOE_CLEARANCE + size)
         if near is not None:
             blocker = blocker or near.name
             continue
@@ -144,8 +167,7 @@ def swing_path(scene: MotionScene, swing: Swing) -> Array:
         ):
             blocker = blocker or THE_SCAN
             continue
-        whole = path if np.array_equal(path[[0, -1]], ends) else joined(ends, path)
-        links = _links(robot, swing, sampled(whole))
+        links = _links(robot, swing, sampled(whole), way)
         if links is None:
             continue
         found = _links_too_near(scene, swing, links)
@@ -186,7 +208,8 @@ class _Beside:
         if swing.toes is None or swing.still is None:
             return None
         pose = swing.com[None], swing.rpy[None]
-        angles = inverse(robot, to_body(*pose, swing.toes[None])).best()
+        under = np.zeros_like(swing.toes) if swing.under is None else swing.under
+        angles = standing_inverse(robot, *pose, swing.toes[None], under[None]).best()
         standing = limb_capsules(robot, angles).moved(swing.com, rotation_world_body(swing.rpy))
         return cls(robot, swing, swing.still, standing)
 
@@ -260,10 +283,19 @@ def _too_near(points: Array, solids: tuple[Solid, ...], least: float) -> Solid |
     return None
 
 
-def _links(robot: Robot, swing: Swing, toes: Array) -> Capsules | None:
-    """Links (S, 1, C) of the limb along a way, or None if a point is out of reach."""
+def _under_sole(sole: Sole, toes: Array, normals: Array) -> Array:
+    """Corners and middles (P, 3) of soles about toes (S, 3), turned with normals (S, 3)."""
+    unit = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+    return np.concatenate([toes, (toes[:, None] + sole.arms(unit)).reshape(-1, 3)])
+
+
+def _links(robot: Robot, swing: Swing, toes: Array, normals: Array) -> Capsules | None:
+    """Links (S, 1, C) of the limb along a way, or None if a point is out of reach.
+
+    normals: (S, 3) that soles turn with.
+    """
     pose = np.broadcast_to(swing.com, toes.shape), np.broadcast_to(swing.rpy, toes.shape)
-    solution = inverse(robot, to_body(*pose, toes[:, None]))
+    solution = standing_inverse(robot, *pose, toes[:, None], normals[:, None])
     if not solution.valid.all():
         return None
     links = limb_capsules(robot, solution.best())

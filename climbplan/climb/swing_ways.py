@@ -69,3 +69,17 @@ def together(paths: list[Array]) -> Array:
             path = np.insert(path, piece + 1, middle, axis=0)
         out.append(path)
     return np.stack(out, axis=1)
+
+
+def way_shares(count: int) -> Array:
+    """(P,) how far soles have turned at the points of a way, from the old surface to the new."""
+    return np.linspace(0.0, 1.0, count) if count > 1 else np.ones(1)
+
+
+def sampled_shares(path: Array) -> Array:
+    """(S,) the same at the points of `sampled`."""
+    shares, found = way_shares(len(path)), [np.zeros(1)]
+    for k, (start, end) in enumerate(itertools.pairwise(path)):
+        pieces = len(sampled(np.stack([start, end])))
+        found.append(np.linspace(shares[k], shares[k + 1], pieces)[1:])
+    return np.concatenate(found)

@@ -28,6 +28,7 @@ from climbplan.robots.kinematics import (
     contact_jacobian,
     inverse,
     require_reachable,
+    sole_turns,
     to_body,
 )
 from climbplan.robots.last_link import joint_axes_body
@@ -149,13 +150,14 @@ def _least_durations(robot: Robot, frames: Keyframes) -> Array:
 def _joint_commands(robot: Robot, moving: _Moving, where: list[str]) -> Array:
     """Joint commands (S, N, J) that hold toes and forces; raises ReachFailure."""
     toes_body = to_body(moving.com, moving.rpy, moving.toes)
-    solution = inverse(robot, toes_body)
+    turns = sole_turns(robot, moving.rpy, moving.normal)
+    solution = inverse(robot, toes_body, turns)
     for s in np.flatnonzero(~solution.valid.all(axis=1)):
-        require_reachable(robot, toes_body[s], where[s])
+        require_reachable(robot, toes_body[s], where[s], None if turns is None else turns[s])
     angles = solution.best()
     jacobian = contact_jacobian(robot, moving.rpy, angles, moving.normal)
     torques = np.einsum("snij,sni->snj", jacobian, moving.force)
-    if robot.gripper is not None:
+    if robot.gripper is not None or robot.sole is not None:
         axes = joint_axes_body(robot, angles) @ np.swapaxes(
             rotation_world_body(moving.rpy)[:, None], -1, -2
         )

@@ -78,6 +78,8 @@ def _methods(scene: ClimbScene, error: NoPlanFound) -> tuple[str, ...]:
     robot = scene.robot
     if isinstance(robot.mechanism, FiveBar) or robot.gripper is not None:
         return ()  # the others state no closed linkages and no grips
+    if robot.sole is not None:
+        return ()  # and no flat feet
     if first_trial(scene).method == "nlp":
         return ()  # the others are convex
     if error.stage in _FORCE_STAGES:

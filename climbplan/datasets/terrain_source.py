@@ -5,11 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 from climbplan.climb.envelopes.dataset_rows import TerrainRows
-from climbplan.robots.any_robot import build_robot
+from climbplan.robots.any_robot import build_robot, without_flat_feet
 from climbplan.spec.datasets.model import TerrainsProblemSpec
 from climbplan.spec.robots.source import load_any_robot
 
 
 def terrain_source(spec: TerrainsProblemSpec, directory: Path) -> TerrainRows:
     """Terrains as a spec describes them; a robot's file is looked up from `directory`."""
-    return TerrainRows(spec, build_robot(load_any_robot(spec.robot, directory)))
+    return TerrainRows(
+        spec,
+        build_robot(
+            without_flat_feet(load_any_robot(spec.robot, directory), "terrains of datasets")
+        ),
+    )

@@ -24,6 +24,7 @@ from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.kinematics import (
     contact_jacobian,
     contact_points,
+    held_rows,
     joint_points_body,
     toe_world,
 )
@@ -89,8 +90,11 @@ def _contacts(plan: ClimbPlan, angle: Array, torque: Array) -> ContactMotion:
     normal = plan.instants.normal[np.maximum(sample_instants(plan), 0)]
     if force is None:  # tau = -J^T f, exact but near singular postures
         jacobian = contact_jacobian(robot, moving.rpy, angle, normal)
+        jacobian = held_rows(
+            robot, moving.rpy, angle, normal, jacobian
+        )  # and moments, of flat feet
         inverse = np.linalg.pinv(np.swapaxes(jacobian, -1, -2), rcond=1e-6)
-        force = -(inverse @ torque[..., None])[..., 0]
+        force = -(inverse @ torque[..., None])[..., :3, 0]
     return ContactMotion(
         robot.limb_names,
         contact_points(robot, toe_world(robot, moving.com, moving.rpy, angle), normal),

@@ -37,9 +37,10 @@ def write_regulator(path: Path, gains: str | None, directory: Path) -> TickTime:
     """
     plan = read_climb(path)
     robot = plan.robot
-    if robot.gripper is not None or zero_angles(robot) is None:
+    if robot.gripper is not None or robot.sole is not None or zero_angles(robot) is None:
         raise UsageError(
-            f"--format regulator: {robot.name} has five-bar legs or grippers; the regulator knows "
+            f"--format regulator: {robot.name} has five-bar legs, grippers or flat feet; the "
+            "regulator knows "
             "limbs whose joints move one after the other and toes that press"
         )
     names = joint_names(robot)

@@ -7,7 +7,7 @@ the same plan on any machine. The clock is a cap, and a plan that it cut short s
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Hashable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -30,7 +30,7 @@ class Attempts:
     variables: int = 0
     constraints: int = 0
     notes: list[str] = field(default_factory=list)
-    known: dict[bytes, Outcome] = field(default_factory=dict)  # answers of programs of arms
+    known: dict[Hashable, Outcome] = field(default_factory=dict)  # answers of programs of arms
     under_way: str = ""  # what is being tried
     end: float = field(init=False)  # `time.monotonic` [s]
 

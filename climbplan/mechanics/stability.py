@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.mechanics.stiffness import joint_softness, joint_turns, rigid_motion
-from climbplan.robots.kinematics import contact_hessian
+from climbplan.mechanics.stiffness import joint_softness, joint_turns
+from climbplan.robots.kinematics import by_point, held_motion, held_rows, point_hessian
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, skew
 
@@ -37,10 +37,10 @@ class LoadedStiffness:
 
 @dataclass(frozen=True)
 class BracedBody:
-    """What the stiffness of B bodies on n contacts depends on beside the forces."""
+    """What the stiffness of B bodies on n points of contact depends on beside the forces."""
 
-    turn: Array  # (B, n, J, 6) joint turns by body motion, -J^-1 B
-    hessian: Array  # (B, n, 3, J, J) of the toes by joint angles, world frame [m]
+    turn: Array  # (B, n, J, 6) joint turns of each point's limb by body motion, -J^-1 B
+    hessian: Array  # (B, n, 3, J, J) of the points by joint angles, world frame [m]
     arms: Array  # (B, n, 3) [m]
     elastic: Array  # (B, 6, 6) A_0
     whitening: Array  # (B, 6, 6) W with W^T A_0 W = 1, zero columns for what is not resisted
@@ -57,10 +57,15 @@ def braced_body(
 ) -> BracedBody:
     """The elastic part, for rpy (B, 3) and angles (B, N, J).
 
-    arms (B, N, 3) to, and jacobian (B, N, 3, J) of, the points that touch, normal (B, N, 3), world.
+    arms (B, C, 3) to, and jacobian (B, C, 3, J) of, the points that are pushed, contact (B, C),
+    normal (B, C, 3), world; limb by limb, of each as many as its foot has.
     """
-    turn = -joint_turns(robot, jacobian) @ rigid_motion(arms) * contact[..., None, None]
-    hessian = contact_hessian(robot, rpy, angles, normal)
+    every = contact.shape[-1] // robot.limb_count
+    own = normal[:, ::every]  # by limb
+    rows = held_rows(robot, rpy, angles, own, jacobian)
+    motion = held_motion(robot, arms)
+    turn = -joint_turns(robot, rows) @ motion * contact[:, ::every, None, None]
+    hessian = point_hessian(robot, rpy, angles, own)
     firm = turn / joint_softness(robot)[..., None]
     count = len(arms)
     elastic = np.swapaxes(turn.reshape(count, -1, 6), 1, 2) @ firm.reshape(count, -1, 6)
@@ -68,7 +73,8 @@ def braced_body(
     resisted = value > _RESISTED * value[:, -1:]
     scale = np.zeros_like(value)
     np.divide(1.0, np.sqrt(np.maximum(value, 0.0)), out=scale, where=resisted)
-    return BracedBody(turn, hessian, arms, elastic, vector * scale[:, None, :])
+    whitening = vector * scale[:, None, :]
+    return BracedBody(by_point(robot, turn, 1), hessian, arms, elastic, whitening)
 
 
 def loaded_stiffness(body: BracedBody, force: Array) -> LoadedStiffness:

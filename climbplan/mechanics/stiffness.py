@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.errors import ClimbplanError
+from climbplan.robots.kinematics import rigid_motion as rigid_motion
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, skew
+from climbplan.robots.rotations import Array
 
 _SINGULAR = 1e12  # condition number of a compliance beyond which a limb has no stiffness matrix
 _SLIGHT = 1e-12  # weight of the body's own deflection where contacts in a line leave it open
@@ -28,10 +29,12 @@ class SingularPosture(ClimbplanError):
 def limb_compliance(robot: Robot, jacobian: Array) -> Array:
     """Toe compliance J k^-1 J^T / (1 - share) of every limb, the inverse of eq. (4.7).
 
-    jacobian: (..., N, 3, J), world frame [m/rad]. The structure's share of the compliance (chapter
-    4.3) is added in proportion. Returns (..., N, 3, 3) [m/N], symmetric.
+    jacobian: (..., N, 3, J), world frame [m/rad], or of several points of each limb. The
+    structure's share of the compliance (chapter 4.3) is added in proportion. Returns (..., N, 3, 3)
+    [m/N], symmetric.
     """
-    soft = jacobian / (robot.joint_stiffness * (1 - robot.structural_compliance_share))[:, None, :]
+    firm = robot.joint_stiffness * (1 - robot.structural_compliance_share)
+    soft = jacobian / _of_points(firm, jacobian)[:, None, :]
     return np.asarray(soft @ np.swapaxes(jacobian, -1, -2))
 
 
@@ -46,15 +49,6 @@ def limb_stiffness(robot: Robot, jacobian: Array) -> Array:
         raise SingularPosture("a limb is in a singular posture: its stiffness is not defined")
     stiffness = np.linalg.inv(compliance)
     return np.asarray((stiffness + np.swapaxes(stiffness, -1, -2)) / 2)
-
-
-def rigid_motion(arms: Array) -> Array:
-    """B = [I P^T]: toe displacement by a small body motion, eq. (4.12).
-
-    arms: (..., 3) from the body origin to the toes [m]. Returns (..., 3, 6).
-    """
-    identity = np.broadcast_to(np.eye(3), (*arms.shape, 3))
-    return np.concatenate([identity, -skew(arms)], axis=-1)  # skew(r)^T = -skew(r)
 
 
 def whole_body_stiffness(stiffness: Array, arms: Array) -> Array:
@@ -145,25 +139,36 @@ def joint_softness(robot: Robot) -> Array:
     return np.asarray(1 / (robot.joint_stiffness * (1 - robot.structural_compliance_share)))
 
 
+def _of_points(values: Array, jacobian: Array) -> Array:
+    """Values by limb (N, ...), as often as a Jacobian (..., C, 3, J) has points of each."""
+    count = jacobian.shape[-3] // len(values)
+    return values if count == 1 else np.repeat(values, count, axis=0)
+
+
 def joint_bending(
     robot: Robot, jacobian: Array, arms: Array, contact: NDArray[np.bool_], compensated: bool
 ) -> Array:
     """D with joint command = joint angles - D f: by how much contact forces bend the joints.
 
-    jacobian: (..., N, 3, J), world frame [m/rad]; arms: (..., N, 3) [m]; contact: (..., N).
-    Returns (..., N, J, N, 3) [rad/N], zero for limbs in the air. A position-controlled joint under
+    jacobian: (..., C, 3, J), world frame [m/rad]; arms: (..., C, 3) [m]; contact: (..., C), of the
+    limbs' toes or of several points of each, limb by limb.
+    Returns (..., N, J, C, 3) [rad/N], zero for limbs in the air. A position-controlled joint under
     tau = J^T f settles tau / (k (1 - share)) from its command: with `compensated` D is just that,
     and commands hold the planned pose exactly. Else the body's own deflection, linear in the forces
     by `deflections_for_forces`, turns the joints as well, to first order.
     """
-    n = contact.shape[-1]
-    limbs = np.arange(n)
+    n, limb_count = contact.shape[-1], robot.limb_count
+    points = np.arange(n)
+    limbs = points // (n // limb_count)
     there = contact[..., None, None]
-    own = joint_softness(robot)[..., None] * np.swapaxes(jacobian, -1, -2) * there
-    bending = np.zeros((*contact.shape, jacobian.shape[-1], n, 3))
-    bending[..., limbs, :, limbs, :] = np.moveaxis(own, -3, 0)
+    softness = _of_points(joint_softness(robot), jacobian)
+    own = softness[..., None] * np.swapaxes(jacobian, -1, -2) * there
+    bending = np.zeros((*contact.shape[:-1], limb_count, jacobian.shape[-1], n, 3))
+    bending[..., limbs, :, points, :] = np.moveaxis(own, -3, 0)
     if compensated:
         return bending
+    if n != limb_count:
+        raise ValueError("a body that sags turns flat feet, which lie on their surfaces")
     compliance = limb_compliance(robot, jacobian)
     per_force = np.moveaxis(
         np.stack(
@@ -181,9 +186,9 @@ def joint_bending(
 
 
 def commanded_depth(jacobian: Array, normal: Array, bending: Array) -> Array:
-    """(..., N, N, 3) by how much forces put commanded toes inside the surfaces they press on.
+    """(..., N, C, 3) by how much forces put commanded toes inside the surfaces they press on.
 
-    jacobian: (..., N, 3, J), normal: (..., N, 3) into free space, bending: (..., N, J, N, 3) of
+    jacobian: (..., N, 3, J), normal: (..., N, 3) into free space, bending: (..., N, J, C, 3) of
     `joint_bending`. Times the forces [m], to first order: -n . J (command - joint angles). Friction
     alone holds a toe where that is negative.
     """

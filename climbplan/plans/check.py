@@ -117,6 +117,14 @@ FEET_LIMITS = {
     "trajectory.feet": Limit(1e-3, "m", "and so they do on the way, swings included"),
 }
 
+# Made beside these for flat feet.
+SOLE_LIMITS = {
+    "force.corners": Limit(1e-9, "of weight", "forces at corners of soles add up to feet's forces"),
+    "force.soles": Limit(1e-6, "m", "centres of pressure inside soles"),
+    "trajectory.soles": Limit(1e-4, "m", "and so they are on the way"),
+    "robust.sole": Limit(0, "", "centres of pressure inside soles by so much of their half sizes"),
+}
+
 # Made beside these for robots with grippers; no friction cones at their toes then.
 GRIP_LIMITS = {
     "grip.data": Limit(0, "", "grippers, holds and model of spines out of their range"),
@@ -216,7 +224,9 @@ def judge(
     name: str, residual: float, worst_at: str = "", margin: str = "", used: float = 0.0
 ) -> Check:
     """A check by its name in the tables of limits; NaN never passes."""
-    limit = (LIMITS | SHIFT_LIMITS | RISK_LIMITS | GRIP_LIMITS | SCAN_LIMITS | FEET_LIMITS)[name]
+    limit = (
+        LIMITS | SHIFT_LIMITS | RISK_LIMITS | GRIP_LIMITS | SCAN_LIMITS | FEET_LIMITS | SOLE_LIMITS
+    )[name]
     residual = float(residual) + 0.0  # no minus zero
     passed = bool(residual <= limit.value)  # False for NaN
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))

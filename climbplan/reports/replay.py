@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
 from climbplan.reports.patches import limb_points
-from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.kinematics import standing_inverse
 from climbplan.robots.rotations import Array
 
 TOLERANCE = 1e-3  # [m] largest error of any joint when played by linear interpolation
@@ -62,7 +62,8 @@ def true_angles(plan: ClimbPlan, instant: Index) -> Array:
     stand = np.concatenate([plan.rounds.toes[:1], instants.toes])[instant + 1]  # (T, N, 3)
     standing = np.concatenate([np.ones((1, plan.robot.limb_count), bool), instants.contact])
     held = moving.contact & standing[instant + 1]
-    solution = inverse(plan.robot, to_body(moving.com, moving.rpy, stand))
+    normal = np.concatenate([instants.normal[:1], instants.normal])[instant + 1]
+    solution = standing_inverse(plan.robot, moving.com, moving.rpy, stand, normal)
     return np.where((held & solution.valid)[..., None], solution.best(), moving.joint_command)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from climbplan.robots.model import Robot
 from climbplan.robots.urdf.building import robot_of_urdf
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
+from climbplan.spec.document import Finding
 from climbplan.spec.robots.source import AnyRobot
 from climbplan.spec.robots.urdf.source import UrdfRobot
 
@@ -15,6 +16,17 @@ def build_robot(spec: AnyRobot) -> Robot:
     Raises MissingSolver and SpecError for robots from URDFs, as `robot_of_urdf`.
     """
     return robot_of_urdf(spec) if isinstance(spec, UrdfRobot) else Robot.from_spec(spec)
+
+
+def without_flat_feet(spec: AnyRobot, what: str) -> AnyRobot:
+    """The same robot; raises SpecError, at the key of its feet, where these are flat."""
+    if isinstance(spec, UrdfRobot) and spec.spec.flat_feet:
+        message = (
+            f"flat feet are for `plan-climb`; {what} would take them for points: expected "
+            "`radius`, or no `foot`"
+        )
+        raise spec.refused([Finding(("foot",), message)])
+    return spec
 
 
 def assumptions(spec: AnyRobot, robot: Robot) -> tuple[str, ...]:

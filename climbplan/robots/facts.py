@@ -8,9 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from climbplan.robots.kinematics import inverse, jacobian_body, toe_body
+from climbplan.robots.kinematics import (
+    by_point,
+    inverse,
+    jacobian_body,
+    point_jacobian,
+    pushed_points,
+    sole_turns,
+    toe_body,
+)
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
+from climbplan.robots.task_robot import heading_as
 
 _SAMPLES = 4000  # of each limb's joints
 _BALANCED = (
@@ -44,7 +53,9 @@ class RobotFacts:
 
 def robot_facts(robot: Robot, seed: int = 0) -> RobotFacts:
     """Measure a robot; postures are drawn within its joint bounds, the same for a seed."""
-    solution = inverse(robot, robot.stance_body)
+    up = np.broadcast_to([0.0, 0.0, 1.0], robot.stance_body.shape)
+    robot = heading_as(robot, np.zeros(3))
+    solution = inverse(robot, robot.stance_body, sole_turns(robot, np.zeros(3), up))
     angles = np.where(solution.valid[:, None], solution.best(), np.nan)
     share = np.random.default_rng(seed).uniform(size=(_SAMPLES, *robot.joint_lower.shape))
     drawn = robot.joint_lower + share * (robot.joint_upper - robot.joint_lower)
@@ -55,7 +66,12 @@ def robot_facts(robot: Robot, seed: int = 0) -> RobotFacts:
     if force is not None:
         upward = np.stack([np.zeros_like(force), np.zeros_like(force), force], axis=1)
         jacobian = jacobian_body(robot, np.nan_to_num(angles))
+        if robot.sole is not None:
+            jacobian = point_jacobian(robot, np.zeros(3), np.nan_to_num(angles), up)
         torque = np.einsum("nij,ni->nj", jacobian, upward)
+        if robot.sole is not None:  # at corners of soles
+            force = force.reshape(robot.limb_count, -1).sum(axis=1)
+            torque = torque.reshape(robot.limb_count, -1, robot.joint_count).sum(axis=1)
     height = robot.stance_body[:, 2]
     return RobotFacts(
         robot,
@@ -70,8 +86,15 @@ def robot_facts(robot: Robot, seed: int = 0) -> RobotFacts:
 
 
 def _standing_force(robot: Robot, valid: NDArray[np.bool_]) -> Array | None:
-    """Upward forces (N,) on toes in reach that hold the weight over the stance, most even ones."""
-    x, y = robot.stance_body[:, :2].T
+    """Upward forces (N,) on toes in reach that hold the weight over the stance, most even ones.
+
+    Of flat feet forces (4 N,) at the corners of their soles.
+    """
+    points = robot.stance_body
+    if robot.sole is not None:
+        points = pushed_points(robot, points, np.broadcast_to([0.0, 0.0, 1.0], points.shape))
+        valid = by_point(robot, valid, 0)
+    x, y = points[:, :2].T
     balance = np.vstack([np.ones_like(x), x, y]) * valid
     even = 1e-4 * np.eye(len(x))  # of several balances the most even one
     force, _ = nnls(

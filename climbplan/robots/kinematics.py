@@ -7,14 +7,16 @@ closed form (`coxa_femur_tibia.py`), or any chain of revolute joints (`serial_ch
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.errors import ReachFailure
 from climbplan.robots.chain_pose import ChainPose
 from climbplan.robots.mechanism import InverseKinematics
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import Array, rotation_world_body, skew
 from climbplan.robots.serial_chain import SerialChain
 
 
@@ -81,6 +83,88 @@ def contact_points(robot: Robot, toes: Array, normal: Array) -> Array:
     return toes if robot.foot is None else toes + robot.foot.arm(normal)
 
 
+def point_jacobian(robot: Robot, rpy: Array, angles: Array, normal: Array) -> Array:
+    """d(point that is pushed)/d(angles) at a fixed body, (..., C, 3, J), world frame [m/rad].
+
+    C: N limbs times the points of a foot, limb by limb; one and the same as `contact_jacobian` but
+    of flat feet.
+    """
+    own = contact_jacobian(robot, rpy, angles, normal)
+    if robot.foot is None or robot.foot.points == 1:
+        return own
+    world = rotation_world_body(rpy)[..., None, :, :]
+    turning = world @ robot.limbs.turning(angles)  # (..., N, 3, J)
+    arm = robot.foot.point_arms(normal)  # (..., N, P, 3)
+    points = own[..., None, :, :] - skew(arm) @ turning[..., None, :, :]
+    return np.asarray(points.reshape(*own.shape[:-3], -1, *own.shape[-2:]))
+
+
+def point_hessian(robot: Robot, rpy: Array, angles: Array, normal: Array) -> Array:
+    """Its second derivatives by the angles of its limb, (..., C, 3, J, J), world [m/rad^2]."""
+    if robot.foot is None or robot.foot.points == 1:
+        return contact_hessian(robot, rpy, angles, normal)
+    assert isinstance(robot.mechanism, SerialChain)
+    pose = robot.mechanism.pose(angles)
+    world = rotation_world_body(rpy)
+    arms = robot.foot.point_arms(normal)
+    found = []
+    for point in range(robot.foot.points):
+        local = np.einsum("...ji,...nj->...ni", world, arms[..., point, :])
+        own = replace(pose, toe=pose.toe + local).hessian
+        found.append(np.einsum("...il,...nljk->...nijk", world, own))
+    both = np.stack(found, axis=-4)  # (..., N, P, 3, J, J)
+    return np.asarray(both.reshape(*angles.shape[:-2], -1, *both.shape[-3:]))
+
+
+def pushed_points(robot: Robot, toes: Array, normal: Array) -> Array:
+    """(..., C, 3) points at which feet on surfaces of normals (..., N, 3) are pushed [m]."""
+    if robot.foot is None or robot.foot.points == 1:
+        return contact_points(robot, toes, normal)
+    points = toes[..., None, :] + robot.foot.point_arms(normal)
+    return np.asarray(points.reshape(*toes.shape[:-2], -1, 3))
+
+
+def held_rows(robot: Robot, rpy: Array, angles: Array, normal: Array, jacobian: Array) -> Array:
+    """(..., N, R, J) velocities by joint speed of what surfaces hold of each limb, world frame.
+
+    The point that touches, R = 3, whose Jacobian (..., N, 3, J) is given; of flat feet, R = 6, the
+    toe and the turning of the foot.
+    """
+    if robot.sole is None:
+        return jacobian
+    world = rotation_world_body(rpy)[..., None, :, :]
+    own = contact_jacobian(robot, rpy, angles, normal)
+    return np.concatenate([own, world @ robot.limbs.turning(angles)], axis=-2)
+
+
+def held_motion(robot: Robot, arms: Array) -> Array:
+    """(..., N, R, 6) velocities of the same by those of the body and its turning.
+
+    arms: (..., C, 3) from the body's origin to the points that are pushed, limb by limb [m].
+    """
+    if robot.sole is None:
+        return rigid_motion(arms)
+    count = arms.shape[-2] // robot.limb_count
+    middle = arms.reshape(*arms.shape[:-2], -1, count, 3).mean(axis=-2)
+    turning = np.broadcast_to(np.eye(3, 6, 3), (*middle.shape[:-1], 3, 6))
+    return np.concatenate([rigid_motion(middle), turning], axis=-2)
+
+
+def rigid_motion(arms: Array) -> Array:
+    """B = [I P^T]: displacement of points by a small body motion, eq. (4.12).
+
+    arms: (..., 3) from the body origin to the points [m]. Returns (..., 3, 6).
+    """
+    identity = np.broadcast_to(np.eye(3), (*arms.shape, 3))
+    return np.concatenate([identity, -skew(arms)], axis=-1)  # skew(r)^T = -skew(r)
+
+
+def by_point(robot: Robot, values: NDArray[Any], axis: int) -> NDArray[Any]:
+    """Values by limb along an axis, as often as their feet have points."""
+    count = 1 if robot.foot is None else robot.foot.points
+    return values if count == 1 else np.repeat(values, count, axis=axis)
+
+
 def _touching(robot: Robot, rpy: Array, angles: Array, normal: Array) -> ChainPose:
     """Chains in the body frame that end in the points of their feet that touch."""
     assert robot.foot is not None
@@ -96,17 +180,60 @@ def to_body(com: Array, rpy: Array, points_world: Array) -> Array:
     return np.einsum("...ji,...nj->...ni", rotation, points_world - com[..., None, :])
 
 
-def inverse(robot: Robot, toes_body: Array) -> InverseKinematics:
-    """Joint angles that put the toes at toes_body (..., N, 3), body frame [m]."""
-    return robot.limbs.inverse(toes_body, robot.joint_lower, robot.joint_upper)
+def sole_turns(robot: Robot, rpy: Array, normal: Array) -> Array | None:
+    """(..., N, 3, 3) of last links from zero angles, of limbs whose soles lie on their surfaces.
+
+    rpy: (..., 3) of bodies, normal: (..., N, 3) of surfaces, unit or nearly so. None where feet are
+    not flat: their limbs turn as they like.
+    """
+    return None if robot.sole is None else turns_under(robot, rotation_world_body(rpy), normal)
 
 
-def require_reachable(robot: Robot, toes_body: Array, where: str) -> Array:
-    """Joint angles (N, J) for one posture.
+def turns_under(robot: Robot, rotation: Array, normal: Array) -> Array | None:
+    """The same for bodies of rotations (..., 3, 3)."""
+    sole = robot.sole
+    if sole is None:
+        return None
+    unit = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+    turned = np.swapaxes(rotation, -1, -2)[..., None, :, :] @ sole.axes(unit)
+    return np.asarray(turned @ np.swapaxes(sole.axes_zero, -1, -2))
+
+
+def inverse(
+    robot: Robot, toes_body: Array, turns: Array | None = None, inside: Array | float = 0.0
+) -> InverseKinematics:
+    """Joint angles that put the toes at toes_body (..., N, 3), body frame [m].
+
+    turns: (..., N, 3, 3) of last links, of `sole_turns`. Robots with flat feet do not go without.
+    inside: (N, J) that joints keep within their bounds [rad].
+    """
+    bounds = robot.joint_lower + inside, robot.joint_upper - inside
+    if turns is None:
+        if robot.sole is not None:
+            raise TypeError("flat feet lie on surfaces: which way is not told")
+        return robot.limbs.inverse(toes_body, *bounds)
+    assert isinstance(robot.mechanism, SerialChain)
+    return robot.mechanism.inverse(toes_body, *bounds, turns)
+
+
+def standing_inverse(
+    robot: Robot, com: Array, rpy: Array, toes: Array, normal: Array
+) -> InverseKinematics:
+    """Joint angles for toes (..., N, 3) on surfaces of normals (..., N, 3), world frame.
+
+    com, rpy: (..., 3) of the bodies. Flat feet lie on the surfaces.
+    """
+    return inverse(robot, to_body(com, rpy, toes), sole_turns(robot, rpy, normal))
+
+
+def require_reachable(
+    robot: Robot, toes_body: Array, where: str, turns: Array | None = None
+) -> Array:
+    """Joint angles (N, J) for one posture; turns as of `inverse`.
 
     Raises ReachFailure with the limb, the missing reach or the violated joint bound.
     """
-    solution = inverse(robot, toes_body)
+    solution = inverse(robot, toes_body, turns)
     for limb in (int(i) for i in np.flatnonzero(~solution.valid)):
         bounds = robot.joint_lower, robot.joint_upper
         found = robot.limbs.miss(solution, toes_body, limb, *bounds)

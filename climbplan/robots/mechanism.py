@@ -30,6 +30,7 @@ class InverseKinematics:
     reachable: NDArray[np.bool_]  # (..., B, N) the toe lies within the links' reach
     within_bounds: NDArray[np.bool_]  # (..., B, N) reachable and every joint within its bounds
     missing: Array  # (..., B, N) [m] distance by which the toe is out of reach, 0 if reachable
+    tilted: Array | None = None  # (..., B, N) [rad] by which a last link lies otherwise than asked
 
     @property
     def valid(self) -> NDArray[np.bool_]:

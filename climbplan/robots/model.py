@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from climbplan.robots.chain_pose import RADIAN
 from climbplan.robots.coxa_femur_tibia import CoxaFemurTibia
 from climbplan.robots.five_bar import FiveBar, Linkage
-from climbplan.robots.foot import Foot
+from climbplan.robots.foot import Foot, Sole
 from climbplan.robots.gripper import Gripper
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.rotations import Array
@@ -76,7 +76,7 @@ class Robot:
     limb_radius: float  # capsule radius of the links, the largest where they differ [m]
     mechanism: Mechanism | None = None  # None: coxa, femur and tibia of the lengths above
     gripper: Gripper | None = None  # on a wrist at every toe
-    foot: Foot | None = None  # round every toe; None: toes are points
+    foot: Foot | None = None  # at every toe; None: toes are points
     capsules: MountedCapsules | None = None  # None: from joint to joint, as thick as limb_radius
     body_parts: tuple[Array, ...] = ()  # (V, 3) convex parts that limbs keep off; none: the hull
     # (T, 4) limb and capsule, and limb and capsule or -1 and 0 for the body: parts that touch
@@ -99,6 +99,17 @@ class Robot:
         if self.gripper is not None:
             return self.gripper.length
         return 0.0 if self.foot is None else self.foot.radius
+
+    @property
+    def sole(self) -> Sole | None:
+        """The soles of flat feet; None for feet of other kinds."""
+        return None if self.foot is None else self.foot.sole
+
+    def pressed_within(self, margin: float) -> Self:
+        """The robot with soles that are shorter and narrower by a part of what they are."""
+        if self.foot is None or self.foot.sole is None or margin == 0:
+            return self
+        return replace(self, foot=replace(self.foot, sole=self.foot.sole.within(margin)))
 
     @property
     def limbs(self) -> Mechanism:
@@ -144,11 +155,15 @@ class Robot:
     def one_limb(self, limb: int) -> Self:
         """The robot with one limb alone, whose kinematics are done as many times as fast."""
         keep = slice(limb, limb + 1)
-        rows = {name: value[keep] for name, value in vars(self).items() if name in _BY_LIMB}
+        rows: dict[str, Any] = {
+            name: value[keep] for name, value in vars(self).items() if name in _BY_LIMB
+        }
         if self.mechanism is not None:
             rows["mechanism"] = self.mechanism.only(keep)
         if self.capsules is not None:
             rows["capsules"] = self.capsules.only(keep)
+        if self.foot is not None:
+            rows["foot"] = self.foot.only(keep)
         return replace(self, **rows)
 
     @property

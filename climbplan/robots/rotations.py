@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_OPPOSITE = 1e-9  # of 1 + cosine, below which vectors count as opposite
+
 
 def rotation_world_body(rpy: Array) -> Array:
     """Body-to-world rotation R = Rz(yaw) Ry(pitch) Rx(roll).
@@ -50,3 +52,19 @@ def frame_in_plane(out: Array, tilt: Array) -> Array:
     up = np.array([0.0, 0.0, 1.0])
     x, y = sin * out - cos * up, cos * out + sin * up
     return np.stack([x, y, np.cross(x, y)], axis=-2)
+
+
+def turn_between(first: Array, then: Array) -> Array:
+    """The least rotation (..., 3, 3) that takes unit vectors (..., 3) to others (..., 3).
+
+    Of opposite vectors, of which there is none least, half a turn about an axis square to them.
+    """
+    first, then = np.broadcast_arrays(first, then)
+    cosine = (first * then).sum(axis=-1)[..., None, None]
+    cross = skew(np.cross(first, then))
+    part = np.divide(1.0, 1.0 + cosine, out=np.zeros_like(cosine), where=cosine > _OPPOSITE - 1.0)
+    turn = np.eye(3) + cross + part * (cross @ cross)
+    aside = np.cross(first, np.where(np.abs(first[..., :1]) < 0.9, np.eye(3)[0], np.eye(3)[1]))
+    aside = aside / np.linalg.norm(aside, axis=-1, keepdims=True)
+    half = 2 * aside[..., :, None] * aside[..., None, :] - np.eye(3)
+    return np.asarray(np.where(cosine > _OPPOSITE - 1.0, turn, half))

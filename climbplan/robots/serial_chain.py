@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from climbplan.robots.chain_inverse import chain_inverse
 from climbplan.robots.chain_pose import ChainPose, ChainZero
 from climbplan.robots.mechanism import InverseKinematics, Miss
+from climbplan.robots.pose_inverse import pose_inverse
 from climbplan.robots.rotations import Array
 
 _AT_BOUND = 1e-6  # [rad], [m]
 _ON_AXIS = 1e-9  # [m] off the last joint's axis, below which a toe has no direction
+_TURNED = 0.1  # [deg] off its surface, for a sole that is told of
 _ALONG = 0.7  # part of what is missing that has to lie along the limb for "too far"
 
 
@@ -141,10 +143,17 @@ class SerialChain:
         """Second derivatives of the toe (..., N, 3, J, J) [m/rad^2]."""
         return self.pose(angles).hessian
 
-    def inverse(self, toes: Array, lower: Array, upper: Array) -> InverseKinematics:
-        """The angles nearest to `posture` that put the toes at toes (..., N, 3); one branch."""
+    def inverse(
+        self, toes: Array, lower: Array, upper: Array, turns: Array | None = None
+    ) -> InverseKinematics:
+        """The angles nearest to `posture` that put the toes at toes (..., N, 3); one branch.
+
+        turns: (..., N, 3, 3) of last links; angles are then those found from `posture`.
+        """
         batch = toes.shape[:-2]
         limbs = np.broadcast_to(np.arange(toes.shape[-2]), toes.shape[:-1]).ravel()
+        if turns is not None:
+            return self._posed(toes, np.broadcast_to(turns, (*toes.shape, 3)), limbs, lower, upper)
         found = chain_inverse(
             self.zero, self.posture, limbs, toes.reshape(-1, 3), lower[limbs], upper[limbs]
         )
@@ -155,6 +164,33 @@ class SerialChain:
             reachable=reachable,
             within_bounds=reachable,  # bounds are kept all the way
             missing=np.where(reachable, 0.0, found.missing.reshape(shape)),
+        )
+
+    def _posed(
+        self,
+        toes: Array,
+        turns: Array,
+        limbs: NDArray[np.int64],
+        lower: Array,
+        upper: Array,
+    ) -> InverseKinematics:
+        found = pose_inverse(
+            self.zero.rows(limbs),
+            self.posture[limbs],
+            toes.reshape(-1, 3),
+            turns.reshape(-1, 3, 3),
+            lower[limbs],
+            upper[limbs],
+        )
+        shape = (*toes.shape[:-2], 1, toes.shape[-2])
+        reachable = found.reached.reshape(shape)
+        missing, tilted = (found.missing[:, k].reshape(shape) for k in range(2))
+        return InverseKinematics(
+            angles=found.angles.reshape(*shape, -1),
+            reachable=reachable,
+            within_bounds=reachable,
+            missing=np.where(reachable, 0.0, missing),
+            tilted=np.where(reachable, 0.0, tilted),
         )
 
     def miss(
@@ -169,6 +205,11 @@ class SerialChain:
         there = self.only(slice(limb, limb + 1)).joint_points(angles[None])[0]
         first, toe = there[0], there[-1]
         beyond = float(np.linalg.norm(toes[limb] - first) - np.linalg.norm(toe - first))
+        if solution.tilted is not None:
+            turned = np.rad2deg(float(solution.tilted[0, limb]))
+            where = f" ({stopped} at its bound)" if stopped else ""
+            if turned > _TURNED:
+                return Miss(f"its sole {turned:.1f} deg off its surface{where}, and", missing)
         if stopped and abs(beyond) < _ALONG * missing:
             return Miss(f"stopped by the bound of {stopped}", missing)
         which = "too far" if beyond > 0 else "too near"

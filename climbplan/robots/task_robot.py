@@ -34,3 +34,11 @@ def standing_as(robot: Robot, com: Array, rpy: Array, toes: Array, kept: Collect
         limb = robot.limb_names.index(name)
         stance[limb] = robot.stance_body[limb]
     return replace(robot, stance_body=stance)
+
+
+def heading_as(robot: Robot, rpy: Array) -> Robot:
+    """The robot whose flat feet point where a body of rotation rpy (3,) does."""
+    if robot.foot is None or robot.foot.sole is None:
+        return robot
+    sole = replace(robot.foot.sole, heading=float(rpy[2]))
+    return replace(robot, foot=replace(robot.foot, sole=sole))

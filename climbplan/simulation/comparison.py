@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.climb.check.anew.feet import foot_arm, rolling
+from climbplan.climb.check.anew.soles import lying
 from climbplan.climb.check.anew.static_pose import Braced, settle
 from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
 from climbplan.climb.plan.spans import spans_of
@@ -140,6 +141,7 @@ def predicted_sag(plan: ClimbPlan, conditions: Conditions, rows: Index, toes: Ar
         instants.joint_angles[rows],
         load,
         moment,
+        None if robot.sole is None else lying(robot.sole, normal),
     )
     with np.errstate(all="ignore"):  # toes that slid away may leave no equilibrium: NaN
         return np.asarray(-settle(braced, instants.com[rows], axes).shift)
@@ -167,7 +169,7 @@ def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
                 continue
             start = first + int(touched[0])
             shift = run.toes[start:last, limb] - run.toes[start, limb]
-            if plan.robot.foot is not None:
+            if plan.robot.foot is not None and plan.robot.sole is None:
                 normal = plan.instants.normal[max(int(instant[last - 1]), 0), limb]
                 links = run.links[start:last, limb]
                 shift = shift - rolled(plan.robot.foot.radius, links, normal)

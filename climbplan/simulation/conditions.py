@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from climbplan.errors import UsageError
+from climbplan.robots.model import Robot
 from climbplan.simulation.worlds.world import World
 
 Regulated = Literal["nothing", "attitude", "joints", "pose"]
@@ -37,7 +38,7 @@ class Conditions:
     limb_weights: bool = True  # motors are told to carry the links' weight
     losses: tuple[ContactLoss, ...] = field(default=())
     speed: float = 1.0  # factor on the plan's pace
-    regulator: Regulated = "joints"  # what of the body's pose commands are corrected for
+    regulator: Regulated | None = None  # what of the body's pose commands are corrected for
     delay: float = 0.0  # that corrections come late [s]
     joint_noise: float = 0.0  # standard deviation of what the joints' sensors tell [rad]
     noise_seed: int = 0
@@ -45,6 +46,24 @@ class Conditions:
 
 
 NOMINAL = Conditions()
+
+
+def regulated(conditions: Conditions, robot: Robot) -> Regulated:
+    """What a robot's commands are corrected for: what conditions say, or what can be.
+
+    The regulator moves toes that are points, in places. Flat feet lie on their surfaces, and turn
+    with the body where they stand: raises UsageError for what would correct them.
+    """
+    if robot.sole is None:
+        return conditions.regulator or "joints"
+    if conditions.regulator not in (None, "nothing"):
+        raise UsageError(
+            f"--regulate {conditions.regulator}: the regulator knows toes, not flat feet; expected "
+            "nothing"
+        )
+    return "nothing"
+
+
 _LEAST_BODY = 0.05  # of the robot's mass that a body keeps whose load is taken off
 
 

@@ -3,7 +3,7 @@
 The body carries limbs of coxa, femur and tibia. Motors are position servos of stiffness
 k (1 - share): the structure's give is counted to the joints, as everywhere in the planner. A toe is
 a small sphere about the planned toe point, so surfaces lie its radius deeper than planned; a
-spherical foot is one of its own radius, on surfaces where they are.
+spherical foot is one of its own radius, on surfaces where they are; a flat one is a plate.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from climbplan.simulation.terrain_geoms import (
     surface_geoms,
     terrain_geom,
 )
-from climbplan.simulation.toe import TOE_RADIUS, toe_radius
+from climbplan.simulation.toe import TOE_RADIUS, sole_plate, toe_radius
 from climbplan.simulation.worlds.ground import moved_terrain
 from climbplan.terrain.model import STATED
 from climbplan.terrain.raw_surface import SLENDER
@@ -271,9 +271,11 @@ def _end(robot: Robot, limb: int) -> str:
     """What is at a limb's end, with {place}: a toe, or a gripper on its wrist."""
     if robot.gripper is not None:
         return gripper_end(robot.gripper, limb, max(robot.limb_radius, 0.005))
-    radius = toe_radius(robot)
+    shape = f'type="sphere" pos="{{place}}" size="{toe_radius(robot)}"'
+    if robot.sole is not None:
+        shape = sole_plate(robot, limb)
     return (
-        f'<geom name="toe{limb}" type="sphere" pos="{{place}}" size="{radius}" mass="0.001"'
+        f'<geom name="toe{limb}" {shape} mass="0.001"'
         f' material="toe" contype="{TOE}" conaffinity="0" margin="{_STANDS_IN}" friction="0 0 0"/>'
         f'<site name="toe{limb}" pos="{{place}}" size="0.001"/>'
     )

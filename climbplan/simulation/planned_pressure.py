@@ -7,7 +7,7 @@ import numpy as np
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.reports.replay import sample_instants, true_angles
-from climbplan.robots.kinematics import contact_jacobian
+from climbplan.robots.kinematics import contact_jacobian, held_rows
 from climbplan.robots.rotations import Array
 
 
@@ -21,8 +21,9 @@ def planned_pressure(plan: ClimbPlan) -> Array:
     angles = true_angles(plan, instant)
     torque = (angles - moving.joint_command) / joint_softness(robot)
     normal = plan.instants.normal[np.maximum(instant, 0)]
-    jacobian = contact_jacobian(robot, moving.rpy, angles, normal)  # (T, N, 3, J)
+    jacobian = contact_jacobian(robot, moving.rpy, angles, normal)
+    jacobian = held_rows(robot, moving.rpy, angles, normal, jacobian)  # (T, N, 3 or 6, J)
     inverse = np.linalg.pinv(np.swapaxes(jacobian, -1, -2), rcond=1e-6)
-    force = (inverse @ torque[..., None])[..., 0]
+    force = (inverse @ torque[..., None])[..., :3, 0]
     pressure: Array = np.einsum("tni,tni->tn", force, normal) * moving.contact
     return pressure

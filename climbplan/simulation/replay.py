@@ -23,7 +23,7 @@ from climbplan.reports.replay import sample_instants
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.chain_limb import drive_of, followers, motor_names
-from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.conditions import Conditions, regulated
 from climbplan.simulation.falls import FALLEN, TUMBLED
 from climbplan.simulation.feedforward import limb_weight_torques
 from climbplan.simulation.gripping import Gripped, Grips
@@ -134,11 +134,12 @@ class _Player:
         if plan.robot.gripper is not None:
             self.grips = Grips(mujoco, model, data, plan, terrain, conditions)
         self.regulator = None
-        if conditions.regulator != "nothing":
-            self.regulator = Regulator(plan, place=conditions.regulator != "attitude")
+        correcting = regulated(conditions, plan.robot)
+        if correcting != "nothing":
+            self.regulator = Regulator(plan, place=correcting != "attitude")
             self.regulator.offset[:] = self.start.toes - plan.rounds.toes[0]
         self.odometry = None
-        if conditions.regulator == "joints":
+        if correcting == "joints":
             assert self.regulator is not None
             self.odometry = JointOdometry(plan, self.start.toes, self.regulator.tables)
         self._late: deque[Array] = deque()  # corrections on their way to the motors
@@ -316,7 +317,7 @@ class _Player:
             force[limb] += sign * local[:3] @ frame
             normal[limb] += local[0]
             shear[limb] += np.hypot(local[1], local[2])
-            touching[limb] = local[0] > 0
+            touching[limb] |= local[0] > 0
         if self.grips is not None:
             force, normal, shear, touching = self.grips.borne(sample)
         return {

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.kinematics import standing_inverse
 from climbplan.robots.rotations import Array
 from climbplan.simulation.toe import toe_radius
 from climbplan.simulation.worlds.ground import material
@@ -38,12 +38,12 @@ def set_up(plan: ClimbPlan, terrain: Terrain) -> Start:
     com, rpy, planned = plan.rounds.com[0], plan.rounds.rpy[0], plan.rounds.toes[0]
     on = [terrain.surfaces[r] for r in plan.rounds.region[0]]
     put = np.array([s.project(toe) for s, toe in zip(on, planned, strict=True)])
+    out = np.array([s.normal_at(toe) for s, toe in zip(on, put, strict=True)])
     if terrain.scan is None:
-        out = np.array([s.normal_at(toe) for s, toe in zip(on, put, strict=True)])
         put = _outside(put, out, material(terrain, toe_radius(plan.robot)))
-    moved = inverse(plan.robot, to_body(com, rpy, put))
+    moved = standing_inverse(plan.robot, com, rpy, put, out)
     toes = np.where(moved.valid[:, None], put, planned)
-    return Start(toes, inverse(plan.robot, to_body(com, rpy, toes)).best())
+    return Start(toes, standing_inverse(plan.robot, com, rpy, toes, out).best())
 
 
 def _outside(places: Array, out: Array, solids: Array) -> Array:

@@ -7,14 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from climbplan.errors import NoPlanFound, SpecError
+from climbplan.robots.urdf.pinocchio_model import urdf_model
 from climbplan.robots.urdf.proposal.document import robot_document
 from climbplan.robots.urdf.proposal.settled import Proposal
-from climbplan.robots.urdf.proposal.walk_document import walk_document
+from climbplan.robots.urdf.proposal.walk_document import STANCE, walk_document
 from climbplan.robots.urdf.walking_body import walking_body
 from climbplan.spec.walking.loading import load_mpc
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.planner import plan_walk
+from climbplan.walking.swing_effort import swing_effort
 
 _TIME_LIMIT = "solver.time_limit=180"
 
@@ -39,10 +41,16 @@ def proposed_walk(found: Proposal, robot_file: str, turns: bool = False) -> Prop
     """
     what = "turns on the spot" if turns else "walks at speed"
     try:
-        body = walking_body(found.draft.robot(meshes=False))
+        robot = found.draft.robot(meshes=False)
+        body = walking_body(robot)
     except SpecError as error:
         return ProposedWalk(what, "", None, f"no spec: {error.mistakes[0].message}")
-    text = walk_document(body, robot_file, turns)
+    model = urdf_model(robot)
+
+    def effort(speed: float, step: float, lift: float) -> float:
+        return swing_effort(model, body.legs, speed, step, lift, STANCE)
+
+    text = walk_document(body, robot_file, effort, turns)
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         absolute = robot_document(found, str(found.draft.urdf), "")

@@ -18,6 +18,7 @@ from climbplan.plans.check import (
     RISK_LIMITS,
     SCAN_LIMITS,
     SHIFT_LIMITS,
+    SOLE_LIMITS,
 )
 from climbplan.solvers.registry import BACKENDS
 from climbplan.walking.check.checker import LIMITS as WALK
@@ -72,7 +73,8 @@ def checks_page() -> str:
         | RISK_LIMITS
         | GRIP_LIMITS
         | SCAN_LIMITS
-        | FEET_LIMITS,
+        | FEET_LIMITS
+        | SOLE_LIMITS,
         "Walks": {**WALK_PLAN, **WALK, **LOOP_LIMITS},
         "Modules": MODULES,
         "Bookshelf": SHELF,

@@ -33,6 +33,7 @@ _PATIENCE = 120.0  # [s] of waiting, on a machine that has other things to do
 _OF_URDF = {
     "walker.urdf": ("robot_walker.yaml", "climb_walker.yaml"),
     "hexapod.urdf": ("robot_hexapod.yaml", "mpc_hexapod.yaml"),
+    "biped.urdf": ("robot_biped.yaml", "climb_biped.yaml"),
     "telescope.urdf": ("robot_telescope.yaml", "climb_telescope.yaml", "mpc_telescope.yaml"),
 }
 _OUT = ["-o", "out", "-q", "--force"]
@@ -106,12 +107,15 @@ def every_source(plans: Mapping[str, Path]) -> list[tuple[str, str]]:
     specs = sorted(path.name for path in SPECS.glob("*.yaml"))
     found = [("spec", name) for name in specs if not name.startswith("robot_")]
     robots = ("silvia.yaml", "scaler.yaml", "modules/limms.yaml", "bodies/scaler.yaml")
-    ours = ("robot_walker.yaml", "robot_hexapod.yaml", "robot_telescope.yaml")
+    ours = (
+        "robot_walker.yaml", "robot_hexapod.yaml", "robot_telescope.yaml", "robot_biped.yaml",
+    )  # fmt: skip
     found += [("robot", name) for name in (*robots, *ours)]
     found += [
         ("urdf", "walker.urdf"),
         ("urdf", "hexapod.urdf"),
         ("urdf", "telescope.urdf"),
+        ("urdf", "biped.urdf"),
         ("table", "limb_test.csv"),
         ("scenes", "bookshelf_scenes.h5"),
     ]

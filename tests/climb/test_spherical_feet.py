@@ -104,7 +104,7 @@ def test_feet_keep_off_what_rises_beside_them(spec: Path) -> None:
     ground = "terrain.ground={across: [-0.645, 0.645], along: [-0.8, 0.8], height: -0.8}"
     loaded = load_climb(spec, [*ONE_ROUND, ground])
     scene = build_scene(loaded.spec, loaded.robot, loaded.source)
-    regions = {region.name: region for region in footing(scene.terrain, 0.0, RADIUS)}
+    regions = {region.name: region for region in footing(scene.terrain, 0.0, Foot(RADIUS))}
     level = regions["ground"].vertices
     np.testing.assert_allclose(np.abs(level[:, 0]), 0.645 - RADIUS, atol=1e-6)
     np.testing.assert_allclose(np.abs(level[:, 1]), 0.8, atol=1e-6)

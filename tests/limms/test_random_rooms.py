@@ -57,7 +57,7 @@ def test_benchmark_tells_found_and_refused() -> None:
     assert "processor time of this part" in told.getvalue()
     assert "found and verified: 100% of all" in out.getvalue()
     assert len(json.loads(json.dumps(as_json(result, LimmsOptions())))["rooms"]["rooms"]) == 1
-    with pytest.raises(UsageError, match="modes, admm, admm-published, rooms, turned"):
+    with pytest.raises(UsageError, match="modes, admm, admm-published, masses, rooms, turned"):
         bench_limms(LimmsOptions(methods="room"))
 
 

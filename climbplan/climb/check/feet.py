@@ -1,5 +1,7 @@
 """Feet of finite size keep out of all that is solid: they touch it, and no more.
 
+Flat feet lie on their surfaces, all four corners of their soles on them.
+
 Links narrow to their toes where they stand; what is round the toe is looked at here, at the surface
 that it stands on as at everything beside it.
 """
@@ -10,18 +12,82 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from climbplan.climb.check.anew.soles import corners, lying, soles_at
+from climbplan.climb.check.convex import polygon_edges, polygon_normal
 from climbplan.climb.check.distances import chain_distance
 from climbplan.climb.check.raw_distances import distances
 from climbplan.climb.check.subject import Subject
 from climbplan.plans.check import Array, Check, judge_worst
-from climbplan.terrain.surfaces import Tube
+from climbplan.terrain.surfaces import Region, Tube
 
 _TOLD = 0.05  # [m] room beside feet up to which it is measured
 
 
 def feet_check(subject: Subject) -> Iterator[Check]:
     """At the instants; nothing for point toes."""
-    yield from judge_feet("limbs.feet", subject, subject.plan.instants.toes, subject.at)
+    plan = subject.plan
+    if plan.robot.sole is None:
+        yield from judge_feet("limbs.feet", subject, plan.instants.toes, subject.at)
+        return
+    soles = soles_at(plan.robot, subject.axes, plan.instants.joint_angles)
+    deep = _sole_depth(subject, subject.limbs.toe, soles)
+    lies = _off_surface(subject, soles)
+    worst = np.maximum(deep.max(axis=(-1, -2)), lies)
+    yield judge_worst("limbs.feet", worst, subject.at, _margin_of_soles(deep))
+
+
+def judge_soles(
+    name: str, subject: Subject, toes: Array, soles: Array, moment: Callable[[int], str]
+) -> Iterator[Check]:
+    """A check of soles about toes (P, N, 3) of rows (P, N, 3, 3), world, against all solids."""
+    names = [solid.name for solid in subject.solids]
+    deep = _sole_depth(subject, toes, soles)
+
+    def where(p: int, limb: int, corner: int, solid: int) -> str:
+        return f"{moment(p)}, sole of {subject.limb(limb)} and {names[solid]}"
+
+    yield judge_worst(name, deep, where, _margin_of_soles(deep))
+
+
+def _margin_of_soles(deep: Array) -> str:
+    return f"soles at most {max(1e3 * float(deep.max(initial=0.0)), 0.0):.2f} mm deep"
+
+
+def _sole_depth(subject: Subject, toes: Array, soles: Array) -> Array:
+    """(P, N, 5, S) how deep corners and middles of soles are in solids [m]; none without any."""
+    sole = subject.plan.robot.sole
+    assert sole is not None
+    points = toes[..., None, :] + np.concatenate(
+        [corners(sole, soles), np.zeros((*toes.shape[:-1], 1, 3))], axis=-2
+    )
+    if not subject.solids:
+        return np.full((*points.shape[:-1], 1), -np.inf)
+    pieces = np.stack([points, points], axis=-2)
+    room = [chain_distance(pieces, solid, _TOLD)[..., 0] for solid in subject.solids]
+    return -np.stack(room, axis=-1)
+
+
+def _off_surface(subject: Subject, soles: Array) -> Array:
+    """(K, N) how far standing soles lie off their surfaces or reach beyond them [m].
+
+    A radian of the sole from where it is to lie counts as one metre.
+    """
+    plan, sole = subject.plan, subject.plan.robot.sole
+    assert sole is not None
+    instants = plan.instants
+    off = np.linalg.norm(soles - lying(sole, instants.normal), axis=-1).max(axis=-1)
+    points = subject.limbs.toe[..., None, :] + corners(sole, soles)
+    for index, surface in enumerate(plan.terrain.surfaces):
+        here = instants.region == index
+        if not isinstance(surface, Region):
+            off[here] = np.inf
+            continue
+        normal = polygon_normal(surface.vertices)
+        outward, offsets = polygon_edges(surface.vertices, normal)
+        past = (points[here] @ outward.T - offsets).max(axis=(-1, -2), initial=-np.inf)
+        high = np.abs((points[here] - surface.vertices[0]) @ normal).max(axis=-1, initial=0.0)
+        off[here] = np.maximum(off[here], np.maximum(past, high))
+    return np.where(instants.contact, off, -np.inf)
 
 
 def judge_feet(

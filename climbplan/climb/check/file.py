@@ -11,6 +11,7 @@ from scipy.spatial import QhullError
 from climbplan.climb.check.convex import hull_of, polygon_edges, polygon_normal
 from climbplan.climb.plan.climb_plan import ClimbPlan, StepLimits
 from climbplan.plans.check import Array, Check, faults_check, judge
+from climbplan.robots.foot import Foot
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.spec.robots.ranges import LENGTH, MASS, SPEED, STIFFNESS, THICKNESS, TORQUE
@@ -117,12 +118,28 @@ def _robot_faults(robot: Robot) -> Iterator[str]:
     if not all(THICKNESS.holds(float(radius)) for radius in thick):
         yield f"limb_radius or a radius of its capsules is not {THICKNESS.expected}"
     if robot.foot is not None:
-        if not LENGTH.holds(robot.foot.radius):
-            yield f"foot: radius {robot.foot.radius:g} m is not {LENGTH.expected}"
+        yield from _foot_faults(robot, robot.foot)
         if not isinstance(robot.mechanism, SerialChain) or robot.gripper is not None:
             yield "foot: expected limbs that are chains of joints, without grippers"
     if isinstance(robot.mechanism, SerialChain):
         yield from _chain_faults(robot, robot.mechanism)
+
+
+def _foot_faults(robot: Robot, foot: Foot) -> Iterator[str]:
+    """Sizes of feet, and axes of soles that are not square."""
+    if foot.sole is None:
+        if not LENGTH.holds(foot.radius):
+            yield f"foot: radius {foot.radius:g} m is not {LENGTH.expected}"
+        return
+    for name, size in (("length", foot.sole.length), ("width", foot.sole.width)):
+        if not LENGTH.holds(size):
+            yield f"foot: {name} {size:g} m is not {LENGTH.expected}"
+    axes = foot.sole.axes_zero
+    square = np.abs(np.swapaxes(axes, -1, -2) @ axes - np.eye(3)).max() <= _SAME_PLANE
+    if not (square and (np.linalg.det(axes) > 0).all()):
+        yield "foot: axes_zero are not right-handed and square"
+    if robot.joint_count < 6:
+        yield f"foot: flat feet on limbs of {robot.joint_count} joints"
 
 
 def _chain_faults(robot: Robot, chain: SerialChain) -> Iterator[str]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from climbplan.climb.check.anew.kinematics import limbs_at
 from climbplan.climb.check.friction_factor import friction_factor, least_factor
 from climbplan.climb.check.grips import grip_checks
+from climbplan.climb.check.soles import parted, sole_checks
 from climbplan.climb.check.subject import Subject
 from climbplan.plans.check import Array, Check, judge_worst
 
@@ -18,6 +19,7 @@ def force_checks(subject: Subject) -> Iterator[Check]:
     yield _equilibrium(subject)
     if subject.plan.robot.gripper is None:
         yield from _contacts(subject)
+        yield from sole_checks(subject)
     else:
         yield _lifted(subject)
     yield from _torques(subject)
@@ -34,7 +36,7 @@ def _equilibrium(subject: Subject) -> Check:
     total = force.sum(axis=1) + instants.external_wrench[:, :3]
     total[:, 2] -= robot.mass * robot.gravity
     moment = np.cross(subject.arms, force).sum(axis=1) + instants.external_wrench[:, 3:]
-    moment = moment + subject.wrist_moment.sum(axis=1)
+    moment = moment + subject.held_moment.sum(axis=1)
     residual = np.stack([np.linalg.norm(total, axis=1), np.linalg.norm(moment, axis=1)], axis=1)
     what = ("forces", "moments")
     return judge_worst(
@@ -50,10 +52,15 @@ def _contacts(subject: Subject) -> Iterator[Check]:
     contact, mu = plan.instants.contact, plan.instants.mu
     normal, tangent = subject.contact_force, subject.tangential_force
     least = np.where(contact, normal, np.inf).min()
+    pushes = plan.forces.corner_force
+    at: Callable[..., str] = subject.at
+    if pushes is not None:  # each corner of a sole for itself
+        normal, tangent = parted(pushes, plan.instants.normal)
+        contact, mu, at = contact[..., None], mu[..., None], subject.at_corner
     yield judge_worst(
         "force.unilateral",
         np.where(contact, -normal, -np.inf) / subject.weight,
-        subject.at,
+        at,
         margin=f"least normal force {least:.1f} N",
     )
 
@@ -64,7 +71,7 @@ def _contacts(subject: Subject) -> Iterator[Check]:
     yield judge_worst(
         "force.friction",
         excess,
-        subject.at,
+        at,
         margin=least_factor(factor),
         used=asked / np.maximum(factor, 1e-300),
     )
@@ -126,9 +133,11 @@ def _stored_factors(subject: Subject) -> Check:
     """Safety factors as fractions of what is allowed, so that infinite factors compare as zero."""
     plan = subject.plan
     forces, instants = plan.forces, plan.instants
-    critical = np.where(
-        instants.contact, _share(subject.tangential_force, subject.contact_force), 0.0
-    )
+    normal, tangent = subject.contact_force, subject.tangential_force
+    critical = np.where(instants.contact, _share(tangent, normal), 0.0)
+    if forces.corner_force is not None:  # of the corner that slips first
+        share = _share(*reversed(parted(forces.corner_force, instants.normal)))
+        critical = np.where(instants.contact, share.max(axis=-1), 0.0)
     torque = (np.abs(subject.torques) / plan.robot.max_torque).max(axis=(1, 2))
     friction = _share(critical, instants.mu).max(axis=1)
     off = np.stack(

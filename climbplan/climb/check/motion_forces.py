@@ -12,7 +12,7 @@ import numpy as np
 
 from climbplan.climb.check.anew.feet import touching_limbs
 from climbplan.climb.check.anew.kinematics import StandingLimbs, limbs_at
-from climbplan.climb.check.anew.static_pose import body_motion, force_of, joints_by_body
+from climbplan.climb.check.anew.static_pose import force_of, held_motion, held_rows, joints_by_body
 from climbplan.climb.plan.climb_plan import Mask
 from climbplan.plans.check import Array
 from climbplan.robots.model import Robot
@@ -24,6 +24,7 @@ class MotionForces:
 
     deflection: Array  # (T, 6) of the body from its path, linear [m, rad]
     force: Array  # (T, N, 3) there, zero in the air [N]
+    moment: Array  # (T, N, 3) on soles, about the toes, else zero [N m]
     torque: Array  # (T, N, J) [N m]
 
 
@@ -37,11 +38,12 @@ def motion_forces(
     load: Array,
     moment: Array | None = None,
     arm: Array | None = None,
+    flat: bool = False,
 ) -> MotionForces:
     """Forces for bodies at com (T, 3), axes (T, 3, 3) with limbs commanded to command (T, N, J).
 
     moment: (T, N, 3) that wrists bring, at the toes [N m]; arm: (T, N, 3) from toes to where feet
-    of finite size touch [m].
+    of finite size touch [m]; flat: whether these are flat, and held as a whole.
     """
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
     touching = contact[..., None]
@@ -50,12 +52,12 @@ def motion_forces(
     toes = standing.points[..., -1, :]
     if arm is not None:
         limbs, toes = touching_limbs(limbs, arm), toes + arm
-    jacobian = limbs.jacobian()
+    jacobian = held_rows(limbs, flat)
     wrists = np.zeros_like(torque)  # part of the torques that moments take
     if moment is not None:
         wrists = np.where(touching, (limbs.turning() @ moment[..., None])[..., 0], 0.0)
         load = load + np.concatenate([0 * load[:, :3], moment.sum(axis=1)], axis=1)
-    motion = body_motion(toes - com[:, None, :])
+    motion = held_motion(toes - com[:, None, :], flat)
     bend = joints_by_body(jacobian, motion, spring) * touching[..., None]  # joints turn by -bend dx
     torque_flat = (torque - wrists).reshape(len(com), -1)
     bend_flat = bend.reshape(len(com), -1, 6)
@@ -68,5 +70,6 @@ def motion_forces(
     inverse = np.linalg.pinv(stiffness[fine], rcond=1e-10, hermitian=True)
     deflection[fine] = (inverse @ wrench[fine][..., None])[..., 0]
     torque = torque - (firm @ deflection[:, None, :, None])[..., 0]
-    force = np.where(touching, force_of(jacobian, torque - wrists), 0.0)
-    return MotionForces(deflection, force, torque)
+    push = np.where(touching, force_of(jacobian, torque - wrists), 0.0)
+    own = push[..., 3:] if flat else np.zeros_like(push)
+    return MotionForces(deflection, push[..., :3], own, torque)

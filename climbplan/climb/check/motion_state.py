@@ -20,6 +20,7 @@ from climbplan.climb.check.anew.kinematics import (
     limbs_at,
     standing_limbs,
 )
+from climbplan.climb.check.anew.soles import lying
 from climbplan.climb.check.normals import normals_of
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
@@ -36,6 +37,7 @@ class Motion:
     done: Index  # (T,) steps completed
     ground: Array  # (T, N, 3) where each limb stands, or stood
     arm: Array | None  # (T, N, 3) from there to where its foot touches; None for points [m]
+    soles: Array | None  # (T, N, 3, 3) rows of flat feet that stand there
     stood: Index  # (T, N) round of that foothold
     bound_for: Index  # (T, N) of the one that a lifted limb is on its way to; -1 for the others
     commanded: Limbs  # as the joint commands would have them in free space
@@ -61,7 +63,7 @@ def motion_of(subject: Subject) -> Motion:
     stood = _stood(gait, placed)
     ground = rounds.toes[stood, _limbs_of(plan)]
     landed = (before.any(axis=1) & ~lifted.any(axis=1)).cumsum()
-    arm = _arms(plan, stood, ground)
+    arm, soles = _arms(plan, stood, ground)
     axes = body_axes(trajectory.rpy)
     commanded = limbs_at(robot, trajectory.com, axes, trajectory.joint_command)
     # Commands may lie beyond full stretch: the planned angles tell which way a limb bends.
@@ -74,24 +76,29 @@ def motion_of(subject: Subject) -> Motion:
         done=np.minimum(landed, gait.steps),
         ground=ground,
         arm=arm,
+        soles=soles,
         stood=stood,
         bound_for=np.where(lifted, _stood(gait, placed + 1), -1),
         commanded=commanded,
         standing=standing_limbs(
-            robot, trajectory.com, axes, ground, planned, trajectory.joint_command, arm
+            robot, trajectory.com, axes, ground, planned, trajectory.joint_command, arm, soles
         ),
     )
 
 
-def _arms(plan: ClimbPlan, stood: Index, ground: Array) -> Array | None:
-    """From toes on footholds of rounds (T, N) to where their feet touch; None for point toes."""
+def _arms(plan: ClimbPlan, stood: Index, ground: Array) -> tuple[Array | None, Array | None]:
+    """From toes on footholds of rounds (T, N) to where their feet touch; None for point toes.
+
+    And rows (T, N, 3, 3) of soles there; None for feet that are not flat.
+    """
     if plan.robot.foot is None:
-        return None
+        return None, None
     region, normal = plan.rounds.region[stood, _limbs_of(plan)], np.zeros_like(ground)
     for index, surface in enumerate(plan.terrain.surfaces):
         here = region == index
         normal[here] = normals_of(surface, ground[here])
-    return foot_arm(plan.robot, normal)
+    soles = None if plan.robot.sole is None else lying(plan.robot.sole, normal)
+    return foot_arm(plan.robot, normal), soles
 
 
 def _limbs_of(plan: ClimbPlan) -> Index:

@@ -11,6 +11,7 @@ from climbplan.climb.check.friction_factor import friction_factor, least_factor
 from climbplan.climb.check.grip_motion import motion_grips, wrist_moment_on_the_way
 from climbplan.climb.check.motion_forces import motion_forces
 from climbplan.climb.check.motion_state import Motion, instants_of, load_of
+from climbplan.climb.check.soles import sole_motion_checks
 from climbplan.plans.check import Array, Check, judge_worst
 from climbplan.robots.joint_units import largest_torques
 
@@ -31,6 +32,7 @@ def pressing_checks(motion: Motion) -> Iterator[Check]:
         load_of(motion),
         wrist_moment_on_the_way(motion.subject, normal),
         motion.arm,
+        motion.soles is not None,
     )
     off = _lengths(found.deflection)
     yield judge_worst(
@@ -39,7 +41,9 @@ def pressing_checks(motion: Motion) -> Iterator[Check]:
         lambda sample, row: f"{motion.at(sample)}, {('shifted', 'turned')[row]}",
     )
 
-    if robot.gripper is None:
+    if motion.soles is not None:
+        yield from sole_motion_checks(motion, found, mu)
+    elif robot.gripper is None:
         yield _friction(motion, found.force, normal, mu)
     else:
         limbs = limbs_at(robot, trajectory.com, body_axes(trajectory.rpy), motion.standing.angles)

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.climb.check.anew.soles import centre_of_pressure, lying
 from climbplan.climb.check.anew.static_pose import Settled
 from climbplan.climb.check.grips import friction_in_hand, further_pull
 from climbplan.climb.check.subject import Subject
@@ -53,6 +54,14 @@ def robust_checks(
     yield _toes(subject, "robust.friction", spare, margins.friction * weight)
     yield _toes(subject, "robust.slip", lacking, margins.slip * still)
     yield _toes(subject, "robust.depth", depth, margins.depth * still)
+    sole = plan.robot.sole
+    if sole is not None:
+        wrench = plan.forces.force, subject.held_moment
+        centre = centre_of_pressure(lying(sole, plan.instants.normal), *wrench)
+        half = np.array([sole.width, sole.length]) / 2
+        inside = 1.0 - np.abs(centre / half).max(axis=-1)
+        inside = np.where(np.isnan(inside), np.inf, inside)  # of a foot without pressure
+        yield _toes(subject, "robust.sole", inside, margins.sole * still)
     yield _told(
         judge_worst(
             "robust.stiffness",
@@ -68,6 +77,7 @@ _WORDS = {
     "robust.friction": ("slips with less pressure by", 1.0, "N", 1),
     "robust.slip": ("slides on a surface that lacks", 1e2, "% of its friction", 0),
     "robust.pull": ("holds a further pull of", 1.0, "N", 1),
+    "robust.sole": ("is pressed inside its sole by", 1e2, "% of its half size", 0),
     "robust.depth": ("is commanded inside by", 1e3, "mm", 1),
 }
 

@@ -7,15 +7,17 @@ equilibrium is no consequence: it is looked for and told, but not judged.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from climbplan.climb.check.anew.feet import foot_arm, rolling
 from climbplan.climb.check.anew.kinematics import turned
+from climbplan.climb.check.anew.soles import corners_of_wrench, lying
 from climbplan.climb.check.anew.static_pose import Braced, Settled, settle
 from climbplan.climb.check.friction_factor import friction_factor, least_factor
 from climbplan.climb.check.robust import robust_checks
+from climbplan.climb.check.soles import parted
 from climbplan.climb.check.subject import Subject
 from climbplan.plans.check import Array, Check, judge_worst, unjudged
 from climbplan.robots.joint_units import largest_torques
@@ -64,6 +66,7 @@ def _settled(subject: Subject) -> Settled:
         instants.joint_angles,
         subject.load,
         subject.wrist_moment if plan.robot.gripper is not None else None,
+        None if robot.sole is None else lying(robot.sole, instants.normal),
     )
     return settle(braced, instants.com + sag[:, :3], axes)
 
@@ -111,16 +114,24 @@ def _friction(subject: Subject, settled: Settled) -> Check:
     """Contact forces where the body settles, within their cones over S_mu."""
     plan, instants = subject.plan, subject.plan.instants
     asked = plan.limits.safety_friction
+    sole, stored = plan.robot.sole, plan.forces.corner_force
+    contact, mu = instants.contact, instants.mu
+    at: Callable[..., str] = subject.at
     normal = np.einsum("kni,kni->kn", settled.force, instants.normal)
     tangent = np.linalg.norm(settled.force - normal[..., None] * instants.normal, axis=-1)
-    held = instants.mu * normal
-    excess = np.where(instants.contact, tangent - held / asked, -np.inf)
+    if sole is not None and stored is not None:  # each corner for itself
+        axes = lying(sole, instants.normal)
+        pushes = corners_of_wrench(sole, axes, stored, settled.force, settled.moment)
+        normal, tangent = parted(pushes, instants.normal)
+        contact, mu, at = contact[..., None], mu[..., None], subject.at_corner
+    held = mu * normal
+    excess = np.where(contact, tangent - held / asked, -np.inf)
     factor = friction_factor("static.friction", tangent, held, subject.weight)
-    factor = np.where(instants.contact, factor, np.inf)
+    factor = np.where(contact, factor, np.inf)
     return judge_worst(
         "static.friction",
         excess / subject.weight,
-        subject.at,
+        at,
         margin=least_factor(factor),
         used=asked / np.maximum(factor, 1e-300),
     )

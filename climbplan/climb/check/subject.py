@@ -9,6 +9,7 @@ import numpy as np
 from climbplan.climb.check.anew.capsules import Capsule, capsules_at
 from climbplan.climb.check.anew.feet import foot_arm, touching_limbs
 from climbplan.climb.check.anew.kinematics import Limbs, body_axes, limbs_at
+from climbplan.climb.check.anew.soles import corners, lying
 from climbplan.climb.check.convex import ConvexBody, hull_of, solids_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.plans.check import Array
@@ -34,6 +35,11 @@ class Subject:
         if parts:
             text += f", {self.limb(*parts)}"
         return text
+
+    def at_corner(self, k: int, limb: int, corner: int) -> str:
+        """A corner of a sole at instant k: "round 3, LM lifted, RF, front right"."""
+        ends = ("back left", "back right", "front right", "front left")
+        return f"{self.at(k, limb)}, {ends[corner]}"
 
     def limb(self, limb: int, *joint: int) -> str:
         """Limb and joint: "RF femur"."""
@@ -74,11 +80,23 @@ class Subject:
 
     @property
     def torques(self) -> Array:
-        """(K, N, J) joint torques from joint angles, forces and moments at wrists [N m]."""
+        """(K, N, J) joint torques from joint angles, forces and moments [N m]."""
         torques = np.einsum("knij,kni->knj", self.pressed.jacobian(), self.plan.forces.force)
-        if self.plan.robot.gripper is None:
+        if self.plan.robot.gripper is None and self.plan.robot.sole is None:
             return torques
-        return torques + (self.limbs.turning() @ self.wrist_moment[..., None])[..., 0]
+        return torques + (self.limbs.turning() @ self.held_moment[..., None])[..., 0]
+
+    @property
+    def held_moment(self) -> Array:
+        """(K, N, 3) moments on limbs beside their forces, about the toes [N m].
+
+        Of grips, and of what corners of flat feet are pushed with.
+        """
+        sole, pushes = self.plan.robot.sole, self.plan.forces.corner_force
+        if sole is None or pushes is None:
+            return self.wrist_moment
+        arms = corners(sole, lying(sole, self.plan.instants.normal))
+        return np.asarray(np.cross(arms, pushes).sum(axis=-2))
 
     @property
     def arms(self) -> Array:

@@ -12,12 +12,13 @@ from climbplan.climb.check.anew.kinematics import (
     body_axes,
     limbs_at,
 )
+from climbplan.climb.check.anew.soles import soles_at
 from climbplan.climb.check.clearance import (
     judge_capsules,
     judge_link_depths,
     link_depths,
 )
-from climbplan.climb.check.feet import judge_feet
+from climbplan.climb.check.feet import judge_feet, judge_soles
 from climbplan.climb.check.motion_state import Motion, motion_of
 from climbplan.climb.check.pressing import pressing_checks
 from climbplan.climb.check.scan_links import contacts_on, judge_scan_links
@@ -180,8 +181,12 @@ def _clearance(motion: Motion) -> Iterator[Check]:
     yield judge_self_collision(
         "trajectory.self_collision", motion.subject, capsules, poses.com, poses.axes, moment
     )
-    toes = chains[..., -1, :]
-    yield from judge_feet("trajectory.feet", motion.subject, toes, moment)
+    toes, robot = chains[..., -1, :], motion.subject.plan.robot
+    if robot.sole is None:
+        yield from judge_feet("trajectory.feet", motion.subject, toes, moment)
+    else:
+        soles = soles_at(robot, poses.axes, poses.angles)
+        yield from judge_soles("trajectory.feet", motion.subject, toes, soles, moment)
     if motion.subject.plan.terrain.scan is not None:
         contacts = contacts_on(motion.subject, motion.stood, motion.bound_for).at(rows)
         yield judge_scan_links("scan.trajectory", motion.subject, capsules, contacts, moment)

@@ -30,34 +30,36 @@ Name = Literal[
     "static.stability",
 ]
 _GAVE_UP = ("NumericalError", "InsufficientProgress", "MaxIterations")
+_ENDS: tuple[dict[str, Any], ...] = ({"prepend": -1}, {"append": -1})  # of points by limb
 FEASIBLE = 1e-7  # violation, in units of the load and of the torque limits, that counts as none
 
 
 @dataclass(frozen=True)
 class InstantCones:
-    """Constraints of one instant with n limbs in contact."""
+    """Constraints of one instant with l limbs in contact, at n points in all."""
 
-    limb: Index  # (n,)
+    limb: Index  # (l,)
+    limb_of: Index  # (n,) of each point its limb's place among these
     grasp: Array  # (6, 3 n) moments divided by the lever arm scale
     load: Array  # (6,) likewise
     axes: Array  # (n, 3, 3) rows normal, tangent, bitangent
     mu: Array  # (n,)
     safety_friction: float
-    torque: Array  # (n, J, 3) torque / limit from force
+    torque: Array  # (l, J, 3 n) torque / limit from forces
     largest_s: float
     least_pressure: float  # of every contact
     reserve: float  # pressure that each may miss before it slips
-    inward: Array  # (n or 0, 3 n) depth of commanded toes inside their surfaces by forces [m]
-    least_depth: Array  # (n or 0,) of these [m]
-    bending: Array  # (n, J, 3 n) joint angles less commands by forces [rad]
-    room: Array  # (n, J, 2) for commands below and above the joint angles [rad]
+    inward: Array  # (l or 0, 3 n) depth of commanded toes inside their surfaces by forces [m]
+    least_depth: Array  # (l or 0,) of these [m]
+    bending: Array  # (l, J, 3 n) joint angles less commands by forces [rad]
+    room: Array  # (l, J, 2) for commands below and above the joint angles [rad]
     stiffness_lost: Array  # (21 or 0, 3 n) triangle of the stiffness lost by forces
     stiffness: Array  # (21 or 0,) of what they may take at most
 
     @property
     def contacts(self) -> int:
         """n."""
-        return len(self.limb)
+        return len(self.limb_of)
 
     @property
     def joints(self) -> int:
@@ -71,22 +73,27 @@ class InstantCones:
 
 def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
     """The constraints of instant k."""
-    limb = np.flatnonzero(statement.contact[k])
+    limb, point = np.flatnonzero(statement.standing[k]), np.flatnonzero(statement.contact[k])
+    limb_of = np.repeat(np.arange(len(limb)), statement.points)
     scale = np.array([1.0] * 3 + [1 / statement.length] * 3)
-    bending = statement.bending[k][limb][:, :, limb].reshape(len(limb), -1, 3 * len(limb))
+    bending = statement.bending[k][limb][:, :, point].reshape(len(limb), -1, 3 * len(point))
     depth = statement.least_depth[k, limb]
     asked = limb if (depth > -np.inf).all() else limb[:0]
-    inward = statement.inward[k][asked][:, limb].reshape(len(asked), 3 * len(limb))
+    inward = statement.inward[k][asked][:, point].reshape(len(asked), 3 * len(point))
     stability = stability_cone(statement, np.array([k]))
-    lost = stability.A[0][:, limb].reshape(-1, 3 * len(limb))
+    lost = stability.A[0][:, point].reshape(-1, 3 * len(point))
+    own = statement.torque_per_force[k, point] * statement.unit  # (n, J, 3)
+    torque = np.zeros((len(limb), own.shape[1], len(point), 3))
+    torque[limb_of, :, np.arange(len(point))] = own
     return InstantCones(
         limb=limb,
-        grasp=grasp_matrix(statement.arms[k, limb]) * scale[:, None],
+        limb_of=limb_of,
+        grasp=grasp_matrix(statement.arms[k, point]) * scale[:, None],
         load=statement.load[k] * scale / statement.unit,
-        axes=contact_frame(statement.normal[k, limb]).axes,
-        mu=statement.mu[k, limb],
+        axes=contact_frame(statement.normal[k, point]).axes,
+        mu=statement.mu[k, point],
         safety_friction=statement.safety_friction,
-        torque=statement.torque_per_force[k, limb] * statement.unit,
+        torque=torque.reshape(*torque.shape[:2], -1),
         largest_s=statement.largest_s,
         least_pressure=float(statement.least_pressure[k]) / statement.unit,
         reserve=float(statement.reserve[k]) / statement.unit,
@@ -145,24 +152,17 @@ class ConicProgram:
         grasp = np.zeros((6, self.size))
         grasp[:, : 3 * cones.contacts] = cones.grasp
         self.zero("force.equilibrium", grasp, -cones.load)
-        for i in range(cones.contacts):
-            rows = selector(np.concatenate([cones.torque[i], -cones.torque[i]]), i, self.size)
-            if s_column is not None:
-                rows[:, s_column] = -1.0
-            self.below(
-                f"torque.limit.{i}", rows, np.full(len(rows), 0.0 if s_column else cones.largest_s)
-            )
+        firsts, lasts = (np.diff(cones.limb_of, **end) != 0 for end in _ENDS)
+        for i, limb in enumerate(cones.limb_of):
+            if firsts[i]:
+                self._torques(cones, int(limb), s_column)
             press = np.array([-cones.least_pressure])
             self.below(f"force.unilateral.{i}", -selector(cones.axes[i, :1], i, self.size), press)
             if friction:
                 rows = friction_rows(cones, i, self.size)
                 self.cone(f"force.friction.{i}", rows, friction_ends(cones, i))
-            for j in range(cones.joints):
-                self.below(
-                    f"kinematics.joint_bounds.{i}.{j}",
-                    command_rows(cones, i, j, self.size),
-                    cones.room[i, j],
-                )
+            if lasts[i]:
+                self._commands(cones, int(limb))
         for i in range(len(cones.inward)):
             self.below(
                 f"force.inward.{i}",
@@ -172,6 +172,24 @@ class ConicProgram:
         if len(cones.stiffness_lost):
             rows = on_forces(cones.stiffness_lost, self.size)
             self.semidefinite("static.stability", rows, cones.stiffness)
+
+    def _torques(self, cones: InstantCones, i: int, s_column: int | None) -> None:
+        """Torques of the i-th limb."""
+        rows = on_forces(np.concatenate([cones.torque[i], -cones.torque[i]]), self.size)
+        if s_column is not None:
+            rows[:, s_column] = -1.0
+        self.below(
+            f"torque.limit.{i}", rows, np.full(len(rows), 0.0 if s_column else cones.largest_s)
+        )
+
+    def _commands(self, cones: InstantCones, i: int) -> None:
+        """Commands of the i-th limb."""
+        for j in range(cones.joints):
+            self.below(
+                f"kinematics.joint_bounds.{i}.{j}",
+                command_rows(cones, i, j, self.size),
+                cones.room[i, j],
+            )
 
     def minimise(self, cost: Array) -> ConicAnswer | None:
         """The optimum, or None if Clarabel finds none (infeasible or unbounded)."""
@@ -194,10 +212,10 @@ class ConicProgram:
         return ConicAnswer(x, float(cost @ x), dict(zip(names, parts, strict=True)))
 
 
-def selector(rows: Array, limb: int, size: int) -> Array:
-    """Rows (m, 3) on the force of the limb-th contact, as rows (m, size) on all variables."""
+def selector(rows: Array, point: int, size: int) -> Array:
+    """Rows (m, 3) on the force of the point-th contact, as rows (m, size) on all variables."""
     out = np.zeros((len(rows), size))
-    out[:, 3 * limb : 3 * limb + 3] = rows
+    out[:, 3 * point : 3 * point + 3] = rows
     return out
 
 

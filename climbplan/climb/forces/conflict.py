@@ -37,7 +37,7 @@ class Member:
     """
 
     name: Name
-    contact: int = -1  # position among the limbs in contact
+    contact: int = -1  # place among the points of contact, of joints among the limbs in contact
     joint: int = -1  # for torques and commands
 
 
@@ -51,11 +51,11 @@ class Relaxation:
 
 def all_members(cones: InstantCones) -> list[Member]:
     """Every constraint of an instant that may take part in a conflict."""
-    limbs = range(cones.contacts)
+    points, limbs = range(cones.contacts), range(len(cones.limb))
     return [
-        *(Member("force.friction", i) for i in limbs),
+        *(Member("force.friction", i) for i in points),
         *(Member("torque.limit", i, j) for i in limbs for j in range(cones.joints)),
-        *(Member("force.unilateral", i) for i in limbs),
+        *(Member("force.unilateral", i) for i in points),
         *(Member("force.inward", i) for i in range(len(cones.inward))),
         *(Member("kinematics.joint_bounds", i, j) for i in limbs for j in range(cones.joints)),
         *([Member("static.stability")] if len(cones.stiffness_lost) else []),
@@ -79,7 +79,7 @@ def relax(cones: InstantCones, members: list[Member]) -> Relaxation | None:
             program.cone(str(index), rows, friction_ends(cones, i))
         elif member.name == "torque.limit":
             one = cones.torque[i, member.joint : member.joint + 1]
-            rows = selector(np.vstack([one, -one]), i, program.size)
+            rows = on_forces(np.vstack([one, -one]), program.size)
             rows[:, slack] = -1.0
             program.below(str(index), rows, np.full(2, cones.largest_s))
         elif member.name == "kinematics.joint_bounds":

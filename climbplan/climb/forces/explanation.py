@@ -21,7 +21,7 @@ from climbplan.climb.forces.statement import ForceStatement
 from climbplan.climb.plan.climb_plan import Array, Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import Conflict, LimitReached, NotProved, Remedy
-from climbplan.robots.model import Robot
+from climbplan.mechanics.flat_contact import beyond_sole, centre_of_pressure
 from climbplan.robots.rotations import rotation_world_body
 
 LISTED = 5  # instants described one by one
@@ -70,8 +70,9 @@ def explain(
     for k in np.sort(np.concatenate([infeasible, unbalanced])):
         where = instants.label(int(k), names)
         if k in unbalanced:
-            limbs = [names[i] for i in np.flatnonzero(statement.contact[k])]
+            limbs = [names[i] for i in np.flatnonzero(statement.standing[k])]
             alone = f"balance on {_listed(limbs, len(limbs))} alone" if limbs else "balance"
+            alone += _pressed_beyond(statement, int(k))
             conflicts.append(Conflict(where, (alone,), names=("force.equilibrium",)))
             worst = Amounts(None, None, None, "mass", None)
             continue
@@ -86,7 +87,7 @@ def explain(
             unsteady &= any(member.name == "static.stability" for member in members)
             amounts = _amounts(cones, load, None)
             remedies = _remedies(scene, statement, amounts)
-            words = _constraints(members, cones, scene.robot, statement.unit)
+            words = _constraints(members, cones, statement, int(k))
             found = Conflict(where, tuple(words.values()), remedies, names=tuple(words))
             conflicts.append(found)
             worst = _worse(worst, amounts)
@@ -117,7 +118,7 @@ def fragile_notes(
     if not members:
         text += ": its limbs bend so far that commands lie outside their surfaces"
     else:
-        words = _constraints(members, cones, scene.robot, asked.unit)
+        words = _constraints(members, cones, asked, k)
         text += f": {' and '.join(words.values())} cannot all be had"
         amounts = _amounts(cones, _load(scene, instants, asked, k, cones), None)
         if cures := _remedies(scene, asked, amounts):
@@ -250,12 +251,14 @@ def _remedies(
 
 
 def _constraints(
-    members: list[Member], cones: InstantCones, robot: Robot, unit: float
+    members: list[Member], cones: InstantCones, statement: ForceStatement, k: int
 ) -> dict[str, str]:
-    """Members in words, one phrase for each check that judges them. unit: of forces [N]."""
+    """Members of instant k in words, one phrase for each check that judges them."""
+    robot, unit = statement.robot, statement.unit
     limb = [robot.limb_names[i] for i in cones.limb]
+    points = cones.contacts // max(len(limb), 1)
     depth = float(cones.least_depth.max(initial=0.0))
-    pressed = f"pressure of {cones.least_pressure * unit:.3g} N at"
+    pressed = f"pressure of {points * cones.least_pressure * unit:.3g} N at"
     kinds: dict[Name, str] = {
         "force.friction": "friction at",
         "torque.limit": "torque of",
@@ -279,9 +282,32 @@ def _constraints(
         elif len(chosen) == len(limb) > _NAMED:
             listed = f"all {len(limb)} limbs"
         else:
-            listed = _listed([limb[m.contact] for m in chosen], _NAMED)
+            places = [m.contact for m in chosen]
+            if name != "force.inward":
+                places = [int(cones.limb_of[i]) for i in places]
+            listed = _listed([limb[i] for i in dict.fromkeys(places)], _NAMED)
+            if name == "force.unilateral":
+                listed += _pressed_beyond(statement, k)
         phrases[name] = f"{words} {listed}"
     return phrases
+
+
+def _pressed_beyond(statement: ForceStatement, k: int) -> str:
+    """How far beyond its sole the load has the centre of pressure of the one foot that stands.
+
+    Nothing where several do, or none is flat.
+    """
+    sole, standing = statement.robot.sole, statement.standing[k]
+    if sole is None or standing.sum() != 1:
+        return ""
+    point = np.flatnonzero(statement.contact[k])
+    middle, force = statement.arms[k, point].mean(axis=0), -statement.load[k, :3]
+    moment = -statement.load[k, 3:] - np.cross(middle, force)
+    centre = centre_of_pressure(sole, statement.normal[k, point[0]], force, moment)
+    beyond = 1e3 * float(beyond_sole(sole, centre))
+    if not beyond > 0:
+        return ""
+    return f" (its centre of pressure {beyond:.0f} mm beyond the edge of its sole)"
 
 
 def _listed(names: list[str], most: int) -> str:

@@ -111,7 +111,7 @@ def _on_friction(
     rows = np.setdiff1d(np.arange(len(force)), lost)
     for _ in range(_ARCS if scene.spec.force.sag == "compensated" else 0):
         free = free_depths_of(statement, at)
-        short = statement.contact & (free < margins.depth - _EXACT)
+        short = statement.standing & (free < margins.depth - _EXACT)
         rows = np.intersect1d(rows, np.flatnonzero(short.any(axis=1)))
         if not len(rows):
             break
@@ -128,12 +128,15 @@ def _on_friction(
 
 def _deeper(asked: ForceStatement, depth: Array) -> ForceStatement:
     """The problems with other depths (K, N), to first order, of toes in contact."""
-    return replace(asked, least_depth=np.where(asked.contact, depth, asked.least_depth))
+    return replace(asked, least_depth=np.where(asked.standing, depth, asked.least_depth))
 
 
 def kept_share(statement: ForceStatement, margins: MarginsSpec, force: Array) -> Array:
-    """(K,) the least part of its margin that forces (K, N, 3) keep, at most 1."""
-    contact, weight = statement.contact, statement.robot.weight
+    """(K,) the least part of its margin that forces (K, C, 3) keep, at most 1.
+
+    Of pressures and friction each of the points at which a limb is pushed has its part.
+    """
+    contact, weight = statement.contact, statement.robot.weight / statement.points
     parts = split_force(force, statement.normal)
     spare = parts.normal - parts.shear / np.maximum(statement.usable_mu, _SMOOTH)
     left = loaded_stiffness(statement.braced, force).left
@@ -144,7 +147,10 @@ def kept_share(statement: ForceStatement, margins: MarginsSpec, force: Array) ->
         (factor * margins.pressure * weight, _least(parts.normal, contact)),
         (factor * margins.friction * weight, _least(spare, contact)),
         (np.full(len(force), margins.slip), _least(1 - parts.shear / held, contact)),
-        (np.full(len(force), margins.depth), _least(free_depths_of(statement, force), contact)),
+        (
+            np.full(len(force), margins.depth),
+            _least(free_depths_of(statement, force), statement.standing),
+        ),
         (np.full(len(force), margins.stiffness), left),
     ):
         part = np.ones(len(force))
@@ -184,7 +190,7 @@ def _best(
 
 def with_margins(statement: ForceStatement, margins: MarginsSpec) -> ForceStatement:
     """The force problems with their margins as bounds; what a spec bounds more tightly stays."""
-    weight = statement.robot.weight * margins.factors(statement.rounds)
+    weight = statement.robot.weight / statement.points * margins.factors(statement.rounds)
     return replace(
         statement,
         least_pressure=np.maximum(statement.least_pressure, margins.pressure * weight),
@@ -199,7 +205,7 @@ def _attained(bare: ForceStatement, asked: ForceStatement, force: Array) -> Forc
     contact = bare.contact
     parts = split_force(force, bare.normal)
     spare = parts.normal - parts.shear / np.maximum(bare.usable_mu, _SMOOTH)
-    depth = np.where(contact, depths_of(bare, force), asked.least_depth)
+    depth = np.where(bare.standing, depths_of(bare, force), asked.least_depth)
     left = loaded_stiffness(bare.braced, force).left
     pressure, spare = _least(parts.normal, contact), _least(spare, contact)
     return replace(

@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.climb.forces.explanation import explain, fragile_notes
-from climbplan.climb.forces.margins import solve_with_margins
+from climbplan.climb.forces.soles import solve_on_feet
 from climbplan.climb.forces.statement import (
     ForceStatement,
     commands_of,
-    state_forces,
+    of_limbs,
     torques_of,
 )
 from climbplan.climb.grips.planner import plan_grip_forces
@@ -24,7 +24,7 @@ from climbplan.climb.plan.climb_plan import Array, Forces, Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import UsageError
 from climbplan.mechanics.friction import critical_friction
-from climbplan.mechanics.stiffness import deflections_for_forces
+from climbplan.mechanics.stiffness import Deflections, deflections_for_forces
 from climbplan.robots.kinematics import toe_world
 
 
@@ -42,9 +42,7 @@ def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = Non
         if scene.spec.force.least_depth is not None:
             raise UsageError("force.least_depth: grippers hold; it is for toes that only press")
         return plan_grip_forces(scene, instants, scene.grippers, solver)
-    statement = state_forces(scene, instants)
-    name = solver or scene.spec.solver.force
-    found = solve_with_margins(scene, statement, name, scene.spec.force.facets)
+    statement, found = solve_on_feet(scene, instants, solver or scene.spec.solver.force)
     solved = found.solved
     if len(solved.missing) or len(solved.unbalanced):
         raise explain(scene, instants, statement, solved)
@@ -58,19 +56,19 @@ def _assembled(
 ) -> Forces:
     """Torques, commands and safety factors; factors are infinite where nothing is loaded."""
     compensated = scene.spec.force.sag == "compensated"
-    deflections = deflections_for_forces(
-        statement.compliance, statement.arms, force, instants.contact, compensated
-    )
+    deflections = deflections_of(statement, force, compensated)
     command = commands_of(statement, force)
     torques = torques_of(statement, force)
     use = (np.abs(torques) / statement.max_torque).max(axis=(1, 2))
     critical = critical_friction(force, statement.normal)
     ratio = np.full(critical.shape, np.inf)
     np.divide(statement.mu, critical, out=ratio, where=critical > 0)
+    points = statement.points
+    by_foot = (*instants.contact.shape, points)
     safety_torque = np.full(len(use), np.inf)
     np.divide(1.0, use, out=safety_torque, where=use > 0)
     return Forces(
-        force=force,
+        force=of_limbs(force, points),
         joint_torques=torques,
         wall_deflection=deflections.wall,
         com_deflection=deflections.com,
@@ -78,5 +76,17 @@ def _assembled(
         toe_command=toe_world(scene.robot, instants.com, instants.rpy, command),
         safety_torque=safety_torque,
         safety_friction=ratio.min(axis=1),
-        mu_critical=critical,
+        mu_critical=critical if points == 1 else critical.reshape(by_foot).max(axis=-1),
+        corner_force=None if points == 1 else force.reshape(*by_foot, 3),
     )
+
+
+def deflections_of(statement: ForceStatement, force: Array, compensated: bool) -> Deflections:
+    """Of toes and body; of flat feet the toes' as far as the joints give way, the body's none."""
+    if statement.points == 1:
+        return deflections_for_forces(
+            statement.compliance, statement.arms, force, statement.contact, compensated
+        )
+    bent = statement.joint_angles - commands_of(statement, force)
+    jacobian = statement.jacobian.reshape(*bent.shape[:2], statement.points, 3, -1).mean(axis=2)
+    return Deflections((jacobian @ bent[..., None])[..., 0], np.zeros((len(force), 6)))

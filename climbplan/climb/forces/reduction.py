@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.climb.forces.statement import ForceStatement
+from climbplan.climb.forces.statement import ForceStatement, of_limbs
 from climbplan.climb.plan.climb_plan import Array, Index
 from climbplan.mechanics.equilibrium import balance_load
 from climbplan.mechanics.friction import contact_frame, project_to_cone, pyramid_rows
@@ -33,11 +33,11 @@ class ReducedForces:
     """
 
     instant: Index  # (B,) rows of the statement
-    limb: Index  # (B, n) limbs in contact
+    limb: Index  # (B, n) points in contact
     particular: Array  # (B, n, 3) f0
     null_space: Array  # (B, n, 3, q) Z
-    torque_particular: Array  # (B, n, 3) torque / limit of f0
-    torque_null_space: Array  # (B, n, 3, q) torque / limit of Z
+    torque_particular: Array  # (B, l, J) torque / limit of f0, of l limbs in contact
+    torque_null_space: Array  # (B, l, J, q) torque / limit of Z
     normal: Array  # (B, n, 3)
     frame_particular: Array  # (B, n, 3) f0 along normal, tangent, bitangent
     frame_null_space: Array  # (B, n, 3, q) Z likewise
@@ -140,6 +140,7 @@ def _reduced(
     frame_null_space = axes @ null_space
     torque = statement.torque_per_force[at] * statement.unit
     b, n, q = len(rows), limbs.shape[1], null_space.shape[-1]
+    points = statement.points
     gradient = np.ones((b, q + 1))
     gradient[:, 1:] = frame_null_space[:, :, 0].sum(axis=1)
     gradient[:, 1:] *= -statement.normal_force_weight * statement.unit
@@ -157,8 +158,8 @@ def _reduced(
         limb=limbs,
         particular=particular,
         null_space=null_space,
-        torque_particular=np.einsum("bnij,bnj->bni", torque, particular),
-        torque_null_space=torque @ null_space,
+        torque_particular=of_limbs(np.einsum("bnij,bnj->bni", torque, particular), points),
+        torque_null_space=of_limbs(torque @ null_space, points),
         normal=axes[:, :, 0],
         frame_particular=(axes @ particular[..., None])[..., 0],
         frame_null_space=frame_null_space,
@@ -181,7 +182,7 @@ def _reduced(
 class Halfspaces:
     """Linear rows A x <= upper of B instants, beside 0 <= s <= largest_s.
 
-    Rows: 2 J n of torque (positive, then negative), n of contact, n F of friction, and what further
+    Rows: 2 J l of torque (positive, then negative), n of contact, n F of friction, and what further
     rows the group has.
     """
 
@@ -189,18 +190,18 @@ class Halfspaces:
     upper: Array  # (B, m)
     contacts: int  # n
     facets: int  # F
-    joints: int = 3  # J
+    torques: int  # J l
 
     @property
     def contact(self) -> slice:
-        """The contact rows: those after the 2 J n of torque."""
-        start = 2 * self.joints * self.contacts
+        """The contact rows: those after the 2 J l of torque."""
+        start = 2 * self.torques
         return slice(start, start + self.contacts)
 
     @property
     def friction(self) -> slice:
-        """The friction rows: those after the (2 J + 1) n of torque and contact."""
-        start = (2 * self.joints + 1) * self.contacts
+        """The friction rows: those after the 2 J l + n of torque and contact."""
+        start = 2 * self.torques + self.contacts
         return slice(start, start + self.contacts * self.facets)
 
 
@@ -211,9 +212,8 @@ def halfspaces(group: ReducedForces, corners: Array | None = None, facets: int =
     """
     b, n, q = len(group.instant), group.contacts, group.unknowns
     facets = facets if corners is None else corners.shape[-1]
-    count = group.torque_particular.shape[-1]
-    t = count * n  # torques in one direction
-    m = n * (2 * count + 1 + facets)
+    t = group.torque_particular[0].size  # torques in one direction
+    m = 2 * t + n * (1 + facets)
     A = np.zeros((b, m + group.further.shape[1], q + 1))
     upper = np.zeros((b, m + group.further.shape[1]))
     # Torque: +-(T f0 + T Z y) - s <= 0
@@ -226,7 +226,7 @@ def halfspaces(group: ReducedForces, corners: Array | None = None, facets: int =
     np.negative(group.frame_null_space[:, :, 0], out=A[:, 2 * t : 2 * t + n, 1:])
     upper[:, 2 * t : 2 * t + n] = group.frame_particular[:, :, 0] - group.least_pressure[:, None]
     A[:, m:, 1:], upper[:, m:] = group.further, group.further_upper
-    rows = Halfspaces(A, upper, n, facets, count)
+    rows = Halfspaces(A, upper, n, facets, t)
     if corners is not None:
         set_friction(group, rows, corners)
     return rows

@@ -113,7 +113,7 @@ class Restrictions:
         if (least == -np.inf).all():
             shape = (len(instants), 0, *self.statement.arms.shape[1:])
             return Rows(np.zeros(shape), np.zeros(shape[:2]))
-        asked = self.statement.contact[instants] & (least > -np.inf)
+        asked = self.statement.standing[instants] & (least > -np.inf)
         # Rows of limbs in the air, and where nothing is asked, are zero and idle
         rows = -self.statement.inward[instants] * asked[..., None, None]
         return Rows(rows, np.where(asked, -least, 1.0))

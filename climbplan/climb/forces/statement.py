@@ -30,7 +30,14 @@ from climbplan.mechanics.equilibrium import total_load, wrench_of
 from climbplan.mechanics.friction import split_force
 from climbplan.mechanics.stability import BracedBody, braced_body, loaded_stiffness
 from climbplan.mechanics.stiffness import commanded_depth, joint_bending, limb_compliance
-from climbplan.robots.kinematics import contact_jacobian, contact_points, toe_world
+from climbplan.robots.kinematics import (
+    by_point,
+    contact_jacobian,
+    contact_points,
+    point_jacobian,
+    pushed_points,
+    toe_world,
+)
 from climbplan.robots.model import Robot
 
 RESIDUAL_LIMIT = 1e-7  # largest residual of accepted forces, see ForceResiduals
@@ -41,18 +48,22 @@ COMMAND_RESERVE = 2e-3  # [rad] kept from joint bounds where possible: between t
 
 @dataclass(frozen=True)
 class ForceStatement:
-    """Numbers of the force problems of K instants."""
+    """Numbers of the force problems of K instants.
+
+    Limbs are pushed at C points, limb by limb: N toes, or of flat feet the corners of N soles,
+    whose forces together are what a sole's force and moment can be.
+    """
 
     rounds: Index  # (K,) in which they are, from 1
-    contact: Mask  # (K, N)
-    arms: Array  # (K, N, 3) from the body origin to where toes touch [m]
-    normal: Array  # (K, N, 3) unit, into free space
-    mu: Array  # (K, N)
-    jacobian: Array  # (K, N, 3, J) of where toes touch, world frame [m/rad]
-    compliance: Array  # (K, N, 3, 3) of the limbs [m/N]
+    contact: Mask  # (K, C)
+    arms: Array  # (K, C, 3) from the body origin to where limbs are pushed [m]
+    normal: Array  # (K, C, 3) unit, into free space
+    mu: Array  # (K, C)
+    jacobian: Array  # (K, C, 3, J) of where limbs are pushed, world frame [m/rad]
+    compliance: Array  # (K, C, 3, 3) of the limbs there [m/N]
     joint_angles: Array  # (K, N, J) [rad]
-    bending: Array  # (K, N, J, N, 3) D, joint angles less commands by forces [rad/N]
-    inward: Array  # (K, N, N, 3) how deep in its surface each toe is commanded, by forces [m/N]
+    bending: Array  # (K, N, J, C, 3) D, joint angles less commands by forces [rad/N]
+    inward: Array  # (K, N, C, 3) how deep in its surface each toe is commanded, by forces [m/N]
     room_below: Array  # (K, N, J) from the lower joint bound to the joint angle [rad]
     room_above: Array  # (K, N, J) from the joint angle to the upper bound [rad]
     max_torque: Array  # (N, J) [N m]
@@ -61,8 +72,8 @@ class ForceStatement:
     least_safety_torque: float  # lower bound on S_tau
     stiffness_left: Array  # (K,) least share of the elastic stiffness left; -inf if not asked
     normal_force_weight: float  # w [1/N]
-    least_pressure: Array  # (K,) of toes in contact [N]
-    reserve: Array  # (K,) pressure that they may miss before they slip [N]
+    least_pressure: Array  # (K,) of each point in contact [N]
+    reserve: Array  # (K,) pressure that it may miss before it slips [N]
     least_depth: Array  # (K, N) of their commands inside the surface [m]; -inf if not asked
     unit: float  # force scale [N]
     length: float  # lever arm scale [m]
@@ -84,7 +95,7 @@ class ForceStatement:
 
     def as_published(self) -> ForceStatement:
         """The problem of chapter 5.1.4: no bounds on commands, no word on stability."""
-        free = np.full(self.arms.shape, np.inf)
+        free = np.full(self.joint_angles.shape, np.inf)
         return replace(
             self,
             room_below=free,
@@ -92,8 +103,18 @@ class ForceStatement:
             stiffness_left=np.full(len(self.arms), -np.inf),
             least_pressure=np.zeros(len(self.arms)),
             reserve=np.zeros(len(self.arms)),
-            least_depth=np.full(self.contact.shape, -np.inf),
+            least_depth=np.full(self.least_depth.shape, -np.inf),
         )
+
+    @property
+    def points(self) -> int:
+        """At how many points each limb is pushed: C = N points."""
+        return self.contact.shape[1] // self.robot.limb_count
+
+    @property
+    def standing(self) -> Mask:
+        """(K, N) limbs in contact."""
+        return self.contact[:, :: self.points]
 
     def take(self, rows: Index) -> ForceStatement:
         """The same problems for some of the instants."""
@@ -107,13 +128,14 @@ class ForceStatement:
 
     @property
     def usable_mu(self) -> Array:
-        """(K, N) mu / S_mu."""
+        """(K, C) mu / S_mu."""
         return self.mu / self.safety_friction
 
     @property
     def torque_per_force(self) -> Array:
-        """(K, N, J, 3) J^T with each row divided by its torque limit [1/N]."""
-        return np.asarray(np.swapaxes(self.jacobian, -1, -2) / self.max_torque[..., None])
+        """(K, C, J, 3) J^T with each row divided by its torque limit [1/N]."""
+        limit = by_point(self.robot, self.max_torque, 0)
+        return np.asarray(np.swapaxes(self.jacobian, -1, -2) / limit[..., None])
 
     @property
     def largest_s(self) -> float:
@@ -121,11 +143,11 @@ class ForceStatement:
         return (1 - TORQUE_MARGIN) / self.least_safety_torque
 
 
-def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
-    """The force problems of a scene's instants."""
-    robot, force, count = scene.robot, scene.spec.force, instants.count
+def state_forces(scene: MotionScene, instants: Instants, margin: float = 0.0) -> ForceStatement:
+    """The force problems of a scene's instants; margin: part of soles that is not pressed on."""
+    robot, force, count = scene.robot.pressed_within(margin), scene.spec.force, instants.count
     asked = -np.inf if force.least_depth is None else force.least_depth
-    arms = contact_points(robot, instants.toes, instants.normal) - instants.com[:, None]
+    arms = pushed_points(robot, instants.toes, instants.normal) - instants.com[:, None]
     load = total_load(robot, instants.external_wrench)
     length = robot.reach
     size = np.hypot(
@@ -134,20 +156,23 @@ def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
     heaviest = float(size.max(initial=0.0))
     # Without any load the torque limits set the scale.
     unit = heaviest if heaviest > 0 else float(robot.max_torque.min() / length)
-    jacobian = contact_jacobian(robot, instants.rpy, instants.joint_angles, instants.normal)
+    pose = instants.rpy, instants.joint_angles, instants.normal
+    jacobian, of_toes = point_jacobian(robot, *pose), contact_jacobian(robot, *pose)
+    contact = by_point(robot, instants.contact, 1)
     compensated = force.sag == "compensated"
-    bending = joint_bending(robot, jacobian, arms, instants.contact, compensated)
+    bending = joint_bending(robot, jacobian, arms, contact, compensated)
+    points = contact.shape[1] // instants.contact.shape[1]
     return ForceStatement(
         rounds=instants.round,
-        contact=instants.contact,
+        contact=contact,
         arms=arms,
-        normal=instants.normal,
-        mu=instants.mu,
+        normal=by_point(robot, instants.normal, 1),
+        mu=by_point(robot, instants.mu, 1),
         jacobian=jacobian,
         compliance=limb_compliance(robot, jacobian),
         joint_angles=instants.joint_angles,
         bending=bending,
-        inward=commanded_depth(jacobian, instants.normal, bending),
+        inward=commanded_depth(of_toes, instants.normal, bending),
         room_below=np.maximum(instants.joint_angles - robot.joint_lower, 0.0),
         room_above=np.maximum(robot.joint_upper - instants.joint_angles, 0.0),
         max_torque=robot.max_torque,
@@ -156,7 +181,7 @@ def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
         least_safety_torque=force.safety_torque,
         stiffness_left=np.full(count, force.stiffness_left),
         normal_force_weight=force.normal_force_weight,
-        least_pressure=np.full(count, force.least_pressure),
+        least_pressure=np.full(count, force.least_pressure / points),
         reserve=np.zeros(count),
         least_depth=np.full(instants.contact.shape, asked),
         unit=unit,
@@ -167,12 +192,21 @@ def state_forces(scene: MotionScene, instants: Instants) -> ForceStatement:
 
 
 def torques_of(statement: ForceStatement, force: Array) -> Array:
-    """Joint torques J^T f (K, N, J) [N m] of forces (K, N, 3)."""
-    return np.einsum("knij,kni->knj", statement.jacobian, force)
+    """Joint torques J^T f (K, N, J) [N m] of forces (K, C, 3)."""
+    return of_limbs(np.einsum("knij,kni->knj", statement.jacobian, force), statement.points)
+
+
+def of_limbs(values: Array, points: int) -> Array:
+    """Sums (B, N, ...) over the points of each limb, of values (B, N points, ...)."""
+    return (
+        values
+        if points == 1
+        else values.reshape(len(values), -1, points, *values.shape[2:]).sum(axis=2)
+    )
 
 
 def commands_of(statement: ForceStatement, force: Array) -> Array:
-    """Joint commands theta - D f (K, N, J) [rad] that press with forces (K, N, 3)."""
+    """Joint commands theta - D f (K, N, J) [rad] that press with forces (K, C, 3)."""
     return np.asarray(statement.joint_angles - _bent(statement, force))
 
 
@@ -188,7 +222,7 @@ def beyond_bounds(statement: ForceStatement, force: Array, reserve: float = 0.0)
 
 
 def depths_of(statement: ForceStatement, force: Array) -> Array:
-    """(K, N) how deep inside their surfaces toes are commanded by forces (K, N, 3) [m]."""
+    """(K, N) how deep inside their surfaces toes are commanded by forces (K, C, 3) [m]."""
     return np.asarray(np.einsum("kiml,kml->ki", statement.inward, force, optimize=True))
 
 
@@ -199,14 +233,18 @@ def free_depths_of(statement: ForceStatement, force: Array) -> Array:
     """
     command = commands_of(statement, force)
     free = toe_world(statement.robot, np.zeros((len(force), 3)), statement.rpy, command)
-    touching = contact_points(statement.robot, free, statement.normal)
-    return np.asarray(np.einsum("kni,kni->kn", statement.normal, statement.arms - touching))
+    points, normal = statement.points, statement.normal[:, :: statement.points]
+    touching = contact_points(statement.robot, free, normal)
+    arms = statement.arms
+    if points > 1:  # to the middles of soles
+        arms = arms.reshape(len(arms), -1, points, 3).mean(axis=2)
+    return np.asarray(np.einsum("kni,kni->kn", normal, arms - touching))
 
 
 def depth_missing(statement: ForceStatement, force: Array) -> Array:
     """(K, N) by how much toes in contact are not commanded as deep as asked [m]."""
     depth = depths_of(statement, force)
-    return np.where(statement.contact, np.maximum(statement.least_depth - depth, 0.0), 0.0)
+    return np.where(statement.standing, np.maximum(statement.least_depth - depth, 0.0), 0.0)
 
 
 def _stiffness_missing(statement: ForceStatement, force: Array) -> Array:
@@ -224,7 +262,7 @@ def kept(room: Array, reserve: float) -> Array:
 
 
 def objective_of(statement: ForceStatement, force: Array) -> Array:
-    """s - w sum n . f (K,) of forces (K, N, 3), with s as small as their torques allow."""
+    """s - w sum n . f (K,) of forces (K, C, 3), with s as small as their torques allow."""
     s = (np.abs(torques_of(statement, force)) / statement.max_torque).max(axis=(1, 2))
     pressure = split_force(force, statement.normal).normal.sum(axis=1)
     return np.asarray(s - statement.normal_force_weight * pressure)
@@ -249,7 +287,7 @@ class ForceResiduals:
 
 
 def check_forces(statement: ForceStatement, force: Array) -> ForceResiduals:
-    """Residuals of forces (K, N, 3) against the exact constraints, cones included."""
+    """Residuals of forces (K, C, 3) against the exact constraints, cones included."""
     unbalanced = wrench_of(statement.arms, force) + statement.load
     unbalanced[:, 3:] /= statement.length
     parts = split_force(force, statement.normal)

@@ -94,6 +94,7 @@ class Forces:
     safety_friction: Array  # (K,) least mu / mu_critical of the limbs in contact
     mu_critical: Array  # (K, N) friction coefficient at which the limb would slip, 0 if lifted
     grips: GripForces | None = None  # of robots with grippers
+    corner_force: Array | None = None  # (K, N, 4, 3) at corners of soles, of flat feet [N]
     # (K,) share of the spec's margins that the planner kept; not in files, where checks tell it
     margin_share: Array | None = None
     notes: tuple[str, ...] = ()  # which margins could not be kept whole, and what would help

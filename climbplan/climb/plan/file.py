@@ -52,6 +52,8 @@ def write_climb(plan: ClimbPlan, path: Path) -> None:
         instants = file.create_group("instants")
         _write_fields(instants, plan.instants, layout.INSTANTS)
         _write_fields(instants, plan.forces, layout.FORCES)
+        if plan.forces.corner_force is not None:
+            write_dataset(instants, "corner_force", plan.forces.corner_force, layout.CORNER_FORCE)
         _write_fields(file.create_group("trajectory"), plan.trajectory, layout.TRAJECTORY)
         limits = file.create_group("limits")
         _write_fields(limits, plan.limits, layout.LIMITS)
@@ -124,6 +126,9 @@ def _read(reader: Reader) -> ClimbPlan:
     rounds = Rounds(**_arrays(reader, "rounds", layout.ROUNDS))
     instants = Instants(**_arrays(reader, "instants", layout.INSTANTS))
     forces = Forces(**_arrays(reader, "instants", layout.FORCES))
+    if robot.sole is not None:
+        pushes = reader.array("instants/corner_force", layout.CORNER_FORCE)
+        forces = replace(forces, corner_force=pushes)
     trajectory = Trajectory(**_arrays(reader, "trajectory", layout.TRAJECTORY))
     bounds = _arrays(reader, "limits", layout.LIMITS)
     bounds |= {
@@ -169,8 +174,9 @@ def _read(reader: Reader) -> ClimbPlan:
 def _require_counts(reader: Reader, kind: str) -> None:
     """Dimensions that follow from one another, and that nothing is empty."""
     size = reader.dimensions
-    if size["N"] < 3:
-        raise reader.refuse(f"robot has {size['N']} limbs, expected at least 3")
+    least = 2 if reader.has("robot/foot/axes_zero") else 3  # with flat feet two are enough
+    if size["N"] < least:
+        raise reader.refuse(f"robot has {size['N']} limbs, expected at least {least}")
     if size["M1"] < 2:
         raise reader.refuse("rounds holds no round")
     expected = 2 * size["N"] * (size["M1"] - 1)

@@ -35,7 +35,11 @@ ROBOT_NUMBERS = {
     "limb_radius": "m",
 }
 
-FOOT_NUMBERS = {"radius": "m"}  # of the group `robot/foot`; plans without it have point toes
+# Of the group `robot/foot`; plans without it have point toes
+FOOT_NUMBERS = {"radius": "m"}  # spheres about the toes, or
+SOLE_NUMBERS = {"length": "m", "width": "m", "heading": "rad"}  # flat feet, with `axes_zero`:
+# columns across, along and normal of the soles at zero angles
+SOLE_AXES = Layout(("N", 3, 3), "", "body")
 
 # Stored in the group `robot/capsules`, where links are not all straight and alike; C of each limb.
 CAPSULES = {
@@ -80,6 +84,10 @@ FORCES = {
     "safety_friction": Layout(("K",), may_be_infinite=True),
     "mu_critical": Layout(("K", "N")),
 }
+
+# Of robots with flat feet, in the same group: forces at the corners of soles, in turn from the one
+# behind on the left; `force` is their sum.
+CORNER_FORCE = Layout(("K", "N", 4, 3), "N", "world")
 
 TRAJECTORY = {
     "time": Layout(("T",), "s"),

@@ -18,7 +18,7 @@ from climbplan.climb.plan.mechanism_store import (
 )
 from climbplan.plans.hdf5_reading import Reader
 from climbplan.plans.hdf5_writing import write_dataset, write_text
-from climbplan.robots.foot import Foot
+from climbplan.robots.foot import Foot, Sole
 from climbplan.robots.model import Robot
 from climbplan.spec.robots.stored import RobotTexts
 
@@ -37,9 +37,11 @@ def write_robot(group: h5py.Group, robot: Robot, texts: RobotTexts) -> None:
     write_body_parts(group, robot)
     write_gripper(group, robot.gripper)
     if robot.foot is not None:
-        foot = group.create_group("foot")
-        for name in layout.FOOT_NUMBERS:
-            foot.attrs[name] = float(vars(robot.foot)[name])
+        foot, sole = group.create_group("foot"), robot.foot.sole
+        for name in layout.FOOT_NUMBERS if sole is None else layout.SOLE_NUMBERS:
+            foot.attrs[name] = float(vars(robot.foot if sole is None else sole)[name])
+        if sole is not None:
+            write_dataset(foot, "axes_zero", sole.axes_zero, layout.SOLE_AXES)
     for name, attribute in _TEXTS.items():
         if text := vars(texts)[name]:
             write_text(group, attribute, text)
@@ -58,8 +60,17 @@ def read_robot(reader: Reader) -> Robot:
     fields |= read_body_parts(reader)
     fields["gripper"] = read_gripper(reader)
     if reader.has("robot/foot"):
-        fields["foot"] = Foot(**{n: reader.number("robot/foot", n) for n in layout.FOOT_NUMBERS})
+        fields["foot"] = _read_foot(reader)
     return Robot(name=reader.text("robot", "name"), **fields)
+
+
+def _read_foot(reader: Reader) -> Foot:
+    """Spherical feet, or flat ones where there are axes of soles."""
+    if not reader.has("robot/foot/axes_zero"):
+        return Foot(radius=reader.number("robot/foot", "radius"))
+    numbers = {n: reader.number("robot/foot", n) for n in layout.SOLE_NUMBERS}
+    axes = reader.array("robot/foot/axes_zero", layout.SOLE_AXES)
+    return Foot(sole=Sole(**numbers, axes_zero=axes))
 
 
 def read_robot_texts(reader: Reader) -> RobotTexts:

@@ -16,12 +16,12 @@ import numpy as np
 
 from climbplan.climb.postures.passage import closed_way
 from climbplan.climb.postures.ways import ways_too_long
-from climbplan.climb.scene import ClimbScene, Stance
+from climbplan.climb.scene import ClimbScene, Stance, normals_under
 from climbplan.errors import Conflict, NotProved, ReachFailure, Remedy
 from climbplan.program import Program
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
-from climbplan.robots.kinematics import require_reachable, to_body
+from climbplan.robots.kinematics import require_reachable, sole_turns, to_body
 from climbplan.solvers.elastic import Violations, least_violations
 
 _SHOWN = 6  # violations listed
@@ -169,7 +169,9 @@ def _stances(scene: ClimbScene) -> Iterator[Conflict]:
     """Start and goal on their own: can the limbs stand there at all?"""
     for name, stance in (("start", scene.start), ("goal", scene.goal)):
         try:
-            require_reachable(scene.robot, _toes_body(stance), f"{name} posture")
+            normal = normals_under(scene.terrain, stance.toes, stance.region)
+            turns = sole_turns(scene.robot, stance.rpy, normal)
+            require_reachable(scene.robot, _toes_body(stance), f"{name} posture", turns)
         except ReachFailure as failure:
             yield Conflict(f"{name} posture", (_reach_words(failure),), in_words=True)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.climb.scene import ClimbScene
-from climbplan.robots.kinematics import inverse, joint_points_body
+from climbplan.robots.kinematics import inverse, joint_points_body, turns_under
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 
@@ -48,7 +48,9 @@ def limb_shape(scene: ClimbScene, limb: int, reference: Array) -> LimbShape:
     )
     toes = np.tile(robot.stance_body, (len(moved), 1, 1))
     toes[:, limb] += moved
-    solution = inverse(robot, toes)
+    # Soles lie level: what they do on slopes, the exact check finds
+    turns = turns_under(robot, reference, np.broadcast_to([0.0, 0.0, 1.0], toes.shape))
+    solution = inverse(robot, toes, turns)
     points = joint_points_body(robot, np.nan_to_num(solution.best()))[:, limb]
     joint = _knee_of(robot, points[0])
     knee = None

@@ -55,7 +55,12 @@ def turn_normals(robot: Robot, limb: int, inside: float = 0.0) -> Array:
 
 
 def start_room(robot: Robot, com: Array, rpy: Array, toes: Array) -> Array:
-    """(N,) how far first joints are within their bounds in a posture [rad], 0 out of reach."""
+    """(N,) how far first joints are within their bounds in a posture [rad], 0 out of reach.
+
+    Zero for robots whose first joints make no wedges.
+    """
+    if not turns_first(robot):
+        return np.zeros(robot.limb_count)
     angle = inverse(robot, to_body(com, rpy, toes)).best()[:, 0]
     room = np.minimum(angle - robot.joint_lower[:, 0], robot.joint_upper[:, 0] - angle)
     return np.asarray(np.maximum(np.nan_to_num(room), 0.0))

@@ -19,7 +19,7 @@ from climbplan.errors import (
     SpecError,
     SpecMistake,
 )
-from climbplan.robots.any_robot import build_robot
+from climbplan.robots.any_robot import build_robot, without_flat_feet
 from climbplan.robots.kinematics import require_reachable, to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
@@ -47,7 +47,8 @@ def build_transition(loaded: LoadedTransition) -> TransitionScene:
     proved.
     """
     spec = loaded.spec
-    robot = with_stance(build_robot(loaded.robot), spec.task.stance)
+    pointed = without_flat_feet(loaded.robot, "transitions")
+    robot = with_stance(build_robot(pointed), spec.task.stance)
     terrain = build_terrain(spec.terrain, robot)
     terrain = with_scan(terrain, spec, robot, loaded.directory)
     mistakes: list[SpecMistake] = []

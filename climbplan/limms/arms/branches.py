@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import pickle
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
 
 from climbplan.limms.arms.answers import Outcome
 from climbplan.limms.arms.held import plan_held
@@ -57,13 +60,24 @@ def _answered(scene: Scene, limbs: Sequence[Limb], task: HeldTask, attempts: Att
 
     Arms carry the box as they do at any pace of ways without it. What is known costs no work.
     """
-    asked = pickle.dumps((replace(scene, pace=1.0), tuple(limbs), task))
+    asked = _as_key((replace(scene, pace=1.0), tuple(limbs), task))
     if asked in attempts.known:
         return replace(attempts.known[asked], work=Work())
     outcome = plan_held(scene, limbs, task, attempts.end)
     if not attempts.over:  # an answer from then on may be what the clock cut off
         attempts.known[asked] = outcome
     return outcome
+
+
+def _as_key(value: Any) -> Hashable:
+    """The same for what has the same content, whatever arrays it is made of."""
+    if isinstance(value, np.ndarray):
+        return value.shape, value.dtype.str, value.tobytes()
+    if isinstance(value, BaseModel):
+        return value.model_dump_json()
+    if is_dataclass(value):
+        return tuple(_as_key(getattr(value, field.name)) for field in fields(value))
+    return tuple(map(_as_key, value)) if isinstance(value, tuple | list) else value
 
 
 @contextmanager

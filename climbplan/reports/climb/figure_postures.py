@@ -21,7 +21,7 @@ from climbplan.reports.sheet import (
     style_axes,
 )
 from climbplan.reports.view import View
-from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.kinematics import standing_inverse
 from climbplan.robots.rotations import Array
 
 _SHADES = LinearSegmentedColormap.from_list("rounds", ["#D9E2EC", "#7B8FA5", "#334E68"])
@@ -36,8 +36,12 @@ def _picked(count: int, wanted: int) -> list[int]:
 
 def round_angles(plan: ClimbPlan) -> Array:
     """Joint angles (M+1, N, 3) [rad] of the rounds' postures."""
-    rounds = plan.rounds
-    return inverse(plan.robot, to_body(rounds.com, rounds.rpy, rounds.toes)).best()
+    rounds, surfaces = plan.rounds, plan.terrain.surfaces
+    normal = np.empty_like(rounds.toes)
+    for index, surface in enumerate(surfaces):
+        here = rounds.region == index
+        normal[here] = surface.normal_at(rounds.toes[here])
+    return standing_inverse(plan.robot, rounds.com, rounds.rpy, rounds.toes, normal).best()
 
 
 def _drawn(count: int) -> tuple[list[int], list[int]]:

@@ -18,6 +18,7 @@ from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.touching_parts import always_touching
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS, leg_capsules
+from climbplan.robots.urdf.flat_feet import sole_capsules, sole_of, with_soles
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
 from climbplan.robots.urdf.shapes import body_box, body_parts, collision_shapes
 from climbplan.robots.urdf.workspace import common_reach, farthest_toes, stance_balls
@@ -65,14 +66,30 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
             stance[index] = place
     if spec.gripper is not None:
         _wrists_have_directions(robot, chain)
-    if spec.foot is not None:
+    foot = None
+    if spec.foot is not None and spec.foot.radius is not None:
         _feet_end_limbs(robot, legs, spec.foot.radius)
-    chain = _standing(robot, chain, stance, given, lower, upper)
+        foot = Foot(spec.foot.radius)
+    elif spec.foot is not None:
+        foot = Foot(sole=sole_of(robot, legs, chain))
+        assert foot.sole is not None
+        chain = with_soles(chain, foot.sole, spec.foot.center)
+        stance = np.where(given[:, None], stance, chain.joint_points(posture)[:, -1])
+    turns = None if foot is None or foot.sole is None else foot.sole.level_turns
+    chain = _standing(robot, chain, stance, given, (lower, upper), turns)
     first = chain.joint_zero[:, 0]
     shapes = []
     if robot.needs_shapes:
         shapes = collision_shapes(found)
-    capsules = leg_capsules(chain, legs, shapes, centre, spec.limb_radii, spec.limb_radius)
+    capsules = leg_capsules(
+        chain,
+        legs,
+        shapes,
+        centre,
+        spec.limb_radii,
+        spec.limb_radius,
+        None if foot is None or foot.sole is None else sole_capsules(chain, foot.sole),
+    )
     radius = spec.limb_radius
     if capsules is not None:
         radius = float(capsules.radius.max())
@@ -107,11 +124,12 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
         stance_body=stance,
         body_hull=_hull(robot, first, body_box(shapes), centre),
         reach=reach,
-        stance_radius=spec.workspace.stance_radius or _ball(robot, chain, stance, reach, bounds),
+        stance_radius=spec.workspace.stance_radius
+        or _ball(robot, chain, stance, reach, bounds, turns),
         limb_radius=LIMB_RADIUS if radius is None else radius,
         mechanism=chain,
         gripper=None if spec.gripper is None else Gripper.from_spec(spec.gripper),
-        foot=None if spec.foot is None else Foot(spec.foot.radius),
+        foot=foot,
         capsules=capsules,
         body_parts=() if spec.body_half_size is not None else parts,
     )
@@ -174,10 +192,19 @@ def chain_at_zero(legs: list[LegAtZero], width: int, centre: Array, posture: Arr
 
 
 def _standing(
-    robot: UrdfRobot, chain: SerialChain, stance: Array, given: Array, lower: Array, upper: Array
+    robot: UrdfRobot,
+    chain: SerialChain,
+    stance: Array,
+    given: Array,
+    bounds: tuple[Array, Array],
+    turns: Array | None = None,
 ) -> SerialChain:
-    """The chain with the postures in which it stands; raises SpecError for stances out of reach."""
-    solution = chain.inverse(stance, lower, upper)
+    """The chain with the postures in which it stands; raises SpecError for stances out of reach.
+
+    turns: of last links whose soles lie level.
+    """
+    lower, upper = bounds
+    solution = chain.inverse(stance, lower, upper, turns)
     missed = []
     for limb in (int(i) for i in np.flatnonzero(~solution.valid)):
         why = chain.miss(solution, stance, limb, lower, upper)
@@ -191,6 +218,8 @@ def _standing(
     if missed:
         raise robot.refused(missed)
     posture = np.where(given[:, None], solution.best(), chain.posture)
+    if turns is not None:  # soles lie level to more digits than postures have
+        posture = solution.best()
     return replace(chain, posture=posture)
 
 
@@ -283,6 +312,7 @@ def _ball(
     stance: Array,
     reach: float,
     bounds: tuple[Array, Array],
+    turns: Array | None = None,
 ) -> float:
     """Radius of the stance's ball that all legs reach; raises SpecError where there is none."""
     distance = np.linalg.norm(stance - chain.joint_zero[:, 0], axis=1)
@@ -297,7 +327,7 @@ def _ball(
     ]
     if beyond:
         raise robot.refused(beyond)
-    radius = stance_balls(chain, stance, reach, *bounds)
+    radius = stance_balls(chain, stance, reach, *bounds, turns)
     limb = int(np.argmin(radius))
     if radius[limb] < _LEAST_BALL:
         message = (

@@ -50,15 +50,21 @@ def leg_capsules(
     centre: Array,
     stated: dict[str, float],
     common: float | None,
+    soles: tuple[Array, float] | None = None,
 ) -> MountedCapsules | None:
     """Capsules of all legs, body frame; None where all links are alike and straight.
 
     stated: radius by joint [m] of links that are straight from joint to joint; common: of all that
     are not stated, in place of their geometry. A link without geometry has none, but the last: it
-    is straight and as thick as the one before it, or as `LIMB_RADIUS`.
+    is straight and as thick as the one before it, or as `LIMB_RADIUS`. soles: ends (N, 2, 3) of the
+    axes and the radius of what takes the place of last links, of flat feet.
     """
     moved = {joint for leg in legs for joint in leg.names}
-    if not stated and (common is not None or not any(s.joint in moved for s in shapes)):
+    if (
+        soles is None
+        and not stated
+        and (common is not None or not any(s.joint in moved for s in shapes))
+    ):
         return None
     width = chain.joint_count
     rows: list[list[tuple[int, Array, float]]] = []
@@ -66,6 +72,9 @@ def leg_capsules(
         points = np.concatenate([chain.joint_zero[limb], chain.toe_zero[limb][None]])
         own: list[tuple[int, Array, float]] = []
         for number, joint in enumerate(leg.names, start=width - len(leg.names)):
+            if soles is not None and number == width - 1:
+                own.append((number, soles[0][limb], soles[1]))
+                continue
             straight = points[number : number + 2]
             radius = stated.get(joint, common)
             if radius is not None:

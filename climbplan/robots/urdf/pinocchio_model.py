@@ -46,6 +46,7 @@ class LegAtZero:
     joints: Array  # (j, 3) [m]
     axes: Array  # (j, 3) unit, of joints that slide their directions
     toe: Array  # (3,) [m]
+    toe_axes: Array  # (3, 3) columns x, y, z of the toe's link
     slides: tuple[bool, ...]
     leaders: tuple[int, ...]  # (j,) the joint that each follows, itself if none
     ratios: tuple[float, ...]  # of their motions
@@ -88,6 +89,7 @@ class UrdfModel:
             self.placed(np.array(joints)),
             np.array(axes) @ self.turn.T,
             self.placed(point),
+            self.turn @ toe.rotation,
             tuple(joint.slides for joint in own),
             tuple(j if by is None else names.index(by.leader) for j, by in enumerate(led)),
             tuple(1.0 if by is None else by.ratio for by in led),

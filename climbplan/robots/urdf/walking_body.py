@@ -45,6 +45,9 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
     Raises MissingSolver without Pinocchio, and SpecError, at the lines of the section, for a robot
     that has no pairs of legs, or has no room or no strength to walk.
     """
+    if robot.spec.flat_feet:
+        message = "walks stand on points: expected `radius`, or no `foot`"
+        raise robot.refused([Finding(("foot",), message)])
     names = _leg_names(robot)
     joints = max(len(own) for own in robot.joints.values())
     found = urdf_model(robot)
@@ -93,7 +96,7 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
         height=float(-toes[:, 2].mean()),
         boxes=boxes,
         legs=legs,
-        foot=0.0 if robot.spec.foot is None else robot.spec.foot.radius,
+        foot=robot.spec.foot_radius,
     )
 
 

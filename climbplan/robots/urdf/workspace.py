@@ -41,10 +41,16 @@ def common_reach(farthest: Array) -> float:
 
 
 def stance_balls(
-    chain: SerialChain, stance: Array, reach: float, lower: Array, upper: Array
+    chain: SerialChain,
+    stance: Array,
+    reach: float,
+    lower: Array,
+    upper: Array,
+    turns: Array | None = None,
 ) -> Array:
     """(N,) radius of the largest sampled ball about the stance (N, 3) that a leg reaches [m].
 
+    turns: (N, 3, 3) of last links that are to lie in one way.
     Its points farther than `reach` from the first joint are left out, as planning does.
     """
     around = _directions(_DIRECTIONS)  # (D, 3)
@@ -54,7 +60,7 @@ def stance_balls(
         toes = stance + shells[:, None, None, None] * around[None, :, None, :]  # (R, D, N, 3)
         toes[:, :, ~whole] = np.nan  # what is farther out does not count
         beyond = np.linalg.norm(toes - chain.joint_zero[:, 0], axis=-1) > reach
-        fine = (chain.inverse(toes, lower, upper).valid | beyond).all(axis=1)  # (R, N)
+        fine = (chain.inverse(toes, lower, upper, turns).valid | beyond).all(axis=1)  # (R, N)
         for size, met in zip(shells, fine, strict=True):
             whole &= met
             radius[whole] = size

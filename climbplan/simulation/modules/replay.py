@@ -22,6 +22,7 @@ from climbplan.limms.check.loads import StretchLoads, loads_of_all
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.modules.holding import Closed, Order, borne, order_of, too_much
 from climbplan.simulation.modules.model import (
     DAMPING,
     STIFF,
@@ -109,16 +110,6 @@ def _hold(plan: LimmsPlan, contact: Contact) -> Hold:
     return Hold(contact.body, contact.end, body)
 
 
-@dataclass
-class _Closed:
-    """A contact that is closed now."""
-
-    contact: Contact
-    number: int  # of its weld
-    off: Array  # (3,) from where its end was to be to where it closed, on the terrain [m]
-    felt: Array  # (6,) smoothed
-
-
 class _World:
     """One model on its way through a plan."""
 
@@ -142,7 +133,8 @@ class _World:
         self.root = np.array([model.body_dofadr[self.ends[m, 0]] for m in range(count)])
         joints = [[model.joint(link_name(m, k + 1)) for k in range(JOINTS)] for m in range(count)]
         self.at = np.array([[joint.qposadr[0] for joint in row] for row in joints])
-        self.closed: dict[Hold, _Closed] = {}
+        self.closed: dict[Hold, Closed] = {}
+        self.order: Order | None = None  # of what is closed, None where that has changed
         self.misses: list[float] = []
         self.broken: list[Broken] = []
         self.rows: list[dict[str, Any]] = []
@@ -203,11 +195,12 @@ class _World:
         for hold, contact in wanted.items():
             before = self.closed.get(hold)
             if before is not None and before.contact.kind == contact.kind:
-                before.contact = contact
+                before.contact, self.order = contact, None
             elif contact.name not in gone:
                 self._close(hold, contact, loads, time)
 
     def _open(self, hold: Hold) -> None:
+        self.order = None
         self.data.eq_active[self.closed.pop(hold).number] = 0
 
     def _close(self, hold: Hold, contact: Contact, loads: StretchLoads, time: float) -> None:
@@ -243,7 +236,8 @@ class _World:
         self.model.eq_data[number, 3:6] = there
         self.model.eq_data[number, 6:10] = relative
         data.eq_active[number] = 1
-        self.closed[hold] = _Closed(contact, number, missed, np.zeros(6))
+        self.closed[hold] = Closed(contact, number, missed, np.zeros(6))
+        self.order = None
 
     def _stretch(self, loads: StretchLoads, watch: Callable[[int, Any, Any], None] | None) -> bool:
         """Steps between two events; whether a box is lost."""
@@ -270,13 +264,14 @@ class _World:
                     place = places[numbers[id(closed.contact)]][k]
                     self.model.eq_data[closed.number, 3:6] = place + closed.off
             self.mujoco.mj_step(self.model, data)
-            found = self._borne()
-            self._break(found, float(at[k]))
+            order = self._ordered()
+            found = borne(self.model, self.data, order)
+            self._break(order, found, float(at[k]))
             off = float(np.linalg.norm(data.xpos[self.boxes] - box[k], axis=1).max())
             lost = not off <= LOST  # NaN as well
             if k % SAMPLE and k + 1 < steps and not lost:
                 continue
-            for hold, wrench in found.items():
+            for hold, wrench in zip(order.holds, found, strict=True):
                 if hold in self.closed:
                     contact = self.closed[hold].contact
                     row = (float(at[k]), planned[numbers[id(contact)]][k], wrench)
@@ -292,60 +287,23 @@ class _World:
             self.bearings.append(Bearing(name, kinds[name], time, one, other))
         return lost
 
-    def _borne(self) -> dict[Hold, Array]:
-        """Force and moment (6,) on each closed end at its place, from its constraint's rows."""
-        data, nv = self.data, self.model.nv
-        kind = int(self.mujoco.mjtConstraint.mjCNSTR_EQUALITY)
-        count = int(data.ne)
-        ids = np.where(data.efc_type[:count] == kind, data.efc_id[:count], -1)
-        jacobian = data.efc_J.reshape(-1, nv)
-        out = {}
-        for hold, closed in self.closed.items():
-            rows = np.flatnonzero(ids == closed.number)
-            if not len(rows):
-                continue
-            dof = int(self.root[hold.module])
-            both = jacobian[rows, dof : dof + 6].T @ data.efc_force[rows]
-            root = int(self.ends[hold.module, 0])
-            link = int(self.ends[hold.module, hold.end])
-            own = self.module.link_lengths[-1] if hold.end else 0.0
-            place = data.xpos[link] + own * data.xmat[link].reshape(3, 3)[:, 2]
-            # A free body's speeds: of its origin in the world, of its turning in its own frame
-            turning = data.xmat[root].reshape(3, 3) @ both[3:]
-            moment = turning - np.cross(place - data.xpos[root], both[:3])
-            out[hold] = np.concatenate([both[:3], moment])
-        return out
+    def _ordered(self) -> Order:
+        """Arrays of what is closed, made where that has changed."""
+        if self.order is None:
+            self.order = order_of(self.closed, self.root, self.ends, self.module)
+        return self.order
 
-    def _break(self, found: dict[Hold, Array], time: float) -> None:
+    def _break(self, order: Order, found: Array, time: float) -> None:
         """Feel the loads, and let go of what bears too much."""
-        share = min(self.model.opt.timestep / SMOOTH, 1.0)
-        for hold, wrench in found.items():
-            closed = self.closed[hold]
-            closed.felt += share * (wrench - closed.felt)
-            if self.plan.massless:
-                continue
-            words = self._too_much(closed)
-            if words:
-                self._open(hold)
-                self.broken.append(Broken(closed.contact.name, time, words))
-
-    def _too_much(self, closed: _Closed) -> str:
-        """What a contact does not hold, in words; nothing if it holds."""
-        module, felt, name = self.module, closed.felt, closed.contact.name
-        force, moment = float(np.linalg.norm(felt[:3])), float(np.linalg.norm(felt[3:]))
-        if force > module.max_force:
-            return f"{name} holds {module.max_force:g} N and bears {force:.3g} N"
-        if closed.contact.kind == "latch":
-            if moment > module.latch_moment:
-                return f"{name} holds {module.latch_moment:g} N m and bears {moment:.3g} N m"
-            return ""
-        aside, push = float(np.hypot(felt[0], felt[1])), max(float(felt[2]), 0.0)
-        if aside > self.plan.friction * self.conditions.friction * push + _STILL:
-            return f"{name} presses with {push:.3g} N and is pushed aside with {aside:.3g} N"
-        held, tilt = module.radius * push + module.ground_moment, float(np.hypot(*felt[3:5]))
-        if tilt > held + _STILL:
-            return f"{name} holds {held:.3g} N m and bears {tilt:.3g} N m"
-        return ""
+        order.felt += min(self.model.opt.timestep / SMOOTH, 1.0) * (found - order.felt)
+        if self.plan.massless:
+            return
+        friction = self.plan.friction * self.conditions.friction
+        for k, words in too_much(order, self.module, friction):
+            hold = order.holds[k]
+            name = self.closed[hold].contact.name
+            self.broken.append(Broken(name, time, f"{name} {words}"))
+            self._open(hold)
 
     def _keep(self, time: float, box: Array, frames: Array, angles: Array, torque: Array) -> None:
         data = self.data
@@ -362,9 +320,6 @@ class _World:
                 "planned_torque": torque,
             }
         )
-
-
-_STILL = 0.5  # [N, N m] below which an end that hardly presses is let be
 
 
 def _between(time: Array, values: Array, at: Array) -> Array:

@@ -17,7 +17,7 @@ from climbplan.robots.kinematics import jacobian_world, toe_world
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.comparison import LEAST_HELD, held_toes
-from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.conditions import Conditions, regulated
 from climbplan.simulation.feedforward import limb_weight_torques, limb_weight_wrench
 from climbplan.simulation.model import (
     ARMATURE,
@@ -162,7 +162,7 @@ def machine_of(plan: ClimbPlan, terrain: Terrain, steps: Steps, conditions: Cond
         losses=np.array(losses, float).reshape(-1, 3),
         toes=np.ascontiguousarray(start.toes),
         angles=np.ascontiguousarray(start.angles / unit),
-        regulator=_REGULATORS[conditions.regulator],
+        regulator=_REGULATORS[regulated(conditions, plan.robot)],
         delay=conditions.delay,
         noise=_noise(robot.limb_count, robot.joint_count, conditions),
     )

@@ -92,8 +92,7 @@ class _Player:
         self.plan, self.conditions, self.legs = plan, conditions, plan.task.legs
         robot: WholeRobot = whole_robot(plan, conditions)
         self.centre, self.mass = robot.centre, robot.mass
-        foot = robot.found.robot.spec.foot
-        self.foot = 0.0 if foot is None else foot.radius
+        self.foot = robot.found.robot.spec.foot_radius
         known = robot if conditions.payload == 0 else whole_robot(plan, NOMINAL)
         make = self.mujoco.MjModel.from_xml_string
         self.model = make(whole_model(plan, robot, conditions))

@@ -78,7 +78,7 @@ def whole_model(plan: WalkPlan, robot: WholeRobot, conditions: Conditions) -> st
 
 def sphere_radius(robot: UrdfRobot) -> float:
     """Radius of the spheres about the toes [m]: of its feet, where it has spherical ones."""
-    return TOE_RADIUS if robot.spec.foot is None else robot.spec.foot.radius
+    return robot.spec.foot_radius or TOE_RADIUS
 
 
 def ties_of(legs: WalkingLegs) -> str:

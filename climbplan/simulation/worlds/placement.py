@@ -6,7 +6,7 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.replay import sample_instants, true_angles
-from climbplan.robots.kinematics import jacobian_world
+from climbplan.robots.kinematics import held_rows, jacobian_world
 from climbplan.robots.rotations import Array
 from climbplan.simulation.worlds.world import World, footholds_of
 
@@ -25,5 +25,8 @@ def missed_footholds(plan: ClimbPlan, world: World) -> Array:
     share = holds.share[..., None]
     off = (1 - share) * world.placement[limb, holds.number] + share * world.placement[limb, after]
     angles = true_angles(plan, sample_instants(plan))
-    inverse = np.linalg.pinv(jacobian_world(plan.robot, moving.rpy, angles), rcond=1e-3)
+    jacobian = jacobian_world(plan.robot, moving.rpy, angles)
+    normal = np.broadcast_to([0.0, 0.0, 1.0], off.shape)  # of no matter to middles of soles
+    rows = held_rows(plan.robot, moving.rpy, angles, normal, jacobian)  # flat feet stay as they lie
+    inverse = np.linalg.pinv(rows, rcond=1e-3)[..., :3]
     return np.asarray((inverse @ off[..., None])[..., 0])

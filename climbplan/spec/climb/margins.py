@@ -22,7 +22,7 @@ class MarginsSpec(SpecModel):
 
     @property
     def asked(self) -> bool:
-        """Whether there are any; `margins: none` asks for none."""
+        """Whether there are any; `margins: none` asks for none. Of soles' own is not asked."""
         own = (self.pressure, self.friction, self.slip, self.depth, self.stiffness, self.edge)
         return any(value > 0 for value in own)
 
@@ -87,6 +87,15 @@ class MarginsSpec(SpecModel):
         ge=0,
         le=0.1,
     )
+    sole: Number = quantity(
+        "",
+        "part of a flat foot's half length and width by which its centre of pressure stays inside "
+        "the edges of its sole: a foot that is pressed at an edge tips over it at the first "
+        "disturbance; of robots with flat feet",
+        default=0.3,
+        ge=0,
+        lt=1,
+    )
     rounds: dict[Annotated[int, Field(ge=1)], Annotated[Number, Field(ge=0)]] = Field(
         default={},
         description="factors on pressure, friction and pull in single rounds, by number; what "
@@ -95,7 +104,7 @@ class MarginsSpec(SpecModel):
 
 
 NO_MARGINS = MarginsSpec(
-    pressure=0.0, friction=0.0, slip=0.0, pull=0.0, depth=0.0, stiffness=0.0, edge=0.0
+    pressure=0.0, friction=0.0, slip=0.0, pull=0.0, depth=0.0, stiffness=0.0, edge=0.0, sole=0.0
 )
 
 

@@ -17,7 +17,7 @@ from climbplan.walking.task import ANGLES, SPIN, Array, WalkTask
 _WORTH = 0.02  # of what is enough, that two tubes have to raise the bound by
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Leaf:
     """A tube, the motions that it is about, and a bound of what moves within it."""
 

@@ -6,15 +6,15 @@ import itertools
 
 import numpy as np
 
-from climbplan.walking.micp.frame import Frame
 from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.pieces import Piece
+from climbplan.walking.micp.spinning import Spinning
 from climbplan.walking.task import POSITION, Array
 
 FACETS = 8  # of friction cones, around them
 
 
-class Legs(Frame):
+class Legs(Spinning):
     """Rows of each leg at each knot."""
 
     # Legs: workspace (8.20), (8.21), contact and swing (8.23), regions (8.24), friction (8.18)
@@ -63,10 +63,7 @@ class Legs(Frame):
         return pieces
 
     def workspace(self, n: int, leg: int, arm: tuple[Lin, Lin, Lin]) -> None:
-        """The toe in its box, seen from the body: R^T r = r' - w x r' + what is of second order.
-
-        r' is the arm seen from the middle of the tube and w the small turn from there.
-        """
+        """The toe in its box, seen from the body."""
         model, t = self.model, self.turns[n]
         box, half = self.task.body.toe_center[leg], self.task.body.toe_half
         room = half + t.off @ (np.abs(box) + half)
@@ -78,37 +75,10 @@ class Legs(Frame):
             low[k] = max(low[k], sum(c[0] for c in corners))
             high[k] = min(high[k], sum(c[1] for c in corners))
             model.add("workspace.toe", seen[k], low[k], high[k])
-        middle = self.tube.angles[n]
-        turn = [
-            total((self.angles[n][j] - float(middle[j])) * float(t.axes[i, j]) for j in range(3))
-            for i in range(3)
-        ]
+        found, least, most = self.seen("workspace.toe", n, seen, low, high)
         for k in range(3):
-            i, j = (k + 1) % 3, (k + 2) % 3
-            across = self.envelope(turn[i], t.turn_half[i], seen[j], low[j], high[j])
-            across = across - self.envelope(turn[j], t.turn_half[j], seen[i], low[i], high[i])
-            least = np.minimum(t.seen_low[k] * low, t.seen_low[k] * high)
-            least = np.minimum(least, np.minimum(t.seen_high[k] * low, t.seen_high[k] * high))
-            most = np.maximum(t.seen_low[k] * low, t.seen_low[k] * high)
-            most = np.maximum(most, np.maximum(t.seen_high[k] * low, t.seen_high[k] * high))
-            model.add(
-                "workspace.toe",
-                seen[k] - across,
-                box[k] - half[k] - most.sum(),
-                box[k] + half[k] - least.sum(),
-            )
-
-    def envelope(self, x: Lin, half: float, y: Lin, low: float, high: float) -> Lin:
-        """x y with |x| <= half and y in [low, high], by its four McCormick rows."""
-        if half < 1e-9:
-            return Lin()
-        if high - low < 1e-12:
-            return x * low
-        w = self.model.variable(-np.inf, np.inf)
-        for side in (1.0, -1.0):
-            self.model.least("workspace.toe", (w - x * low) * side + (y - low) * half)
-            self.model.least("workspace.toe", (x * high - w) * side + (high - y) * half)
-        return w
+            ends_of_box = box[k] - half[k] - most[k], box[k] + half[k] - least[k]
+            model.add("workspace.toe", found[k], *ends_of_box)
 
     def piece(self, region: int, low: Array, high: Array, forces: tuple[Array, Array]) -> Piece:
         model = self.model

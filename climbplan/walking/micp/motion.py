@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.walking.micp.counts import Count, Counts
 from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.pieces import Height, Piece
-from climbplan.walking.task import VELOCITY
+from climbplan.walking.task import VELOCITY, Array
 
 
 class Motion(Counts):
@@ -87,36 +87,36 @@ class Motion(Counts):
                 share = arm[a] + friction * arm[b] if b == 2 else friction * (arm[a] + arm[b])
                 parts += [q.force[2] * float(share) for q in legs[leg]]
             largest.append(total(parts))
+        self.attitude(n)
+        about, about_most = self.gyroscopic(n)
+        # About principal axes of the body: the world sees them from the middle of the tube.
+        seen, off = t.R @ t.principal, t.R_off @ np.abs(t.principal)
         for k in range(3):
-            turned = total(self.spin[n][j] * float(t.rates[k, j]) for j in range(3))
-            most = np.abs(self.tube.spin[n]) + self.tube.spin_half[n]
-            off = dt * float(t.rates_off[k] @ most)
-            rise = self.angles[n + 1][k] - self.angles[n][k] - turned * dt
-            model.add("dynamics.attitude", rise, -off, off)
             push = total(moment[j] * float(t.inverse[k, j] * self.unit) for j in range(3))
-            change = self.spin[n + 1][k] - self.spin[n][k] - (push + float(t.gyro[k])) * dt
+            gyro = total(about[j] * float(seen[k, j] / t.moments[j]) for j in range(3))
+            change = self.spin[n + 1][k] - self.spin[n][k] - (push + gyro) * dt
             slack = total(largest[j] * float(t.inverse_off[k, j] * self.unit) for j in range(3))
-            slack = (slack + float(t.gyro_off[k])) * dt
+            slack = (slack + float(off[k] @ (about_most / t.moments))) * dt
             model.least("dynamics.spin", change + slack)
             model.least("dynamics.spin", slack - change)
 
         if n + 1 < task.knots:
-            self.turned_by(n, moment)
+            given = [total(about[j] * float(seen[k, j]) for j in range(3)) for k in range(3)]
+            self.turned_by(n, moment, given, off @ about_most)
 
-    def turned_by(self, n: int, moment: list[Lin]) -> None:
+    def turned_by(self, n: int, moment: list[Lin], gyro: list[Lin], gyro_off: Array) -> None:
         """What turns the body, eq. (8.15) times the inertia: |I - I_middle| meets accelerations.
 
         Those are small beside moments at their largest, which the rows above have to reckon with.
+        gyro: gyroscopic moments (3,), world frame, right within so much (3,).
         """
         model, dt, t = self.model, self.task.step, self.turns[n]
         change = [self.spin[n + 1][j] - self.spin[n][j] for j in range(3)]
         fastest = np.array([max(map(abs, self.extent(one))) / dt for one in change])
-        most = fastest + np.abs(t.gyro) + t.gyro_off
-        slack = t.inertia_off @ most + np.abs(t.inertia) @ t.gyro_off
-        given = t.inertia @ t.gyro
+        slack = t.inertia_off @ fastest + gyro_off
         for k in range(3):
             heavy = total(change[j] * float(t.inertia[k, j] / dt) for j in range(3))
-            left = heavy - moment[k] * self.unit - float(given[k])
+            left = heavy - moment[k] * self.unit - gyro[k]
             model.add("dynamics.spin", left, -float(slack[k]), float(slack[k]))
 
     # Objective, eq. (8.30)

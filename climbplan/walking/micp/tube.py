@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.robots.rotations import rotation_world_body, skew
-from climbplan.walking.check.truth import euler_rates, knot_step
+from climbplan.walking.check.truth import knot_step
 from climbplan.walking.task import ANGLES, SPIN, Array, WalkTask
 
 _GRID = 21  # points an angle
@@ -70,18 +70,18 @@ def tube_about(task: WalkTask, state: Array, angles: Array, spin: Array) -> Tube
 
 @dataclass(frozen=True)
 class Turning:
-    """Rotation, rates and inertia at a knot of a tube, and how far off they are at most."""
+    """Rotation, inertia and turning at a knot of a tube, and how far off they are at most."""
 
     R: Array  # (3, 3) at the middle
     R_off: Array  # (3, 3)
-    rates: Array  # (3, 3) Euler rates by the angular velocity
-    rates_off: Array  # (3, 3)
     inverse: Array  # (3, 3) inverse inertia, world frame
     inverse_off: Array  # (3, 3)
     inertia: Array  # (3, 3) world frame
     inertia_off: Array  # (3, 3)
-    gyro: Array  # (3,) angular acceleration by gyroscopic moments
-    gyro_off: Array  # (3,)
+    principal: Array  # (3, 3) principal axes of the inertia in the body, its columns
+    moments: Array  # (3,) of inertia about them
+    about_low: Array  # (3,) least angular velocity about them
+    about_high: Array
     axes: Array  # (3, 3) small turn about the body's axes at the middle, by each angle
     turn_half: Array  # (3,) of that turn at most
     seen_low: Array  # (3, 3) R^T R_middle less its linearisation, from
@@ -106,8 +106,6 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     inverse = R @ body_inverse @ R.T
     inverses = turns @ body_inverse @ np.swapaxes(turns, -1, -2)
     heavy, heavies = R @ inertia @ R.T, turns @ inertia @ np.swapaxes(turns, -1, -2)
-    rates = _rates(middle[None])[0]
-    steep = 1.0 / np.cos(np.abs(middle[1]) + half[1]) ** 2 if half.any() else 0.0
     beside = 0.5 * apart  # an entry of R changes by at most the turn
     R_off = np.abs(turns - R).max(axis=0) + beside
     turned = np.einsum("ba,jbc->jac", R, _slopes(middle))  # skew: what a rotation is to first order
@@ -115,18 +113,20 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     seen = np.swapaxes(turns, -1, -2) @ R
     second = seen - np.eye(3) + skew((grid - middle) @ turns_by.T)
     between = beside * float(half.sum())  # second derivatives are those of R: 1 at most
-    gyro, gyro_off = _gyroscopic(inertia, R, R_off, tube.spin[n], tube.spin_half[n])
+    moments, principal = np.linalg.eigh(inertia)
+    principal[:, 2] *= np.linalg.det(principal)  # right-handed
+    about_low, about_high = _about(turns @ principal, beside, tube.spin[n], tube.spin_half[n])
     return Turning(
         R,
         R_off,
-        rates,
-        np.abs(_rates(grid) - rates).max(axis=0) + steep * beside,
         inverse,
         np.abs(inverses - inverse).max(axis=0) + spread * beside,
         heavy,
         np.abs(heavies - heavy).max(axis=0) + float(np.ptp(np.linalg.eigvalsh(inertia))) * beside,
-        gyro,
-        gyro_off,
+        principal,
+        moments,
+        about_low,
+        about_high,
         turns_by,
         np.abs(turns_by) @ half,
         second.min(axis=0) - between,
@@ -143,28 +143,14 @@ def _slopes(angles: Array) -> Array:
     return result
 
 
-def _rates(angles: Array) -> Array:
-    """Euler rates by the angular velocity (G, 3, 3)."""
-    each = [euler_rates(angles, np.broadcast_to(axis, angles.shape)) for axis in np.eye(3)]
-    return np.stack(each, axis=-1)
+def _about(turns: Array, beside: float, spin: Array, half: Array) -> tuple[Array, Array]:
+    """Least and largest angular velocity (3,) about axes that turn (G, 3, 3), its columns.
 
-
-def _gyroscopic(
-    inertia: Array, R: Array, R_off: Array, spin: Array, spin_half: Array
-) -> tuple[Array, Array]:
-    """Middle and half width of -I^-1 w x (I w), world frame, by interval arithmetic."""
-    seen = R.T @ spin
-    seen_off = np.abs(R.T) @ spin_half + R_off.T @ (np.abs(spin) + spin_half)
-    momentum, momentum_off = inertia @ seen, np.abs(inertia) @ seen_off
-    moment = -np.cross(seen, momentum)
-    off = np.zeros(3)
-    for k in range(3):
-        for a, b in (((k + 1) % 3, (k + 2) % 3), ((k + 2) % 3, (k + 1) % 3)):
-            off[k] += (
-                abs(seen[a]) * momentum_off[b]
-                + seen_off[a] * abs(momentum[b])
-                + seen_off[a] * momentum_off[b]
-            )
-    inverse = np.linalg.inv(inertia)
-    body, body_off = inverse @ moment, np.abs(inverse) @ off
-    return R @ body, np.abs(R) @ body_off + R_off @ (np.abs(body) + body_off)
+    beside: [rad] that the body may be turned further than one of them.
+    """
+    middle, room = np.einsum("gjk,j->gk", turns, spin), np.einsum("gjk,j->gk", np.abs(turns), half)
+    fastest = float(np.linalg.norm(np.abs(spin) + half))
+    further = beside * fastest + 1e-9  # rounding
+    low = np.maximum((middle - room).min(axis=0) - further, -fastest - 1e-9)
+    high = np.minimum((middle + room).max(axis=0) + further, fastest + 1e-9)
+    return low, high

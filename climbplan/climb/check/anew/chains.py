@@ -95,6 +95,14 @@ def turned_back(chain: SerialChain, angles: Array, vectors: Array) -> Array:
     return vectors
 
 
+def chain_turned(chain: SerialChain, angles: Array, vectors: Array) -> Array:
+    """Vectors (..., N, 3) of last links at zero angles, turned with them by angles (..., N, J)."""
+    moved = joint_motions(chain, angles)
+    for j in reversed(range(moved.shape[-1])):
+        vectors = _turned(vectors, chain.axis_zero[:, j], moved[..., j])
+    return vectors
+
+
 @dataclass(frozen=True)
 class SettledChains:
     """Chains whose toes are held."""

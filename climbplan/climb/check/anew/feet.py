@@ -30,9 +30,10 @@ def touching_limbs(limbs: Limbs, arm: Array) -> Limbs:
 def rolling(robot: Robot, axes: Array, angles: Array, normal: Array) -> Robot:
     """The robot whose chains end in the points of its feet that touch at angles (K, N, J).
 
-    axes: (K, 3, 3) of the body, normal: (K, N, 3) of the surfaces. The robot itself for points.
+    axes: (K, 3, 3) of the body, normal: (K, N, 3) of the surfaces. The robot itself for points, and
+    for flat feet, which do not roll.
     """
-    if robot.foot is None:
+    if robot.foot is None or robot.sole is not None:
         return robot
     chain = chain_of(robot)
     local = np.einsum("kij,knj->kni", axes, foot_arm(robot, normal))

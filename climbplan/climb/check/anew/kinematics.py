@@ -13,6 +13,7 @@ import numpy as np
 
 from climbplan.climb.check.anew.chains import chains_at, settled_chains
 from climbplan.climb.check.anew.five_bars import five_bars_at, settled_five_bars
+from climbplan.climb.check.anew.settled_soles import settled_soles
 from climbplan.plans.check import Array
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
@@ -124,14 +125,18 @@ def standing_limbs(
     alike: Array,
     command: Array,
     arm: Array | None = None,
+    soles: Array | None = None,
 ) -> StandingLimbs:
     """Limbs that reach for toes (..., N, 3), bent to the same side as by angles alike (..., N, J).
 
     Angles are those within half a turn of `alike`. The knee is where the circles of femur and tibia
     meet in the limb's plane. A chain of more than three joints
     settles as springs about their commands (..., N, J) do, with forces that act on the toes or, on
-    feet of finite size, at arm (..., N, 3) from them.
+    feet of finite size, at arm (..., N, 3) from them. soles: rows (..., N, 3, 3) as which flat feet
+    lie.
     """
+    if soles is not None:
+        return _standing_soles(robot, com, axes, toes, soles, alike, command)
     if isinstance(robot.mechanism, FiveBar):
         return _standing_five_bars(robot.mechanism, com, axes, toes, alike)
     if robot.mechanism is not None:
@@ -236,6 +241,20 @@ def _standing_chains(
     if arm is not None:
         arm = np.einsum("...ij,...nj->...ni", axes, arm)
     settled = settled_chains(chain, local, alike, command, spring, arm)
+    points = _chains_at(chain, com, axes, settled.angles).points
+    return StandingLimbs(points, settled.angles, settled.missing)
+
+
+def _standing_soles(
+    robot: Robot, com: Array, axes: Array, toes: Array, soles: Array, alike: Array, command: Array
+) -> StandingLimbs:
+    """Chains that end in soles that lie at toes, joints as springs about their commands."""
+    chain, sole = chain_of(robot), robot.sole
+    assert sole is not None
+    local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
+    lying = soles @ np.swapaxes(axes, -1, -2)[..., None, :, :]
+    spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
+    settled = settled_soles(chain, sole, local, lying, alike, command, spring)
     points = _chains_at(chain, com, axes, settled.angles).points
     return StandingLimbs(points, settled.angles, settled.missing)
 

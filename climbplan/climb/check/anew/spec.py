@@ -17,7 +17,7 @@ from climbplan.plans.check import Check, LeftOut, judge, not_compared
 from climbplan.plans.differences import Difference, largest, parts_apart
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.model import Robot
-from climbplan.robots.task_robot import standing_as, with_grip_limit, with_stance
+from climbplan.robots.task_robot import heading_as, standing_as, with_grip_limit, with_stance
 from climbplan.spec.climb.model import ClimbSpec
 from climbplan.spec.climb.transition import TransitionSpec
 from climbplan.spec.robots.source import AnyRobot
@@ -59,6 +59,7 @@ def _robot_of(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, given: AnyRobot
     if robot.limb_names != plan.robot.limb_names:
         return robot
     robot = with_stance(robot, spec.task.stance)
+    robot = heading_as(robot, plan.rounds.rpy[0])
     if not isinstance(spec, ClimbSpec):
         return robot
     robot = with_grip_limit(robot, spec.gripper.max_force)

@@ -28,6 +28,7 @@ _STEP = 1e-6  # [m, rad] of the difference quotients
 _LONGEST = 0.05  # [m, rad] of a Newton step
 _ITERATIONS = 40
 _BALANCED = 1e-7  # of the load [N, N m]
+_SINGULAR = 1e14  # condition number of what has no inverse
 _RESISTED = 1e-8  # part of the largest stiffness; less is left to the load by contacts in a line
 
 
@@ -42,6 +43,7 @@ class Braced:
     alike: Array  # (K, N, J) joint angles that tell which way the limbs bend [rad]
     load: Array  # (K, 6) force and moment on the body, weight included
     moment: Array | None = None  # (K, N, 3) that wrists bring, at the toes [N m]
+    soles: Array | None = None  # (K, N, 3, 3) rows of soles that the terrain holds, of flat feet
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,7 @@ class Pressed:
 
     torque: Array  # (K, N, J) [N m]
     force: Array  # (K, N, 3) on the toes, zero without contact [N]
+    moment: Array  # (K, N, 3) on soles, about the toes, else zero [N m]
     wrench: Array  # (K, 6) of forces and load [N, N m]
     limbs: Limbs
     angles: Array  # (K, N, J) [rad]
@@ -63,32 +66,62 @@ class Settled:
     turn: Array  # (K, 3) rotation vector likewise [rad]
     torque: Array  # (K, N, J) [N m]
     force: Array  # (K, N, 3) [N]
+    moment: Array  # (K, N, 3) on soles, about the toes [N m]
     stiffness_left: Array  # (K,) least share of the joints' stiffness left under load; < 0: buckles
 
 
 def pressed(braced: Braced, com: Array, axes: Array) -> Pressed:
     """Torques and forces for bodies at com (K, 3) with axes (K, 3, 3)."""
     robot = braced.robot
-    angles = standing_limbs(robot, com, axes, braced.toes, braced.alike, braced.command).angles
+    angles = standing_limbs(
+        robot, com, axes, braced.toes, braced.alike, braced.command, soles=braced.soles
+    ).angles
     limbs = limbs_at(robot, com, axes, angles)
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
     torque = spring * (angles - braced.command) * braced.contact[..., None]
     by_force = torque
     if braced.moment is not None:  # part of what the joints hold
         by_force = torque - (limbs.turning() @ braced.moment[..., None])[..., 0]
-    force = np.where(braced.contact[..., None], force_of(limbs.jacobian(), by_force), 0.0)
+    held = held_rows(limbs, braced.soles is not None)
+    push = np.where(braced.contact[..., None], force_of(held, by_force), 0.0)
+    force, own = push[..., :3], push[..., 3:]
     moment = np.cross(braced.toes - com[..., None, :], force).sum(axis=-2)
+    if braced.soles is None:
+        own = np.zeros_like(force)
+    else:
+        moment = moment + own.sum(axis=-2)
     if braced.moment is not None:
         moment = moment + braced.moment.sum(axis=-2)
     wrench = np.concatenate([force.sum(axis=-2), moment], axis=-1) + braced.load
-    return Pressed(torque, force, wrench, limbs, angles)
+    return Pressed(torque, force, own, wrench, limbs, angles)
+
+
+def held_rows(limbs: Limbs, flat: bool) -> Array:
+    """(..., N, R, J) what the terrain holds of limbs by joint speed: toes, or soles, R = 3 or 6."""
+    if not flat:
+        return limbs.jacobian()
+    turning = np.swapaxes(limbs.turning(), -1, -2)
+    return np.concatenate([limbs.jacobian(), turning], axis=-2)
+
+
+def held_motion(arms: Array, flat: bool) -> Array:
+    """(..., R, 6) the same by the motion of the body, for toes at arms (..., 3) from its origin."""
+    motion = body_motion(arms)
+    if not flat:
+        return motion
+    turning = np.broadcast_to(np.eye(3, 6, 3), motion.shape)
+    return np.concatenate([motion, turning], axis=-2)
 
 
 def force_of(jacobian: Array, torque: Array) -> Array:
-    """J^-T tau (..., 3), not finite where J is singular; of least squares for limbs with a choice.
+    """J^-T tau (..., R), not finite where J is singular; of least squares for limbs with a choice.
 
-    Settled joints of such a limb have torques J^T f, so that no square is left.
+    jacobian: (..., R, J). Settled joints of such a limb have torques J^T f, so that no square is
+    left.
     """
+    if jacobian.shape[-2] != 3:
+        square = jacobian @ np.swapaxes(jacobian, -1, -2)
+        return np.asarray((_inverse(square) @ (jacobian @ torque[..., None]))[..., 0])
     if jacobian.shape[-1] != 3:
         square = jacobian @ np.swapaxes(jacobian, -1, -2)
         torque = (jacobian @ torque[..., None])[..., 0]
@@ -101,6 +134,9 @@ def joints_by_body(jacobian: Array, motion: Array, spring: Array) -> Array:
 
     Where a limb has a choice its springs (N, J) turn with the least energy.
     """
+    if jacobian.shape[-2] != 3:
+        soft = np.swapaxes(jacobian, -1, -2) / spring[..., None]
+        return np.asarray(soft @ _inverse(jacobian @ soft) @ motion)
     if jacobian.shape[-1] != 3:
         soft = np.swapaxes(jacobian, -1, -2) / spring[..., None]
         return np.asarray(soft @ _inverse_transposed(jacobian @ soft) @ motion)
@@ -112,6 +148,19 @@ def body_motion(arms: Array) -> Array:
     turning = np.stack([np.cross(axis, arms) for axis in np.eye(3)], axis=-1)
     identity = np.broadcast_to(np.eye(3), turning.shape)
     return np.concatenate([identity, turning], axis=-1)
+
+
+def _inverse(square: Array) -> Array:
+    """Of matrices (..., R, R), not finite for those that have none."""
+    size = square.shape[-1]
+    scale = np.sqrt(np.abs(np.einsum("...ii->...i", square)))  # of metres and radians
+    even = square / np.maximum(scale[..., None] * scale[..., None, :], 1e-300)
+    fine = np.isfinite(even).all(axis=(-1, -2))
+    safe = np.where(fine[..., None, None], even, np.eye(size))
+    lost = ~(np.linalg.cond(safe) < _SINGULAR) | ~fine
+    inverse = np.linalg.inv(np.where(lost[..., None, None], np.eye(size), safe))
+    inverse = inverse / np.maximum(scale[..., None] * scale[..., None, :], 1e-300)
+    return np.where(lost[..., None, None], np.nan, inverse)
 
 
 def _inverse_transposed(matrix: Array) -> Array:
@@ -149,7 +198,8 @@ def settle(braced: Braced, com: Array, axes: Array) -> Settled:
     shift[lost], turn[lost] = np.nan, np.nan
     left = _stiffness_left(braced, com + shift, now.limbs, -_slope(at, still))
     left = np.minimum(left, _choice_left(braced, _rotated(axes, turn), now))
-    return Settled(shift, turn, now.torque, now.force, np.where(lost, np.nan, left))
+    left = np.where(lost, np.nan, left)
+    return Settled(shift, turn, now.torque, now.force, now.moment, left)
 
 
 def _slope(at: Callable[[Array], Pressed], still: Array) -> Array:
@@ -174,9 +224,9 @@ def _solved(stiffness: Array, wrench: Array) -> Array:
 def _stiffness_left(braced: Braced, com: Array, limbs: Limbs, stiffness: Array) -> Array:
     """Least eigenvalue of the stiffness (K, 6, 6) relative to that of the joints alone."""
     spring = braced.robot.joint_stiffness * (1 - braced.robot.structural_compliance_share)
-    arms = braced.toes - com[:, None, :]
+    arms, flat = braced.toes - com[:, None, :], braced.soles is not None
     bend = (
-        joints_by_body(limbs.jacobian(), body_motion(arms), spring)
+        joints_by_body(held_rows(limbs, flat), held_motion(arms, flat), spring)
         * braced.contact[..., None, None]
     )
     elastic = np.einsum("knji,nj,knjl->kil", bend, spring, bend)
@@ -201,7 +251,7 @@ def _choice_left(braced: Braced, axes: Array, now: Pressed) -> Array:
     """
     robot = braced.robot
     count = robot.joint_count
-    if count == 3:
+    if count == 3 or braced.soles is not None:
         return np.ones(len(axes))
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
     local = np.einsum("kij,knj->kni", axes, now.force)

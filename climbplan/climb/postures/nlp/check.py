@@ -146,7 +146,7 @@ def _limbs_free(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Iterat
     if standing is None:
         yield Violation("limbs.clearance", -np.inf, "m", "no obstacles")
         return
-    links = world_capsules(scene, instants.com, instants.rpy, instants.toes)
+    links = world_capsules(scene, instants.com, instants.rpy, instants.toes, instants.normal)
     name, where, amount = standing.limb, standing.where, standing.missing
     near = []
     if obstacles:

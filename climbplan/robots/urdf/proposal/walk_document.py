@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 
 import numpy as np
 
@@ -11,20 +12,38 @@ from climbplan.robots.urdf.walking_body import WalkingBody
 _SPEED = 0.5  # [m/s]
 _FROUDE = 0.35  # of the speed at which a pendulum of the standing height takes off, at most
 _STEP = 0.27  # [s / sqrt(m)] of an interval by the standing height: a pendulum's time
-_STANCE = 3  # intervals that a leg stands in a walking trot
+STANCE = 3  # intervals that a leg stands in a walking trot
 _IN_REACH = 0.8  # of its box, that the body moves on meanwhile
 _LIFT = 0.8  # of a box's half height, at most
 _HIGHEST = 0.05  # [m]
+_EFFORT = 0.28  # of torque limits, that swinging a leg takes at most where longer intervals do
+_FINER = 20  # intervals that are looked at
 _KNOTS = 16
 _FRICTION = 0.8
 _TURN = 45.0  # [deg] on the spot
 
 
-def walk_document(body: WalkingBody, robot_file: str, turns: bool = False) -> str:
-    """The spec: forward from rest by a walking trot, diagonals or tripods in turn; or round."""
+def walk_document(
+    body: WalkingBody,
+    robot_file: str,
+    effort: Callable[[float, float, float], float],
+    turns: bool = False,
+) -> str:
+    """The spec: forward from rest by a walking trot, diagonals or tripods in turn; or round.
+
+    effort: the share of torque limits that a swing at a speed [m/s], in an interval [s], lifted by
+    so much [m], takes. Legs that are heavy for their motors swing in longer intervals, as far as
+    their boxes let the body move on meanwhile.
+    """
     half, height = body.boxes.half, body.height
     speed = min(_SPEED, _FROUDE * float(np.sqrt(body.gravity * height)))
-    step = min(_STEP * float(np.sqrt(height)), 2 * _IN_REACH * float(half[0]) / (_STANCE * speed))
+    lift = min(_LIFT * float(half[2]), _HIGHEST)
+    longest = 2 * _IN_REACH * float(half[0]) / (STANCE * speed)
+    step = min(_STEP * float(np.sqrt(height)), longest)
+    for wanted in np.linspace(step, longest, _FINER):
+        step = float(wanted)
+        if effort(speed, step, lift) <= _EFFORT:
+            break
     size = " x ".join(f"{2e3 * value:.0f}" for value in half)
     what, end = (f"walks forward at {speed:.2g} m/s", "walk")
     if turns:
@@ -45,7 +64,7 @@ task:
   knots: {_KNOTS}  # up to 40
   step: {step:.3f}  # [s]
   least_contacts: {len(body.leg_names) // 2}
-  lift: {min(_LIFT * float(half[2]), _HIGHEST):.3f}
+  lift: {lift:.3f}
   reference: {{velocity: [{speed:.2g}, 0, 0], rpy_deg: [0, 0, {yaw:g}]}}
 
 weights: {{velocity: [100, 100, 1000], angles: [100, 100, 10], height: 1000}}  # a calm body

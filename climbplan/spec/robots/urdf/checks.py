@@ -17,6 +17,7 @@ from climbplan.spec.robots.urdf.model import UrdfLegSpec, UrdfRobotSpec
 from climbplan.spec.robots.urdf.tree import UrdfJoint, UrdfTree
 
 FEWEST_JOINTS, MOST_JOINTS = 3, 7
+JOINTS_OF_FLAT_FEET = 6  # that put a sole anywhere, lying in any way
 JOINTS_BELOW_WRIST = 3  # with more a gripper's moment would have a say in how a leg settles
 _PLANE = (
     "; with two a toe moves on a surface alone, and where it stands beside that follows from the "
@@ -148,6 +149,13 @@ def leg_findings(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> Iterator[Fin
                 + ("; `locked` holds some" if len(own) > MOST_JOINTS else "")
                 + (_PLANE if len(own) == FEWEST_JOINTS - 1 else ""),
             )
+        elif spec.flat_feet and len(own) < JOINTS_OF_FLAT_FEET:
+            message = (
+                f"a leg with a flat foot has at least {JOINTS_OF_FLAT_FEET} joints, got "
+                f"{', '.join(joint.name for joint in own)}; `foot: {{radius: NUMBER}}` or no "
+                "`foot` is for legs without an ankle"
+            )
+            yield Finding((*here, "toe"), message)
         if spec.gripper is not None and len(moving) > JOINTS_BELOW_WRIST:
             message = (
                 f"a leg with a gripper has {JOINTS_BELOW_WRIST} joints below its wrist, got "

@@ -27,6 +27,7 @@ from climbplan.spec.robots.ranges import (
 )
 
 FEWEST_LEGS = 3
+FEWEST_FLAT_FEET = 2  # one of which holds a robot while the other steps
 
 
 class UrdfJointSpec(SpecModel):
@@ -189,14 +190,15 @@ class UrdfRobotSpec(SpecModel):
     uncertainty: RobotUncertaintySpec = RobotUncertaintySpec()
     """What is uncertain of the robot, for simulated worlds; specs may say otherwise."""
     legs: dict[str, UrdfLegSpec] = Field(
-        description="leg name -> its toe; at least three, in leg order"
+        description="leg name -> its toe; at least three, or two with flat feet, in leg order"
     )
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         faults = []
-        if len(self.legs) < FEWEST_LEGS:
-            faults.append(Fault("legs", f"expected at least three legs, got {len(self.legs)}"))
+        if len(self.legs) < (FEWEST_FLAT_FEET if self.flat_feet else FEWEST_LEGS):
+            least = "two legs" if self.flat_feet else "three legs"
+            faults.append(Fault("legs", f"expected at least {least}, got {len(self.legs)}"))
         faults += [
             Fault("legs", "expected a name for every leg, got ''") for n in self.legs if not n
         ]
@@ -216,6 +218,16 @@ class UrdfRobotSpec(SpecModel):
         return self
 
     @property
+    def flat_feet(self) -> bool:
+        """Whether its feet have soles."""
+        return self.foot is not None and self.foot.flat
+
+    @property
+    def foot_radius(self) -> float:
+        """Radius of spherical feet [m]; zero of others."""
+        return 0.0 if self.foot is None else self.foot.radius or 0.0
+
+    @property
     def held(self) -> dict[str, float]:
         """Joint name -> angle [rad] or place [m] at which it is held."""
         turned = {name: float(np.deg2rad(degrees)) for name, degrees in self.locked.items()}
@@ -231,7 +243,10 @@ class UrdfRobotSpec(SpecModel):
             "body_half_size": (self.body_half_size, LENGTH),
             "limb_radius": (self.limb_radius, THICKNESS),
             **{f"limb_radii.{name}": (r, THICKNESS) for name, r in self.limb_radii.items()},
-            "foot.radius": (None if self.foot is None else self.foot.radius, LENGTH),
+            **{
+                f"foot.{key}": (None if self.foot is None else vars(self.foot)[key], LENGTH)
+                for key in ("radius", "length", "width")
+            },
             "workspace.reach": (self.workspace.reach, LENGTH),
             "workspace.stance_radius": (self.workspace.stance_radius, LENGTH),
         }

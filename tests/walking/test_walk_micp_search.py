@@ -1,0 +1,247 @@
+"""Heads and the search over contacts: what they leave out is no cheaper motion."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import highspy
+import numpy as np
+import pytest
+from walk_relaxations import ANGLES, SPIN, known, program_cost
+from walk_tasks import shorter, stairs_task, walk_task
+
+from climbplan.solvers.highs.model import highs, rows_model
+from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.cost import objective
+from climbplan.walking.micp.heads import (
+    Drawn,
+    Stated,
+    bound_drawn,
+    drawn_by_heads,
+    first_intervals,
+)
+from climbplan.walking.micp.kept import Decision, Kept
+from climbplan.walking.micp.mirror import left_first, own_image, with_images
+from climbplan.walking.micp.relaxed import infeasible, linear, relaxed
+from climbplan.walking.micp.statement import Relaxation
+from climbplan.walking.micp.tree import Search
+from climbplan.walking.micp.tube import tube_about
+from climbplan.walking.offline.search import SearchLimits, search
+from climbplan.walking.task import Flags, Gait, WalkTrajectory
+
+
+@dataclass(frozen=True)
+class Cheap:
+    """All motions of a short task that cost no more than a known one, and what heads tell."""
+
+    stated: Stated
+    found: WalkTrajectory
+    cost: float
+    drawn: Drawn
+
+
+@pytest.fixture(scope="module")
+def cheap() -> Cheap:
+    task = shorter(walk_task((1.0, 0, 0)), 4)
+    answer = known(task)
+    assert answer.trajectory is not None
+    tube = tube_about(task, answer.trajectory.state, 0.3 * ANGLES, 0.3 * SPIN)
+    stated = Stated(task, tube, answer.objective * 1.005, 1, 1, 3.0)
+    drawn = drawn_by_heads(stated, stated.program(None), 3.0, time.process_time)
+    assert drawn is not None
+    return Cheap(stated, answer.trajectory, answer.objective, drawn)
+
+
+def lowest(stated: Stated, program: Relaxation) -> float:
+    """What the relaxed program costs at least."""
+    return max(bound for bound, _ in relaxed(program.model, 1e-4 * stated.most, linear()))
+
+
+def test_heads_keep_cheaper_motions_and_draw_ranges_closer(cheap: Cheap) -> None:
+    stated, found, box = cheap.stated, cheap.found, cheap.drawn.box
+    assert (found.state >= box.low - 1e-6).all()
+    assert (found.state <= box.high + 1e-6).all()
+    program, held = stated.program(None), stated.program(box)
+    before = np.array(program.model.upper) - np.array(program.model.lower)
+    asked = np.array([[c.column for c in row] for row in program.states])[2, 2:6]
+    assert (box.high - box.low)[2, 2:6].sum() < 0.8 * before[asked].sum()
+    assert (found.gait.contact[:-1] >= box.stands_low).all()
+    assert (found.gait.contact[:-1] <= box.stands_high).all()
+    for n in range(1, 4):
+        begun = found.state[: n + 1], found.force[: n + 1]
+        paid = cheap.cost - objective(first_intervals(stated.task, n), *begun)
+        assert cheap.drawn.later[n] <= paid + 1e-9
+    assert program_cost(held, found) <= cheap.cost * (1 + 1e-6)
+    assert lowest(stated, program) + 0.005 * cheap.cost < lowest(stated, held) <= cheap.cost
+    none = replace(stated, most=0.3 * cheap.cost)
+    assert drawn_by_heads(none, none.program(None), 1.0, time.process_time) is None
+
+
+def all_decided(kept: Kept, contact: Flags) -> tuple[Decision, ...]:
+    rows = np.ndenumerate(kept.program.rows)
+    return tuple(Decision(True, int(row), float(contact[at])) for at, row in rows)
+
+
+def contacts_searched(kept: Kept) -> Search:
+    return Search(kept, lambda bound: True, lambda: np.inf, lambda contacts: 0.0, lambda x: None)
+
+
+def test_a_search_over_contacts_never_loses_a_motion(cheap: Cheap) -> None:
+    stated, contact = cheap.stated, cheap.found.gait.contact[:-1]
+    kept = Kept(stated.program(cheap.drawn.box), 1e-4 * stated.most)
+    kept.begin()
+    root = kept.solve(np.inf)
+    assert root is not None
+    assert root.x is not None
+    ways = kept.next(root.x)
+    assert ways is not None
+    assert {way.value for way in ways} == {0.0, 1.0}
+    kept.decide(all_decided(kept, contact))
+    gait = kept.solve(np.inf)  # the motion is in it
+    assert gait is not None
+    assert root.bound <= gait.bound <= cheap.cost
+    assert kept.contacts is not None
+    assert np.array_equal(kept.contacts, contact)
+    bounds = list[float]()
+
+    def goes_on(bound: float) -> bool:
+        bounds.append(bound)
+        return len(bounds) < 12
+
+    cut = replace(contacts_searched(kept), goes_on=goes_on).run()
+    assert bounds == sorted(bounds)
+    assert 0 <= cut <= gait.bound + 1e-9
+    none = replace(stated, most=root.bound * 0.99)  # what is cheaper than all of its motions
+    assert contacts_searched(Kept(none.program(None), 1e-4 * none.most)).run() == none.most
+
+
+@pytest.mark.slow
+def test_a_search_over_contacts_ends_where_highs_ends() -> None:
+    task = shorter(walk_task((1.0, 0, 0)), 3)
+    answer = known(task, 20)
+    assert answer.trajectory is not None
+    tube = tube_about(task, answer.trajectory.state, 0.3 * ANGLES, 0.3 * SPIN)
+    both = with_images(tube, 20 * ANGLES, 20 * SPIN)
+    assert both is not None
+    stated = Stated(task, both, answer.objective * 1.02, 1, 1, 1.5)
+    program, sag = stated.program(None), 1e-4 * stated.most
+    search = contacts_searched(Kept(program, sag))
+    bound = search.run()
+    first = search.nodes
+    assert search.run() == bound  # whatever was asked before
+    assert search.nodes == 2 * first
+    halved = contacts_searched(Kept(stated.program(None), sag, images=True))
+    assert halved.run() == pytest.approx(bound, rel=1e-3)
+    assert halved.nodes < first
+    solver = highs(60.0)
+    solver.passModel(rows_model(program.model))
+    solver.run()
+    assert solver.getModelStatus() == highspy.HighsModelStatus.kOptimal
+    found = solver.getInfo().objective_function_value
+    assert bound <= answer.objective
+    assert found == pytest.approx(bound, rel=0.01)  # tangents are others
+
+
+def image(found: WalkTrajectory) -> WalkTrajectory:
+    """The same motion with left and right exchanged."""
+    across, legs = np.array([1.0, -1.0, 1.0]), np.array([1, 0, 3, 2])
+    state = found.state * np.concatenate([across, across, -across, -across])
+    gait = Gait(found.gait.contact[:, legs], found.gait.region[:, legs])
+    return WalkTrajectory(state, found.toes[:, legs] * across, found.force[:, legs] * across, gait)
+
+
+def test_of_two_motions_that_mirror_one_is_enough() -> None:
+    task = shorter(walk_task((1.0, 0, 0)), 4)
+    assert own_image(task)
+    assert own_image(shorter(stairs_task(), 4))
+    turned = replace(task.reference, euler=task.reference.euler + 0.1 * np.eye(3)[2])
+    aside = replace(task.start, state=task.start.state + 0.1 * np.eye(12)[4])
+    assert not own_image(replace(task, reference=turned))
+    assert not own_image(replace(task, start=aside))
+    answer = known(task)
+    found = answer.trajectory
+    assert found is not None
+    other = image(found)
+    assert objective(task, other.state, other.force) == pytest.approx(answer.objective)
+    checked = check_trajectory(task, other)
+    assert not failures(checked)
+    width = np.array([0.01, 0.02, 0.01]), np.array([0.2, 0.4, 0.2])
+    about = tube_about(task, np.stack([found.state, other.state]), *width)
+    tube = with_images(about, *width)
+    assert tube is not None
+    assert with_images(replace(about, angles=about.angles + 0.5), *width) is None
+    stated = Stated(task, tube, 1.01 * answer.objective, 1, 1, 3.0)
+    program = stated.program(None)
+    first = []
+    for motion in (found, other):
+        assert tube.holds(motion.state)
+        x = np.zeros(len(program.model.lower))
+        for column, value in program.integers(motion).items():
+            x[column] = value
+        first.append(left_first(program).at(x))
+    assert first[0] == pytest.approx(-first[1])
+
+
+@pytest.mark.slow
+def test_a_search_over_contacts_keeps_what_other_seeds_find() -> None:
+    task = shorter(stairs_task(), 7)
+    answers = [search(task, SearchLimits(60.0, seed=k, qps=200)) for k in range(4)]
+    motions = np.stack([a.trajectory.state for a in answers if a.trajectory is not None])
+    tube = tube_about(task, motions, np.deg2rad([1.0, 2.0, 1.0]), np.array([0.25, 0.5, 0.25]))
+    least = min(answer.objective for answer in answers)
+    stated = Stated(task, tube, 1.001 * least, 1, 1, 3.0)
+    kept = Kept(stated.program(None), 5e-4 * least)
+    drawn = list[float]()
+
+    def settled(contacts: Flags) -> float:
+        held = kept.program.box.standing(contacts)
+        drawn.append(bound_drawn(stated, held, 1, lambda: 30.0, time.process_time))
+        for answer in answers:
+            assert answer.trajectory is not None
+            if np.array_equal(answer.trajectory.gait.contact[:-1], contacts):
+                assert drawn[-1] <= answer.objective
+        return drawn[-1]
+
+    end = time.process_time() + 60.0
+    found = replace(
+        contacts_searched(kept), settled=settled, goes_on=lambda bound: time.process_time() < end
+    )
+    assert 0.6 * least < found.run() <= least
+
+
+def test_what_has_no_point_is_asked_again_from_scratch() -> None:
+    solver = linear()
+    solver.addVar(0.0, 1.0)
+    solver.addRow(2.0, 3.0, 1, np.array([0], np.int32), np.array([1.0]))
+    solver.run()
+    assert infeasible(solver)
+    solver.changeRowBounds(0, 0.5, 3.0)
+    assert not infeasible(solver)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("disturbed", [False, True])
+def test_heads_keep_what_other_seeds_find(disturbed: bool) -> None:
+    # Of the whole task, in a tube about all of them, below a cost that most of them are below.
+    task = walk_task((-1.0, 0, 0) if disturbed else (0, 0, 0))
+    answers = [search(task, SearchLimits(60.0, seed=k, qps=300)) for k in range(4)]
+    cost = 1.02 * min(answer.objective for answer in answers)
+    found = [a.trajectory for a in answers if a.trajectory is not None and a.objective <= cost]
+    width = np.deg2rad([1.0, 2.0, 1.0]), np.array([0.25, 0.5, 0.25])
+    tube = tube_about(task, np.stack([one.state for one in found]), *width)
+    stated = Stated(task, tube, cost, 1, 1, 3.0)
+    drawn = drawn_by_heads(stated, stated.program(None), 10.0, time.process_time)
+    assert drawn is not None
+    held = stated.program(drawn.box)
+    assert lowest(stated, stated.program(None)) + 0.03 * cost < lowest(stated, held)
+    kept = Kept(held, 5e-4 * cost)  # as the search over contacts has it
+    for one in found:
+        kept.begin()
+        kept.decide(all_decided(kept, one.gait.contact[:-1]))
+        point = kept.solve(np.inf)
+        assert point is not None
+        assert point.bound <= objective(task, one.state, one.force) * (1 + 1e-6)
+        assert (one.gait.contact[:-1] >= drawn.box.stands_low).all()
+        assert (one.gait.contact[:-1] <= drawn.box.stands_high).all()
+        assert program_cost(held, one) <= cost * (1 + 1e-6)

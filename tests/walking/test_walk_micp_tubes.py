@@ -1,0 +1,166 @@
+"""Tubes of attitudes: what turns within them, and what they are parted for."""
+
+from __future__ import annotations
+
+import highspy
+import numpy as np
+import pytest
+from walk_relaxations import known
+from walk_tasks import shorter, walk_task
+
+from climbplan.robots.rotations import rotation_world_body, skew
+from climbplan.solvers.highs.model import rows_model
+from climbplan.walking.check.truth import euler_rates
+from climbplan.walking.micp.covering import covering, halves
+from climbplan.walking.micp.limits import MicpLimits
+from climbplan.walking.micp.method import solve_micp
+from climbplan.walking.micp.model import Lin, LinearModel
+from climbplan.walking.micp.relaxed import linear
+from climbplan.walking.micp.smooth import Function, sine, straight
+from climbplan.walking.micp.spinning import Spinning
+from climbplan.walking.micp.tube import Tube, tube_about, turning
+from climbplan.walking.task import Array, WalkTask
+
+
+def swaying(task: WalkTask, *rolls: float) -> Array:
+    """Motions that differ in their roll from knot 2 on (M, N + 1, 12)."""
+    state = np.tile(task.start.state, (len(rolls), task.knots + 1, 1))
+    state[:, 2:, 6] = np.array(rolls)[:, None]
+    return state
+
+
+def test_tubes_of_several_motions_hold_all_of_them() -> None:
+    task = shorter(walk_task((0.5, 0, 0)), 4)
+    motions, width = swaying(task, -0.2, 0.0, 0.3), (np.full(3, 0.01), np.full(3, 0.1))
+    tube = tube_about(task, motions, *width)
+    assert all(tube.holds(state) for state in motions)
+    assert tube.angles_half[2:, 0] == pytest.approx(0.26)
+    assert not tube_about(task, motions[0], *width).holds(motions[2])
+    parts = halves(motions, *width)
+    assert parts is not None
+    assert sorted(len(part) for part in parts) == [1, 2]
+    assert halves(swaying(task, 0.0, 0.005), *width) is None
+
+
+@pytest.mark.parametrize(("worth", "count"), [(1.0, 2), (0.0, 1)])
+def test_a_tube_is_parted_where_that_raises_the_bound(worth: float, count: int) -> None:
+    task = shorter(walk_task((0.5, 0, 0)), 4)
+    motions = swaying(task, -0.3, -0.1, 0.1, 0.3)
+    width = np.full(3, 0.01), np.full(3, 0.1)
+
+    def bound(tube: Tube) -> float:
+        return 1.0 - worth * float(tube.angles_half.max())
+
+    leaves = covering(task, motions, width, 2.0, bound, lambda: True)
+    assert len(leaves) == count  # each as far as the reference, so that more gain nothing
+    assert sum(len(leaf.motions) for leaf in leaves) == 4
+    assert all(leaf.tube.holds(state) for leaf in leaves for state in leaf.motions)
+    assert all(any(leaf.tube.holds(state) for leaf in leaves) for state in motions)
+    assert len(covering(task, motions, width, 0.5, bound, lambda: True)) == 1  # enough at once
+    assert len(covering(task, motions, width, 2.0, bound, lambda: False)) == 1  # out of time
+
+
+def test_bounds_about_several_searches_say_so() -> None:
+    task = shorter(walk_task((0.5, 0, 0), least_contacts=2), 3)
+    first, second = known(task, 10), known(task, 60)
+    found = solve_micp(task, MicpLimits(2.0, 0.3), first, [second])
+    assert found.bound is not None
+    assert 0 < found.bound <= second.objective + 1e-6
+    assert found.tubes >= 1
+    assert "what 2 searches found" in found.word
+
+
+def test_what_turns_stays_within_its_bounds() -> None:
+    task = shorter(walk_task((0.5, 0, 0)), 3)
+    middle, half = np.array([0.1, -0.2, 0.7]), np.array([0.1, 0.25, 0.2])
+    spin, spin_half = np.array([1.0, -2.0, 5.0]), np.array([1.0, 2.0, 1.0])
+    tube = Tube(*(np.tile(row, (4, 1)) for row in (middle, half, spin, spin_half)))
+    t = turning(task, tube, 2)
+    rng = np.random.default_rng(0)
+    inertia = task.body.inertia
+    for _ in range(300):
+        angles = middle + half * rng.uniform(-1, 1, 3)
+        omega = spin + spin_half * rng.uniform(-1, 1, 3)
+        R = rotation_world_body(angles)
+        assert (np.abs(R - t.R) <= t.R_off + 1e-12).all()
+        turn = t.axes @ (angles - middle)
+        assert (np.abs(turn) <= t.turn_half + 1e-12).all()
+        beyond = R.T @ t.R - (np.eye(3) - skew(turn))
+        assert (beyond >= t.seen_low - 1e-12).all()
+        assert (beyond <= t.seen_high + 1e-12).all()
+        assert (np.abs(t.R.T @ R - np.eye(3)) <= t.off + 1e-12).all()
+        inverse = R @ np.linalg.inv(inertia) @ R.T
+        assert (np.abs(inverse - t.inverse) <= t.inverse_off + 1e-9).all()
+        world = R @ inertia @ R.T
+        assert (np.abs(world - t.inertia) <= t.inertia_off + 1e-9).all()
+        about = t.principal.T @ R.T @ omega
+        assert (about >= t.about_low).all()
+        assert (about <= t.about_high).all()
+    axes = t.principal
+    assert np.allclose(axes @ np.diag(t.moments) @ axes.T, inertia, atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("middle", [-0.4, 0.0, 0.7])
+@pytest.mark.parametrize("half", [0.0, 0.05, 0.45])
+def test_straight_lines_are_off_by_no_more_than_they_say(middle: float, half: float) -> None:
+    x = np.linspace(-half, half, 3001)
+    slope, off = sine(half)
+    assert (np.abs(np.sin(x) - slope * x) <= off).all()
+    assert off <= half**3 / 20.0 + 2e-9
+    shapes: dict[Function, Array] = {
+        "secant": 1 / np.cos(middle + x),
+        "tangent": np.tan(middle + x),
+    }
+    for name, values in shapes.items():
+        line = straight(name, middle, half)
+        beyond = np.abs(values - line.middle - line.slope * x)
+        assert (beyond <= line.off).all()
+        assert beyond.max() >= 0.9 * line.off - 1e-9
+
+
+def test_spins_and_rates_of_a_tube_are_in_its_rows() -> None:
+    # Envelopes of rates and of gyroscopic moments hold every attitude and turning of a wide tube.
+    task = shorter(walk_task((0.5, 0, 0)), 3)
+    rng = np.random.default_rng(1)
+    middle, half = np.array([0.1, -0.2, 0.7]), np.array([0.2, 0.25, 0.4])
+    spin, spin_half = np.array([1.0, -2.0, 4.0]), np.array([2.0, 2.0, 2.0])
+    tube = Tube(*(np.tile(row, (4, 1)) for row in (middle, half, spin, spin_half)))
+    t = turning(task, tube, 1)
+    frame = Spinning(task, tube, 3000.0, 1, 1, 3.0, None)
+    frame.attitude(1)
+    moments, largest = frame.gyroscopic(1)
+    for _ in range(20):
+        angles = middle + half * rng.uniform(-1, 1, 3)
+        omega = spin + spin_half * rng.uniform(-1, 1, 3)
+        about = t.principal.T @ rotation_world_body(angles).T @ omega
+        true = -np.cross(about, t.moments * about)
+        assert (np.abs(true) <= largest + 1e-9).all()
+        model = frame.model
+        after = angles + task.step * euler_rates(angles, omega)
+        given = {frame.angles[1][k].column: angles[k] for k in range(3)}
+        given |= {frame.spin[1][k].column: omega[k] for k in range(3)}
+        solver = linear()
+        solver.passModel(rows_model(model, relaxed=True))
+        for column, value in given.items():
+            solver.changeColBounds(column, value, value)
+        for k in range(3):
+            solver.changeColBounds(frame.angles[2][k].column, after[k], after[k])
+            ((column, factor),) = moments[k].terms.items()
+            solver.changeColBounds(column, true[k] / factor, true[k] / factor)
+        solver.run()
+        assert solver.getModelStatus() == highspy.HighsModelStatus.kOptimal
+
+
+def test_tangents_are_below_their_square() -> None:
+    model = LinearModel()
+    x = model.variable(-2.0, 2.0)
+    model.square("cost", 3.0, x - 0.5, (-2.5, 1.5), 1.4)
+    rows = model.matrix().toarray()
+    for value in np.linspace(-2, 2, 41):
+        lowest = float(((model.row_lower - rows[:, x.column] * value) / rows[:, 1]).max())
+        true = 3.0 * (value - 0.5) ** 2
+        assert lowest <= true + 1e-9
+        if abs(value - 0.5) > 0.1:
+            assert lowest > 0.9 * true
+    assert Lin({0: 2.0}, 1.0).at(np.array([3.0])) == 7.0

@@ -48,7 +48,7 @@ def cheap() -> Cheap:
     assert answer.trajectory is not None
     tube = tube_about(task, answer.trajectory.state, 0.3 * ANGLES, 0.3 * SPIN)
     stated = Stated(task, tube, answer.objective * 1.005, 1, 1, 3.0)
-    drawn = drawn_by_heads(stated, stated.program(None), 3.0, time.process_time)
+    drawn = drawn_by_heads(stated, stated.program(None), 20.0, time.process_time)
     assert drawn is not None
     return Cheap(stated, answer.trajectory, answer.objective, drawn)
 

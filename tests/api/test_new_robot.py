@@ -84,6 +84,7 @@ def test_a_file_that_exists_is_told_before_anything_is_planned(
     assert "walker4_wall.yaml: already exists; --force replaces it" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_motors_that_cannot_stand_are_told_in_newton_metres(tmp_path: Path) -> None:
     path = Walker(joints=3, effort=0.5).write(tmp_path / "weak.urdf")
     with pytest.raises(UsageError, match=r"times their torque limits .* N m, and has 0\.5 N m"):

@@ -89,6 +89,7 @@ def test_the_shipped_line_and_its_verification(run_command: RunCommand, workplac
     assert run_command("verify", "outputs/cart_pole", "--problem", DAMPED).code == 5
 
 
+@pytest.mark.slow
 def test_every_published_method_from_the_command_line(
     run_command: RunCommand, workplace: Path
 ) -> None:

@@ -24,6 +24,7 @@ def found(raw: RawScan, opening: float = 0.11) -> tuple[BodyHold, ...]:
     return body_holds(cleaned(raw), SCAN, Grasping(opening))
 
 
+@pytest.mark.slow
 def test_a_cube_is_gripped_from_six_faces_in_two_directions_each() -> None:
     holds = found(box(*CUBE))
     assert len(holds) == 12

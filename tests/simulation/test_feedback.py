@@ -12,7 +12,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.mechanics.stiffness import limb_compliance, rigid_motion
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.rotations import Array, rotation_world_body
-from climbplan.simulation.conditions import NOMINAL, Conditions
+from climbplan.simulation.conditions import NOMINAL, Conditions, regulated
 from climbplan.simulation.odometry import standing
 from climbplan.simulation.regulator import Regulator, between_toes
 from climbplan.simulation.replay import simulate
@@ -21,8 +21,9 @@ from climbplan.simulation.worlds.world import nominal_world
 Planned = Callable[..., ClimbPlan]
 
 
-def test_joints_are_the_default() -> None:
-    assert NOMINAL.regulator == "joints"
+def test_joints_are_the_default(planned: Planned) -> None:
+    assert NOMINAL.regulator is None
+    assert regulated(NOMINAL, planned().robot) == "joints"
 
 
 def test_nothing_new_is_corrected_while_a_toe_takes_load(planned: Planned) -> None:

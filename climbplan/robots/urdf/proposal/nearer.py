@@ -41,18 +41,22 @@ def nearer_end(
 ) -> Nearer | None:
     """The limb without its weak end; None where its motors bear a fair share of the weight.
 
+    None, too, where no end of it would: then what is missing is told of the whole limb.
+
     found: with all joints of the limb; leg: with its toe; share: of the weight that a limb bears
     [N]; shapes: collision geometry of the robot.
     """
     keep, words = len(leg.names), ""
-    while keep > FEWEST_JOINTS:
+    while True:
         here = _cut(leg, keep)
-        lever = _lever(here, limb)
         joint = limb.joints[keep - 1]
-        asked, has = share * lever, float(joint.effort or 0.0)
-        if float(np.linalg.norm(here.toe - here.joints[-1])) > _STILL:
-            if has <= 0 or has >= _WEAK * asked:
-                break
+        asked, has = share * _lever(here, limb), float(joint.effort or 0.0)
+        can_end = float(np.linalg.norm(here.toe - here.joints[-1])) > _STILL
+        if can_end and (has <= 0 or has >= _WEAK * asked):
+            break
+        if keep == FEWEST_JOINTS:
+            return None
+        if can_end:
             words = (
                 f"{joint.name} has {has:g} N m where a fair share of the weight asks {asked:.2g}"
             )

@@ -22,8 +22,7 @@ from climbplan.climb.swing_ways import together, way_shares
 from climbplan.errors import NoPlanFound, NotProved
 from climbplan.mechanics.flat_contact import moment_of
 from climbplan.mechanics.grip import Grippers
-from climbplan.mechanics.stiffness import rigid_motion
-from climbplan.robots.kinematics import contact_points, standing_inverse
+from climbplan.robots.kinematics import contact_points, rigid_motion, standing_inverse
 from climbplan.robots.rotations import Array
 
 # Share of a limb step's time by phase

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.errors import ClimbplanError
-from climbplan.robots.kinematics import rigid_motion as rigid_motion
+from climbplan.robots.kinematics import rigid_motion
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 

@@ -17,6 +17,7 @@ from climbplan.errors import UsageError
 from climbplan.robots.model import MountedCapsules, Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
+from climbplan.simulation.attributes import numbers
 
 _SHORTEST = 0.01  # [m] of a link that is drawn and touches
 _THINNEST = 0.005  # [m] radius of a link
@@ -43,7 +44,7 @@ class Narrow:
                 continue
             ends = np.concatenate([(1 - far / length) * toe, (1 - near / length) * toe])
             out.append(
-                f'<geom type="capsule" fromto="{_numbers(ends)}" size="{radius:.6g}" mass="0"'
+                f'<geom type="capsule" fromto="{numbers(ends)}" size="{radius:.6g}" mass="0"'
                 f' material="link" contype="{contype}" conaffinity="0"/>'
             )
         return out
@@ -129,8 +130,8 @@ def chain_limb(
             axis = chain.slide_zero[limb, j]
         own = mass if there else _NO_MASS
         lines += [
-            f'<body name="{name}" pos="{_numbers(points[j] - before)}">',
-            joints_xml[j].format(name=name, axis=_numbers(axis)),
+            f'<body name="{name}" pos="{numbers(points[j] - before)}">',
+            joints_xml[j].format(name=name, axis=numbers(axis)),
         ]
         length = float(np.linalg.norm(end))
         if length < _SHORTEST:
@@ -143,7 +144,7 @@ def chain_limb(
             part = max(length - narrow.length, 0.1 * length) / length if last else 1.0
             touches = contype if robot.capsules is None else 0
             lines.append(
-                f'<geom name="{name}" type="capsule" fromto="0 0 0 {_numbers(part * end)}" '
+                f'<geom name="{name}" type="capsule" fromto="0 0 0 {numbers(part * end)}" '
                 f'size="{radius:.6g}" mass="{mass:.9g}" material="link" contype="{touches}" '
                 'conaffinity="0"/>'
             )
@@ -152,7 +153,7 @@ def chain_limb(
         if robot.capsules is not None:
             lines += _own_capsules(robot, robot.capsules, limb, j, points, narrow, contype)
         before = points[j]
-    lines.append(toe_xml.format(place=_numbers(points[-1] - points[-2])))
+    lines.append(toe_xml.format(place=numbers(points[-1] - points[-2])))
     return [*lines, "</body>" * robot.joint_count]
 
 
@@ -192,15 +193,11 @@ def _own_capsules(
         tip = end + along * (back / length) if back > 0 else end
         size = max(float(radius), _THINNEST)
         place = np.stack([start, tip]) - points[joint]
-        shape = f'type="capsule" fromto="{_numbers(place)}"'
+        shape = f'type="capsule" fromto="{numbers(place)}"'
         if float(np.linalg.norm(start - tip)) < _POINT:
-            shape = f'type="sphere" pos="{_numbers(place[0])}"'
+            shape = f'type="sphere" pos="{numbers(place[0])}"'
         lines.append(
             f'<geom {shape} size="{size:.6g}" mass="0" material="link" contype="{contype}" '
             'conaffinity="0"/>'
         )
     return lines
-
-
-def _numbers(values: Array) -> str:
-    return " ".join(f"{v:.9g}" for v in np.ravel(values))

@@ -13,6 +13,7 @@ import numpy as np
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
+from climbplan.simulation.attributes import numbers
 from climbplan.simulation.chain_limb import motor_names
 
 HINGE = "0 -1 0"  # turns what hangs down outward
@@ -32,7 +33,7 @@ def linkage_limb(
     assert isinstance(legs, FiveBar)
     bar, radius = legs.linkage, max(robot.limb_radius, 0.005)
     half = robot.mount_yaw[limb] / 2
-    turn = _numbers(np.array([np.cos(half), 0.0, 0.0, np.sin(half)]))
+    turn = numbers(np.array([np.cos(half), 0.0, 0.0, np.sin(half)]))
     yaw, first, second = motor_names(robot, limb)
     hip, elbow, end = (
         np.array([bar.offset, 0.0, bar.axis_f]),
@@ -44,28 +45,28 @@ def linkage_limb(
 
     def link(name: str, to: Array, weight: float, thick: float = 1.0) -> str:
         return (
-            f'<geom name="{name}" type="capsule" fromto="0 0 0 {_numbers(to)}"'
+            f'<geom name="{name}" type="capsule" fromto="0 0 0 {numbers(to)}"'
             f' size="{thick * radius:.6g}" mass="{weight:.9g}" material="link"'
             f' contype="{contype}" conaffinity="0"/>'
         )
 
     return [
-        f'<body name="{yaw}" pos="{_numbers(robot.shoulder_body[limb])}" quat="{turn}">',
+        f'<body name="{yaw}" pos="{numbers(robot.shoulder_body[limb])}" quat="{turn}">',
         joints_xml[0].format(name=yaw, axis="0 0 1"),
         link(yaw, hip, mass),
         f'<body name="{second}" pos="{bar.offset:.9g} 0 {bar.axis_a:.9g}">',
         joints_xml[2].format(name=second, axis=HINGE),
         link(second, tip, _LIGHT, 0.5),
-        f'<site name="tip{limb}" pos="{_numbers(tip)}" size="0.001"/>',
+        f'<site name="tip{limb}" pos="{numbers(tip)}" size="0.001"/>',
         "</body>",
-        f'<body name="{first}" pos="{_numbers(hip)}">',
+        f'<body name="{first}" pos="{numbers(hip)}">',
         joints_xml[1].format(name=first, axis=HINGE),
         link(first, elbow, mass),
-        f'<body name="last{limb}" pos="{_numbers(elbow)}">',
+        f'<body name="last{limb}" pos="{numbers(elbow)}">',
         f'<joint name="elbow{limb}" axis="{HINGE}" {_PASSIVE}/>',
         link(f"last{limb}", end, mass),
-        f'<site name="held{limb}" pos="{_numbers(held)}" size="0.001"/>',
-        end_xml.format(place=_numbers(end)),
+        f'<site name="held{limb}" pos="{numbers(held)}" size="0.001"/>',
+        end_xml.format(place=numbers(end)),
         "</body></body></body>",
     ]
 
@@ -96,7 +97,3 @@ def elbow_angles(robot: Robot, angles: Array) -> Array:
     legs = robot.mechanism
     assert isinstance(legs, FiveBar)
     return np.asarray(legs.plane(angles).tilt - angles[:, 1])
-
-
-def _numbers(values: Array) -> str:
-    return " ".join(f"{v:.9g}" for v in np.ravel(values))

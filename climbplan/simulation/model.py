@@ -19,6 +19,7 @@ from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
+from climbplan.simulation.attributes import numbers
 from climbplan.simulation.chain_limb import (
     Narrow,
     chain_limb,
@@ -35,7 +36,6 @@ from climbplan.simulation.terrain_geoms import (
     LINK,
     TOE,
     mesh_shape,
-    numbers,
     raw_geoms,
     surface_geoms,
     terrain_geom,

@@ -10,11 +10,11 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
 from climbplan.control.joint_regulator import Corrections, Pose, RegulatorTables, chains_of
-from climbplan.mechanics.stiffness import joint_softness, rigid_motion
+from climbplan.mechanics.stiffness import joint_softness
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.chain_pose import ChainZero
 from climbplan.robots.five_bar import FiveBar
-from climbplan.robots.kinematics import jacobian_world, toe_body, toe_world
+from climbplan.robots.kinematics import jacobian_world, rigid_motion, toe_body, toe_world
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.robots.serial_chain import SerialChain

@@ -6,12 +6,12 @@ planned.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from climbplan.robots.rotations import Array
+from climbplan.simulation.attributes import numbers
 from climbplan.simulation.toe import TOE_RADIUS
 from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.solids import Solid
@@ -23,11 +23,6 @@ _STAVES = 96  # flat pieces of a tube
 
 # Collision classes: toes meet everything, links meet obstacles, the body meets everything.
 TOE, LINK, BODY = 1, 2, 4
-
-
-def numbers(values: Iterable[float] | Array) -> str:
-    """Values as an attribute."""
-    return " ".join(f"{v:.9g}" for v in np.ravel(np.asarray(values, float)))
 
 
 def terrain_geom(

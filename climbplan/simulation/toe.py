@@ -4,10 +4,9 @@ that it is: a larger sphere, or a plate under the sole of a flat one.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
+from climbplan.simulation.attributes import numbers
 
 # Contact forces act on a toe's surface, the planner's at a point. A radius of 2 mm bends SiLVIA's
 # limbs by as much as a sag of 0.15 mm, which is in proportion to it.
@@ -39,10 +38,6 @@ def sole_plate(robot: Robot, limb: int) -> str:
     half = [*sole.half_size, _THICK / 2]
     middle = toe + (_THICK / 2 - TOE_RADIUS) * axes[:, 2]
     return (
-        f'type="box" pos="{_numbers(middle)}" size="{_numbers(half)}"'
-        f' xyaxes="{_numbers(axes[:, 0])} {_numbers(axes[:, 1])}" {_FIRM}'
+        f'type="box" pos="{numbers(middle)}" size="{numbers(half)}"'
+        f' xyaxes="{numbers(axes[:, 0])} {numbers(axes[:, 1])}" {_FIRM}'
     )
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return " ".join(f"{v:.9g}" for v in values)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.mechanics.stiffness import limb_compliance, rigid_motion
+from climbplan.mechanics.stiffness import limb_compliance
 from climbplan.reports.replay import sample_instants, true_angles
+from climbplan.robots.kinematics import rigid_motion
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.conditions import NOMINAL, Conditions, regulated
 from climbplan.simulation.odometry import standing

@@ -44,9 +44,9 @@ def test_feet_that_stand_in_the_side_of_a_step_are_refused(folder: Path) -> None
 
 
 def test_feet_without_room_are_refused(folder: Path) -> None:
+    floor = {"name": "floor", "x": [-1, 2], "y": [-1, 1]}
     beam = {"name": "beam", "x": [2, 3], "y": [0, 0.03]}
-    spec = {"kind": "mpc", "terrain": {"regions": [{"name": "floor", "x": [-1, 2]}, beam]}}
-    spec["terrain"]["regions"][0]["y"] = [-1, 1]  # type: ignore[index]
+    spec = {"kind": "mpc", "terrain": {"regions": [floor, beam]}}
     with pytest.raises(SpecError, match="no room within the edges of 'beam'"):
         build_task(
             MpcSpec.model_validate(spec), walking_robot(folder, None, f"foot: {{radius: {FOOT}}}")

@@ -53,11 +53,19 @@ def _row(trial: Trial) -> str:
 
 def _together(name: str, trials: Sequence[Trial]) -> str:
     verified = sum(trial.succeeded for trial in trials)
-    held = sum(trial.replay is not None and trial.replay.holds for trial in trials)
     spent = sum(trial.processor_seconds + trial.verifying_seconds for trial in trials)
-    played = sum(t.replay.processor_seconds for t in trials if t.replay is not None)
+    text = f"{name}: {verified} of {len(trials)} verified"
+    replays = [trial.replay for trial in trials if trial.replay is not None]
+    if not replays:
+        return (
+            f"{text}, none simulated, as MuJoCo is not installed;\n"
+            f"processor time {spent:.0f} s of planning and verification\n"
+            if verified
+            else f"{text}\n"
+        )
+    held = sum(replay.holds for replay in replays)
+    played = sum(replay.processor_seconds for replay in replays)
     return (
-        f"{name}: {verified} of {len(trials)} verified, {held} simulated to the goal without a "
-        f"broken latch;\nprocessor time {spent:.0f} s of planning and verification, {played:.0f} s "
-        "of simulation\n"
+        f"{text}, {held} simulated to the goal without a broken latch;\n"
+        f"processor time {spent:.0f} s of planning and verification, {played:.0f} s of simulation\n"
     )

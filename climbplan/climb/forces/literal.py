@@ -20,7 +20,8 @@ from climbplan.climb.forces.statement import ForceStatement
 from climbplan.climb.plan.climb_plan import Array, Mask
 from climbplan.errors import MissingSolver
 from climbplan.mechanics.friction import contact_frame
-from climbplan.mechanics.stiffness import rigid_motion, whole_body_stiffness
+from climbplan.mechanics.stiffness import whole_body_stiffness
+from climbplan.robots.kinematics import rigid_motion
 
 
 @dataclass(frozen=True)

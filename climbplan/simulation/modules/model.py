@@ -6,7 +6,7 @@ switched on and off. The box stands on the ground by contact and friction, as it
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,8 @@ import numpy as np
 from climbplan.limms.modules.chain import ROLLS
 from climbplan.limms.modules.inertia import link_bodies
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import GRAVITY, Array
+from climbplan.limms.scene import GRAVITY
+from climbplan.simulation.attributes import numbers
 from climbplan.simulation.conditions import Conditions
 from climbplan.spec.limms.module import JOINTS, LINKS, ModuleSpec
 
@@ -114,8 +115,8 @@ def _surroundings(plan: LimmsPlan) -> str:
     for lower, upper, opaque in solids:
         colour = "0.60 0.62 0.65 1" if opaque else "0.60 0.62 0.65 0.15"
         geoms.append(
-            f'<geom type="box" pos="{_numbers((lower + upper) / 2)}"'
-            f' size="{_numbers((upper - lower) / 2)}" rgba="{colour}"'
+            f'<geom type="box" pos="{numbers((lower + upper) / 2)}"'
+            f' size="{numbers((upper - lower) / 2)}" rgba="{colour}"'
             f' contype="{_SOLID}" conaffinity="0"/>'
         )
     return "\n".join(geoms)
@@ -127,10 +128,10 @@ def _box(plan: LimmsPlan, b: int, conditions: Conditions) -> str:
     mass = float(plan.box_mass[b]) + conditions.payload
     inertia = mass / 12 * ((size**2).sum() - size**2)
     return (
-        f'<body name="{name}" pos="{_numbers(plan.motion.box_position[0, b])}"'
+        f'<body name="{name}" pos="{numbers(plan.motion.box_position[0, b])}"'
         f' euler="0 0 {plan.motion.box_yaw[0, b]:.9g}"><freejoint/>'
-        f'<inertial pos="0 0 0" mass="{mass:.9g}" diaginertia="{_numbers(inertia)}"/>'
-        f'<geom name="{name}" type="box" size="{_numbers(size / 2)}" rgba="0.80 0.62 0.38 1"'
+        f'<inertial pos="0 0 0" mass="{mass:.9g}" diaginertia="{numbers(inertia)}"/>'
+        f'<geom name="{name}" type="box" size="{numbers(size / 2)}" rgba="0.80 0.62 0.38 1"'
         f' contype="{_BOX}" conaffinity="{_SOLID | _BOX}"/></body>'
     )
 
@@ -148,7 +149,7 @@ def _chain(m: int, module: ModuleSpec) -> str:
         text += (
             f'<body name="{link_name(m, k)}" pos="{at}">{joint if k else "<freejoint/>"}'
             f'<inertial pos="0 0 {bodies.com[k]:.9g}" mass="{bodies.mass[k]:.9g}"'
-            f' diaginertia="{_numbers(inertia)}"/>'
+            f' diaginertia="{numbers(inertia)}"/>'
             f'<geom type="capsule" fromto="0 0 0 0 0 {module.link_lengths[k]:.9g}"'
             f' size="{module.radius:.9g}" rgba="{colour} 1" contype="0" conaffinity="0"/>'
         )
@@ -169,7 +170,3 @@ def _servos(m: int, plan: LimmsPlan, module: ModuleSpec, conditions: Conditions)
         f'<position joint="{link_name(m, k + 1)}" kp="{gain:.9g}" kv="{DAMPING}"{range_}/>'
         for k in range(JOINTS)
     )
-
-
-def _numbers(values: Iterable[float] | Array) -> str:
-    return " ".join(f"{v:.9g}" for v in np.ravel(np.asarray(values, float)))

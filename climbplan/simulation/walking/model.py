@@ -7,11 +7,11 @@ body with the planned force and the toe with its opposite; what the ground answe
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.simulation.attributes import numbers
 from climbplan.simulation.conditions import Conditions
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.task import POSITION, Array
@@ -131,8 +131,3 @@ def _toe(leg: int) -> str:
         f' size="{TOE_RADIUS}" mass="{TOE_MASS}" material="toe" friction="0 0 0"'
         f' contype="{TOE}" conaffinity="0"/></body>'
     )
-
-
-def numbers(values: Iterable[float] | Array) -> str:
-    """As attributes of MJCF have them."""
-    return " ".join(f"{v:.9g}" for v in np.ravel(np.asarray(values, float)))

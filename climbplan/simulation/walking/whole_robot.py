@@ -15,13 +15,13 @@ from climbplan.errors import UsageError
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.walking_body import TO_WALKING
 from climbplan.robots.walking_legs import WalkingLegs
+from climbplan.simulation.attributes import numbers
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.walking.model import (
     BODY,
     TOE,
     TOE_RADIUS,
     ground_of,
-    numbers,
     world_of,
 )
 from climbplan.spec.kinds import validate

@@ -36,6 +36,8 @@ from climbplan.robots.urdf.proposal.postures import (
     Posture,
     standing_postures,
 )
+from climbplan.robots.urdf.proposal.soled import soled_postures
+from climbplan.robots.urdf.proposal.soles import Soles
 from climbplan.robots.urdf.proposal.toes import Toe
 from climbplan.robots.urdf.proposal.touching import Parts, parts_of
 from climbplan.robots.urdf.shapes import Shape, body_box
@@ -46,6 +48,7 @@ GRAVITY = 9.81  # [m/s^2]
 SHARE = 0.1  # of compliance in the structure
 _TRIED = 24  # postures whose room is measured with exact kinematics
 _LONGEST = 0.97  # share of reach that `farthest_toes` gives
+_LEAST_BALL = 0.025  # [m] about a stance, below which no step could be planned
 _STRONG = 100.0  # times the torque limits, to see what is missing
 FLOOR = 0.8  # friction: rubber on a floor
 
@@ -93,13 +96,14 @@ class Settled:
     mirror: tuple[int | None, ...]
     parts: Parts | None
     inner: tuple[Array, Array]  # corners of the body [m]
+    soles: Soles | None  # of two legs that stand on flat feet
     standings: tuple[Posture, ...]  # roomiest first
 
     def proposal(self, posture: Posture | None = None) -> Proposal:
         """What is proposed of the robot in one of its standing postures, else in the roomiest."""
         posture = self.standings[0] if posture is None else posture
         standing = {
-            joint: round(float(np.rad2deg(angle)), 2)
+            joint: round(float(np.rad2deg(angle)), 2) + 0.0  # no -0
             for leg, row in zip(self.at_zero, posture.angles, strict=True)
             for joint, angle in zip(leg.names, row[len(row) - len(leg.names) :], strict=True)
         }
@@ -117,7 +121,10 @@ class Settled:
         def apart(brace: Posture) -> bool:
             return not _touching(self.parts, self.at_zero, brace)
 
-        braces, lacks = braces_of(robot, self.mirror, apart)
+        braces: tuple[Posture, ...] = ()
+        lacks = ": flat feet are not put on walls"
+        if self.soles is None:
+            braces, lacks = braces_of(robot, self.mirror, apart)
         assumed = []
         if self.unread:
             assumed.append(f"collision geometry is not read: {self.unread}")
@@ -131,7 +138,9 @@ class Settled:
             assumed.append(
                 f"forward is the base's {draft.forward} axis, along which legs are spread"
             )
-        buried = _buried(self.toes, self.at_zero, self.shapes, draft.foot)
+        buried = []
+        if self.soles is None:
+            buried = _buried(self.toes, self.at_zero, self.shapes, draft.foot)
         odd = (*self.motors.odd, *_masses(self.tree), *buried)
         return Proposal(
             robot.name, draft, self.tree, self.toes, self.named, self.motors, self, standing,
@@ -147,10 +156,12 @@ def settled(
     shapes: list[Shape],
     unread: str,
     walls: bool = True,
+    soles: Soles | None = None,
 ) -> Settled:
     """Motors, idle joints and standing postures of legs that are settled.
 
-    walls: whether hands may be on walls where the ground alone does not do.
+    walls: whether hands may be on walls where the ground alone does not do. soles: of two legs that
+    stand on flat feet.
 
     Raises UsageError for links without mass, and where it stands in no posture.
     """
@@ -201,6 +212,12 @@ def settled(
     def center(angles: Array) -> Array:
         return model.center(_by_joint(at_zero, angles))
 
+    if soles is not None:
+        standings = _on_soles(legs, soles, fine, center, tree)
+        return Settled(
+            draft, tree, tuple(toes), names, shapes, unread, tuple(at_zero), motors, legs.mirror,
+            parts, inner, soles, tuple(standings),
+        )  # fmt: skip
     lack = Lack()
     standings = _roomiest(legs, fine(standing_postures(legs, _TRIED)))
     usable = IN_HAND * FLOOR / SAFETY
@@ -226,8 +243,35 @@ def settled(
         )
     return Settled(
         draft, tree, tuple(toes), names, shapes, unread, tuple(at_zero), motors, legs.mirror,
-        parts, inner, tuple(standings),
+        parts, inner, None, tuple(standings),
     )  # fmt: skip
+
+
+def _on_soles(
+    legs: Legs,
+    soles: Soles,
+    fine: Callable[[list[Posture]], list[Posture]],
+    center: Callable[[Array], Array],
+    tree: UrdfTree,
+) -> list[Posture]:
+    """Standing postures of a biped; raises UsageError where there are none."""
+    level = np.swapaxes(soles.axes_zero, -1, -2)
+    standings = _roomiest(legs, fine(soled_postures(legs, soles, center)), level)
+    if standings:
+        return standings
+    strong = fine(soled_postures(replace(legs, torque=_STRONG * legs.torque), soles, center))
+    lacks = " none is in reach with its soles level, clear of itself, however strong the motors"
+    if strong:
+        least = _STRONG * min(posture.use for posture in strong)
+        lacks = f" the motors need {least:.3g} times their torque limits on one leg"
+        if least < 1:
+            lacks = (
+                f" soles that stay level have less than {1e3 * _LEAST_BALL:.0f} mm to every side"
+            )
+    raise UsageError(
+        f"{tree.path}: found no posture in which it stands on two flat feet "
+        f"({', '.join(toe.link for toe in soles.toes)}), the body going over either;{lacks}"
+    )
 
 
 def _room_beside(draft: Draft) -> Callable[[Array], Array]:
@@ -273,15 +317,21 @@ def _stated(motors: Motors) -> dict[str, dict[str, float]]:
     return out
 
 
-def _roomiest(legs: Legs, found: list[Posture]) -> list[Posture]:
-    """Postures by their room by exact kinematics, less what motors have not left; best first."""
+def _roomiest(legs: Legs, found: list[Posture], level: Array | None = None) -> list[Posture]:
+    """Postures by their room by exact kinematics, less what motors have not left; best first.
+
+    level: turns (N, 3, 3) of last links with which soles are level.
+    """
     by_worth = []
     for posture in found:
         chain = replace(legs.chain, posture=posture.angles)
         ball = stance_balls(
-            chain, posture.toes, common_reach(legs.reach) * _LONGEST, legs.lower, legs.upper
+            chain, posture.toes, common_reach(legs.reach) * _LONGEST, legs.lower, legs.upper, level
         )
-        worth = float(ball.min()) * (1 - posture.use)
+        room = float(ball.min())
+        if level is not None:  # balls leave out what is beyond reach: nearly straight legs have all
+            room = float(np.sqrt(room * posture.room)) if room >= _LEAST_BALL else 0.0
+        worth = room * (1 - posture.use)
         if worth > 0:
             by_worth.append((worth, posture))
     return [posture for _, posture in sorted(by_worth, key=lambda pair: -pair[0])]

@@ -28,7 +28,7 @@ from climbplan.robots.rotations import Array
 
 _HALF = np.array([0.02, 0.03, 0.02])  # [m] of the box across, along and up
 _KEPT = np.deg2rad(2.0)
-_SIZES = (0.25, 0.5, 0.75, 1.0)  # of the box, one after another
+_SIZES = tuple(np.linspace(0.1, 1.0, 10))  # of the box, one after another
 _TRIPOD = 0.5  # of the weight on the middle leg of a tripod
 _MOST, _ABOUT = 20, 1.0  # times as many drawn for those; as many again about the best
 _SPREADS = (0.4, 0.03)  # [rad]

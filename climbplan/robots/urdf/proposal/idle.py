@@ -19,7 +19,6 @@ from climbplan.spec.robots.urdf.tree import UrdfTree
 
 Bounds = dict[str, tuple[float, float]]  # of joints by name [rad]
 _DRAWN = 800  # postures of the joints
-_HELD = 160  # of these that are held against legs, those that stand out least
 _LEGS = 8  # postures of legs that each is held against
 _TOUCHING = 0.05  # [m] of standing out that a pair is worth
 _IN_THE_WAY = 0.5  # pairs that touch at zero, in the mean over postures of legs, let pass
@@ -63,15 +62,23 @@ def rest_of(found: UrdfModel, idle: Bounds, legs: Bounds, hips: Array) -> dict[s
         off = np.linalg.norm(found.center(own)[:2] - middle)
         return outline.beyond(own, float(middle[0])) + float(off)
 
-    tried = sorted((_drawn(idle, rng) for _ in range(_DRAWN)), key=out)[:_HELD]
-    best, least = zero, np.inf
-    for own in tried:
-        if (worth := out(own)) >= least:
-            break
-        worth += _met(parts, carried, own, stands) * _TOUCHING
-        if worth < least and not _met(parts, carried, own, stands[:1]):
-            best, least = own, worth
-    return {name: round(float(np.rad2deg(angle)), 1) for name, angle in best.items()}
+    tried = sorted((_drawn(idle, rng) for _ in range(_DRAWN)), key=out)
+
+    def best(stand: list[dict[str, float]]) -> dict[str, float] | None:
+        """The best of those that touch nothing in a posture of legs."""
+        found, least = None, np.inf
+        for own in tried:
+            if (worth := out(own)) >= least:
+                break
+            if _met(parts, carried, own, stand):
+                continue
+            worth += _met(parts, carried, own, stands) * _TOUCHING
+            if worth < least:
+                found, least = own, worth
+        return found
+
+    held = best(stands[:1]) or best([]) or zero
+    return {name: round(float(np.rad2deg(angle)), 1) for name, angle in held.items()}
 
 
 class _Outline:
@@ -122,7 +129,7 @@ def _met(
     counts = [
         sum(bool(carried & set(pair)) for pair in parts.touching(own | stand)) for stand in stands
     ]
-    return float(np.mean(counts))
+    return float(np.mean(counts)) if counts else 0.0
 
 
 def _carried(found: UrdfModel, parts: Parts, idle: Bounds) -> set[str]:

@@ -361,15 +361,19 @@ class SupportedMotion:
 
 
 def plan_support(
-    scene: ClimbScene, motion: Motion, clock: StageClock, deadline: float | None = None
+    scene: ClimbScene,
+    motion: Motion,
+    clock: StageClock,
+    deadline: float | None = None,
+    nodes: float = np.inf,
 ) -> SupportedMotion:
     """Forces for a motion; where the braced body would buckle, for one nearer to the stance.
 
     Postures are planned without regard to stability. Limbs nearer to their stance are stiffer
     against the body's sway, so that where stability is part of all that stands against the forces,
     postures are planned again with smaller stance workspaces. The motion keeps the bound of the
-    first. Raises NoForces and LimitReached of `plan_forces`, about the first motion. deadline: of
-    planning again, as that of `plan_motion`.
+    first. Raises NoForces and LimitReached of `plan_forces`, about the first motion. deadline and
+    nodes: of planning again, as those of `plan_motion`.
     """
     try:
         with clock.stage("force"):
@@ -386,7 +390,7 @@ def plan_support(
         radius = scene.robot.stance_radius * _STANCE_SHRINK**number
         near = replace(scene, robot=replace(scene.robot, stance_radius=radius))
         try:
-            steadier = plan_motion(near, clock, deadline=deadline)
+            steadier = plan_motion(near, clock, deadline=deadline, nodes=nodes)
             with clock.stage("force"):
                 forces = plan_forces(scene, steadier.instants)
         except NoPlanFound:

@@ -35,10 +35,13 @@ def plan_climb(
     report: Progress | None = None,
     jobs: int = 1,
     save_model: Path | None = None,
+    nodes: float = np.inf,
 ) -> ClimbPlan:
     """A climb plan for a loaded spec, by its method; that of `auto` is verified in memory.
 
-    report: called with stage name and fraction done. jobs: worker processes of a study.
+    report: called with stage name and fraction done. jobs: worker processes of a study. nodes: of
+    each search by branch and bound, at most: where they end it, not the time, the answer is the
+    same on every machine.
     Raises Infeasible where it is proved that the stated climb has no plan, and NotProved,
     ReachFailure or LimitReached where none was found, all in the robot's terms.
     """
@@ -55,7 +58,7 @@ def plan_climb(
         # Other methods than the first of `auto` have no mixed-integer program to write
         saved = save_model if loaded.spec.solver.method != "auto" or not tried else None
         tried.append(given)
-        return plan_by_method(given, clock, deadline, saved)
+        return plan_by_method(given, clock, deadline, saved, nodes)
 
     limit = loaded.spec.solver.time_limit
     if loaded.spec.solver.method == "auto":
@@ -66,7 +69,7 @@ def plan_climb(
         except NoPlanFound as error:
             # What a method cannot do proves nothing; a proof is worth more than what it says
             end = time.monotonic() + PROOF_SHARE * limit
-            proof = proof_of_infeasibility(scene_of(loaded.spec), end)
+            proof = proof_of_infeasibility(scene_of(loaded.spec), end, nodes)
             if proof is None:
                 raise
             raise proof from error
@@ -78,12 +81,16 @@ def plan_climb(
 
 
 def plan_by_method(
-    loaded: LoadedClimb, clock: StageClock, deadline: float, save_model: Path | None = None
+    loaded: LoadedClimb,
+    clock: StageClock,
+    deadline: float,
+    save_model: Path | None = None,
+    nodes: float = np.inf,
 ) -> ClimbPlan:
     """A climb plan by the method of the spec, not yet verified.
 
-    deadline: `time.monotonic` [s] at which the search for postures ends. Raises NotProved,
-    ReachFailure or LimitReached.
+    deadline: `time.monotonic` [s] at which the search for postures ends; nodes: of each search by
+    branch and bound, at most. Raises NotProved, ReachFailure or LimitReached.
     """
     spec = loaded.spec
     scene = build_scene(spec, loaded.robot, loaded.source, loaded.directory)
@@ -97,8 +104,8 @@ def plan_by_method(
     assumed = assumptions(loaded.robot, scene.robot)
     window = window_of(scene)
     if window is None:
-        motion = plan_motion(scene, clock, save_model, deadline)
-        supported = plan_support(scene, motion, clock, deadline)
+        motion = plan_motion(scene, clock, save_model, deadline, nodes=nodes)
+        supported = plan_support(scene, motion, clock, deadline, nodes)
     else:
         if save_model is not None:
             raise UsageError("--save-model writes one mixed-integer program: plan without windows")

@@ -43,10 +43,12 @@ PROOF_SHARE = 0.08  # of a time limit that the search for a proof may use
 _LOOSE = 0.5  # relative gap: any point of the outer statement will do
 
 
-def proof_of_infeasibility(scene: ClimbScene, deadline: float) -> Infeasible | None:
+def proof_of_infeasibility(
+    scene: ClimbScene, deadline: float, nodes: float = np.inf
+) -> Infeasible | None:
     """The error that says why no plan exists, None where that is not proved.
 
-    deadline: `time.monotonic` [s] at which the search for a proof ends.
+    deadline: `time.monotonic` [s] at which the search for a proof ends, after `nodes` at most.
     """
     open_end = scene.spec.task.rounds == "auto"  # as many as it takes are never too few
     far = [] if open_end else list(too_far(scene))
@@ -63,7 +65,7 @@ def proof_of_infeasibility(scene: ClimbScene, deadline: float) -> Infeasible | N
         return None
     program = outer_program(scene)
     instance = program.at()
-    result = solve(instance, "branch-and-bound", gap=_LOOSE, time_limit=left)
+    result = solve(instance, "branch-and-bound", gap=_LOOSE, time_limit=left, nodes=nodes)
     if result.status != "infeasible":
         return None
     found = least_violations(instance, _straight(scene))

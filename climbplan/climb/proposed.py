@@ -31,10 +31,14 @@ _TRIED = 8  # bracing postures that are planned with
 _ENOUGH = 0.9  # of its margins: plans that keep less may fall
 _WALL_ENOUGH = 0.5  # of a transition's, whose stances are fewer to choose from
 _WALL_PLANS = 3  # transitions that are planned to the end, at most
-_LIMIT = 180.0  # [s] of a posture planner's time
-_WALL_LIMIT = 360.0  # [s] of a transition's search
-_METHOD = ("solver.method=micp", f"solver.time_limit={_LIMIT}")
-_WALL_METHOD = ("solver.method=enumerate", f"solver.time_limit={_WALL_LIMIT}")
+# Work decides what is found, the same on any machine under any load; the clock only caps
+_NODES = 2000  # of each search for postures by branch and bound; most take one
+_SEQUENCES = 6  # of contacts that a transition plans to the end, at most
+_CAP = 3600.0  # [s]
+_METHOD = ("solver.method=micp", f"solver.time_limit={_CAP}")
+_WALL_METHOD = (
+    "solver.method=enumerate", f"search.tried={_SEQUENCES}", f"solver.time_limit={_CAP}",
+)  # fmt: skip
 
 Told = Callable[[str], None]
 
@@ -184,7 +188,7 @@ class Trials:
             if text.partition("\nkind: ")[2].startswith("transition"):
                 plan = plan_transition(load_transition(path, _WALL_METHOD))
             else:
-                plan = plan_climb(load_climb(path, _METHOD))
+                plan = plan_climb(load_climb(path, _METHOD), nodes=_NODES)
         except (NoPlanFound, SpecError, UsageError) as error:
             return Outcome(what, None, _why(error), text, brace)
         verification = verification_of(plan)

@@ -18,7 +18,7 @@ from climbplan.walking.plan import WalkPlan
 from climbplan.walking.planner import plan_walk
 from climbplan.walking.swing_effort import swing_effort
 
-_TIME_LIMIT = "solver.time_limit=180"
+_TIME_LIMIT = "solver.time_limit=3600"  # a cap: QPs decide what the search finds
 
 
 @dataclass(frozen=True)

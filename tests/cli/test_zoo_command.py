@@ -81,13 +81,13 @@ def test_one_robot_is_planned_and_simulated(package: None, tmp_path: Path) -> No
 
 
 def test_refusals_are_looked_at_again_and_kept(tmp_path: Path) -> None:
-    words = "no spec: walking is of legs with as many joints each"
+    words = "no spec: walking is of legs with 3 to 7 joints, got 2: knee, hip"
     rows = [row("hexapod", c, planned=c != "turn", words=words) for c in COLUMNS]
     keep(tmp_path, rows)
     for _ in range(2):
         out = io.StringIO()
         bench_zoo(False, out, "hexapod", tmp_path, "plans,refusals")
-        assert "  hexapod, turn: limit of ours: legs of as many joints each" in out.getvalue()
+        assert "  hexapod, turn: limit of ours: walks are of legs with 3" in out.getvalue()
         assert "1 refusals looked at again" in out.getvalue()
     with (tmp_path / "refusals.csv").open(newline="") as stream:
         assert [line["verdict"] for line in csv.DictReader(stream)] == ["limit of ours"]

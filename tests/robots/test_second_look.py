@@ -8,9 +8,17 @@ import numpy as np
 import pytest
 from urdf_walkers import Walker
 
-from climbplan.bench.zoo.second.look import looked, second_look, surfaces_of
-from climbplan.bench.zoo.second.stances import Limbs, Stance, Surface, anywhere, onto
+from climbplan.bench.zoo.second.look import (
+    limit_of_walks,
+    looked,
+    surfaces_of,
+    unproposed,
+)
+from climbplan.bench.zoo.second.room import parts_of_weight, roomiest
+from climbplan.bench.zoo.second.stances import Limbs, Stance, Surface, anywhere, onto, reached
 from climbplan.bench.zoo.second.statics import least_load
+from climbplan.bench.zoo.second.subject import Subject, subject_of
+from climbplan.errors import UsageError
 from climbplan.robots.urdf.pinocchio_model import urdf_model
 from climbplan.robots.urdf.proposal.proposing import legs_of
 
@@ -61,22 +69,75 @@ def test_loads_are_pinocchios_own_statics(tmp_path: Path) -> None:
     assert least.torque == pytest.approx(np.abs(upright[6:]).max(), rel=1e-6)
 
 
-@pytest.mark.parametrize(("effort", "verdict"), [(60.0, "found one"), (1.5, "refusal right")])
+@pytest.mark.parametrize(("effort", "verdict"), [(60.0, "not borne out"), (1.5, "refusal right")])
 def test_motors_that_are_too_weak_are_told(tmp_path: Path, effort: float, verdict: str) -> None:
+    """Strong ones are shown to hold the robot over a whole round of steps."""
     limbs = limbs_of_walker(tmp_path, effort)
     surfaces, mu = surfaces_of(limbs, (False,) * 4, "ground")
     look = looked(limbs, surfaces, mu, any_limb=False, seed=0, count=8)
-    assert look.verdict == verdict
+    assert look.verdict == verdict, look.words
     assert look.reached >= 8
     assert ("N m more than the 1.25 N m that may be used" in look.words) == (effort < 2)
+    assert ("a round of 4 steps" in look.words) == (effort > 2)
+
+
+def test_toes_are_put_where_they_were(tmp_path: Path) -> None:
+    """Angles are found again, to a micrometre at the toe, from others nearby; none out of reach."""
+    limbs = limbs_of_walker(tmp_path, 60.0)
+    angles = {j.name: 0.3 for own in limbs.joints for j in own}
+    turn, at = limbs.found.turn, (0.1, -0.2, 0.3)
+    limbs.placed(turn, angles, at)
+    goals = {limb: limbs.toe(limb)[0] for limb in range(4)}
+    found = reached(limbs, goals, turn, at, dict.fromkeys(angles, 0.2))
+    assert found is not None
+    limbs.placed(turn, found, at)
+    assert max(np.abs(limbs.toe(limb)[0] - goals[limb]).max() for limb in range(4)) < 1e-6
+    assert reached(limbs, {0: goals[0] + np.array([0, 0, 5.0])}, turn, at, angles) is None
+
+
+def subject(folder: Path, effort: float) -> Subject:
+    """A walker of a robot file, motors limited there."""
+    urdf = Walker(joints=3).write(folder / "walker.urdf")
+    limbs = legs_of(urdf).draft.robot().joints
+    legs = {
+        name: f"{{toe: {own[-1].child.rpartition('_')[0]}_foot, posture_deg: {{}}}}"
+        for name, own in limbs.items()
+    }
+    joints = "".join(
+        f"  {j.name}: {{max_torque: {effort}}}\n" for own in limbs.values() for j in own
+    )
+    draft = legs_of(urdf).draft
+    text = f"kind: robot\nurdf: {urdf}\nbase: {draft.base}\njoints:\n{joints}legs:\n"
+    text += "".join(f"  {name}: {{toe: {draft.legs[name]['toe']}}}\n" for name in legs)
+    text += "joint_stiffness: 150\nlimb_radius: 0.01\nbody_half_size: [0.05, 0.2, 0.05]\n"
+    (folder / "walker.yaml").write_text(text)
+    return subject_of(folder / "walker.yaml")
+
+
+@pytest.mark.parametrize(("effort", "verdict"), [(60.0, "not decided"), (1.5, "refusal right")])
+def test_walks_need_room_and_force(tmp_path: Path, effort: float, verdict: str) -> None:
+    own = subject(tmp_path, effort)
+    assert own.limbs.torque[0][0] == effort
+    room = roomiest(own, (Surface(2, -1.0),) * 4, 0, 6)
+    assert room.verdict == verdict, room.words
+    assert (" N upright" in room.words) == (effort < 2)
+
+
+def test_four_legs_share_the_weight_as_a_lever_does() -> None:
+    toes = np.array([[0.1, 0.3, 0], [0.1, -0.1, 0], [-0.1, -0.1, 0], [-0.1, 0.3, 0]])
+    assert parts_of_weight(toes) == pytest.approx([0.25, 0.75, 0.75, 0.25])
+    assert not parts_of_weight(toes + np.array([0, 0.2, 0])).any()  # all toes ahead
 
 
 def test_what_is_a_limit_of_ours_is_called_so(tmp_path: Path) -> None:
+    ours = limit_of_walks("no spec: walking is of four, six or eight legs, got 5")
+    assert ours is not None
+    assert ours.verdict == "limit of ours"
+    assert limit_of_walks("no spec: toes have no room to walk") is None
     path = Walker(joints=3).write(tmp_path / "walker.urdf")
-    assert second_look(path, "turn", "no spec: legs", 0).verdict == "limit of ours"
-    assert second_look(path, "turn", "the plan is late", 0).verdict == "not looked at"
-    two = path.read_text().replace('type="revolute"', 'type="fixed"', 4)
-    path.write_text(two)
-    look = second_look(path, "ground", "too few", 0)
+    path.write_text(path.read_text().replace('type="revolute"', 'type="fixed"', 4))
+    with pytest.raises(UsageError, match="are a limit of climbplan, not of the robot") as refused:
+        legs_of(path)
+    look = unproposed(path, str(refused.value), 0)
     assert look.verdict == "limit of ours"
-    assert "are a limit of climbplan, not of the robot" in look.words
+    assert "moves in 2 of 3 directions" in look.words

@@ -16,14 +16,17 @@ from typing import TextIO
 from joblib import Parallel, delayed
 
 from climbplan.bench.zoo.cells import COLUMNS, NOT_SIMULATED, Cell
-from climbplan.bench.zoo.refusals import check_refusals
+from climbplan.bench.zoo.refusals import Drawing, check_refusals
 from climbplan.bench.zoo.results import Row, keep, kept
+from climbplan.bench.zoo.robot_files import keep_robot
 from climbplan.bench.zoo.robots import QUICK, ROBOTS, Zoo
+from climbplan.bench.zoo.second.look import COUNT
 from climbplan.climb.proposed import Trials
 from climbplan.errors import SpecError, UsageError
 from climbplan.robots.urdf.proposal.proposing import propose
 
 TABLES = ("plans", "refusals")
+_FILES = "robots"  # folder of robot files
 _WIDTH = 19
 
 
@@ -39,10 +42,10 @@ def bench_zoo(
 ) -> None:
     """One line a robot; one robot with `quick`.
 
-    names: of robots, by commas. folder: rows are kept there, and those that are there already are
-    not made again. tables: `plans`, and `refusals` for what a second method says of those, by
-    `count` postures drawn with `seed`. jobs: robots at a time. Raises UsageError for other names,
-    and without the package.
+    names: of robots, by commas. folder: rows and robot files are kept there, and rows that are
+    there already are not made again. tables: `plans`, and `refusals` for what a second method says
+    of those, by `count` postures drawn with `seed`. jobs: robots at a time. Raises UsageError for
+    other names, and without the package.
     """
     asked = [one.strip() for one in (tables or TABLES[0]).split(",")]
     if unknown := [one for one in asked if one not in TABLES]:
@@ -57,17 +60,19 @@ def bench_zoo(
     dues = [(zoo, [c for c in COLUMNS if (zoo.name, c) not in there]) for zoo in chosen]
     ended = {zoo.name for zoo, due in dues if not due}
     waiting = _told([zoo.name for zoo in chosen], ended, rows, out)
-    making = Parallel(n_jobs=jobs, return_as="generator_unordered")
-    for new in making(delayed(_rows)(zoo, due) for zoo, due in dues if due):
-        rows = sorted([*rows, *new], key=_place)
-        ended.add(new[0].robot)
-        if folder is not None:
-            keep(folder, rows)
-        waiting = _told(waiting, ended, rows, out)
-    mine = [row for zoo in chosen for row in rows if row.robot == zoo.name]
-    _sums(mine, out)
-    if "refusals" in asked:
-        check_refusals(mine, chosen, out, folder, seed, count)
+    with ExitStack() as stack:
+        files = Path(folder or stack.enter_context(tempfile.TemporaryDirectory())) / _FILES
+        making = Parallel(n_jobs=jobs, return_as="generator_unordered")
+        for new in making(delayed(_rows)(zoo, due, files) for zoo, due in dues if due):
+            rows = sorted([*rows, *new], key=_place)
+            ended.add(new[0].robot)
+            if folder is not None:
+                keep(folder, rows)
+            waiting = _told(waiting, ended, rows, out)
+        mine = [row for zoo in chosen for row in rows if row.robot == zoo.name]
+        _sums(mine, out)
+        if "refusals" in asked:
+            check_refusals(mine, chosen, out, folder, Drawing(files, seed, count or COUNT), jobs)
 
 
 def _told(waiting: list[str], ended: set[str], rows: Sequence[Row], out: TextIO) -> list[str]:
@@ -95,8 +100,8 @@ def _chosen(quick: bool, names: str | None) -> list[Zoo]:
     return [known[name] for name in asked]
 
 
-def _rows(zoo: Zoo, columns: Sequence[str]) -> list[Row]:
-    """Everything asked of one robot."""
+def _rows(zoo: Zoo, columns: Sequence[str], files: Path) -> list[Row]:
+    """Everything asked of one robot; its robot file is written in `files`."""
     begin = time.process_time()
     with ExitStack() as stack:
         urdf = zoo.urdf(stack)
@@ -107,6 +112,7 @@ def _rows(zoo: Zoo, columns: Sequence[str]) -> list[Row]:
             return [Row(zoo.name, 0.0, 0, 0.0, column, False, "", why, 0.0) for column in columns]
         place = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         trials, robot = Trials(found, place), found.robot
+        keep_robot(files, zoo, trials.found)
         spent = time.process_time() - begin
         own = [round(robot.mass, 2), robot.limb_count, round(spent, 2)]
         out = []

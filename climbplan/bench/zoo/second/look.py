@@ -3,7 +3,9 @@
 What every plan of a column has to have is looked for: for each limb a posture in which the others
 hold the robot while it is lifted (`wall`: for one limb). Postures are drawn anywhere first, then
 about the best that was found. A limb without such a posture makes the refusal right as far as
-drawing can tell; how near the best comes is told in N m or mm.
+drawing can tell; how near the best comes is told in N m or mm. Where every limb has one, a whole
+round of steps is looked for from the stances that come nearest (`way.py`). Walks have to have room
+for their toes (`room.py`).
 """
 
 from __future__ import annotations
@@ -13,15 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.bench.zoo.second.planar import short_limbs
+from climbplan.bench.zoo.second.room import roomiest
 from climbplan.bench.zoo.second.stances import Limbs, Stance, Surface, anywhere, beside, onto
 from climbplan.bench.zoo.second.statics import Load, least_load
-from climbplan.errors import SpecError, UsageError
-from climbplan.robots.urdf.pinocchio_model import urdf_model
+from climbplan.bench.zoo.second.subject import Subject
+from climbplan.bench.zoo.second.way import Walls, round_from
 from climbplan.robots.urdf.proposal.braces import SAFETY, WALLS
-from climbplan.robots.urdf.proposal.motors import motors_of
-from climbplan.robots.urdf.proposal.proposing import FoundLegs, legs_of, propose
-from climbplan.robots.urdf.proposal.settled import FLOOR, GRAVITY
-from climbplan.robots.urdf.proposal.touching import Parts, parts_of
+from climbplan.robots.urdf.proposal.settled import FLOOR
+from climbplan.robots.urdf.proposal.touching import Parts
 
 COUNT = 150  # postures drawn anywhere that have their toes on surfaces, and are free of all else
 _MOST = 20  # times as many that are drawn for them
@@ -29,6 +31,7 @@ _ENOUGH = 1 / 1.2  # of the torque limits, as the specs ask for S_tau of 1.2
 _NEARER = 2 / 3  # as many again about the best, for each limb
 _SPREADS = (0.5, 0.05)  # [rad] about it, from the first to the last
 _STAIR = 0.05  # [m]: what the zoo's are at least
+_ROUNDS = 8  # stances from which a round of steps is looked for
 CLIMBS = ("ground", "stairs", "chimney", "wall")
 
 
@@ -36,40 +39,43 @@ CLIMBS = ("ground", "stairs", "chimney", "wall")
 class Look:
     """What the second method says."""
 
-    verdict: str  # "refusal right", "found one", "not decided", "limit of ours", "not looked at"
+    verdict: str  # "refusal right", "not borne out", "not decided", "limit of ours"
     words: str
     reached: int = 0  # postures with every toe on its surface and all else clear
     drawn: int = 0
 
 
-def second_look(urdf: Path, column: str, words: str, seed: int, count: int = COUNT) -> Look:
-    """Look again at a refused column; words: of the refusal."""
+def second_look(subject: Subject, column: str, seed: int, count: int = COUNT) -> Look:
+    """Look again at a refused column of a robot that something was proposed for."""
+    limbs = subject.limbs
     if column not in CLIMBS:
-        if words.startswith("no spec"):
-            return Look("limit of ours", "legs of as many joints each, in pairs, walk at speed")
-        return Look("not looked at", "walks at speed are no question of postures")
-    try:
-        found = legs_of(urdf, axes=_axes(urdf))
-    except (SpecError, UsageError) as error:
-        told = str(error).partition("\n")[0].replace(str(urdf), urdf.name)
-        return Look("limit of ours", told)
-    limbs = _limbs(found)
-    surfaces, mu = surfaces_of(limbs, found.named.arms, column)
-    parts = _parts(found, limbs)
-    return looked(limbs, surfaces, mu, column == "wall", seed, count, parts)
+        surfaces = (Surface(2, -1.0),) * len(limbs.names)
+        room = roomiest(subject, surfaces, seed, count)
+        return Look(room.verdict, room.words, room.reached, room.drawn)
+    surfaces, mu = surfaces_of(limbs, subject.on_walls, column)
+    return looked(
+        limbs, surfaces, mu, column == "wall", seed, count, subject.parts, subject.attitudes
+    )
 
 
-def _axes(urdf: Path) -> tuple[str, str] | None:
-    """The axes of the base that point forward and up as the robot was planned with, if it was."""
-    try:
-        draft = propose(urdf).draft
-    except UsageError:
+def limit_of_walks(words: str) -> Look | None:
+    """A walk that is refused for what climbplan does not know, whatever the robot can."""
+    kind = words.partition("walking is of ")[2]
+    if not words.startswith("no spec: ") or not kind:
         return None
-    return draft.forward, draft.up
+    return Look("limit of ours", f"walks are of {kind}")
+
+
+def unproposed(urdf: Path, words: str, seed: int) -> Look:
+    """Look again at the refusal of a robot for which nothing could be proposed."""
+    short = short_limbs(urdf, seed)
+    if "limit of climbplan" in words and short:
+        return Look("limit of ours", short)
+    return Look("not decided", "nothing was proposed that could be looked at")
 
 
 def surfaces_of(
-    limbs: Limbs, arms: tuple[bool, ...], column: str
+    limbs: Limbs, on_walls: tuple[bool, ...], column: str
 ) -> tuple[tuple[Surface, ...], float]:
     """Where each limb's toe has to be, and the friction that may be used."""
     sides = np.where(limbs.hips[:, 0] < 0, -1.0, 1.0)
@@ -79,10 +85,50 @@ def surfaces_of(
     if column == "stairs":  # the front half is one stair up
         raised = np.where(limbs.hips[:, 1] > np.median(limbs.hips[:, 1]), _STAIR, 0.0)
     surfaces = tuple(
-        Surface(0, float(side)) if arm else Surface(2, -1.0, float(up))
-        for side, arm, up in zip(sides, arms, raised, strict=True)
+        Surface(0, float(side)) if wall else Surface(2, -1.0, float(up))
+        for side, wall, up in zip(sides, on_walls, raised, strict=True)
     )
     return surfaces, FLOOR / SAFETY
+
+
+class _Drawn:
+    """Postures so far: the best for each limb that is lifted, and stances good for all of them."""
+
+    def __init__(
+        self, limbs: Limbs, surfaces: tuple[Surface, ...], mu: float, parts: Parts | None
+    ) -> None:
+        self.limbs, self.surfaces, self.mu, self.parts = limbs, surfaces, mu, parts
+        self.best: list[tuple[Load, Stance] | None] = [None] * len(limbs.names)
+        self.whole: list[tuple[float, Stance]] = []  # by the mean rank of loads
+        self.reached = self.total = 0
+        self.near, self.out = np.inf, np.inf
+
+    def add(self, stance: Stance, about: int | None = None) -> None:
+        """Judge a stance; about: the limb for whose sake it was drawn, None for all."""
+        self.total += 1
+        self.near = min(self.near, stance.missed)
+        if stance.missed > 0:
+            return
+        self.out = min(self.out, stance.beyond)
+        if stance.beyond > 0 or (self.parts and self.parts.touching(stance.angles)):
+            return
+        self.reached += 1
+        number = len(self.best)
+        shares = []
+        for lifted in range(number) if about is None else (about,):
+            others = tuple(limb for limb in range(number) if limb != lifted)
+            load = least_load(self.limbs, self.surfaces, stance, others, self.mu)
+            shares.append(load.rank)
+            known = self.best[lifted]
+            if known is None or load.rank < known[0].rank:
+                self.best[lifted] = load, stance
+        if about is None:
+            self.whole = sorted([*self.whole, (float(np.mean(shares)), stance)], key=_share)
+            del self.whole[_ROUNDS:]
+
+
+def _share(one: tuple[float, Stance]) -> float:
+    return one[0]
 
 
 def looked(
@@ -93,113 +139,81 @@ def looked(
     seed: int,
     count: int = COUNT,
     parts: Parts | None = None,
+    attitudes: int = 1,
 ) -> Look:
     """Draw postures, and tell what they say of a refusal.
 
     any_limb: one limb that may be lifted is enough, in place of each. parts: that must not touch.
+    attitudes: in which the body is drawn.
     """
     rng = np.random.default_rng(seed)
-    number = len(limbs.names)
-    best: list[tuple[Load, Stance] | None] = [None] * number
-    reached, near, out, total = 0, np.inf, np.inf, 0
-
-    def tried(stance: Stance, lifted: int) -> None:
-        others = tuple(limb for limb in range(number) if limb != lifted)
-        load = least_load(limbs, surfaces, stance, others, mu)
-        known = best[lifted]
-        if known is None or load.share < known[0].share:
-            if parts is not None and parts.touching(stance.angles):
-                return
-            best[lifted] = load, stance
-
-    whole = 0
-    while whole < count and total < _MOST * count:
-        stance = onto(limbs, surfaces, *anywhere(limbs, rng))
-        total += 1
-        near = min(near, stance.missed)
-        if stance.missed > 0:
-            continue
-        reached += 1
-        out = min(out, stance.beyond)
-        if stance.beyond == 0 and (parts is None or not parts.touching(stance.angles)):
-            whole += 1
-            for lifted in range(number):
-                tried(stance, lifted)
+    drawn = _Drawn(limbs, surfaces, mu, parts)
+    while drawn.reached < count and drawn.total < _MOST * count:
+        drawn.add(onto(limbs, surfaces, *anywhere(limbs, rng, attitudes)))
     more = int(_NEARER * count)
-    for lifted in range(number):
-        for step in range(more):
-            known = best[lifted]
+    for spread in np.geomspace(*_SPREADS, more) if drawn.whole else ():
+        drawn.add(onto(limbs, surfaces, *beside(limbs, drawn.whole[0][1], spread, rng)))
+    for lifted in range(len(limbs.names)):
+        for spread in np.geomspace(*_SPREADS, more):
+            known = drawn.best[lifted]
             if known is None or known[0].share <= _ENOUGH:
                 break
-            spread = _SPREADS[0] * (_SPREADS[1] / _SPREADS[0]) ** (step / more)
-            stance = onto(limbs, surfaces, *beside(limbs, known[1], spread, rng))
-            total += 1
-            if stance.missed == stance.beyond == 0:
-                whole += 1
-                tried(stance, lifted)
-    if whole == 0:
-        words = f"toes miss their surfaces by {1e3 * near:.0f} mm or more"
-        if reached:
-            words = f"joints are {1e3 * out:.0f} mm or more beyond surfaces"
-        if out == 0:
+            drawn.add(onto(limbs, surfaces, *beside(limbs, known[1], spread, rng)), lifted)
+    if not drawn.reached:
+        words = f"toes miss their surfaces by {1e3 * drawn.near:.0f} mm or more"
+        if np.isfinite(drawn.out):
+            words = f"joints are {1e3 * drawn.out:.0f} mm or more beyond surfaces"
+        if drawn.out == 0:
             words = "parts of the robot touch in every posture that was drawn"
-        return Look("not decided", words, whole, total)
-    return _judged(limbs, best, any_limb, whole, total)
+        return Look("not decided", words, 0, drawn.total)
+    refused = _lacking(drawn, any_limb)
+    if refused:
+        return Look("refusal right", refused, drawn.reached, drawn.total)
+    return _with_way(drawn, any_limb, rng)
 
 
-def _judged(
-    limbs: Limbs,
-    best: list[tuple[Load, Stance] | None],
-    any_limb: bool,
-    reached: int,
-    total: int,
-) -> Look:
-    loads = [one[0] for one in best if one is not None]
+def _lacking(drawn: _Drawn, any_limb: bool) -> str:
+    """What the best postures lack; empty where they hold."""
+    loads = [one[0] for one in drawn.best if one is not None]
     choose = min if any_limb else max
-    limb = choose(range(len(loads)), key=lambda i: loads[i].share)
-    load, name = loads[limb], limbs.names[limb]
+    limb = choose(range(len(loads)), key=lambda i: loads[i].rank)
+    load, name = loads[limb], drawn.limbs.names[limb]
     if load.share <= _ENOUGH:
-        words = f"postures hold with a limb lifted, with {load.share:.0%} of the torque limits"
-        return Look("found one", words, reached, total)
+        return ""
     if np.isinf(load.share):
-        words = f"with {name} lifted no forces within friction hold it"
-        return Look("refusal right", words, reached, total)
+        return (
+            f"with {name} lifted no forces within friction hold it, {load.added:.0%} of the weight "
+            "short (moments over 1 m)"
+        )
     has = _ENOUGH * load.limit
-    words = (
+    return (
         f"with {name} lifted {load.joint} needs {load.torque:.3g} N m at the least that was found, "
         f"{load.torque - has:.2g} N m more than the {has:.3g} N m that may be used"
     )
-    return Look("refusal right", words, reached, total)
 
 
-def _parts(found: FoundLegs, limbs: Limbs) -> Parts | None:
-    """What of the robot may touch itself, None without collision geometry."""
-    if not found.shapes:
-        return None
-    bounds = {
-        joint.name: (max(joint.lower, -np.pi), min(joint.upper, np.pi))
-        for own in limbs.joints
-        for joint in own
-    }
-    return parts_of(urdf_model(found.draft.robot(meshes=True)), bounds)
-
-
-def _limbs(found: FoundLegs) -> Limbs:
-    """The robot in Pinocchio's hands, with limits as the proposal takes them."""
-    model = urdf_model(found.draft.robot())
-    limbs = Limbs(model, {j.name: 1.0 for own in model.robot.joints.values() for j in own})
-    legs = [model.leg(name) for name in limbs.names]
-    reach = np.array(
-        [
-            float(np.linalg.norm(np.diff([*leg.joints, leg.toe], axis=0), axis=1).sum())
-            for leg in legs
-        ]
+def _with_way(drawn: _Drawn, any_limb: bool, rng: np.random.Generator) -> Look:
+    """Postures hold: whether steps lead from one to another."""
+    loads = [one[0].share for one in drawn.best if one is not None]
+    use = (min if any_limb else max)(loads)
+    postures = f"postures hold with {use:.0%} of the torque limits"
+    if any_limb:
+        words = f"{postures}; no way from the ground to them was looked for"
+        return Look("not decided", words, drawn.reached, drawn.total)
+    walls = drawn.surfaces[0].axis == 0 and all(s.axis == 0 for s in drawn.surfaces)
+    forward = np.array([0.0, 0.0, 1.0]) if walls else np.array([0.0, 1.0, 0.0])
+    asked = Walls(drawn.surfaces, drawn.mu, _ENOUGH, forward)
+    number, most = len(drawn.best), 0
+    total = drawn.total
+    for _, stance in drawn.whole:
+        done, poses = round_from(drawn.limbs, asked, drawn.parts, stance, rng)
+        total += poses
+        most = max(most, len(done))
+        if most == number:
+            words = f"{postures}, and a round of {number} steps from one of them was found"
+            return Look("not borne out", words, drawn.reached, total)
+    words = (
+        f"{postures}, one by one; from {len(drawn.whole)} stances at most {most} of {number} limbs "
+        "stepped on one after another"
     )
-    joints = [tuple(found.tree.joints[name] for name in leg.names) for leg in legs]
-    motors = motors_of(joints, reach, model.mass() * GRAVITY)
-    limits = {
-        joint.name: float(motors.joints[joint.name].max_torque or joint.effort or 0.0)
-        for own in joints
-        for joint in own
-    }
-    return Limbs(model, limits)
+    return Look("not decided", words, drawn.reached, total)

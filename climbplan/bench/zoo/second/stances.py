@@ -1,8 +1,7 @@
 """Postures of a robot on surfaces, drawn at random: joint angles first, then toes onto them.
 
 Pinocchio and nothing else: neither the grids of toes nor the inverse kinematics with which postures
-are proposed. What the drawing leaves out (collisions, room for steps) makes it find more, so that
-nothing found speaks for a refusal, and something found does not disprove one.
+are proposed.
 """
 
 from __future__ import annotations
@@ -21,6 +20,9 @@ _NEAR = 1e-6  # [m] off its surface, at which a toe is on it
 _TILT = 0.25  # [rad] of the body at most, in every second sample
 _FULL = np.pi  # [rad] that joints turn at most
 _FLAT = 1e-12  # [m/rad]^2, below which no joint moves a toe towards its surface
+_FOUND = 30  # steps of damped Newton on whole toes
+_DAMPED = 1e-6  # [m^2/rad^2]
+_TURN = 0.5  # [rad] that a joint turns at most in one step
 
 Ints = NDArray[np.int64]
 
@@ -42,6 +44,7 @@ class Stance:
     angles: dict[str, float]  # [rad] by joint
     missed: float  # [m] by which the toe farthest from its surface is off
     beyond: float = 0.0  # [m] by which a joint is outside a wall or below the ground
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the root [m]
 
 
 class Limbs:
@@ -62,12 +65,19 @@ class Limbs:
         ]
         self.moving = [self.model.getJointId(j.name) for own in self.joints for j in own]
         self.torque = [np.array([limits[j.name] for j in own]) for own in self.joints]
-        self.hips = np.array([found.leg(name).joints[0] for name in self.names])  # (N, 3) [m]
+        chains = [found.leg(name) for name in self.names]
+        self.hips = np.array([leg.joints[0] for leg in chains])  # (N, 3) [m]
+        ends = [np.concatenate([leg.joints, leg.toe[None]]) for leg in chains]
+        lengths = [np.linalg.norm(np.diff(own, axis=0), axis=1).sum() for own in ends]
+        self.lengths = np.array(lengths)  # (N,) [m] from first joint to toe, stretched out
 
-    def placed(self, turn: Array, angles: dict[str, float]) -> Any:
-        """Pinocchio's coordinates, with the root's origin at zero; Jacobians are made ready."""
+    def placed(
+        self, turn: Array, angles: dict[str, float], at: tuple[float, float, float] = (0, 0, 0)
+    ) -> Any:
+        """Pinocchio's coordinates, with the root's origin `at` [m]; Jacobians are made ready."""
         pin = self.found.library
         q = self.found.angles(angles)
+        q[:3] = at
         q[3:7] = pin.Quaternion(turn).coeffs()
         pin.computeJointJacobians(self.model, self.data, q)
         return q
@@ -84,11 +94,18 @@ class Limbs:
         return place.translation + arm, full[:3] - cross @ full[3:]
 
 
-def anywhere(limbs: Limbs, rng: np.random.Generator) -> tuple[Array, dict[str, float]]:
-    """Any turn of the root, level in half of the samples, and any angles."""
+def anywhere(
+    limbs: Limbs, rng: np.random.Generator, attitudes: int = 1
+) -> tuple[Array, dict[str, float]]:
+    """Any turn of the root, level in half of the samples, and any angles.
+
+    attitudes: 3 to draw the body also pitched by a right angle, front or back down.
+    """
     pin = limbs.found.library
     tilt = rng.uniform(-_TILT, _TILT, size=2) if rng.random() < 0.5 else np.zeros(2)
-    turn = pin.exp3(np.array([tilt[0], tilt[1], 0.0])) @ limbs.found.turn
+    pitch = (0.0, -np.pi / 2, np.pi / 2)[int(rng.integers(attitudes))]
+    lying = pin.exp3(np.array([pitch, 0.0, 0.0])) @ limbs.found.turn
+    turn = pin.exp3(np.array([tilt[0], tilt[1], 0.0])) @ lying
     angles = {
         joint.name: float(rng.uniform(max(joint.lower, -_FULL), min(joint.upper, _FULL)))
         for own in limbs.joints
@@ -142,6 +159,37 @@ def onto(
     joints = np.array([limbs.data.oMi[k].translation for k in limbs.moving])
     beyond = max(float((side * (joints[:, axis] - at)).max()) for (axis, side), at in level.items())
     return Stance(turn, angles, missed if missed > _NEAR else 0.0, max(beyond, 0.0))
+
+
+def reached(
+    limbs: Limbs,
+    goals: dict[int, Array],
+    turn: Array,
+    at: tuple[float, float, float],
+    angles: dict[str, float],
+    kept: float = 0.0,
+) -> dict[str, float] | None:
+    """Angles with which limbs have their toes at points (3,), by damped Newton from `angles`.
+
+    kept: [rad] from the bounds of joints. None where a toe does not get there.
+    """
+    angles = dict(angles)
+    for _ in range(_FOUND):
+        limbs.placed(turn, angles, at)
+        worst = 0.0
+        for limb, goal in goals.items():
+            toe, jacobian = limbs.toe(limb)
+            off = goal - toe
+            worst = max(worst, float(np.abs(off).max()))
+            own = jacobian[:, limbs.columns[limb]]
+            step = own.T @ np.linalg.solve(own @ own.T + _DAMPED * np.eye(3), off)
+            for joint, turned in zip(limbs.joints[limb], step, strict=True):
+                moved = angles[joint.name] + float(np.clip(turned, -_TURN, _TURN))
+                low, high = max(joint.lower, -_FULL) + kept, min(joint.upper, _FULL) - kept
+                angles[joint.name] = min(max(moved, low), high)
+        if worst < _NEAR:
+            return angles
+    return None
 
 
 def _moved(

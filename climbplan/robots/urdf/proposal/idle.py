@@ -1,12 +1,13 @@
 """Where joints are held that move no leg: an arm on the back of a quadruped, a head.
 
 They stay at zero, as the URDF has them, unless what they carry is in the way of body or legs there.
-Then the posture is drawn at random that touches least, and of these the one that reaches least far
-aside from the middle of the legs, with its weight near to that.
+Then the posture is drawn at random that stands out least on either side of the body, where walls
+may be, with its weight near to the middle of the legs, and that touches little.
 """
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,9 @@ from climbplan.robots.urdf.proposal.touching import Parts, parts_of
 from climbplan.spec.robots.urdf.tree import UrdfTree
 
 Bounds = dict[str, tuple[float, float]]  # of joints by name [rad]
-_DRAWN = 160  # postures of the joints
+_DRAWN = 800  # postures of the joints
 _LEGS = 8  # postures of legs that each is held against
+_TOUCHING = 0.05  # [m] of standing out that a pair is worth
 _IN_THE_WAY = 0.5  # pairs that touch at zero, in the mean over postures of legs, let pass
 
 
@@ -53,17 +55,67 @@ def rest_of(found: UrdfModel, idle: Bounds, legs: Bounds, hips: Array) -> dict[s
     zero = {name: float(np.clip(0.0, *bound)) for name, bound in idle.items()}
     if _met(parts, carried, zero, stands) <= _IN_THE_WAY:
         return {}
-    tried = [zero] + [_drawn(idle, rng) for _ in range(_DRAWN)]
-    alone = [own for own in tried if not _met(parts, carried, own, stands[:1])]
+    outline = _Outline(found, parts, carried)
     middle = hips.mean(axis=0)[:2]
 
-    def worth(own: dict[str, float]) -> tuple[float, float]:
-        aside = np.abs(_joints(found, idle, own) - middle).max()
+    def out(own: dict[str, float]) -> float:
         off = np.linalg.norm(found.center(own)[:2] - middle)
-        return _met(parts, carried, own, stands), float(aside + off)
+        return outline.beyond(own, float(middle[0])) + float(off)
 
-    best = min(alone or tried, key=worth)
-    return {name: round(float(np.rad2deg(angle)), 1) for name, angle in best.items()}
+    tried = sorted((_drawn(idle, rng) for _ in range(_DRAWN)), key=out)
+
+    def best(stand: list[dict[str, float]]) -> dict[str, float] | None:
+        """The best of those that touch nothing in a posture of legs."""
+        found, least = None, np.inf
+        for own in tried:
+            if (worth := out(own)) >= least:
+                break
+            if _met(parts, carried, own, stand):
+                continue
+            worth += _met(parts, carried, own, stands) * _TOUCHING
+            if worth < least:
+                found, least = own, worth
+        return found
+
+    held = best(stands[:1]) or best([]) or zero
+    return {name: round(float(np.rad2deg(angle)), 1) for name, angle in held.items()}
+
+
+class _Outline:
+    """How far what idle joints carry stands out beside the body."""
+
+    def __init__(self, found: UrdfModel, parts: Parts, carried: set[str]) -> None:
+        self.found, self.parts = found, parts
+        self.data, self.shapes = found.model.createData(), parts.geometry.createData()
+        self.corners: list[tuple[int, Array]] = []
+        body = []
+        for number, item in enumerate(parts.geometry.geometryObjects):
+            item.geometry.computeLocalAABB()
+            box = item.geometry.aabb_local
+            corners = np.array(list(itertools.product(*zip(box.min_, box.max_, strict=True))))
+            if item.name in carried:
+                self.corners.append((number, corners))
+            elif int(item.parentJoint) == 1:
+                body.append((number, corners))
+        self.body = self._across(body, {})
+
+    def beyond(self, own: dict[str, float], middle: float) -> float:
+        """[m] by which it is farther from the middle than the body is, on either side."""
+        half = float(np.abs(self._across(self.corners, own) - middle).max(initial=0.0))
+        return max(half - float(np.abs(self.body - middle).max(initial=0.0)), 0.0)
+
+    def _across(self, corners: list[tuple[int, Array]], own: dict[str, float]) -> Array:
+        """Places from left to right [m] of the corners of boxes about parts."""
+        found, pin = self.found, self.found.library
+        pin.updateGeometryPlacements(
+            found.model, self.data, self.parts.geometry, self.shapes, found.angles(own)
+        )
+        at = [self.shapes.oMg[number] for number, _ in corners]
+        points = [
+            c @ place.rotation.T + place.translation
+            for (_, c), place in zip(corners, at, strict=True)
+        ]
+        return found.placed(np.concatenate(points))[:, 0] if points else np.zeros(0)
 
 
 def _drawn(bounds: Bounds, rng: np.random.Generator) -> dict[str, float]:
@@ -77,15 +129,7 @@ def _met(
     counts = [
         sum(bool(carried & set(pair)) for pair in parts.touching(own | stand)) for stand in stands
     ]
-    return float(np.mean(counts))
-
-
-def _joints(found: UrdfModel, idle: Bounds, own: dict[str, float]) -> Array:
-    """(J, 2) where idle joints are, seen from above [m]."""
-    data = found.model.createData()
-    found.library.forwardKinematics(found.model, data, found.angles(own))
-    at = [data.oMi[found.model.getJointId(name)].translation for name in idle]
-    return np.asarray(found.placed(np.array(at))[:, :2])
+    return float(np.mean(counts)) if counts else 0.0
 
 
 def _carried(found: UrdfModel, parts: Parts, idle: Bounds) -> set[str]:

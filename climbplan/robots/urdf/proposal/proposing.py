@@ -159,7 +159,11 @@ def _enough(urdf: Path, base: str, found: FoundLimbs) -> None:
     short = ", ".join(f"{end} with {count}" for end, count in found.short.items())
     ours = f"; limbs of fewer joints ({short})"
     if len(limbs) + len(found.short) >= FEWEST_LEGS:
-        ours += " are a limit of climbplan, not of the robot"
+        ours += (
+            " are a limit of climbplan, not of the robot: with the body still, a toe on fewer "
+            "than three joints moves on a surface, not in a volume, and plans set toes to "
+            "either side"
+        )
     else:
         ours += " would not make three either: it is no robot with legs"
     raise UsageError(

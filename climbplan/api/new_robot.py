@@ -9,8 +9,9 @@ from pathlib import Path
 from climbplan.climb.looks import plan_looks
 from climbplan.climb.proposed import file_name, planned_proposal
 from climbplan.reports.robot_page import robot_page
+from climbplan.robots.urdf.proposal.document import paths, robot_document
 from climbplan.robots.urdf.proposal.proposing import propose, read_tree
-from climbplan.walking.proposed import proposed_walk
+from climbplan.walking.proposed import walk_proposed
 
 _TRIANGLES = 800  # of one shape in the pictures of a page
 
@@ -30,7 +31,15 @@ def names_of_files(urdf: Path) -> list[str]:
     Raises SpecError for what is wrong in the URDF.
     """
     name = file_name(read_tree(urdf).name)
-    ends = (".yaml", "_ground.yaml", "_chimney.yaml", "_wall.yaml", "_walk.yaml", ".html")
+    ends = (
+        ".yaml",
+        "_ground.yaml",
+        "_chimney.yaml",
+        "_wall.yaml",
+        "_walk.yaml",
+        "_walking.yaml",
+        ".html",
+    )
     return [f"{name}{end}" for end in ends]
 
 
@@ -48,7 +57,8 @@ def new_robot(
     found = made.found
     report("planning a walk at speed")
     robot_file, walk_file = f"{made.name}.yaml", f"{made.name}_walk.yaml"
-    walk = proposed_walk(found, robot_file)
+    walking_file = f"{made.name}_walking.yaml"
+    walk = walk_proposed(found, robot_file, walking_file)
     outcomes = (made.walk, made.climb, made.wall, walk)
     notes = [f"implausible: {text}" for text in found.odd]
     notes += [f"assumed: {text}" for text in found.assumed]
@@ -58,6 +68,8 @@ def new_robot(
         for one in outcomes
     ]
     walks = {walk_file: walk.text} if walk.text else {}
+    if walk.text and walk.found is not found:
+        walks[walking_file] = robot_document(walk.found, paths(walk.found, directory), walk_file)
     looks = plan_looks(found.draft.robot(), found.robot, _TRIANGLES)
     page = {f"{made.name}.html": robot_page(found, made.climb.brace, badges, looks)}
     return NewRobot(made.name, made.files | walks | page, tuple(notes))

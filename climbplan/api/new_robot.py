@@ -9,8 +9,9 @@ from pathlib import Path
 from climbplan.climb.looks import plan_looks
 from climbplan.climb.proposed import Outcome, file_name, planned_proposal
 from climbplan.reports.robot_page import robot_page
+from climbplan.robots.urdf.proposal.document import paths, robot_document
 from climbplan.robots.urdf.proposal.proposing import propose, read_tree
-from climbplan.walking.proposed import ProposedWalk, proposed_walk
+from climbplan.walking.proposed import ProposedWalk, walk_proposed
 
 _TRIANGLES = 800  # of one shape in the pictures of a page
 
@@ -30,7 +31,7 @@ def names_of_files(urdf: Path) -> list[str]:
     Raises SpecError for what is wrong in the URDF.
     """
     name = file_name(read_tree(urdf).name)
-    specs = ("ground", "chimney", "wall", "walk")
+    specs = ("ground", "chimney", "wall", "walk", "walking")
     return [f"{name}.yaml", *(f"{name}_{spec}.yaml" for spec in specs), f"{name}.html"]
 
 
@@ -54,9 +55,14 @@ def new_robot(
     walks = {}
     if made.walks:
         report("planning a walk at speed")
-        walk = proposed_walk(found, f"{made.name}.yaml")
-        walks = {f"{made.name}_walk.yaml": walk.text} if walk.text else {}
+        walk_file, walking_file = f"{made.name}_walk.yaml", f"{made.name}_walking.yaml"
+        walk = walk_proposed(found, f"{made.name}.yaml", walking_file)
         outcomes.append(walk)
+        if walk.text:
+            walks[walk_file] = walk.text
+        if walk.text and walk.found is not found:
+            own = paths(walk.found, directory)
+            walks[walking_file] = robot_document(walk.found, own, walk_file)
     notes = [f"implausible: {text}" for text in found.odd]
     notes += [f"assumed: {text}" for text in found.assumed]
     notes += [str(outcome) for outcome in outcomes]

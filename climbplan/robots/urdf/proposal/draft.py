@@ -29,6 +29,7 @@ class Draft:
     packages: dict[str, str] = field(default_factory=dict)
     foot: float = 0.0  # radius of spherical feet [m]; 0: points
     sole: tuple[float, float] | None = None  # length and width of flat feet [m]
+    asked: tuple[str, ...] = ()  # links that legs end in; none: they are looked for
 
     def robot(self, meshes: bool = False) -> UrdfRobot:
         """The robot of the section; without meshes none is looked for.

@@ -26,8 +26,9 @@ from climbplan.robots.urdf.proposal.limbs import (
 )
 from climbplan.robots.urdf.proposal.naming import Named, named
 from climbplan.robots.urdf.proposal.nearer import Nearer, nearer_end
-from climbplan.robots.urdf.proposal.settled import GRAVITY, Proposal, Settled, settled
+from climbplan.robots.urdf.proposal.settled import GRAVITY, Proposal, Settled, measured
 from climbplan.robots.urdf.proposal.soles import Soles, soles_of
+from climbplan.robots.urdf.proposal.standings import standing
 from climbplan.robots.urdf.proposal.toes import Toe, spherical, toe_of
 from climbplan.robots.urdf.shapes import Shape
 from climbplan.spec.robots.urdf.checks import JOINTS_OF_FLAT_FEET
@@ -36,7 +37,7 @@ from climbplan.spec.robots.urdf.tree import UrdfJoint, UrdfTree, read_urdf
 from climbplan.spec.robots.urdf.xml import UrdfFault, UrdfFaults
 
 _AHEAD = 1.3  # times as far apart front to rear as side to side: how legs tell forward from aside
-_LYING = (("z", "-x"), ("z", "x"))  # forward and up of a base on its front, whose x was ahead
+LYING = (("z", "-x"), ("z", "x"))  # forward and up of a base on its front, whose x was ahead
 _LEG_NAMES = "limb {}"
 _LEFT, _RIGHT = (re.compile(rf"(^|_){s[0]}_|{s}", re.IGNORECASE) for s in ("left", "right"))
 
@@ -70,19 +71,24 @@ def propose(
     """
     found = legs_of(urdf, packages, asked=toes)
     if not any(found.named.arms):
-        return _settled(found).proposal()
-    lying = (legs_of(urdf, packages, axes, toes) for axes in _LYING)
+        return _standing(found).proposal()
+    lying = (legs_of(urdf, packages, axes, toes) for axes in LYING)
     for own in itertools.chain([found], lying):
         try:
-            return _settled(own, walls=False).proposal()
+            return _standing(own, walls=False).proposal()
         except UsageError:
             continue
-    return _settled(found).proposal()
+    return _standing(found).proposal()
 
 
-def _settled(found: FoundLegs, walls: bool = True) -> Settled:
-    own = found.draft, found.tree, list(found.toes), found.named, found.shapes, found.unread
-    return settled(*own, walls, found.soles)
+def _standing(found: FoundLegs, walls: bool = True) -> Settled:
+    return standing(settled(found), walls)
+
+
+def settled(found: FoundLegs) -> Settled:
+    """Legs with all that does not depend on how the robot stands; raises as `measured`."""
+    own = found.draft, found.tree, found.toes, found.named, found.shapes, found.unread
+    return replace(measured(*own), soles=found.soles)
 
 
 def legs_of(
@@ -102,7 +108,7 @@ def legs_of(
     limbs = found.limbs
     two = len(limbs) == FEWEST_FLAT_FEET
     _enough(urdf, base, found)
-    draft = _draft(urdf, base, limbs, found.shared, packages)
+    draft = replace(_draft(urdf, base, limbs, found.shared, packages), asked=tuple(asked))
     shapes, unread = draft.shapes()
     model = draft.model()
     if asked:

@@ -73,7 +73,7 @@ def simulate(
             metavar="SHARE",
             min=0.0,
             max=0.95,
-            help="Part of the mass that is in the limbs [default: 0.02].",
+            help="Part of the mass that is in the limbs [default: as the URDF says, else 0.02].",
         ),
     ] = None,
     limb_weights: Annotated[
@@ -203,7 +203,7 @@ def simulate(
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
     from climbplan.cli.unsound import warn_of_failure
-    from climbplan.simulation.conditions import LIMB_MASS_SHARE, Conditions
+    from climbplan.simulation.conditions import Conditions
     from climbplan.simulation.report_files import RESULT, write_simulation
     from climbplan.simulation.study import Asked
 
@@ -212,7 +212,7 @@ def simulate(
             friction=friction,
             payload=payload,
             gain=gain,
-            limb_mass_share=LIMB_MASS_SHARE if limb_mass_share is None else limb_mass_share,
+            limb_mass_share=limb_mass_share,
             backlash=math.radians(backlash_deg),
             limb_weights=limb_weights,
             speed=speed,

@@ -1,4 +1,4 @@
-"""Numbers as attributes of MJCF have them."""
+"""Numbers, masses and inertias as MJCF has them."""
 
 from __future__ import annotations
 
@@ -12,3 +12,15 @@ from climbplan.robots.rotations import Array
 def numbers(values: Iterable[float] | Array) -> str:
     """Values in their order in memory, to nine digits, with spaces between them."""
     return " ".join(f"{v:.9g}" for v in np.ravel(np.asarray(values, float)))
+
+
+def inertial_of(mass: float, lever: Array, about: Array) -> str:
+    """Mass and inertia (3, 3) about the centre at lever (3,), both in the body's axes."""
+    if mass <= 0:
+        return '<inertial pos="0 0 0" mass="1e-9" diaginertia="1e-12 1e-12 1e-12"/>'
+    full = [*np.diag(about), about[0, 1], about[0, 2], about[1, 2]]
+    return (
+        f'<inertial pos="{numbers(lever)}" mass="{mass:.12g}" fullinertia="'
+        + " ".join(f"{v:.12g}" for v in full)
+        + '"/>'
+    )

@@ -17,7 +17,8 @@ from climbplan.errors import UsageError
 from climbplan.robots.model import MountedCapsules, Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.simulation.attributes import numbers
+from climbplan.simulation.attributes import inertial_of, numbers
+from climbplan.simulation.link_masses import LinkMasses
 
 _SHORTEST = 0.01  # [m] of a link that is drawn and touches
 _THINNEST = 0.005  # [m] radius of a link
@@ -111,17 +112,20 @@ def chain_limb(
     toe_xml: str,
     narrow: Narrow,
     contype: int,
+    weights: LinkMasses | None = None,
 ) -> list[str]:
     """Lines of one limb.
 
-    mass: of each link [kg]. joints_xml: each joint with {name} and {axis}; toe_xml: the toe with
-    {place}. narrow: the end of the last link. contype: collision class of links.
+    mass: of each link [kg], unless weights say more. joints_xml: each joint with {name} and
+    {axis}; toe_xml: the toe with {place}. narrow: the end of the last link. contype: collision
+    class of links.
     """
     chain = chain_of(robot)
     points = np.concatenate([chain.joint_zero[limb], chain.toe_zero[limb][None]])
     radius = thickness_of(robot)
     lines: list[str] = []
     before = np.zeros(3)
+    shape_mass = mass if weights is None else 0.0
     for j, name in enumerate(motor_names(robot, limb)):
         end = points[j + 1] - points[j]
         there = bool(chain.names[limb][j])
@@ -134,18 +138,24 @@ def chain_limb(
             joints_xml[j].format(name=name, axis=numbers(axis)),
         ]
         length = float(np.linalg.norm(end))
-        if length < _SHORTEST:
+        if weights is not None:
+            lines.append(
+                inertial_of(
+                    weights.mass[limb, j], weights.middle[limb, j], weights.inertia[limb, j]
+                )
+            )
+        elif length < _SHORTEST:
             lines.append(
                 f'<inertial pos="0 0 0" mass="{own:.9g}" diaginertia="{_MASSIVE} {_MASSIVE} '
                 f'{_MASSIVE}"/>'
             )
-        else:
+        if length >= _SHORTEST:
             last = j == robot.joint_count - 1
             part = max(length - narrow.length, 0.1 * length) / length if last else 1.0
             touches = contype if robot.capsules is None else 0
             lines.append(
                 f'<geom name="{name}" type="capsule" fromto="0 0 0 {numbers(part * end)}" '
-                f'size="{radius:.6g}" mass="{mass:.9g}" material="link" contype="{touches}" '
+                f'size="{radius:.6g}" mass="{shape_mass:.9g}" material="link" contype="{touches}" '
                 'conaffinity="0"/>'
             )
             if last:

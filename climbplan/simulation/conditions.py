@@ -33,7 +33,9 @@ class Conditions:
     friction: float = 1.0  # factor on the terrain's coefficients
     payload: float = 0.0  # mass at the body origin that the plan does not know [kg]
     gain: float = 1.0  # factor on the joints' stiffness
-    limb_mass_share: float = LIMB_MASS_SHARE  # part of the robot's mass that is in its links
+    # Part of the robot's mass that is in its links, evenly; None: what its URDF says of each, or
+    # of robots without one LIMB_MASS_SHARE
+    limb_mass_share: float | None = None
     backlash: float = 0.0  # play of every joint [rad]
     limb_weights: bool = True  # motors are told to carry the links' weight
     losses: tuple[ContactLoss, ...] = field(default=())
@@ -67,12 +69,14 @@ def regulated(conditions: Conditions, robot: Robot) -> Regulated:
 _LEAST_BODY = 0.05  # of the robot's mass that a body keeps whose load is taken off
 
 
-def require_possible(conditions: Conditions, mass: float) -> None:
-    """Raise UsageError for a world that cannot be; mass: of the robot [kg]."""
+def require_possible(conditions: Conditions, mass: float, links: float | None = None) -> None:
+    """Raise UsageError for a world that cannot be; mass: of the robot, and of its links [kg]."""
     for name, value in vars(conditions).items():
         if isinstance(value, float) and not math.isfinite(value):
             raise UsageError(f"--{name.replace('_', '-')} {value}: expected a finite number")
-    body = mass * (1 - conditions.limb_mass_share) + conditions.payload
-    if body < _LEAST_BODY * mass:
-        least = mass * (_LEAST_BODY + conditions.limb_mass_share - 1)
+    if links is None:
+        share = conditions.limb_mass_share
+        links = mass * (LIMB_MASS_SHARE if share is None else share)
+    if mass - links + conditions.payload < _LEAST_BODY * mass:
+        least = links - (1 - _LEAST_BODY) * mass
         raise UsageError(f"--payload {conditions.payload:g}: expected at least {least:.3g} kg")

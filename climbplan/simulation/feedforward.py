@@ -17,6 +17,7 @@ from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.chain_limb import chain_of
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.link_masses import link_masses
 from climbplan.simulation.model import link_mass
 
 _STEP = 1e-6  # [rad] of difference quotients
@@ -29,21 +30,23 @@ def limb_weight_torques(plan: ClimbPlan, conditions: Conditions) -> Array:
     """
     robot = plan.robot
     angles = true_angles(plan, sample_instants(plan))
-    rotation, mass = rotation_world_body(plan.trajectory.rpy), link_mass(robot, conditions)
+    rotation = rotation_world_body(plan.trajectory.rpy)
     if isinstance(robot.mechanism, FiveBar):
-        return _by_differences(robot, rotation, angles, mass)
+        return _by_differences(robot, rotation, angles, link_mass(robot, conditions))
     joints = joint_points_body(robot, angles)[:, :, :-1]
-    weight = -mass * robot.gravity * rotation[:, 2, :]  # in body axes (T, 3)
+    masses, middles = _links(plan, conditions, angles)
+    down = -robot.gravity * rotation[:, 2, :]  # of a kilogram, in body axes (T, 3)
+    weight = masses[..., None] * down[:, None, None]  # (T, N, link, 3)
     # Power of the weight of link l by joint j <= l: axis . (arm x weight), or slide . weight
-    arms = _middles(robot, angles)[:, :, None] - joints[:, :, :, None]  # (T, N, joint, link, 3)
-    moment = np.cross(arms, weight[:, None, None, None])
+    arms = middles[:, :, None] - joints[:, :, :, None]  # (T, N, joint, link, 3)
+    moment = np.cross(arms, weight[:, :, None])
     power = np.einsum("tnji,tnjli->tnjl", _axes(robot, angles), moment)
     drive = None
     if robot.mechanism is not None:
         pose = chain_of(robot).pose(angles)
         drive = pose.drive
         if pose.slides is not None:
-            power += np.einsum("tnji,ti->tnj", pose.slides, weight)[..., None]
+            power += np.einsum("tnji,tnli->tnjl", pose.slides, weight)
     carried = np.triu(
         np.ones((robot.joint_count, robot.joint_count))
     )  # links from the joint outward
@@ -58,10 +61,21 @@ def limb_weight_wrench(plan: ClimbPlan, conditions: Conditions) -> Array:
     """
     rotation = rotation_world_body(plan.trajectory.rpy)
     angles = true_angles(plan, sample_instants(plan))
-    links = np.einsum("tij,tnlj->tnli", rotation, _middles(plan.robot, angles))
-    weight = np.array([0.0, 0.0, -link_mass(plan.robot, conditions) * plan.robot.gravity])
+    masses, middles = _links(plan, conditions, angles)
+    links = np.einsum("tij,tnlj->tnli", rotation, middles)
+    weight = masses[..., None] * np.array([0.0, 0.0, -plan.robot.gravity])
     moment = np.cross(links, weight).sum(axis=(1, 2))
     return np.concatenate([np.zeros_like(moment), moment], axis=1)
+
+
+def _links(plan: ClimbPlan, conditions: Conditions, angles: Array) -> tuple[Array, Array]:
+    """Masses (N, J) of links [kg], and where they act (T, N, J, 3) from the body [m]."""
+    robot = plan.robot
+    if (own := link_masses(plan, conditions)) is not None:
+        pose = chain_of(robot).pose(angles)
+        return own.mass, pose.places + (pose.turns @ own.middle[..., None])[..., 0]
+    shape = robot.limb_count, robot.joint_count
+    return np.full(shape, link_mass(robot, conditions)), _middles(robot, angles)
 
 
 def _by_differences(robot: Robot, rotation: Array, angles: Array, mass: float) -> Array:

@@ -19,7 +19,7 @@ from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.simulation.attributes import numbers
+from climbplan.simulation.attributes import inertial_of, numbers
 from climbplan.simulation.chain_limb import (
     Narrow,
     chain_limb,
@@ -28,8 +28,9 @@ from climbplan.simulation.chain_limb import (
     thickness_of,
     ties_of_absent,
 )
-from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.conditions import LIMB_MASS_SHARE, Conditions
 from climbplan.simulation.gripper_model import gripper_end, welds, wrist_motors
+from climbplan.simulation.link_masses import LinkMasses, link_masses
 from climbplan.simulation.linkage_limb import couplers, linkage_limb
 from climbplan.simulation.terrain_geoms import (
     BODY,
@@ -99,7 +100,8 @@ def plays(robot: Robot, conditions: Conditions) -> Array:
 
 def link_mass(robot: Robot, conditions: Conditions) -> float:
     """Mass of one link [kg]."""
-    share = robot.mass * conditions.limb_mass_share
+    part = conditions.limb_mass_share
+    share = robot.mass * (LIMB_MASS_SHARE if part is None else part)
     return float(max(share / (robot.joint_count * robot.limb_count), _LEAST_MASS))
 
 
@@ -113,6 +115,7 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
         raise UsageError(
             f"{plan.name}: {robot.name} has grippers on chains of joints, which are not simulated"
         )
+    weights = link_masses(plan, conditions)
     assets: list[str] = []
     world: list[str] = []
     terrain = plan.terrain
@@ -158,7 +161,7 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
             "<worldbody>",
             '<light pos="0 -2 3" dir="0 0.5 -1" directional="true"/>',
             *world,
-            *_robot(robot, conditions, _narrow_part(plan)),
+            *_robot(robot, conditions, _narrow_part(plan), weights),
             "</worldbody>",
             "<tendon>",
             *tendons,
@@ -186,12 +189,15 @@ def _narrow_part(plan: ClimbPlan) -> Narrow:
     return Narrow(whole, tuple((float(d), float(r)) for d, r in zip(far, thick, strict=True)))
 
 
-def _robot(robot: Robot, conditions: Conditions, narrow: Narrow) -> list[str]:
+def _robot(
+    robot: Robot, conditions: Conditions, narrow: Narrow, weights: LinkMasses | None
+) -> list[str]:
     limbs = robot.limb_count
     link = link_mass(robot, conditions)
     world = conditions.world
     whole = robot.mass * (1.0 if world is None else world.mass)
-    body = whole - robot.joint_count * limbs * link + conditions.payload
+    links = robot.joint_count * limbs * link if weights is None else float(weights.mass.sum())
+    body = whole - links + conditions.payload
     low, high = robot.body_hull.min(axis=0), robot.body_hull.max(axis=0)
     # The mass acts in the origin; a torso that rises over the hips makes a box that is beside it
     middle, size = (low + high) / 2, (high - low) / 2
@@ -201,7 +207,10 @@ def _robot(robot: Robot, conditions: Conditions, narrow: Narrow) -> list[str]:
         # The whole mass is off by so much, thus the body's by more
         place = world.com * (whole + conditions.payload) / body
     inertial = at = ""
-    if place.any() or beside:
+    if weights is not None:
+        place = place + weights.body_middle * (weights.body_mass / body)
+        inertial = inertial_of(body, place, weights.body_inertia)
+    elif place.any() or beside:
         inertia = body / 3 * ((size**2).sum() - size**2)
         inertial = (
             f'<inertial pos="{numbers(place)}" mass="{body:.9g}" diaginertia="{numbers(inertia)}"/>'
@@ -214,12 +223,12 @@ def _robot(robot: Robot, conditions: Conditions, narrow: Narrow) -> list[str]:
     )
     lines = ['<body name="body">', inertial, '<freejoint name="free"/>', box]
     for limb in range(limbs):
-        one = _chain
         if robot.mechanism is None:
-            one = _limb
+            lines += _limb(robot, limb, link, conditions, narrow)
         elif isinstance(robot.mechanism, FiveBar):
-            one = _linkage
-        lines += one(robot, limb, link, conditions, narrow)
+            lines += _linkage(robot, limb, link, conditions)
+        else:
+            lines += _chain(robot, limb, link, conditions, narrow, weights)
     return [*lines, "</body>"]
 
 
@@ -299,16 +308,19 @@ def _joints(robot: Robot, limb: int, conditions: Conditions) -> list[str]:
 
 
 def _chain(
-    robot: Robot, limb: int, mass: float, conditions: Conditions, narrow: Narrow
+    robot: Robot,
+    limb: int,
+    mass: float,
+    conditions: Conditions,
+    narrow: Narrow,
+    weights: LinkMasses | None,
 ) -> list[str]:
     joints = _joints(robot, limb, conditions)
-    return chain_limb(robot, limb, mass, joints, _end(robot, limb), narrow, LINK)
+    return chain_limb(robot, limb, mass, joints, _end(robot, limb), narrow, LINK, weights)
 
 
-def _linkage(
-    robot: Robot, limb: int, mass: float, conditions: Conditions, narrow: Narrow
-) -> list[str]:
-    del narrow  # last links end at wrists, or at toes that are seen only
+def _linkage(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[str]:
+    # Last links end at wrists, or at toes that are seen only: they do not narrow
     joints = _joints(robot, limb, conditions)
     return linkage_limb(robot, limb, mass, joints, _end(robot, limb), LINK)
 

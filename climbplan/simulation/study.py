@@ -11,6 +11,7 @@ import numpy as np
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.simulation.comparison import Comparison, compare
 from climbplan.simulation.conditions import Conditions, require_possible
+from climbplan.simulation.link_masses import link_masses
 from climbplan.simulation.pictures import Camera, open_camera
 from climbplan.simulation.replay import Run, load_mujoco, simulate
 from climbplan.simulation.sweep import Sweep, SweepPoint, sweep
@@ -78,7 +79,9 @@ def simulate_plan(
     Results do not depend on `jobs`. Raises UsageError for a world that cannot be, MissingSolver
     without MuJoCo.
     """
-    require_possible(asked.conditions, plan.robot.mass)
+    weights = link_masses(plan, asked.conditions)
+    links = None if weights is None else float(weights.mass.sum())
+    require_possible(asked.conditions, plan.robot.mass, links)
     load_mujoco()
     camera = open_camera(plan.trajectory.com) if asked.pictures else "no pictures asked for"
     watch = camera.watch if isinstance(camera, Camera) else None

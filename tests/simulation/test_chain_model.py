@@ -15,7 +15,7 @@ from climbplan.climb.planner import plan_climb
 from climbplan.robots.kinematics import joint_points_body, toe_world
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.chain_limb import motor_names
-from climbplan.simulation.comparison import compare
+from climbplan.simulation.comparison import compare, find_slips
 from climbplan.simulation.conditions import NOMINAL, Conditions
 from climbplan.simulation.feedforward import limb_weight_torques
 from climbplan.simulation.model import build_mjcf, link_mass, motor_stiffness
@@ -63,7 +63,7 @@ def test_the_body_is_where_it_is(plan: ClimbPlan) -> None:
     """A torso over the hips does not make a box below them; mass acts in the origin."""
     up = np.array([0.0, 0.0, 0.2])
     lifted = replace(plan, robot=replace(plan.robot, body_hull=plan.robot.body_hull + up))
-    model = mujoco.MjModel.from_xml_string(build_mjcf(lifted, Conditions()))
+    model = mujoco.MjModel.from_xml_string(build_mjcf(lifted, Conditions(limb_mass_share=0.02)))
     half = np.ptp(plan.robot.body_hull, axis=0) / 2
     box = model.geom("body")
     np.testing.assert_allclose(box.size, half, atol=1e-6)
@@ -107,11 +107,19 @@ def joint_angles_at_start(plan: ClimbPlan) -> np.ndarray:
 
 
 def test_a_short_climb_is_as_planned(plan: ClimbPlan) -> None:
-    run = simulate(plan, NOMINAL)
+    run = simulate(plan, Conditions(limb_mass_share=0.02))
     assert not run.fallen
     assert run.torque.shape[1:] == (4, 4)
     compared = compare(plan, run)
     assert np.median(compared.torque_error) < 0.02
+
+
+def test_it_stands_with_the_links_of_its_urdf(plan: ClimbPlan) -> None:
+    """Of 44 % of its mass, which the plan counts to the body."""
+    run = simulate(plan, NOMINAL)
+    assert not run.fallen
+    assert not find_slips(plan, run)
+    assert np.linalg.norm(run.com[-1] - plan.trajectory.com[-1]) < 0.01
 
 
 def test_a_joint_that_a_limb_has_not_stays_at_zero(plan: ClimbPlan) -> None:

@@ -15,7 +15,7 @@ from climbplan.errors import UsageError
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.walking_body import TO_WALKING
 from climbplan.robots.walking_legs import WalkingLegs
-from climbplan.simulation.attributes import numbers
+from climbplan.simulation.attributes import inertial_of, numbers
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.walking.model import (
     BODY,
@@ -140,7 +140,7 @@ class _Tree:
         half = [0.5 * self.half[0], 0.35 * self.half[1], _HALF_HEIGHT]
         below = "".join(self._link(child, self.turn) for child in self.children.get(_ROOT, []))
         return (
-            f'<body name="body"><freejoint name="free"/>{_inertial(mass, lever, about)}'
+            f'<body name="body"><freejoint name="free"/>{inertial_of(mass, lever, about)}'
             f'<geom name="body" type="box" pos="{numbers(self.centre)}" size="{numbers(half)}"'
             f' mass="0" material="body" contype="{BODY}" conaffinity="0"/>{extra}{below}</body>'
         )
@@ -171,7 +171,7 @@ class _Tree:
             self._drawn(np.array(self.data.liMi[child].translation))
             for child in self.children.get(joint, [])
         )
-        own = _inertial(float(inertia.mass), np.array(inertia.lever), np.array(inertia.inertia))
+        own = inertial_of(float(inertia.mass), np.array(inertia.lever), np.array(inertia.inertia))
         at = turn @ np.array(place.translation)
         return (
             f'<body pos="{numbers(at)}" quat="{quat.w:.12g} {quat.x:.12g} {quat.y:.12g}'
@@ -207,15 +207,3 @@ class _Tree:
             f' size="{_THICK * length:.4g}" mass="0"'
             ' rgba="0.35 0.55 0.80 1" contype="0" conaffinity="0"/>'
         )
-
-
-def _inertial(mass: float, lever: Array, about: Array) -> str:
-    """Mass and inertia (3, 3) about the centre at lever (3,), both in the body's axes."""
-    if mass <= 0:
-        return '<inertial pos="0 0 0" mass="1e-9" diaginertia="1e-12 1e-12 1e-12"/>'
-    full = [*np.diag(about), about[0, 1], about[0, 2], about[1, 2]]
-    return (
-        f'<inertial pos="{numbers(lever)}" mass="{mass:.12g}" fullinertia="'
-        + " ".join(f"{v:.12g}" for v in full)
-        + '"/>'
-    )

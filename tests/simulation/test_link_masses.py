@@ -1,0 +1,125 @@
+"""Simulated links weigh what the URDF says: mass, centre and gravity as Pinocchio has them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.planner import plan_climb
+from climbplan.errors import UsageError
+from climbplan.reports.replay import sample_instants, true_angles
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
+from climbplan.simulation.chain_limb import motor_names
+from climbplan.simulation.conditions import NOMINAL, Conditions, require_possible
+from climbplan.simulation.feedforward import limb_weight_torques, limb_weight_wrench
+from climbplan.simulation.link_masses import LinkMasses, link_masses
+from climbplan.simulation.model import build_mjcf
+from climbplan.spec.loading import load_climb
+from climbplan.spec.robots.source import load_any_robot
+from climbplan.spec.robots.urdf.source import UrdfRobot
+
+SPECS = Path(__file__).parents[2] / "specs"
+
+
+@pytest.fixture(scope="module", name="plan")
+def _plan() -> ClimbPlan:
+    return plan_climb(
+        load_climb(SPECS / "climb_biped.yaml", ["task.rounds=1", "task.goal.com=[0,0.1,0.52]"])
+    )
+
+
+@pytest.fixture(scope="module", name="found")
+def _found() -> UrdfModel:
+    robot = load_any_robot(SPECS / "robot_biped.yaml")
+    assert isinstance(robot, UrdfRobot)
+    return urdf_model(robot)
+
+
+def weights_of(plan: ClimbPlan) -> LinkMasses:
+    found = link_masses(plan, NOMINAL)
+    assert found is not None
+    return found
+
+
+def named(plan: ClimbPlan, angles: np.ndarray) -> dict[str, float]:
+    names = plan.robot.limbs.joint_names
+    return {
+        n: float(a)
+        for own, row in zip(names, angles, strict=True)
+        for n, a in zip(own, row, strict=True)
+    }
+
+
+def test_masses_are_the_urdfs(plan: ClimbPlan, found: UrdfModel) -> None:
+    weights = weights_of(plan)
+    assert weights.mass.sum() + weights.body_mass == pytest.approx(found.mass(), abs=1e-9)
+    assert weights.mass.sum() == pytest.approx(8.6, abs=1e-9)
+    model = mujoco.MjModel.from_xml_string(build_mjcf(plan, NOMINAL))
+    assert model.body_mass.sum() == pytest.approx(found.mass(), abs=1e-6)
+
+
+def test_the_centre_of_mass_moves_as_pinocchios(plan: ClimbPlan, found: UrdfModel) -> None:
+    robot = plan.robot
+    model = mujoco.MjModel.from_xml_string(build_mjcf(plan, NOMINAL))
+    data = mujoco.MjData(model)
+    names = [name for limb in range(2) for name in motor_names(robot, limb)]
+    address = [model.joint(name).qposadr[0] for name in names]
+    rng = np.random.default_rng(0)
+    zero = found.center({})
+    for _ in range(5):
+        angles = rng.uniform(robot.joint_lower, robot.joint_upper)
+        data.qpos[3:7] = [1, 0, 0, 0]
+        data.qpos[address] = angles.ravel()
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        own = data.subtree_com[model.body("body").id].copy()
+        data.qpos[address] = 0.0
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        moved = own - data.subtree_com[model.body("body").id]
+        np.testing.assert_allclose(moved, found.center(named(plan, angles)) - zero, atol=2e-6)
+
+
+def test_motors_carry_links_as_pinocchio_says(plan: ClimbPlan, found: UrdfModel) -> None:
+    told = limb_weight_torques(plan, NOMINAL)
+    wrench = limb_weight_wrench(plan, NOMINAL)
+    angles = true_angles(plan, sample_instants(plan))
+    model, data = found.model, found.model.createData()
+    weights = weights_of(plan)
+    for sample in (0, len(told) // 2, len(told) - 1):
+        q = found.angles(named(plan, angles[sample]))
+        up = found.turn.T @ rotation_world_body(plan.trajectory.rpy[sample])[2]
+        model.gravity.linear = -plan.robot.gravity * up
+        held = pin.computeGeneralizedGravity(model, data, q)
+        for limb, own in enumerate(plan.robot.limbs.joint_names):
+            for joint, name in enumerate(own):
+                index = model.idx_vs[model.getJointId(name)]
+                assert told[sample, limb, joint] == pytest.approx(held[index], abs=1e-6)
+        # The legs' moment about the body's origin: of all links, less the base's own
+        own_base = np.cross(
+            weights.body_middle, [0.0, 0.0, -weights.body_mass * plan.robot.gravity]
+        )
+        centre = found.center(named(plan, angles[sample])) - found.center(
+            named(plan, plan.robot.mechanism.posture)  # type: ignore[union-attr]
+        )
+        whole = np.cross(centre, [0.0, 0.0, -plan.robot.weight])
+        turned = rotation_world_body(plan.trajectory.rpy[sample])
+        if np.allclose(turned, np.eye(3), atol=1e-12):
+            np.testing.assert_allclose(wrench[sample, 3:], whole - own_base, atol=1e-5)
+    model.gravity.linear = np.array([0.0, 0.0, -9.81])
+
+
+def test_a_share_that_is_given_counts(plan: ClimbPlan) -> None:
+    assert link_masses(plan, Conditions(limb_mass_share=0.02)) is None
+
+
+def test_load_taken_off_leaves_a_body(plan: ClimbPlan) -> None:
+    weights = weights_of(plan)
+    with pytest.raises(UsageError, match=r"expected at least -7\.17 kg"):
+        require_possible(Conditions(payload=-8.0), plan.robot.mass, float(weights.mass.sum()))

@@ -19,8 +19,11 @@ from climbplan.robots.urdf.workspace import farthest_toes
 CLEARANCE = 0.02  # [m] of body and knees from walls
 SAFETY = 1.2  # S_mu
 IN_HAND = 0.95  # of the friction that may be used
+_STEADIER = 0.8  # of it, by drawn postures first: what limbs give under load takes some
 WALLS = {1.0: "rubber on anti-slip tape", 1.5: "climbing rubber on grit; it may not brace on less"}
 _BRACES = 16  # postures between walls that are kept, for the planner to choose from
+_HOPELESS = 1.5  # times the torque limits, from which on no toes are drawn
+_GIVE = 0.12  # [rad] from joint bounds, for commands beyond what limbs give: of drawn postures
 _DOUBTED = 0.5  # of the torque limits, from which on postures between walls are looked at again
 _LONGEST = 0.97  # share of reach that `farthest_toes` gives
 
@@ -46,36 +49,43 @@ def braces_of(
 
     most = SHIFTED[-1] * float(reach.min())
 
-    def kept(mu: float, found: list[Posture], lack: Lack) -> tuple[list[Posture], str]:
-        """Of postures that a first look takes to hold, the best, and what is lacking."""
-        lacks = lacking(legs, lack)
-        doubted = lack.share > _DOUBTED
-        own = clear_ones = [one for one in found[: None if doubted else _BRACES] if apart(one)]
-        if doubted and clear_ones:
-            own, least = refined(legs, clear_ones, IN_HAND * mu / SAFETY, most, clear)
-            lacks = (
-                f": the motors need {least:.3g} times their torque limits with any one limb "
-                "lifted, by exact kinematics of the shifted body in "
-                f"{len(clear_ones)} postures and others drawn about the best"
-            )
-        lacks = f", on walls of friction {mu:g}{lacks}"
-        if found and not clear_ones:
-            lacks = f": parts touch in all {len(found)} that would hold"
-        return [replace(brace, friction=mu) for brace in own[:_BRACES]], lacks
-
     out: list[Posture] = []
     lacks = ""
     for mu in WALLS:
-        own, lacks = kept(
-            mu, *bracing_postures(legs, chain.posture, CLEARANCE, IN_HAND * mu / SAFETY)
-        )
-        out += own
-    drawn = None if out else drawn_braces(legs, CLEARANCE)
-    if drawn is not None and drawn.tried:
+        usable = IN_HAND * mu / SAFETY
+        found, lack = bracing_postures(legs, chain.posture, CLEARANCE, usable)
+        lacks = f", on walls of friction {mu:g}{lacking(legs, lack)}"
+        doubted = lack.share > _DOUBTED
+        own = clear_ones = [one for one in found[: None if doubted else _BRACES] if apart(one)]
+        if doubted and clear_ones:
+            own, least = refined(legs, clear_ones, usable, most, clear)
+            lacks = f", on walls of friction {mu:g}{_shifted(least, len(clear_ones))}"
+        if found and not clear_ones:
+            lacks = f": parts touch in all {len(found)} that would hold"
+        out += [replace(brace, friction=mu) for brace in own[:_BRACES]]
+    if out or _HOPELESS < lack.share < np.inf:
+        return tuple(out), lacks
+    inner = replace(legs, lower=low + _GIVE, upper=np.maximum(high - _GIVE, low + _GIVE))
+    drawn = drawn_braces(inner, CLEARANCE)
+    for part in (_STEADIER, IN_HAND) if drawn.postures else ():
         for mu in WALLS:
-            own, lacks = kept(mu, *drawn.holding(legs, IN_HAND * mu / SAFETY))
-            out += own
+            usable = part * mu / SAFETY
+            found, _ = drawn.holding(inner, usable)
+            clear_ones = [one for one in found if apart(one)]
+            own, least = refined(inner, clear_ones, usable, most, clear, begun=0)
+            if clear_ones:
+                lacks = f", on walls of friction {mu:g}{_shifted(least, len(clear_ones))}"
+            out += [replace(brace, friction=mu) for brace in own[:_BRACES]]
+        if out:
+            break
     return tuple(out), lacks
+
+
+def _shifted(least: float, count: int) -> str:
+    return (
+        f": the motors need {least:.3g} times their torque limits with any one limb lifted, by "
+        f"exact kinematics of the shifted body in {count} postures and others drawn about the best"
+    )
 
 
 def farthest(chain: SerialChain, lower: Array, upper: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from climbplan.robots.urdf.proposal.postures import Braced, Legs, reached_angles
 
 _DRAWN = 2500
-_LOOKED = 400  # of the roomiest, whose forces are looked at
+_LOOKED = 300  # of the roomiest, whose forces are looked at
 _WIDE = (0.1, 0.95)  # shares of reach that walls are from first joints
 _AHEAD = 0.4  # of reach, of all toes
 _APART = 0.3  # of reach, of each pair besides

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from climbplan.climb.looks import plan_looks
-from climbplan.climb.proposed import file_name, planned_proposal
+from climbplan.climb.proposed import Outcome, file_name, planned_proposal
 from climbplan.reports.robot_page import robot_page
+from climbplan.robots.urdf.proposal.document import paths, robot_document
 from climbplan.robots.urdf.proposal.proposing import propose, read_tree
-from climbplan.walking.proposed import proposed_walk
+from climbplan.walking.proposed import ProposedWalk, walk_proposed
 
 _TRIANGLES = 800  # of one shape in the pictures of a page
 
@@ -30,26 +31,38 @@ def names_of_files(urdf: Path) -> list[str]:
     Raises SpecError for what is wrong in the URDF.
     """
     name = file_name(read_tree(urdf).name)
-    ends = (".yaml", "_ground.yaml", "_chimney.yaml", "_wall.yaml", "_walk.yaml", ".html")
-    return [f"{name}{end}" for end in ends]
+    specs = ("ground", "chimney", "wall", "walk", "walking")
+    return [f"{name}.yaml", *(f"{name}_{spec}.yaml" for spec in specs), f"{name}.html"]
 
 
 def new_robot(
-    urdf: Path, directory: Path, report: Callable[[str], None] = lambda words: None
+    urdf: Path,
+    directory: Path,
+    report: Callable[[str], None] = lambda words: None,
+    toes: Sequence[str] = (),
 ) -> NewRobot:
     """Propose a robot from a URDF, and plan with it; paths in the files are for `directory`.
 
+    toes: links that its legs end in; left out: they are looked for.
     A spec that does not lead to a plan is written all the same, and told. Raises SpecError for what
     is wrong in the URDF and UsageError where no robot can be proposed.
     """
     report("proposing legs, toes and postures")
-    found = propose(urdf)
+    found = propose(urdf, toes=toes)
     made = planned_proposal(found, directory, report)
     found = made.found
-    report("planning a walk at speed")
-    robot_file, walk_file = f"{made.name}.yaml", f"{made.name}_walk.yaml"
-    walk = proposed_walk(found, robot_file)
-    outcomes = (made.walk, made.climb, made.wall, walk)
+    outcomes: list[Outcome | ProposedWalk] = list(made.outcomes)
+    walks = {}
+    if made.walks:
+        report("planning a walk at speed")
+        walk_file, walking_file = f"{made.name}_walk.yaml", f"{made.name}_walking.yaml"
+        walk = walk_proposed(found, f"{made.name}.yaml", walking_file)
+        outcomes.append(walk)
+        if walk.text:
+            walks[walk_file] = walk.text
+        if walk.text and walk.found is not found:
+            own = paths(walk.found, directory)
+            walks[walking_file] = robot_document(walk.found, own, walk_file)
     notes = [f"implausible: {text}" for text in found.odd]
     notes += [f"assumed: {text}" for text in found.assumed]
     notes += [str(outcome) for outcome in outcomes]
@@ -57,7 +70,6 @@ def new_robot(
         (one.what if one.plan is not None else f"not found: {one.what}", one.plan is not None)
         for one in outcomes
     ]
-    walks = {walk_file: walk.text} if walk.text else {}
     looks = plan_looks(found.draft.robot(), found.robot, _TRIANGLES)
-    page = {f"{made.name}.html": robot_page(found, made.climb.brace, badges, looks)}
+    page = {f"{made.name}.html": robot_page(found, made.brace, badges, looks)}
     return NewRobot(made.name, made.files | walks | page, tuple(notes))

@@ -50,6 +50,15 @@ def new(
             help="The same for a URDF of an installed Python package, by part of its path.",
         ),
     ] = None,
+    toes: Annotated[
+        str | None,
+        typer.Option(
+            "--toes",
+            metavar="LINKS",
+            help="With --urdf or --package: links that its legs end in, by commas; two are flat "
+            "feet [default: found].",
+        ),
+    ] = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
     force: Force = False,
@@ -57,12 +66,15 @@ def new(
     """Write a commented example spec that runs as it is, and print its path.
 
     With --urdf or --package: NAME.yaml, specs of a robot on the ground, between walls, from the
-    ground to walls and walking (NAME_ground, _chimney, _wall, _walk) and the page NAME.html, with
-    legs, toes, postures and stiffness proposed and what is assumed marked.
+    ground to walls and walking (NAME_ground, _chimney, _wall, _walk; on two flat feet the first
+    alone) and the page NAME.html, with legs, toes, postures and stiffness proposed and what is
+    assumed marked.
     """
     if urdf is not None or package is not None:
-        _new_robot(context, kind, urdf, package, example, directory, force)
+        _new_robot(context, kind, urdf, package, example, _links(toes), directory, force)
         return
+    if toes is not None:
+        raise UsageError("--toes is of a robot from a URDF: expected --urdf or --package with it")
     from climbplan.spec.examples import (
         ABOUT,
         FIRST_EXAMPLE,
@@ -87,6 +99,14 @@ def new(
         listed = ", ".join(others)
         context.ensure_object(Session).note(f"other examples (--example NAME): {listed}")
     print_result(str(target))
+
+
+def _links(toes: str | None) -> tuple[str, ...]:
+    """Links of `--toes`; raises UsageError for less than two, empty names, and one named twice."""
+    links = () if toes is None else tuple(link.strip() for link in toes.split(","))
+    if toes is not None and (len(links) < 2 or not all(links) or len(set(links)) < len(links)):
+        raise UsageError(f"--toes {toes!r}: expected two different links or more, by commas")
+    return links
 
 
 def _write(content: dict[Path, bytes], directory: Path, force: bool) -> None:
@@ -115,6 +135,7 @@ def _new_robot(
     urdf: Path | None,
     package: str | None,
     example: str | None,
+    toes: tuple[str, ...],
     directory: Path,
     force: bool,
 ) -> None:
@@ -130,7 +151,7 @@ def _new_robot(
     session = context.ensure_object(Session)
     path = urdf if urdf is not None else package_urdf(package or "")
     _refuse_existing((directory / name for name in names_of_files(path)), force)
-    made = new_robot(path, directory, session.note)
+    made = new_robot(path, directory, session.note, toes)
     content = {directory / name: text.encode() for name, text in made.files.items()}
     _write(content, directory, force)
     for note in made.notes:

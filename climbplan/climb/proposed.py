@@ -72,9 +72,9 @@ class Proposed:
     name: str
     found: Proposal  # in the standing posture that was settled on
     files: dict[str, str]
-    walk: Outcome
-    climb: Outcome
-    wall: Outcome
+    outcomes: tuple[Outcome, ...]  # of a walk on ground first
+    brace: Posture | None  # between walls that it climbs
+    walks: bool  # whether a walk at speed may be asked of it
 
 
 class Trials:
@@ -203,17 +203,24 @@ def planned_proposal(found: Proposal, directory: Path, report: Told) -> Proposed
 
     Paths in the files are for `directory`; report: told what is being done.
     """
+    soled = found.settled.soles is not None
     with tempfile.TemporaryDirectory() as folder:
         report("planning a walk on flat ground")
         trials = Trials(found, Path(folder))
-        outcomes = trials.ground, trials.chimney(report), trials.wall(report)
+        outcomes = {"ground": trials.ground}
+        if not soled:
+            outcomes |= {"chimney": trials.chimney(report), "wall": trials.wall(report)}
     specs = {
         f"{trials.name}_{end}.yaml": outcome.text
-        for end, outcome in zip(("ground", "chimney", "wall"), outcomes, strict=True)
+        for end, outcome in outcomes.items()
         if outcome.text
     }
     robot = robot_document(trials.found, paths(found, directory), ", ".join(specs))
-    return Proposed(trials.name, trials.found, {trials.robot_file: robot} | specs, *outcomes)
+    files = {trials.robot_file: robot} | specs
+    brace = outcomes["chimney"].brace if "chimney" in outcomes else None
+    return Proposed(
+        trials.name, trials.found, files, tuple(outcomes.values()), brace, walks=not soled
+    )
 
 
 def _why(error: Exception) -> str:

@@ -37,6 +37,7 @@ from climbplan.robots.rotations import Array, rotation_world_body
 
 _PROBES = 9  # samples of a segment from which its least duration is found
 _SPEED_MARGIN = 1.1  # durations exceed what the sampled joint speeds need by this factor
+_ROCKING = 0.25  # of a flat foot's half width, by which inertia may move the centre of pressure
 _BOUND_SLACK = 1e-7  # [rad] by which solvers may have missed a joint bound
 _MOST_SAMPLES = 1_000_000  # a plan of more would take gigabytes to verify
 
@@ -144,7 +145,23 @@ def _least_durations(robot: Robot, frames: Keyframes) -> Array:
     angles = _joint_commands(robot, moving, [frames.label[s] for s in segment])
     turned = np.abs(np.diff(angles.reshape(count, _PROBES, *angles.shape[1:]), axis=1))
     fastest = (turned * (_PROBES - 1) / robot.max_joint_speed).max(axis=(1, 2, 3))
-    return _SPEED_MARGIN * fastest + 1e-3
+    return np.maximum(_SPEED_MARGIN * fastest + 1e-3, _balanced_durations(robot, frames))
+
+
+def _balanced_durations(robot: Robot, frames: Keyframes) -> Array:
+    """Time (F-1,) in which the body goes each way without rocking flat feet [s].
+
+    Plans are statics: a body that speeds up by a moves the centre of pressure by a h / g, with h
+    its height over the sole. That is to be a small part of the sole.
+    """
+    if robot.sole is None:
+        return np.zeros(len(frames.share))
+    way = np.linalg.norm(np.diff(frames.com, axis=0), axis=1)
+    toes = np.minimum(frames.toes[:-1], frames.toes[1:])
+    height = np.maximum(frames.com[1:, 2] - toes[..., 2].min(axis=1), 0.0)
+    moved = _ROCKING * float(robot.sole.half_size.min())
+    # `_ease` has its largest second derivative, 6, at both ends
+    return np.asarray(np.sqrt(6.0 * way * height / (robot.gravity * moved)))
 
 
 def _joint_commands(robot: Robot, moving: _Moving, where: list[str]) -> Array:

@@ -51,7 +51,10 @@ def robot_page(
         Card("Reach", f"{robot.reach:.3f} m", "of the leg that reaches least"),
         Card("Stiffness", f"{proposal.motors.stiffness:g} N m/rad", "of most joints, proposed"),
     ]
-    if robot.foot is not None and robot.sole is None:
+    if (sole := robot.sole) is not None:
+        size = f"{1e3 * sole.length:g} x {1e3 * sole.width:g} mm"
+        cards.append(Card("Feet", size, "soles, by collision geometry"))
+    elif robot.foot is not None:
         cards.append(Card("Feet", f"{1e3 * robot.foot.radius:g} mm", "spheres round the toes"))
     whole = all(good for _, good in told)
     fields = frame_fields(

@@ -172,7 +172,7 @@ def test_drawn_braces_hold_better_than_those_they_begin_from(quadruped: Proposal
     low, high = robot.joint_lower, robot.joint_upper
     box = robot.body_hull.min(axis=0), robot.body_hull.max(axis=0)
     reach = np.full(robot.limb_count, robot.reach)
-    mirror = quadruped.settled.mirror
+    mirror = quadruped.settled.legs.mirror
     begun = [one for one in quadruped.braces if one.friction == 1.0]
     # Motors with which the best that is known just holds
     torque = max(one.use for one in begun) * robot.max_torque

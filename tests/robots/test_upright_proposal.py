@@ -16,7 +16,8 @@ from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.touching_parts import parts_beside
 from climbplan.robots.urdf.building import robot_of_urdf
 from climbplan.robots.urdf.proposal.proposing import legs_of, propose
-from climbplan.robots.urdf.proposal.settled import Proposal, settled
+from climbplan.robots.urdf.proposal.settled import Proposal, measured
+from climbplan.robots.urdf.proposal.standings import standing
 from climbplan.robots.urdf.workspace import common_reach
 
 # A bar across the front legs at zero, which half a turn takes up over them
@@ -99,8 +100,8 @@ def test_one_reach_is_a_necessary_one_for_all() -> None:
 @pytest.fixture(scope="module", name="upright")
 def _upright(tmp_path_factory: pytest.TempPathFactory) -> Proposal:
     found = legs_of(humanoid(tmp_path_factory.mktemp("upright") / "humanoid.urdf"))
-    own = found.draft, found.tree, list(found.toes), found.named, found.shapes, found.unread
-    return settled(*own).proposal()
+    own = found.draft, found.tree, found.toes, found.named, found.shapes, found.unread
+    return standing(measured(*own)).proposal()
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from walking_urdf import walking_robot, write_robot
 
 from climbplan.errors import SpecError
 from climbplan.robots.urdf.pinocchio_model import urdf_model
-from climbplan.robots.urdf.toe_boxes import _borne
+from climbplan.robots.urdf.toe_boxes import borne
 from climbplan.robots.urdf.walking_body import TO_WALKING, WalkingBody, walking_body
 from climbplan.spec.robots.source import load_any_robot
 from climbplan.spec.robots.urdf.source import UrdfRobot
@@ -115,7 +115,7 @@ def _loaded(path: Path) -> UrdfRobot:
 
 
 def test_weaker_legs_bear_less_farther_from_the_middle(found: WalkingBody) -> None:
-    share = _borne(found.boxes.center + np.array([0.1, 0.0, 0.0]))
+    share = borne(found.boxes.center + np.array([0.1, 0.0, 0.0]))
     assert share.sum() == pytest.approx(2.0)
     assert share[0] == share[1] < 0.5 < share[2] == share[3]
 

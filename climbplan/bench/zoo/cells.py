@@ -6,24 +6,18 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from climbplan.bench.climb.stands import fares
 from climbplan.climb.proposed import Outcome, Trials
 from climbplan.errors import UsageError
-from climbplan.robots.urdf.proposal.settled import Proposal
 from climbplan.simulation.conditions import NOMINAL
 from climbplan.simulation.walking.comparison import compare_walk
 from climbplan.simulation.walking.walk_report import end_of
 from climbplan.simulation.walking.whole_replay import simulate_whole
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.proposed import ProposedWalk, proposed_walk
-from climbplan.walking.task import ANGLES, VELOCITY
+from climbplan.walking.proposed import walk_proposed
 
 Told = Callable[[str], None]
-_LAST = 4  # a walk's speed is that of its last quarter
 NOT_SIMULATED = "not simulated"
-_REACHED = 0.9  # of the speed or the turn that was asked for
 
 
 @dataclass(frozen=True)
@@ -64,45 +58,14 @@ def _climb(make: Callable[[Trials, Told], Outcome]) -> Column:
 def _walk(turns: bool) -> Column:
     def cell(trials: Trials, told: Told) -> Cell:
         begin = time.process_time()
-        plan, words = _asked_walk(trials.found, trials.robot_file, turns)
-        for other in trials.others() if plan is None else ():
-            plan, own = _asked_walk(other, trials.robot_file, turns)
-            if plan is not None:
-                words = own
-                break
+        made = walk_proposed(trials.found, trials.robot_file, trials.robot_file, turns)
         spent = time.process_time() - begin
-        if plan is None:
-            return Cell(False, "", words, spent)
-        walk = plan
-        return Cell(True, _simulated(lambda: _fares(walk)), words, spent)
+        walk = made.plan
+        if walk is None:
+            return Cell(False, "", made.words, spent)
+        return Cell(True, _simulated(lambda: _fares(walk)), made.words, spent)
 
     return cell
-
-
-def _asked_walk(found: Proposal, robot_file: str, turns: bool) -> tuple[WalkPlan | None, str]:
-    """A walk that does what is asked, and how much of it; else none, and why."""
-    made: ProposedWalk = proposed_walk(found, robot_file, turns)
-    plan = made.plan
-    if plan is None:
-        return None, made.words
-    reached, asked, unit = _turned(plan) if turns else _speed(plan)
-    words = f"{reached:.2f} of {asked:.2f} {unit}"
-    if reached < _REACHED * asked:
-        return None, f"the plan reaches {words} alone"
-    return plan, words
-
-
-def _speed(plan: WalkPlan) -> tuple[float, float, str]:
-    """Mean forward speed of the last quarter, and what is asked."""
-    speed = plan.trajectory.state[:, VELOCITY][:, 0]
-    last = max(len(speed) // _LAST, 1)
-    return float(speed[-last:].mean()), float(plan.task.reference.velocity[-1, 0]), "m/s"
-
-
-def _turned(plan: WalkPlan) -> tuple[float, float, str]:
-    yaw = plan.trajectory.state[-1, ANGLES][2]
-    asked = plan.task.reference.euler[-1, 2]
-    return float(np.rad2deg(yaw)), float(np.rad2deg(asked)), "deg"
 
 
 def _fares(plan: WalkPlan) -> str:

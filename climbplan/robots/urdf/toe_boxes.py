@@ -47,7 +47,7 @@ def toe_boxes(
 
     weight: of the robot [N].
     """
-    found = _Grown(chain, toes, lower, upper, torque, _borne(toes) * weight)
+    found = _Grown(chain, toes, lower, upper, torque, borne(toes) * weight)
     pairs, across = toes[:, 0].reshape(-1, 2), toes[:, 1]
     along = (pairs[:-1].min(axis=1) - pairs[1:].max(axis=1)).min()
     most = np.array([along, across[::2].min() - across[1::2].max(), np.inf])
@@ -118,7 +118,7 @@ class _Grown:
         return np.asarray((self.torque / np.maximum(upward, 1e-9)).min(axis=(0, 2)))
 
 
-def _borne(toes: Array) -> Array:
+def borne(toes: Array) -> Array:
     """(L,) of the weight, that each leg bears; toes from the centre of mass, front ones first."""
     if len(toes) != 4:
         return np.full(len(toes), _SHARE)

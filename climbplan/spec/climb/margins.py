@@ -92,7 +92,7 @@ class MarginsSpec(SpecModel):
         "part of a flat foot's half length and width by which its centre of pressure stays inside "
         "the edges of its sole: a foot that is pressed at an edge tips over it at the first "
         "disturbance; of robots with flat feet",
-        default=0.3,
+        default=0.6,
         ge=0,
         lt=1,
     )

@@ -62,7 +62,8 @@ def robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
     else:
         half = ", ".join(f"{v:g}" for v in p.half_size or ())
         lines.append(f"body_half_size: [{half}]  # [m] ASSUMED: round the first joints")
-    use = f"at most {100 * p.posture.use:.0f} % of a torque limit on three legs"
+    holding = "three legs" if robot.sole is None else "one leg"
+    use = f"at most {100 * p.posture.use:.0f} % of a torque limit on {holding}"
     lines += [
         *_links(robot),
         *_feet(robot),
@@ -86,6 +87,11 @@ def _feet(robot: Robot) -> list[str]:
     """Feet of finite size."""
     if robot.foot is None:
         return []
+    if (sole := robot.sole) is not None:
+        return [
+            "# Flat feet, by the collision geometry of their links: toes are the middles of soles.",
+            f"foot: {{length: {sole.length:g}, width: {sole.width:g}}}  # [m]",
+        ]
     return [
         "# Spherical feet, by the collision geometry of their links: toes are their centres.",
         f"foot: {{radius: {robot.foot.radius:g}}}  # [m]",

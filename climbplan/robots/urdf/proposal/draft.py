@@ -28,6 +28,8 @@ class Draft:
     up: str = "z"
     packages: dict[str, str] = field(default_factory=dict)
     foot: float = 0.0  # radius of spherical feet [m]; 0: points
+    sole: tuple[float, float] | None = None  # length and width of flat feet [m]
+    asked: tuple[str, ...] = ()  # links that legs end in; none: they are looked for
 
     def robot(self, meshes: bool = False) -> UrdfRobot:
         """The robot of the section; without meshes none is looked for.
@@ -47,6 +49,8 @@ class Draft:
         }
         if self.foot:
             section["foot"] = {"radius": self.foot}
+        if self.sole is not None:
+            section["foot"] = dict(zip(("length", "width"), self.sole, strict=True))
         if not meshes:
             section |= {"limb_radius": 0.02, "body_half_size": [0.1, 0.1, 0.1]}
         document = Document(self.urdf.name, "", section)

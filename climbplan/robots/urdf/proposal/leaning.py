@@ -45,6 +45,29 @@ def leaning_postures(
     center: centre of mass of angles (N, J) [m]; mu: friction coefficient that may be used;
     beside: room (C,) between limbs at angles (C, N, J) [m].
     """
+    normal = np.zeros((len(legs.hips), 3))
+    normal[:, 2] = 1.0
+    found, far = [], _SHIFTED * float(legs.reach.min())
+    for posture in reaching_under(legs, beside, _LOOKED):
+        at = posture.toes - center(posture.angles)
+        bounds = legs.lower, legs.upper
+        use, shift = moved_share(
+            legs.chain, bounds, posture.angles, at, normal, legs.torque, legs.weight, mu, far,
+            _ENOUGH,
+        )  # fmt: skip
+        if use < _ENOUGH:
+            score = posture.room * (1 - use)
+            found.append(replace(posture, use=use, shift=shift, score=score))
+    return sorted(found, key=lambda posture: -posture.score)
+
+
+def reaching_under(
+    legs: Legs, beside: Callable[[Array], Array] | None, most: int | None
+) -> list[Posture]:
+    """The roomiest postures on level ground, whatever they bear; best first.
+
+    beside: room (C,) between limbs at angles (C, N, J) [m].
+    """
     reach, hips, sign = legs.reach, legs.hips, legs.outward
     low, out, front, rear = (
         x.ravel() for x in np.meshgrid(_LOW, _OUT, _UNDER, _UNDER, indexing="ij")
@@ -62,17 +85,4 @@ def leaning_postures(
     fine = reached & clear_of_body(legs, quality.points) & (above > ABOVE * reach)
     if beside is not None:
         fine &= (beside(angles) > BESIDE)[:, None]
-    normal = np.zeros((len(hips), 3))
-    normal[:, 2] = 1.0
-    found, far = [], _SHIFTED * float(reach.min())
-    for posture in best_of(quality, angles, toes, fine, _LOOKED):
-        at = posture.toes - center(posture.angles)
-        bounds = legs.lower, legs.upper
-        use, shift = moved_share(
-            legs.chain, bounds, posture.angles, at, normal, legs.torque, legs.weight, mu, far,
-            _ENOUGH,
-        )  # fmt: skip
-        if use < _ENOUGH:
-            score = posture.room * (1 - use)
-            found.append(replace(posture, use=use, shift=shift, score=score))
-    return sorted(found, key=lambda posture: -posture.score)
+    return best_of(quality, angles, toes, fine, len(toes) if most is None else most)

@@ -9,8 +9,12 @@ largest group of limbs that are alike.
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 
+from climbplan.errors import UsageError
 from climbplan.spec.robots.urdf.checks import FEWEST_JOINTS, MOST_JOINTS
 from climbplan.spec.robots.urdf.model import FEWEST_LEGS
 from climbplan.spec.robots.urdf.tree import UrdfJoint, UrdfTree
@@ -86,6 +90,36 @@ def limbs_of(tree: UrdfTree, base: str) -> FoundLimbs:
     ]
     short = {chain[-1].child: len(chain) for chain in found if len(chain) < FEWEST_JOINTS}
     return FoundLimbs(tuple(limbs), tuple(shared), short)
+
+
+def limbs_to(tree: UrdfTree, base: str, links: Sequence[str]) -> FoundLimbs:
+    """The chains from the base to links; joints of several are shared.
+
+    Raises UsageError for links that are none, that the base does not carry, that are carried by
+    one another, or by fewer joints than limbs have.
+    """
+    ways: list[list[UrdfJoint]] = []
+    for link in links:
+        if link not in tree.links:
+            near = get_close_matches(link, tree.links, n=1)
+            hint = f", did you mean {near[0]!r}?" if near else ""
+            raise UsageError(f"{tree.path}: no link {link!r}{hint}")
+        way = tree.way_to(link, base)
+        if way is None:
+            raise UsageError(f"{tree.path}: the body {base!r} does not carry link {link!r}")
+        ways.append([joint for joint in way if joint.turns and joint.lower < joint.upper])
+    count = Counter(joint.name for way in ways for joint in way)
+    shared = {j.name: j for way in ways for j in way if count[j.name] > 1}
+    limbs = []
+    for link, way in zip(links, ways, strict=True):
+        own = [joint for joint in way if joint.name not in shared]
+        if len(own) < FEWEST_JOINTS:
+            raise UsageError(
+                f"{tree.path}: link {link!r} is moved by {len(own)} joints of its own, expected "
+                f"{FEWEST_JOINTS} or more"
+            )
+        limbs.append(FoundLimb(tuple(own[:MOST_JOINTS]), tuple(own[MOST_JOINTS:])))
+    return FoundLimbs(tuple(limbs), tuple(shared.values()), {})
 
 
 def alike(lengths: dict[int, float], joints: dict[int, int]) -> list[list[int]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,18 +15,29 @@ from climbplan.errors import SpecError, UsageError
 from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.pinocchio_model import LegAtZero
 from climbplan.robots.urdf.proposal.draft import Draft
-from climbplan.robots.urdf.proposal.limbs import FoundLimb, alike, body_link, legs_among, limbs_of
+from climbplan.robots.urdf.proposal.limbs import (
+    FoundLimb,
+    FoundLimbs,
+    alike,
+    body_link,
+    legs_among,
+    limbs_of,
+    limbs_to,
+)
 from climbplan.robots.urdf.proposal.naming import Named, named
 from climbplan.robots.urdf.proposal.nearer import Nearer, nearer_end
-from climbplan.robots.urdf.proposal.settled import GRAVITY, Proposal, Settled, settled
+from climbplan.robots.urdf.proposal.settled import GRAVITY, Proposal, Settled, measured
+from climbplan.robots.urdf.proposal.soles import Soles, soles_of
+from climbplan.robots.urdf.proposal.standings import standing
 from climbplan.robots.urdf.proposal.toes import Toe, spherical, toe_of
 from climbplan.robots.urdf.shapes import Shape
-from climbplan.spec.robots.urdf.model import FEWEST_LEGS
+from climbplan.spec.robots.urdf.checks import JOINTS_OF_FLAT_FEET
+from climbplan.spec.robots.urdf.model import FEWEST_FLAT_FEET, FEWEST_LEGS
 from climbplan.spec.robots.urdf.tree import UrdfJoint, UrdfTree, read_urdf
 from climbplan.spec.robots.urdf.xml import UrdfFault, UrdfFaults
 
 _AHEAD = 1.3  # times as far apart front to rear as side to side: how legs tell forward from aside
-_LYING = (("z", "-x"), ("z", "x"))  # forward and up of a base on its front, whose x was ahead
+LYING = (("z", "-x"), ("z", "x"))  # forward and up of a base on its front, whose x was ahead
 _LEG_NAMES = "limb {}"
 _LEFT, _RIGHT = (re.compile(rf"(^|_){s[0]}_|{s}", re.IGNORECASE) for s in ("left", "right"))
 
@@ -40,68 +52,72 @@ class FoundLegs:
     named: Named
     shapes: list[Shape]
     unread: str  # why there is no collision geometry
+    soles: Soles | None = None  # of two legs, which stand on flat feet
 
 
-def propose(urdf: Path, packages: dict[str, str] | None = None) -> Proposal:
+def propose(
+    urdf: Path, packages: dict[str, str] | None = None, toes: Sequence[str] = ()
+) -> Proposal:
     """Look at a URDF.
 
     A robot with arms stands on all its limbs upright if it can; else on hands and feet, with its
-    front or its back down; else on its feet, with its hands on walls.
+    front or its back down; else on its feet, with its hands on walls. One of two legs stands on
+    flat feet.
+
+    toes: links that its legs end in, where not all of its limbs are to be legs, or others.
 
     Raises SpecError for what is wrong in it and UsageError where nothing can be proposed: too few
     limbs, or no posture in which it stands.
     """
-    found = legs_of(urdf, packages)
+    found = legs_of(urdf, packages, asked=toes)
     if not any(found.named.arms):
-        return _settled(found).proposal()
-    lying = (legs_of(urdf, packages, axes) for axes in _LYING)
+        return _standing(found).proposal()
+    lying = (legs_of(urdf, packages, axes, toes) for axes in LYING)
     for own in itertools.chain([found], lying):
         try:
-            return _settled(own, walls=False).proposal()
+            return _standing(own, walls=False).proposal()
         except UsageError:
             continue
-    return _settled(found).proposal()
+    return _standing(found).proposal()
 
 
-def _settled(found: FoundLegs, walls: bool = True) -> Settled:
-    own = found.draft, found.tree, list(found.toes), found.named, found.shapes, found.unread
-    return settled(*own, walls)
+def _standing(found: FoundLegs, walls: bool = True) -> Settled:
+    return standing(settled(found), walls)
+
+
+def settled(found: FoundLegs) -> Settled:
+    """Legs with all that does not depend on how the robot stands; raises as `measured`."""
+    own = found.draft, found.tree, found.toes, found.named, found.shapes, found.unread
+    return replace(measured(*own), soles=found.soles)
 
 
 def legs_of(
-    urdf: Path, packages: dict[str, str] | None = None, axes: tuple[str, str] | None = None
+    urdf: Path,
+    packages: dict[str, str] | None = None,
+    axes: tuple[str, str] | None = None,
+    asked: Sequence[str] = (),
 ) -> FoundLegs:
     """Legs of a URDF, their toes, names and order; raises as `propose` but for postures.
 
     axes: of the base that point forward and up; left out: up is z, and forward is looked for.
+    asked: links that legs end in; left out: they are looked for.
     """
     tree = read_tree(urdf)
     base = body_link(tree)
-    found = limbs_of(tree, base)
+    found = limbs_to(tree, base, asked) if asked else limbs_of(tree, base)
     limbs = found.limbs
-    if len(limbs) < FEWEST_LEGS:
-        have = ", ".join(limb.end for limb in limbs) or "none"
-        short = ", ".join(f"{end} with {count}" for end, count in found.short.items())
-        ours = f"; limbs of fewer joints ({short})"
-        if len(limbs) + len(found.short) >= FEWEST_LEGS:
-            ours += (
-                " are a limit of climbplan, not of the robot: with the body still, a toe on fewer "
-                "than three joints moves on a surface, not in a volume, and plans set toes to "
-                "either side"
-            )
-        else:
-            ours += " would not make three either: it is no robot with legs"
-        raise UsageError(
-            f"{urdf}: expected three limbs or more of at least 3 joints that turn, carried by the "
-            f"body {base!r}, found {len(limbs)} (ending at: {have}){ours if short else ''}"
-        )
-    draft = _draft(urdf, base, limbs, found.shared, packages)
+    two = len(limbs) == FEWEST_FLAT_FEET
+    _enough(urdf, base, found)
+    draft = replace(_draft(urdf, base, limbs, found.shared, packages), asked=tuple(asked))
     shapes, unread = draft.shapes()
     model = draft.model()
-    toes = [toe_of(model, limb.joints[-1].name, limb.end, shapes) for limb in limbs]
+    if asked:
+        toes = [Toe(link, (0.0, 0.0, 0.0), "as asked for") for link in asked]
+    else:
+        toes = [toe_of(model, limb.joints[-1].name, limb.end, shapes) for limb in limbs]
     draft.legs = _with_toes(toes)
-    legs, groups = _chosen(draft, limbs, urdf)
-    if ends := _nearer(draft, limbs, legs, shapes):
+    legs, groups = _chosen(draft, limbs, urdf, every=bool(asked) or two)
+    if not (asked or two) and (ends := _nearer(draft, limbs, legs, shapes)):
         limbs = tuple(ends[i].limb if i in ends else limb for i, limb in enumerate(limbs))
         toes = [ends[i].toe if i in ends else toe for i, toe in enumerate(toes)]
         draft = _draft(urdf, base, limbs, found.shared, packages)
@@ -120,10 +136,47 @@ def legs_of(
     draft.locked = {n: angle for n, angle in draft.locked.items() if n in ways or n in out}
     shapes, unread = draft.shapes()
     own = [toes[i] for i in legs]
-    own, draft.foot = spherical(draft.model(), names.names, own, shapes)
+    soles = None
+    if two:
+        soles = soles_of(draft.model(), names.names, own, shapes)
+        if soles is None:
+            raise UsageError(
+                f"{urdf}: two legs stand on flat feet, and the collision geometry of the links "
+                f"that {' and '.join(toe.link for toe in own)} move with has no level face of "
+                f"20 mm or more{f': {unread}' if unread else ''}"
+            )
+        own, draft.sole = list(soles.toes), (soles.length, soles.width)
+    else:
+        own, draft.foot = spherical(draft.model(), names.names, own, shapes)
     for name, toe in zip(names.names, own, strict=True):
         draft.legs[name]["toe_offset"] = list(toe.offset)
-    return FoundLegs(draft, tree, tuple(own), names, shapes, unread)
+    return FoundLegs(draft, tree, tuple(own), names, shapes, unread, soles)
+
+
+def _enough(urdf: Path, base: str, found: FoundLimbs) -> None:
+    """Raises UsageError for limbs on which no robot stands."""
+    limbs = found.limbs
+    least = min((len(limb.joints) for limb in limbs), default=0)
+    if len(limbs) >= FEWEST_LEGS:
+        return
+    if len(limbs) == FEWEST_FLAT_FEET and least >= JOINTS_OF_FLAT_FEET:
+        return
+    have = ", ".join(f"{limb.end} with {len(limb.joints)}" for limb in limbs) or "none"
+    short = ", ".join(f"{end} with {count}" for end, count in found.short.items())
+    ours = f"; limbs of fewer joints ({short})"
+    if len(limbs) + len(found.short) >= FEWEST_LEGS:
+        ours += (
+            " are a limit of climbplan, not of the robot: with the body still, a toe on fewer "
+            "than three joints moves on a surface, not in a volume, and plans set toes to "
+            "either side"
+        )
+    else:
+        ours += " would not make three either: it is no robot with legs"
+    raise UsageError(
+        f"{urdf}: expected three limbs or more of at least 3 joints that turn, or two of at least "
+        f"{JOINTS_OF_FLAT_FEET} with flat feet, carried by the body {base!r}, found {len(limbs)} "
+        f"(ending at: {have}){ours if short else ''}"
+    )
 
 
 def _draft(
@@ -144,6 +197,8 @@ def _draft(
         },
         locked={joint.name: _rest(joint.lower, joint.upper) for joint in locked},
         packages=dict(packages or {}),
+        # Until soles are measured
+        sole=(0.1, 0.05) if len(limbs) == FEWEST_FLAT_FEET else None,
     )
 
 
@@ -185,13 +240,13 @@ def _rest(lower: float, upper: float) -> float:
 
 
 def _chosen(
-    draft: Draft, limbs: tuple[FoundLimb, ...], urdf: Path
+    draft: Draft, limbs: tuple[FoundLimb, ...], urdf: Path, every: bool
 ) -> tuple[list[int], dict[int, int]]:
-    """Limbs that are to be legs, and the group of alike limbs that each is of."""
+    """Limbs that are to be legs, or every one, and the group of alike limbs that each is of."""
     model = draft.model()
     lengths = {i: _length(model.leg(_LEG_NAMES.format(i))) for i in range(len(limbs))}
     grouped = alike(lengths, {i: len(limb.joints) for i, limb in enumerate(limbs)})
-    chosen = legs_among(grouped)
+    chosen = list(range(len(limbs))) if every else legs_among(grouped)
     if not chosen:
         raise UsageError(f"{urdf}: no three limbs that could be legs")
     return chosen, {i: number for number, group in enumerate(grouped) for i in group}

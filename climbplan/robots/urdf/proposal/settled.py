@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,38 +16,27 @@ from climbplan.robots.rotations import Array
 from climbplan.robots.touching_parts import limbs_room, parts_beside
 from climbplan.robots.urdf.building import by_leg, chain_at_zero, joint_angles_of, robot_of_urdf
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
-from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
+from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel, urdf_model
 from climbplan.robots.urdf.proposal.braces import (
-    CLEARANCE,
-    IN_HAND,
-    SAFETY,
     braces_of,
     farthest,
-    lacking,
 )
-from climbplan.robots.urdf.proposal.corridor import corridor_postures
 from climbplan.robots.urdf.proposal.draft import Draft
-from climbplan.robots.urdf.proposal.holding import Lack
 from climbplan.robots.urdf.proposal.idle import idle_joints, rest_of
-from climbplan.robots.urdf.proposal.leaning import leaning_postures
 from climbplan.robots.urdf.proposal.motors import Motors, motors_of
 from climbplan.robots.urdf.proposal.naming import Named, mirrored
 from climbplan.robots.urdf.proposal.postures import (
     Legs,
     Posture,
-    standing_postures,
 )
+from climbplan.robots.urdf.proposal.soles import Soles
 from climbplan.robots.urdf.proposal.toes import Toe
 from climbplan.robots.urdf.proposal.touching import Parts, parts_of
 from climbplan.robots.urdf.shapes import Shape, body_box
-from climbplan.robots.urdf.workspace import common_reach, stance_balls
 from climbplan.spec.robots.urdf.tree import UrdfTree
 
 GRAVITY = 9.81  # [m/s^2]
 SHARE = 0.1  # of compliance in the structure
-_TRIED = 24  # postures whose room is measured with exact kinematics
-_LONGEST = 0.97  # share of reach that `farthest_toes` gives
-_STRONG = 100.0  # times the torque limits, to see what is missing
 FLOOR = 0.8  # friction: rubber on a floor
 
 
@@ -90,16 +80,49 @@ class Settled:
     unread: str  # why there is no collision geometry
     at_zero: tuple[LegAtZero, ...]  # (N,)
     motors: Motors
-    mirror: tuple[int | None, ...]
+    legs: Legs  # frame of the base
     parts: Parts | None
-    inner: tuple[Array, Array]  # corners of the body [m]
-    standings: tuple[Posture, ...]  # roomiest first
+    standings: tuple[Posture, ...]  # roomiest first; none before they are looked for
+    soles: Soles | None = None  # of two legs that stand on flat feet
 
-    def proposal(self, posture: Posture | None = None) -> Proposal:
-        """What is proposed of the robot in one of its standing postures, else in the roomiest."""
+    @cached_property
+    def _model(self) -> UrdfModel:
+        return self.draft.model()
+
+    def center(self, angles: Array) -> Array:
+        """(3,) centre of mass at angles (N, J), frame of the base [m]."""
+        return self._model.center(_by_joint(self.at_zero, angles))
+
+    def touching(self, posture: Posture) -> bool:
+        """Whether parts of the robot touch in a posture; not, without collision geometry."""
+        angles = _by_joint(self.at_zero, posture.angles)
+        return self.parts is not None and bool(self.parts.touching(angles))
+
+    def beside(self) -> Callable[[Array], Array] | None:
+        """Room (C,) [m] between limbs at angles (C, N, J), as thick as planning takes them."""
+        if not self.shapes:
+            return None
+        robot = self.draft.robot(meshes=True)
+        # No stance is settled yet, and none is needed for how thick limbs are
+        size = robot.spec.workspace.model_copy(update={"reach": 1.0, "stance_radius": SHARE})
+        spec = robot.spec.model_copy(update={"workspace": size})
+        planned = robot_of_urdf(replace(robot, spec=spec))
+
+        def room(angles: Array) -> Array:
+            links = limb_capsules(planned, angles)
+            _, pairs = parts_beside(planned, links)
+            return np.asarray(limbs_room(links, pairs).min(axis=-1, initial=np.inf))
+
+        return room
+
+    def proposal(self, posture: Posture | None = None, walls: bool = True) -> Proposal:
+        """What is proposed of the robot in one of its standing postures, else in the roomiest.
+
+        walls: whether to look for how it braces between walls.
+        """
         posture = self.standings[0] if posture is None else posture
         standing = {
-            joint: round(float(np.rad2deg(angle)), 2)
+            joint: round(float(np.rad2deg(angle)), 2) + 0.0  # no -0
             for leg, row in zip(self.at_zero, posture.angles, strict=True)
             for joint, angle in zip(leg.names, row[len(row) - len(leg.names) :], strict=True)
         }
@@ -110,14 +133,17 @@ class Settled:
         draft = replace(self.draft, legs=legs)
         box, half = body_box(self.shapes), None
         if box is None:
-            x, y, z = (round(float(value), 3) for value in np.ptp(self.inner, axis=0) / 2)
+            x, y, z = (round(float(value), 3) for value in np.ptp(self.legs.box, axis=0) / 2)
             half = (x, y, z)
         robot = _planned_with(draft, half, self.shapes)
 
         def apart(brace: Posture) -> bool:
-            return not _touching(self.parts, self.at_zero, brace)
+            return not self.touching(brace)
 
-        braces, lacks = braces_of(robot, self.mirror, apart)
+        braces: tuple[Posture, ...] = ()
+        lacks = ": flat feet are not put on walls" if self.soles is not None else ""
+        if walls and self.soles is None:
+            braces, lacks = braces_of(robot, self.legs.mirror, apart)
         assumed = []
         if self.unread:
             assumed.append(f"collision geometry is not read: {self.unread}")
@@ -131,7 +157,9 @@ class Settled:
             assumed.append(
                 f"forward is the base's {draft.forward} axis, along which legs are spread"
             )
-        buried = _buried(self.toes, self.at_zero, self.shapes, draft.foot)
+        buried = []
+        if self.soles is None:
+            buried = _buried(self.toes, self.at_zero, self.shapes, draft.foot)
         odd = (*self.motors.odd, *_masses(self.tree), *buried)
         return Proposal(
             robot.name, draft, self.tree, self.toes, self.named, self.motors, self, standing,
@@ -139,20 +167,17 @@ class Settled:
         )  # fmt: skip
 
 
-def settled(
+def measured(
     draft: Draft,
     tree: UrdfTree,
-    toes: list[Toe],
+    toes: Sequence[Toe],
     names: Named,
     shapes: list[Shape],
     unread: str,
-    walls: bool = True,
 ) -> Settled:
-    """Motors, idle joints and standing postures of legs that are settled.
+    """Motors and idle joints of legs that are settled, and what postures are searched for with.
 
-    walls: whether hands may be on walls where the ground alone does not do.
-
-    Raises UsageError for links without mass, and where it stands in no posture.
+    Raises UsageError for links without mass.
     """
     model = draft.model()
     at_zero = [model.leg(name) for name in names.names]
@@ -182,7 +207,6 @@ def settled(
         if held := rest_of(urdf_model(draft.robot(meshes=True)), idle, bounds, hips):
             draft = replace(draft, locked=draft.locked | held)
             shapes, _ = draft.shapes()
-            model = draft.model()
     torque = by_leg(
         width,
         [
@@ -194,56 +218,9 @@ def settled(
     inner = body_box(shapes) or (hips.min(axis=0) - 0.03, hips.max(axis=0) + 0.03)
     legs = Legs(chain, lower, upper, torque, reach, mass * GRAVITY, mirrored(hips), inner)
     parts = parts_of(urdf_model(draft.robot(meshes=True)), bounds) if shapes else None
-
-    def fine(found: list[Posture]) -> list[Posture]:
-        return [one for one in found if not _touching(parts, at_zero, one)]
-
-    def center(angles: Array) -> Array:
-        return model.center(_by_joint(at_zero, angles))
-
-    lack = Lack()
-    standings = _roomiest(legs, fine(standing_postures(legs, _TRIED)))
-    usable = IN_HAND * FLOOR / SAFETY
-    beside = _room_beside(draft) if shapes and not standings else None
-    if not standings:
-        found = fine(leaning_postures(legs, center, usable, beside))
-        standings = _roomiest(legs, found[:_TRIED])
-    if not standings and walls and any(names.arms):
-        found, lack = corridor_postures(
-            legs, np.array(names.arms), center, CLEARANCE, usable, beside
-        )
-        found = fine([replace(one, friction=FLOOR) for one in found])
-        standings = _roomiest(legs, found[:_TRIED])
-    if not standings:
-        strong = replace(legs, torque=_STRONG * legs.torque)
-        lacks = f"; on level ground{_too_weak(legs, fine(standing_postures(strong, _TRIED)))}"
-        if any(names.arms):
-            lacks += f"; standing on its feet with its hands on walls{lacking(legs, lack)}"
-        raise UsageError(
-            f"{tree.path}: found no posture in which it stands with {', '.join(names.names)} "
-            f"(toes {', '.join(toe.link for toe in toes)}): `climbplan new robot --example "
-            f"robot_walker` shows what to write by hand{lacks}"
-        )
     return Settled(
-        draft, tree, tuple(toes), names, shapes, unread, tuple(at_zero), motors, legs.mirror,
-        parts, inner, tuple(standings),
+        draft, tree, tuple(toes), names, shapes, unread, tuple(at_zero), motors, legs, parts, (),
     )  # fmt: skip
-
-
-def _room_beside(draft: Draft) -> Callable[[Array], Array]:
-    """Room (C,) [m] between limbs at angles (C, N, J), as thick as planning takes them."""
-    robot = draft.robot(meshes=True)
-    # No stance is settled yet, and none is needed for how thick limbs are
-    size = robot.spec.workspace.model_copy(update={"reach": 1.0, "stance_radius": SHARE})
-    spec = robot.spec.model_copy(update={"workspace": size})
-    planned = robot_of_urdf(replace(robot, spec=spec))
-
-    def room(angles: Array) -> Array:
-        links = limb_capsules(planned, angles)
-        _, pairs = parts_beside(planned, links)
-        return np.asarray(limbs_room(links, pairs).min(axis=-1, initial=np.inf))
-
-    return room
 
 
 def _by_joint(legs: Sequence[LegAtZero], angles: Array) -> dict[str, float]:
@@ -253,11 +230,6 @@ def _by_joint(legs: Sequence[LegAtZero], angles: Array) -> dict[str, float]:
         for leg, row in zip(legs, angles, strict=True)
         for joint, angle in zip(leg.names, row[len(row) - len(leg.names) :], strict=True)
     }
-
-
-def _touching(parts: Parts | None, legs: Sequence[LegAtZero], posture: Posture) -> bool:
-    """Whether parts of the robot touch in a posture; not, where there is no collision geometry."""
-    return parts is not None and bool(parts.touching(_by_joint(legs, posture.angles)))
 
 
 def _stated(motors: Motors) -> dict[str, dict[str, float]]:
@@ -273,20 +245,6 @@ def _stated(motors: Motors) -> dict[str, dict[str, float]]:
     return out
 
 
-def _roomiest(legs: Legs, found: list[Posture]) -> list[Posture]:
-    """Postures by their room by exact kinematics, less what motors have not left; best first."""
-    by_worth = []
-    for posture in found:
-        chain = replace(legs.chain, posture=posture.angles)
-        ball = stance_balls(
-            chain, posture.toes, common_reach(legs.reach) * _LONGEST, legs.lower, legs.upper
-        )
-        worth = float(ball.min()) * (1 - posture.use)
-        if worth > 0:
-            by_worth.append((worth, posture))
-    return [posture for _, posture in sorted(by_worth, key=lambda pair: -pair[0])]
-
-
 def _planned_with(
     draft: Draft,
     half: tuple[float, ...] | None,
@@ -298,22 +256,6 @@ def _planned_with(
     if not shapes:
         update["limb_radius"] = LIMB_RADIUS
     return robot_of_urdf(replace(robot, spec=robot.spec.model_copy(update=update)))
-
-
-def _too_weak(legs: Legs, found: list[Posture]) -> str:
-    """What motors lack in the best of postures that stronger ones would hold."""
-    if not found:
-        return " none is in reach, clear of the ground and of itself, however strong the motors"
-    best = min(found, key=lambda posture: posture.use)
-    force = np.zeros((len(best.toes), 3))
-    force[:, 2] = legs.weight / min(3, len(force))
-    needed = np.abs(np.einsum("nij,ni->nj", legs.chain.jacobian(best.angles), force))
-    leg, joint = np.unravel_index(int(np.argmax(needed / legs.torque)), needed.shape)
-    name, has = legs.chain.names[leg][joint], float(legs.torque[leg, joint])
-    return (
-        f" the motors need {_STRONG * best.use:.2g} times their torque limits on three legs: "
-        f"{name} {needed[leg, joint]:.3g} N m, and has {has:.3g} N m"
-    )
 
 
 def _masses(tree: UrdfTree) -> list[str]:

@@ -13,6 +13,8 @@ _STEP = 0.35  # of the ball about its stance, that a toe steps in a round on gro
 _RISE = 0.3  # and between walls
 _LONGEST_STEP = 0.08  # [m]
 _SHIFT = 0.6  # of the level distance of a toe from the body, that it may shift at most
+_OVER_SOLE = 1.25  # of that, where it goes over one of two soles
+_SOLE_TIME = 4.0  # [s] of a step then
 _LIFT = 0.25  # of the ball, that a toe is lifted
 _ROUNDS = 2
 _NO_SHIFT = 1e-3  # [m]
@@ -57,7 +59,7 @@ posture:
   steps: {{com_max: {1.5 * step:.4f}, toe_max: {3 * step:.4f}, shift_max: {shift:.3f}}}
 
 force: {{safety_friction: {SAFETY:g}}}
-trajectory: {{lift: {min(_LIFT * ball, 0.05):.4f}}}
+trajectory: {{lift: {min(_LIFT * ball, 0.05):.4f}{_pace(proposal, step)}}}
 seed: 0
 """
 
@@ -208,7 +210,16 @@ def _stands(proposal: Proposal) -> tuple[float, float, float]:
     stance = proposal.robot.stance_body
     away = float(np.linalg.norm(stance[:, :2], axis=1).max())
     shift = 2 * proposal.posture.shift if proposal.posture.gap else _SHIFT * away
+    if proposal.robot.sole is not None:
+        shift = _OVER_SOLE * away
     return float(-stance[:, 2].min()) + proposal.robot.standoff, away, shift
+
+
+def _pace(proposal: Proposal, step: float) -> str:
+    """How fast a biped goes that gets on by so much a round [m]: what is planned is statics."""
+    if proposal.robot.sole is None:
+        return ""
+    return f", speed: {step / (_SOLE_TIME * proposal.robot.limb_count):.2g}"
 
 
 def _start(proposal: Proposal, gap: float = 0.0) -> str:

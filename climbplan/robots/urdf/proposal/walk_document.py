@@ -20,6 +20,7 @@ _EFFORT = 0.28  # of torque limits, that swinging a leg takes at most where long
 _FINER = 20  # intervals that are looked at
 _KNOTS = 16
 _FRICTION = 0.8
+_AHEAD, _ROUND = 100.0, 10.0  # weights of the velocity ahead, and of the yaw
 _TURN = 45.0  # [deg] on the spot
 
 
@@ -28,12 +29,14 @@ def walk_document(
     robot_file: str,
     effort: Callable[[float, float, float], float],
     turns: bool = False,
+    haste: float = 1.0,
 ) -> str:
     """The spec: forward from rest by a walking trot, diagonals or tripods in turn; or round.
 
     effort: the share of torque limits that a swing at a speed [m/s], in an interval [s], lifted by
     so much [m], takes. Legs that are heavy for their motors swing in longer intervals, as far as
-    their boxes let the body move on meanwhile.
+    their boxes let the body move on meanwhile. haste: times as much as usual, that the velocity
+    ahead, or the yaw, weighs against a calm body.
     """
     half, height = body.boxes.half, body.height
     speed = min(_SPEED, _FROUDE * float(np.sqrt(body.gravity * height)))
@@ -49,9 +52,16 @@ def walk_document(
     if turns:
         what, end, speed = (f"turns by {_TURN:g} degrees on the spot", "turn", 0.0)
     yaw = _TURN if turns else 0.0
+    name = robot_file.removesuffix(".yaml").removesuffix("_walking")
+    ahead, about = _AHEAD, _ROUND
+    if turns:
+        about *= haste
+    else:
+        ahead *= haste
+    calm = "a calm body" if haste == 1.0 else "less calm a body lags behind"
     return f"""# {body.name} {what}, every other leg at a time.
 #
-#     climbplan plan-mpc {robot_file.removesuffix(".yaml")}_{end}.yaml
+#     climbplan plan-mpc {name}_{end}.yaml
 #
 # Axes of walking: x forward, y to the left. As it stands the body is {height:.3f} m above the toes;
 # boxes of toes are {size} mm, in which every leg holds {body.boxes.force:.0f} N upright anywhere.
@@ -67,7 +77,7 @@ task:
   lift: {lift:.3f}
   reference: {{velocity: [{speed:.2g}, 0, 0], rpy_deg: [0, 0, {yaw:g}]}}
 
-weights: {{velocity: [100, 100, 1000], angles: [100, 100, 10], height: 1000}}  # a calm body
+weights: {{velocity: [{ahead:g}, 100, 1000], angles: [100, 100, {about:g}], height: 1000}}  # {calm}
 solver: {{method: nlp, guess: walking trot}}
 seed: 0
 """

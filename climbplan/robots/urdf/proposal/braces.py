@@ -1,4 +1,4 @@
-"""How a robot braces between walls: on a grid or drawn; with weak motors by a second look."""
+"""How a robot braces between walls: on a grid, and where motors are weak by a second look."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.urdf.proposal.drawn_braces import drawn_braces
 from climbplan.robots.urdf.proposal.holding import Lack
 from climbplan.robots.urdf.proposal.postures import SHIFTED, Legs, Posture, bracing_postures
 from climbplan.robots.urdf.proposal.refining import refined
@@ -19,11 +18,8 @@ from climbplan.robots.urdf.workspace import farthest_toes
 CLEARANCE = 0.02  # [m] of body and knees from walls
 SAFETY = 1.2  # S_mu
 IN_HAND = 0.95  # of the friction that may be used
-_STEADIER = 0.8  # of it, by drawn postures first: what limbs give under load takes some
 WALLS = {1.0: "rubber on anti-slip tape", 1.5: "climbing rubber on grit; it may not brace on less"}
 _BRACES = 16  # postures between walls that are kept, for the planner to choose from
-_HOPELESS = 1.5  # times the torque limits, from which on no toes are drawn
-_GIVE = 0.12  # [rad] from joint bounds, for commands beyond what limbs give: of drawn postures
 _DOUBTED = 0.5  # of the torque limits, from which on postures between walls are looked at again
 _LONGEST = 0.97  # share of reach that `farthest_toes` gives
 
@@ -47,8 +43,6 @@ def braces_of(
         out = np.abs(points[:, :-1, 0]).max() >= posture.gap / 2 - CLEARANCE
         return not out and apart(posture)
 
-    most = SHIFTED[-1] * float(reach.min())
-
     out: list[Posture] = []
     lacks = ""
     for mu in WALLS:
@@ -58,34 +52,17 @@ def braces_of(
         doubted = lack.share > _DOUBTED
         own = clear_ones = [one for one in found[: None if doubted else _BRACES] if apart(one)]
         if doubted and clear_ones:
+            most = SHIFTED[-1] * float(reach.min())
             own, least = refined(legs, clear_ones, usable, most, clear)
-            lacks = f", on walls of friction {mu:g}{_shifted(least, len(clear_ones))}"
+            lacks = (
+                f", on walls of friction {mu:g}: the motors need {least:.3g} times their "
+                f"torque limits with any one limb lifted, by exact kinematics of the shifted body "
+                f"in {len(clear_ones)} postures and others drawn about the best"
+            )
         if found and not clear_ones:
             lacks = f": parts touch in all {len(found)} that would hold"
         out += [replace(brace, friction=mu) for brace in own[:_BRACES]]
-    if out or _HOPELESS < lack.share < np.inf:
-        return tuple(out), lacks
-    inner = replace(legs, lower=low + _GIVE, upper=np.maximum(high - _GIVE, low + _GIVE))
-    drawn = drawn_braces(inner, CLEARANCE)
-    for part in (_STEADIER, IN_HAND) if drawn.postures else ():
-        for mu in WALLS:
-            usable = part * mu / SAFETY
-            found, _ = drawn.holding(inner, usable)
-            clear_ones = [one for one in found if apart(one)]
-            own, least = refined(inner, clear_ones, usable, most, clear, begun=0)
-            if clear_ones:
-                lacks = f", on walls of friction {mu:g}{_shifted(least, len(clear_ones))}"
-            out += [replace(brace, friction=mu) for brace in own[:_BRACES]]
-        if out:
-            break
     return tuple(out), lacks
-
-
-def _shifted(least: float, count: int) -> str:
-    return (
-        f": the motors need {least:.3g} times their torque limits with any one limb lifted, by "
-        f"exact kinematics of the shifted body in {count} postures and others drawn about the best"
-    )
 
 
 def farthest(chain: SerialChain, lower: Array, upper: Array) -> Array:
@@ -99,7 +76,10 @@ def lacking(legs: Legs, lack: Lack) -> str:
     if np.isnan(lack.share):
         return " no posture is in reach, clear of the body"
     if np.isinf(lack.share):
-        return " no posture in reach holds its weight within the friction cones"
+        return (
+            " no posture of those looked at, limbs bent as it stands, holds its weight within the "
+            "friction cones"
+        )
     name = legs.chain.names[lack.limb][lack.joint]
     has = float(legs.torque[lack.limb, lack.joint])
     return (

@@ -35,21 +35,21 @@ Clear = Callable[[Array, Posture], bool]  # points of links (N, P, 3) of a postu
 
 
 def refined(
-    legs: Legs, tried: list[Posture], mu: float, most: float, clear: Clear, begun: int = _BEGUN
+    legs: Legs, tried: list[Posture], mu: float, most: float, clear: Clear
 ) -> tuple[list[Posture], float]:
     """Postures that hold with any one limb lifted, by exact kinematics; best first.
 
     And the least share of the torque limits that one needs, infinite without any.
 
     tried: with the share and shift of the first look; mu: friction that may be used; most: [m]
-    that the body may shift; clear: of what stands about the robot; begun: how many are drawn about.
+    that the body may shift; clear: of what stands about the robot.
     """
     own = _Search(legs, mu, most, clear)
     found = [own.looked(one, np.inf) for one in sorted(tried, key=lambda p: p.use)[:_LOOKED]]
     found.sort(key=_worth, reverse=True)
     rng = np.random.default_rng(0)
-    near = [one for one in found[:begun] if one.use < _HOPELESS]
-    found += [own.moved(one, rng) for one in near]
+    begun = [one for one in found[:_BEGUN] if one.use < _HOPELESS]
+    found += [own.moved(one, rng) for one in begun]
     least = min((one.use for one in found), default=np.inf)
     return sorted((one for one in found if one.use < 1), key=_worth, reverse=True), least
 

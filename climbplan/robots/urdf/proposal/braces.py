@@ -1,4 +1,4 @@
-"""How a robot braces between walls: on a grid or drawn; with weak motors by a second look."""
+"""How a robot braces between walls: on a grid, and where motors are weak by a second look."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.urdf.proposal.drawn_braces import drawn_braces
 from climbplan.robots.urdf.proposal.holding import Lack
 from climbplan.robots.urdf.proposal.postures import SHIFTED, Legs, Posture, bracing_postures
 from climbplan.robots.urdf.proposal.refining import refined
@@ -44,37 +43,25 @@ def braces_of(
         out = np.abs(points[:, :-1, 0]).max() >= posture.gap / 2 - CLEARANCE
         return not out and apart(posture)
 
-    most = SHIFTED[-1] * float(reach.min())
-
-    def kept(mu: float, found: list[Posture], lack: Lack) -> tuple[list[Posture], str]:
-        """Of postures that a first look takes to hold, the best, and what is lacking."""
-        lacks = lacking(legs, lack)
-        doubted = lack.share > _DOUBTED
-        own = clear_ones = [one for one in found[: None if doubted else _BRACES] if apart(one)]
-        if doubted and clear_ones:
-            own, least = refined(legs, clear_ones, IN_HAND * mu / SAFETY, most, clear)
-            lacks = (
-                f": the motors need {least:.3g} times their torque limits with any one limb "
-                "lifted, by exact kinematics of the shifted body in "
-                f"{len(clear_ones)} postures and others drawn about the best"
-            )
-        lacks = f", on walls of friction {mu:g}{lacks}"
-        if found and not clear_ones:
-            lacks = f": parts touch in all {len(found)} that would hold"
-        return [replace(brace, friction=mu) for brace in own[:_BRACES]], lacks
-
     out: list[Posture] = []
     lacks = ""
     for mu in WALLS:
-        own, lacks = kept(
-            mu, *bracing_postures(legs, chain.posture, CLEARANCE, IN_HAND * mu / SAFETY)
-        )
-        out += own
-    drawn = None if out else drawn_braces(legs, CLEARANCE)
-    if drawn is not None and drawn.tried:
-        for mu in WALLS:
-            own, lacks = kept(mu, *drawn.holding(legs, IN_HAND * mu / SAFETY))
-            out += own
+        usable = IN_HAND * mu / SAFETY
+        found, lack = bracing_postures(legs, chain.posture, CLEARANCE, usable)
+        lacks = f", on walls of friction {mu:g}{lacking(legs, lack)}"
+        doubted = lack.share > _DOUBTED
+        own = clear_ones = [one for one in found[: None if doubted else _BRACES] if apart(one)]
+        if doubted and clear_ones:
+            most = SHIFTED[-1] * float(reach.min())
+            own, least = refined(legs, clear_ones, usable, most, clear)
+            lacks = (
+                f", on walls of friction {mu:g}: the motors need {least:.3g} times their "
+                f"torque limits with any one limb lifted, by exact kinematics of the shifted body "
+                f"in {len(clear_ones)} postures and others drawn about the best"
+            )
+        if found and not clear_ones:
+            lacks = f": parts touch in all {len(found)} that would hold"
+        out += [replace(brace, friction=mu) for brace in own[:_BRACES]]
     return tuple(out), lacks
 
 
@@ -89,7 +76,10 @@ def lacking(legs: Legs, lack: Lack) -> str:
     if np.isnan(lack.share):
         return " no posture is in reach, clear of the body"
     if np.isinf(lack.share):
-        return " no posture in reach holds its weight within the friction cones"
+        return (
+            " no posture of those looked at, limbs bent as it stands, holds its weight within the "
+            "friction cones"
+        )
     name = legs.chain.names[lack.limb][lack.joint]
     has = float(legs.torque[lack.limb, lack.joint])
     return (

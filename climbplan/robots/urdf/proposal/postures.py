@@ -147,67 +147,35 @@ def bracing_postures(
         standing,
     )
     found = chain.inverse(toes, legs.lower, legs.upper)
-    angles = np.where(found.valid[..., None], found.best(), standing)
-    return Braced.at(legs, toes, angles, found.valid, clearance).holding(legs, mu)
-
-
-@dataclass(frozen=True)
-class Braced:
-    """Postures between two walls, in reach and clear of walls and body, roomiest first."""
-
-    postures: list[Posture]
-    normal: Array  # (N, 3) of the walls
-    tried: bool  # any was in reach and clear, with however little room
-
-    @classmethod
-    def at(
-        cls,
-        legs: Legs,
-        toes: Array,
-        angles: Array,
-        reached: Mask,
-        clearance: float,
-        most: int = _HELD,
-    ) -> Braced:
-        """Of toes (C, N, 3) on walls as far off on both sides, by angles (C, N, J), `most` kept.
-
-        reached: (C, N) whether toes are there.
-        """
-        half = np.abs(toes[:, 0, 0])
-        normal = np.zeros(toes.shape[1:])
-        normal[:, 0] = -np.sign(toes[0, :, 0])
-        quality = quality_of(legs.chain, angles, np.zeros(toes.shape[1:]), legs.limits)
-        within = np.abs(quality.points[..., :-1, 0]).max(axis=-1) < half[:, None] - clearance
-        fine = reached & within & clear_of_body(legs, quality.points)
-        kept = best_of(quality, angles, toes, fine, most, 2 * half)
-        return cls(kept, normal, bool(fine.all(axis=1).any()))
-
-    def holding(self, legs: Legs, mu: float) -> tuple[list[Posture], Lack]:
-        """Those that hold with any one leg lifted, best first, and the least share that any needs.
-
-        mu: friction coefficient that may be used. Frame: the centre of mass.
-        """
-        held: list[Posture] = []
-        lack = Lack(np.inf)
-        for share in SHIFTED:
-            if lack.share <= _WEAK:
-                break
-            held, most = [], share * float(legs.reach.min())
-            for brace in self.postures:
-                jacobian = legs.chain.jacobian(brace.angles)
-                use, shift = holding_share(
-                    brace.toes, self.normal, jacobian, legs.torque, legs.weight, mu, most
-                )
-                if use < lack.share:
-                    lack = Lack(use)
-                    if use >= 1:
-                        own = brace.toes, self.normal, jacobian, legs.torque
-                        lack = lack_of(use, *own, legs.weight, mu, most)
-                if use < 1:
-                    score = brace.room * (1 - use)
-                    held.append(replace(brace, use=use, shift=shift, score=score))
-        found = sorted(held, key=lambda brace: -brace.score)
-        return found, lack if self.tried else Lack()
+    reached = found.valid
+    angles = np.where(reached[..., None], found.best(), standing)
+    quality = quality_of(chain, angles, np.zeros((len(hips), 3)), legs.limits)
+    within = np.abs(quality.points[..., :-1, 0]).max(axis=-1) < half[:, None] - clearance
+    fine = reached & within & clear_of_body(legs, quality.points)
+    normal = np.zeros((len(hips), 3))
+    normal[:, 0] = -sides
+    tried = best_of(quality, angles, toes, fine, _HELD, 2 * half)
+    held: list[Posture] = []
+    lack = Lack(np.inf)
+    for share in SHIFTED:
+        if lack.share <= _WEAK:
+            break
+        held, most = [], share * float(reach.min())
+        for brace in tried:
+            jacobian = chain.jacobian(brace.angles)
+            use, shift = holding_share(
+                brace.toes, normal, jacobian, legs.torque, legs.weight, mu, most
+            )
+            if use < lack.share:
+                lack = Lack(use)
+                if use >= 1:
+                    own = brace.toes, normal, jacobian, legs.torque
+                    lack = lack_of(use, *own, legs.weight, mu, most)
+            if use < 1:
+                score = brace.room * (1 - use)
+                held.append(replace(brace, use=use, shift=shift, score=score))
+    any_tried = bool(fine.all(axis=1).any())
+    return sorted(held, key=lambda brace: -brace.score), lack if any_tried else Lack()
 
 
 def reached_angles(

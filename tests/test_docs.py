@@ -39,6 +39,7 @@ def clone(folder: Path) -> Path:
 
 
 SLOW = (
+    "your_problem",
     "plan_to_robot",
     "dataset_to_strategy",
     "compare_payloads",

@@ -14,6 +14,7 @@ _START = np.array([0.30, 0.05, 0.3, -0.4])
 _WALLS = np.array([0.35, 0.40])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["branch-and-bound", "benders"])
 def test_a_session_agrees_with_single_solves(method: str) -> None:
     problem = springs()

@@ -141,6 +141,7 @@ def spec_of(path: Path) -> str:
         return str(file.attrs["spec"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("keys", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_tables_that_lack_an_entry(original: Path, tmp_path: Path, keys: int) -> None:
     """Verification refuses what the page would need, and nothing else ends in a bug."""
@@ -162,6 +163,7 @@ def test_tables_that_lack_an_entry(original: Path, tmp_path: Path, keys: int) ->
         assert run(["verify", path]) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", ["9" * 399, "0x" + "f" * 390])
 def test_numbers_in_stored_specs(original: Path, tmp_path: Path, number: str) -> None:
     spec = spec_of(original)
@@ -185,6 +187,7 @@ def test_stored_specs_that_grow(original: Path, tmp_path: Path) -> None:
     assert time.process_time() - start < 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["nobody", "../../robot", "nobody.yaml", "[]"])
 def test_stored_specs_of_other_robots(
     original: Path, tmp_path: Path, robot: str, capsys: pytest.CaptureFixture[str]

@@ -47,6 +47,7 @@ def test_rows_by_a_trained_model(model: Path, run_command: RunCommand) -> None:
     assert any("forest" in message for message in rows.message), rows.message
 
 
+@pytest.mark.slow
 def test_another_model_of_the_same_name_is_another_run(
     model: Path, workplace: Path, run_command: RunCommand
 ) -> None:

@@ -41,6 +41,7 @@ def worker(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Worker]:
         yield worker
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("worker", [QUICK_PLANS], indirect=True)
 def test_a_sample(worker: Worker) -> None:
     codes = run_all(worker, [*KNOWN, *cases(7, SAMPLE, worker.plans)])

@@ -53,6 +53,7 @@ def test_bad_values_and_no_plan(run_command: RunCommand) -> None:
     assert not Path("none").exists()
 
 
+@pytest.mark.slow
 def test_closed_loop_and_its_library(run_command: RunCommand, workplace: Path) -> None:
     spec = str(SPECS / "mpc_recovery.yaml")
     small = ["-s", "library.size=2", "-s", "library.gaits=0", "-s", "loop.duration=1.28"]

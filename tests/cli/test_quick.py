@@ -61,6 +61,7 @@ def test_set_is_stronger(run_command: RunCommand, workplace: Path) -> None:
     assert (folder / "report.html").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "spec"),
     [

@@ -97,6 +97,7 @@ def test_a_named_remedy_works(tmp_path: Path) -> None:
     assert plan_climb(spec.with_overrides([changed])).rounds.count == rounds.value
 
 
+@pytest.mark.slow
 def test_stated_steps_make_it_a_proof(tmp_path: Path) -> None:
     spec = loaded(tmp_path, SHAFT, "task.goal.com=[0, 0, 0.4]", "posture.steps.com_max=0.15")
     with pytest.raises(Infeasible) as caught:

@@ -182,6 +182,7 @@ def test_swings_go_round_what_only_their_links_would_touch(
     assert len(path) > len(straight)
 
 
+@pytest.mark.slow
 def test_the_climb_round_the_beam_keeps_every_swing_clear(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

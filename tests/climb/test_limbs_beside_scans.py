@@ -198,6 +198,7 @@ def test_shipped_scans_are_those_stated(name: str, raw: Any, tmp_path: Path) -> 
         assert np.allclose(shipped.triangles, corners, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_scanned_chimney_is_climbed() -> None:
     plan = climbplan.plan("specs/climb_rough_chimney.yaml")
     assert plan.verify().passed

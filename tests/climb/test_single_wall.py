@@ -68,6 +68,7 @@ def test_upside_down_and_with_payload(spec: Path, changes: list[str], tmp_path: 
     assert verify(path).passed
 
 
+@pytest.mark.slow
 def test_open_grippers_lack_pull() -> None:
     with pytest.raises(NotProved) as caught:
         plan_climb(load_climb(WALL, ["gripper.max_force=0", *SHORT]))

@@ -77,6 +77,7 @@ def test_the_plan_answers_a_spec_that_leaves_rounds_open(made: tuple[Path, Plan]
     assert not climbplan.verify(spec.with_name("plan.h5"), other).passed
 
 
+@pytest.mark.slow
 def test_windows_of_a_stated_number_of_rounds_against_one_search(tmp_path: Path) -> None:
     spec = tmp_path / "long.yaml"
     spec.write_text(NUMBERED)

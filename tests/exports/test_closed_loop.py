@@ -185,6 +185,7 @@ def test_the_exported_regulator_holds_a_short_climb(plans: dict[str, Path], tmp_
     assert machine.off() < 2e-3
 
 
+@pytest.mark.slow
 def test_a_pd_controller_with_the_stated_gains_holds_a_short_climb(
     plans: dict[str, Path], tmp_path: Path
 ) -> None:

@@ -74,6 +74,7 @@ def test_published_centroids_work_too() -> None:
     assert sum(r.solved for r in results) >= 6
 
 
+@pytest.mark.slow
 def test_within_one_percent_of_the_optimum() -> None:
     near = NearestProblems.of(_train(), "strategies")
     close = 0

@@ -83,6 +83,7 @@ def test_a_plan_that_the_clock_cut_short_says_so() -> None:
     assert cut.warnings[1:] == whole.warnings
 
 
+@pytest.mark.slow
 def test_first_integers_are_those_of_the_work_they_got() -> None:
     setting = setting_of(scene("limms_lift_light"), 8)
     found = []

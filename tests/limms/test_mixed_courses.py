@@ -134,6 +134,7 @@ def test_worlds_are_headed_from_where_everything_is() -> None:
     assert (np.delete(after.mode, owner) == DRIVES).all()
 
 
+@pytest.mark.slow
 def test_a_plan_that_fails_its_checks_makes_the_search_go_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

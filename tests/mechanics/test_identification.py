@@ -23,6 +23,7 @@ from climbplan.spec.robots.source import load_any_robot
 PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "truth",
     [
@@ -48,6 +49,7 @@ def test_known_stiffness_within_five_percent_at_two_percent_noise(
         assert all(e.lower <= e.value <= e.upper and e.told for e in found.joint_stiffness)
 
 
+@pytest.mark.slow
 def test_structure_is_told_by_a_second_gain_only(tmp_path: Path) -> None:
     """Structure in the joints' shape is 30 % at gain 12, as chapter 4.3 gauges it."""
     shape = 0.3 / 0.7

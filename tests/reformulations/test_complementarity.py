@@ -20,6 +20,7 @@ KINDS: tuple[Gap, ...] = ("product", "fischer-burmeister")
 SCENES = 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bilinear", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
 def test_answers_pass_the_check_and_come_near_the_enumerated_optimum(

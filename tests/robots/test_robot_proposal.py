@@ -198,6 +198,7 @@ def test_a_shift_takes_the_weight_to_the_legs_that_stay() -> None:
     assert not np.isfinite(holding_share(toes, up, jacobian, torque, 100.0, 0.7, 0.005)[0])
 
 
+@pytest.mark.slow
 def test_implausible_data_is_named_and_replaced(tmp_path: Path) -> None:
     text = Walker(joints=3, effort=1000.0).text()
     path = tmp_path / "walker.urdf"

@@ -51,6 +51,7 @@ def numbers(robot: Robot) -> list[Any]:
     return [np.asarray(field).tolist() for field in fields]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -38,6 +38,7 @@ def test_a_cube_is_gripped_from_six_faces_in_two_directions_each() -> None:
         assert 0.002 <= play.max() <= 0.005 + 1e-9
 
 
+@pytest.mark.slow
 def test_what_is_open_or_wider_than_the_opening_is_none() -> None:
     ground = quad([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
     raw = joined(ground, box(*CUBE))

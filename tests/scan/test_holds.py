@@ -130,6 +130,7 @@ def test_a_panel_of_a_spec_is_written(wall: Wall, tmp_path: Path) -> None:
     assert np.allclose(stated.normal, normal, atol=0.01)
 
 
+@pytest.mark.slow
 def test_holds_of_a_scan_are_written(tmp_path: Path) -> None:
     raw, wall = scan_with(HOLDS), wall_of(HOLDS)
     write_holds(graspable(raw, scan_of(Path("wall.xyz"), []), GRASPING, "wall"), tmp_path)

@@ -238,6 +238,7 @@ def _heavy() -> Instance:
     )
 
 
+@pytest.mark.slow
 def test_the_clock_stops_a_search_within_a_node() -> None:
     instance = _heavy()
     solve_mixed_integer(random_program(0).at({}))  # compiles

@@ -46,6 +46,7 @@ def searching(instance: Instance) -> tuple[TreeSearch, Node]:
     return search, replace(root, start=point, bound=point.bound)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_excluded_alternatives_hold_no_better_plan(seed: int) -> None:
     instance = scene(seed)

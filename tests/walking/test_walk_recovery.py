@@ -77,6 +77,7 @@ def test_tables_and_figures() -> None:
     assert [in_words(push) for push in chosen.pushes] == ["aside 0.5, up 1 m/s"]
 
 
+@pytest.mark.slow
 def test_pushes_beside_what_is_asked() -> None:
     options = OnlineOptions(quick=True, count=1, library_size=3)
     stream = io.StringIO()

@@ -27,6 +27,7 @@ def scene_of(path: Path, *overrides: str) -> TransitionScene:
     return build_transition(load_transition(path, list(overrides)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rounds", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_random_starts_end_at_sequences_that_stand(rounds: int) -> None:
     scene = scene_of(FLAT, f"task.rounds={rounds}")
@@ -102,6 +103,7 @@ def test_rows_bound_only_what_bounds_the_room() -> None:
     np.testing.assert_array_equal(~np.isfinite(lower), np.tile(bricks.ravel(), (3, 1)))
 
 
+@pytest.mark.slow
 def test_bricks_are_stepped_on(tmp_path: Path) -> None:
     overrides = ["solver.method=complementarity", "solver.starts=1"]
     found = plan_transition(load_transition(BRICKS, overrides))

@@ -56,6 +56,7 @@ def test_the_motion_of_a_sequence_by_methods_of_the_table(method: Method) -> Non
     assert max(block.residual for block in problem.own_residuals(theta, off)) > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "method"),
     [

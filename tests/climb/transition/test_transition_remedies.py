@@ -24,6 +24,7 @@ def _changed(loaded: LoadedTransition, remedy: Remedy) -> LoadedTransition:
     return loaded.with_overrides([Override(remedy.key, remedy.yaml, remedy.option)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spec", "overrides", "key"),
     [

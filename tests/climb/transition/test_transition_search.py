@@ -148,6 +148,7 @@ def test_a_sequence_asked_for_is_the_only_kind() -> None:
     assert all(name.startswith("1-2-3:") for name in names)
 
 
+@pytest.mark.slow
 def test_smooth_bricks_are_refused_in_forces() -> None:
     """The slip of Fig. 5.15: LF and LR on the bricks, by how much."""
     sequence = "task.sequence=LF LR RM | RF RR LM | LF LR RM"

@@ -17,6 +17,7 @@ from climbplan.simulation.statics.playback import played, prepare
 Planned = Callable[..., ClimbPlan]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("regulator", ["nothing", "joints"])
 def test_it_goes_where_mujoco_goes(planned: Planned, regulator: str) -> None:
     _goes_as_mujoco(planned(), regulator, 1.5e-3)  # its toes sink in by some tenths of that

@@ -21,6 +21,7 @@ _NO_SHIFT = 1e-3  # [m]
 _FAR = 3.0  # [m] of ground and walls beyond the robot
 _STAIR_STEP = 0.6  # of the ball about its stance, that a toe steps on stairs in a round
 _STAIR = 0.25  # of the ball, that a stair is high
+_GENTLE_STEP, _GENTLE_STAIR = 0.5, 0.15  # where that does not do
 _HIGHEST_STAIR = 0.05  # [m]
 _OVER_EDGE = 1.5  # of a stair's height, that toes are lifted
 _STAIR_ROUNDS = 4
@@ -103,20 +104,24 @@ seed: 0
 """
 
 
-def stairs_document(proposal: Proposal, robot_file: str, leans: bool = True) -> str:
+def stairs_document(
+    proposal: Proposal, robot_file: str, leans: bool = True, gentle: bool = False
+) -> str:
     """Up two stairs with the front toes, one with those of the middle; rear ones stay below.
 
-    leans: the body pitches with the stance, if that is long enough.
+    leans: the body pitches with the stance, if that is long enough. gentle: lower stairs and
+    shorter steps, which leave room before and behind an edge for hands that are thick.
     """
     robot = proposal.robot
     ball = robot.stance_radius
-    step, stair = _STAIR_STEP * ball, min(_STAIR * ball, _HIGHEST_STAIR)
+    step = (_GENTLE_STEP if gentle else _STAIR_STEP) * ball
+    stair = min((_GENTLE_STAIR if gentle else _STAIR) * ball, _HIGHEST_STAIR)
     height, away, shift = _stands(proposal)
     along = robot.stance_body[~np.array(proposal.named.arms), 1]
     front, rear = float(along.max()), float(along.min())
     # The last steps of the front toes are taken on the second stair
-    first = front + 0.6 * step
-    second = first + (_STAIR_ROUNDS - 1.5) * step
+    before = (0.66, _STAIR_ROUNDS - 0.34) if gentle else (0.6, _STAIR_ROUNDS - 0.9)
+    first, second = (front + share * step for share in before)
     pitch = 0.0
     if leans and front - rear > away:
         pitch = float(np.rad2deg(np.arctan2(2 * stair, front - rear)))

@@ -8,6 +8,7 @@ import numpy as np
 
 from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.workspace import common_reach
+from climbplan.spec.robots.urdf.model import FEWEST_FLAT_FEET
 from climbplan.spec.robots.urdf.tree import UrdfJoint
 
 _MOST = 10.0  # times what holds the whole robot at the end of the limb: no motor of its has that
@@ -17,6 +18,7 @@ _OWN_SPEED = 8.0  # [rad/s]
 _OFF = 0.25  # [rad] off its command at which a joint is to give all of its torque
 _UPRIGHT = 4.0  # [1/rad] of weight times reach that stiffness is at least
 _TOP_HEAVY = 1.5  # times that where arms stand beside legs: more weight is above hips
+_ON_ONE = 3.0  # times that of bipeds, of which one leg at a time bears it all, narrow at its foot
 _CYCLE = 0.01  # [s] that it takes for that at its full speed, at least
 _DIGITS = 2
 
@@ -52,7 +54,7 @@ def motors_of(legs: list[tuple[UrdfJoint, ...]], reach: Array, weight: float) ->
     joints so fast that they cross that in less than a cycle of 10 ms it is the angle of a cycle. It
     is more where the robot is heavy for its motors: 4 times its weight times a leg's reach, with
     which the body on its springs does not buckle. Where arms stand beside legs it is half as much
-    again, with the reach of the legs.
+    again, with the reach of the legs; of two legs three times as much.
     """
     found = Motors()
     odd: dict[str, list[str]] = {}
@@ -62,6 +64,8 @@ def motors_of(legs: list[tuple[UrdfJoint, ...]], reach: Array, weight: float) ->
         upright = _UPRIGHT * weight * max(float(length), common)
         if common > float(reach.min()):
             upright *= _TOP_HEAVY
+        if len(legs) == FEWEST_FLAT_FEET:
+            upright *= _ON_ONE
         own = _rounded(_OWN_TORQUE * holds / len(legs))
         for joint in joints:
             torque, speed = joint.effort or 0.0, joint.velocity or 0.0

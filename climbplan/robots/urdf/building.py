@@ -28,7 +28,7 @@ from climbplan.spec.robots.urdf.checks import led_bounds
 from climbplan.spec.robots.urdf.source import UrdfRobot
 
 _THINNEST = 0.02  # [m] half extent of a body at least
-_LEAST_BALL = 0.025  # [m] about the stance, below which no step could be planned
+LEAST_BALL = 0.025  # [m] about the stance, below which no step could be planned
 _ON_MIDDLE = 1e-3  # [m] off the middle plane within which a toe is on neither side
 
 
@@ -329,10 +329,10 @@ def _ball(
         raise robot.refused(beyond)
     radius = stance_balls(chain, stance, reach, *bounds, turns)
     limb = int(np.argmin(radius))
-    if radius[limb] < _LEAST_BALL:
+    if radius[limb] < LEAST_BALL:
         message = (
             f"from its stance the toe of {robot.limb_names[limb]} cannot move "
-            f"{1e3 * _LEAST_BALL:.0f} mm in every direction within the joint bounds; expected a "
+            f"{1e3 * LEAST_BALL:.0f} mm in every direction within the joint bounds; expected a "
             "stance or posture away from full stretch and from bounds, or "
             "`workspace: {stance_radius: NUMBER}`"
         )

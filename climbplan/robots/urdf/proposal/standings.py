@@ -9,6 +9,7 @@ import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.robots.rotations import Array
+from climbplan.robots.urdf.building import LEAST_BALL
 from climbplan.robots.urdf.proposal.braces import CLEARANCE, IN_HAND, SAFETY, lacking
 from climbplan.robots.urdf.proposal.corridor import corridor_postures
 from climbplan.robots.urdf.proposal.holding import Lack
@@ -21,7 +22,6 @@ from climbplan.robots.urdf.workspace import common_reach, stance_balls
 
 _TRIED = 24  # postures whose room is measured with exact kinematics
 _LONGEST = 0.97  # share of reach that `farthest_toes` gives
-_LEAST_BALL = 0.025  # [m] about a stance, below which no step could be planned
 _STRONG = 100.0  # times the torque limits, to see what is missing
 
 
@@ -80,9 +80,7 @@ def _on_soles(
         least = _STRONG * min(posture.use for posture in held)
         lacks = f" the motors need {least:.3g} times their torque limits on one leg"
         if least < 1:
-            lacks = (
-                f" soles that stay level have less than {1e3 * _LEAST_BALL:.0f} mm to every side"
-            )
+            lacks = f" soles that stay level have less than {1e3 * LEAST_BALL:.0f} mm to every side"
     raise UsageError(
         f"{found.tree.path}: found no posture in which it stands on two flat feet "
         f"({', '.join(toe.link for toe in soles.toes)}), the body going over either;{lacks}"
@@ -102,7 +100,7 @@ def _roomiest(legs: Legs, found: list[Posture], level: Array | None = None) -> l
         )
         room = float(ball.min())
         if level is not None:  # balls leave out what is beyond reach: nearly straight legs have all
-            room = float(np.sqrt(room * posture.room)) if room >= _LEAST_BALL else 0.0
+            room = float(np.sqrt(room * posture.room)) if room >= LEAST_BALL else 0.0
         worth = room * (1 - posture.use)
         if worth > 0:
             by_worth.append((worth, posture))

@@ -35,8 +35,14 @@ _WALL_PLANS = 3  # transitions that are planned to the end, at most
 _NODES = 2000  # of each search for postures by branch and bound; most take one
 _CAP = 3600.0  # [s]
 _METHOD = ("solver.method=micp", f"solver.time_limit={_CAP}")
-# A transition plans `search.tried` sequences to the end, as the spec has it for its user
-_WALL_METHOD = ("solver.method=enumerate", f"solver.time_limit={_CAP}")
+# Motions of sequences take ten seconds and more each
+_WALL_SEQUENCES = 6  # of a transition, that are planned to the end
+_WALL_TRIED = 5  # bracing postures that transitions are planned to
+_WALL_METHOD = (
+    "solver.method=enumerate",
+    f"solver.time_limit={_CAP}",
+    f"search.tried={_WALL_SEQUENCES}",
+)
 
 Told = Callable[[str], None]
 
@@ -152,12 +158,14 @@ class Trials:
         Else in the one that keeps most; where none leads to a plan, the best by the proposal, with
         its refusal.
         """
-        return self._braced("climbs between walls", chimney_document, report, _ENOUGH, _TRIED)
+        most = _TRIED, _TRIED
+        return self._braced("climbs between walls", chimney_document, report, _ENOUGH, most)
 
     def wall(self, report: Told) -> Outcome:
         """From the ground to walls, chosen likewise."""
         what = "goes from the ground to walls"
-        return self._braced(what, wall_document, report, _WALL_ENOUGH, _WALL_PLANS)
+        most = _WALL_PLANS, _WALL_TRIED
+        return self._braced(what, wall_document, report, _WALL_ENOUGH, most)
 
     def _braced(
         self,
@@ -165,17 +173,19 @@ class Trials:
         document: Callable[[Proposal, str, Posture], str],
         report: Told,
         enough: float,
-        most: int,
+        most: tuple[int, int],
     ) -> Outcome:
+        """most: plans that are made, and postures that are planned with."""
         best: Outcome | None = None
         planned = 0
-        for number, posture in enumerate(_varied(self.found.braces), 1):
+        plans, postures = most
+        for number, posture in enumerate(_varied(self.found.braces)[:postures], 1):
             report(f"planning: {what}, posture {number}")
             one = self._outcome(what, document(self.found, self.robot_file, posture), posture)
             planned += one.plan is not None
             if best is None or one.share > best.share:
                 best = one
-            if best.share >= enough or planned == most:
+            if best.share >= enough or planned == plans:
                 break
         if best is not None:
             return best

@@ -65,6 +65,9 @@ def limb_weight_wrench(plan: ClimbPlan, conditions: Conditions) -> Array:
     links = np.einsum("tij,tnlj->tnli", rotation, middles)
     weight = masses[..., None] * np.array([0.0, 0.0, -plan.robot.gravity])
     moment = np.cross(links, weight).sum(axis=(1, 2))
+    if (own := link_masses(plan, conditions)) is not None:  # whose body is off its origin, too
+        weight = np.array([0.0, 0.0, -own.body_mass * plan.robot.gravity])
+        moment += np.cross(rotation @ own.body_middle, weight)
     return np.concatenate([np.zeros_like(moment), moment], axis=1)
 
 

@@ -10,7 +10,9 @@ forces f of the standing limbs balance the load (F, M) with the margins of the s
                 |f_t| <= mu / S_mu (n . f - friction margin),   n . f >= pressure margin
                 |J^T f| <= torque limits / S_tau
 
-which is a second-order cone program, as the load, and so the sum of all f, is known. Jacobians are
+which is a second-order cone program, as the load, and so the sum of all f, is known. Where limbs
+have masses, their weight is part of M, linear in d about the last shift, and forces are asked for
+twice: for the lifted limb above the place that it leaves and above where it goes. Jacobians are
 those of the body on its way. Where the forces found would be too much for motors of the shifted
 body, whose legs are bent otherwise, or where there are none, programs follow one another, each with
 the Jacobians of the last shift, near to it, and with torques beyond the limits at a price. On
@@ -30,10 +32,11 @@ from scipy import sparse
 
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import MotionScene
-from climbplan.mechanics.equilibrium import grasp_matrix, total_load
+from climbplan.mechanics.equilibrium import grasp_matrix, weight_moment
 from climbplan.mechanics.friction import contact_frame
 from climbplan.robots.kinematics import by_point, point_jacobian, pushed_points, standing_inverse
 from climbplan.robots.rotations import Array
+from climbplan.robots.serial_chain import SerialChain
 
 _SHARES = (1.0, 0.5, 0.0)  # of the margins, asked for in turn
 _EVEN = 1e-6  # [m^2] weight of the squared forces, in units of the load
@@ -46,6 +49,8 @@ _TRUST = 0.05  # [m] to which Jacobians are trusted
 _STILL = 1e-3  # [m] by which the last shift differs
 _SOLVED = ("Solved", "AlmostSolved")
 _FORCES = 3  # columns of the program before those of forces
+_NEARBY = 1e-3  # [m] from which the weight's moment is followed by its difference
+_CENTRINGS = 4  # programs, at most, in which limbs with masses follow the body
 _POSES = 6  # looked at along the body's way from one lift to the next
 
 
@@ -55,16 +60,19 @@ def balancing_shifts(
     most: float | None = None,
     narrower: float = 1.0,
     follow: bool = True,
+    places: Instants | None = None,
 ) -> Array:
     """(L, 3) level shifts of the body [m] at instants with lifted limbs; zeros where none helps.
 
     lifts: L instants with the body on its straight way; their joint angles are not looked at.
     most: the largest shift if not the spec's; narrower: factor on friction; follow: programs after
-    one another where one does not do.
+    one another where one does not do; places: L instants with lifted limbs above the places that
+    they go to, where these are known.
     """
     most = scene.spec.posture.steps.shift_max if most is None else most
+    over = [lifts] if places is None or scene.robot.links is None else [lifts, places]
     return np.array(
-        [_least_shift(_Lift(scene, lifts, k, narrower), most, follow) for k in range(lifts.count)]
+        [_least_shift(_Lift(scene, over, k, narrower), most, follow) for k in range(lifts.count)]
     )
 
 
@@ -75,10 +83,9 @@ def _least_shift(lift: _Lift, most: float, follow: bool) -> Array:
     best: tuple[float, Array] = np.inf, np.zeros(2)
     for share in _SHARES if margins else _SHARES[-1:]:
         lift = whole.pressed_within(share)
-        way, _ = lift.jacobian(np.zeros(2))
-        found = lift.solved(way, share, np.zeros(2), most, most, 0.0)
+        found = _at_once(lift, share, most)
         if found is not None and (
-            not follow or lift.excess(*lift.jacobian(found.shift), found.force) <= 0
+            not follow or lift.excess(lift.posture(found.shift), found.force) <= 0
         ):
             best = 0.0, found.shift
             break
@@ -93,13 +100,32 @@ def _least_shift(lift: _Lift, most: float, follow: bool) -> Array:
     return shift if np.linalg.norm(shift) > _NONE else np.zeros(3)
 
 
+def _at_once(lift: _Lift, share: float, most: float) -> _Balanced | None:
+    """The least shift with the Jacobians of the body on its way; None where there is none.
+
+    Limbs with masses come along by what they do near the shift that was found last.
+    """
+    at = np.zeros(2)
+    way = lift.posture(at)
+    found = lift.solved(way, share, np.zeros(2), most, most, 0.0)
+    if lift.scene.robot.links is None:
+        return found
+    for _ in range(_CENTRINGS):
+        if found is None or np.linalg.norm(found.shift - at) < _NEARBY:
+            break
+        at = found.shift
+        near = replace(lift.posture(at), jacobian=way.jacobian)
+        found = lift.solved(near, share, np.zeros(2), most, most, 0.0)
+    return found
+
+
 def _followed(lift: _Lift, share: float, most: float) -> tuple[float, Array]:
     """What the torque limits lack at the end of programs after one another, and the shift (2,)."""
     at, trust = np.zeros(2), most
     best: tuple[float, Array] = np.inf, at
     for _ in range(_PROGRAMS):
-        jacobian, reached = lift.jacobian(at)
-        here = lift.solved(jacobian, share, at, 0.0, most, _EXCESS) if reached else None
+        posture = lift.posture(at)
+        here = lift.solved(posture, share, at, 0.0, most, _EXCESS) if posture.reached else None
         lack = np.inf if here is None else max(here.excess, 0.0)
         nearer = lack > _WITHIN or np.linalg.norm(at) < np.linalg.norm(best[1])
         if lack < best[0] - _WITHIN or (lack <= _WITHIN and nearer):
@@ -107,8 +133,8 @@ def _followed(lift: _Lift, share: float, most: float) -> tuple[float, Array]:
         elif np.isfinite(best[0]):
             trust *= 0.5
             at = best[1]
-            jacobian, _ = lift.jacobian(at)
-        aim = lift.solved(jacobian, share, at, trust, most, _EXCESS)
+            posture = lift.posture(at)
+        aim = lift.solved(posture, share, at, trust, most, _EXCESS)
         if aim is None or np.linalg.norm(aim.shift - at) < _STILL:
             break
         at, trust = aim.shift, min(trust, _TRUST)
@@ -120,22 +146,35 @@ class _Balanced:
     """A shift and its forces."""
 
     shift: Array  # (2,) [m]
-    force: Array  # (3 n,) in units of the load
+    force: Array  # (P, 3 n) in units of the load
     excess: float  # of the torque limits
 
 
-class _Lift:
-    """One instant with limbs lifted."""
+@dataclass(frozen=True)
+class _Posture:
+    """Limbs of the body shifted by `at`, P phases of what is lifted."""
 
-    def __init__(self, scene: MotionScene, lifts: Instants, k: int, narrower: float) -> None:
-        self.scene, self.lifts, self.k, self.narrower = scene, lifts, k, narrower
+    at: Array  # (2,) [m]
+    jacobian: Array  # (n, 3, J) of points that are pushed, world
+    reached: bool  # whether standing limbs reach
+    moment: Array  # (P, 3) of the weight about the body's origin, by units of the load
+    slope: Array  # (P, 2, 3) of it, by the shift
+
+
+class _Lift:
+    """One instant with limbs lifted, in one phase of the lift or in P."""
+
+    def __init__(self, scene: MotionScene, phases: list[Instants], k: int, narrower: float) -> None:
+        self.scene, self.phases, self.k, self.narrower = scene, phases, k, narrower
+        self.lifts = lifts = phases[0]
         spec, robot = scene.spec, scene.robot
         self.stands = np.flatnonzero(lifts.contact[k])
         # Points at which standing limbs are pushed, each with its limb's place among these
         stands = np.flatnonzero(by_point(robot, lifts.contact[k], 0))
         self.points = len(stands) // max(len(self.stands), 1)
         self.limb_of = np.repeat(np.arange(len(self.stands)), self.points)
-        load = total_load(robot, lifts.external_wrench[k])
+        load = lifts.external_wrench[k].copy()
+        load[2] -= robot.weight
         self.unit = unit = max(float(np.linalg.norm(load[:3])), 1e-9)
         self.n = n = len(stands)
         # Shift, excess, forces in units of the load
@@ -163,24 +202,48 @@ class _Lift:
         if self.scene.robot.sole is None or margin == 0:
             return self
         scene = replace(self.scene, robot=self.scene.robot.pressed_within(margin))
-        return _Lift(scene, self.lifts, self.k, self.narrower)
+        return _Lift(scene, self.phases, self.k, self.narrower)
 
-    def jacobian(self, shift: Array) -> tuple[Array, bool]:
-        """(n, 3, J) of the body shifted by (2,), world, and whether standing limbs reach.
+    def posture(self, shift: Array) -> _Posture:
+        """Limbs of the body shifted by (2,).
 
-        Zero for a limb out of reach: torques are left open, as another shift may mend it.
+        Jacobians are zero for a limb out of reach: torques are left open, as another shift may mend
+        it.
         """
-        lifts, k = self.lifts, self.k
-        com = lifts.com[k : k + 1] + np.array([*shift, 0.0])
-        rpy = lifts.rpy[k : k + 1]
-        robot = self.scene.robot
-        normal = lifts.normal[k : k + 1]
-        angles = standing_inverse(robot, com, rpy, lifts.toes[k : k + 1], normal).best()
-        out = np.asarray(np.isnan(angles).any(axis=-1))
-        jacobian = point_jacobian(robot, rpy, np.nan_to_num(angles), normal)
+        robot, k = self.scene.robot, self.k
+        off = np.array([*shift, 0.0]) + _NEARBY * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        if robot.links is None:
+            off = off[:1]
+        count = len(self.phases), len(off)
+        com = np.broadcast_to(self.lifts.com[k] + off, (*count, 3))
+        rpy = np.broadcast_to(self.lifts.rpy[k], (*count, 3))
+        toes, normal = (
+            np.stack([np.broadcast_to(vars(one)[name][k], (len(off), *one.toes[k].shape))
+                      for one in self.phases])
+            for name in ("toes", "normal")
+        )  # fmt: skip
+        angles = standing_inverse(robot, com, rpy, toes, normal).best()
+        first = angles[:1, 0]
+        out = np.asarray(np.isnan(first).any(axis=-1))
+        jacobian = point_jacobian(robot, rpy[0, :1], np.nan_to_num(first), normal[0, :1])
         jacobian[by_point(robot, out, 1)] = 0.0
-        standing = by_point(robot, lifts.contact[k], 0)
-        return jacobian[0][standing], not bool(out[0][self.stands].any())
+        standing = by_point(robot, self.lifts.contact[k], 0)
+        moment, slope = np.zeros((count[0], 3)), np.zeros((count[0], 2, 3))
+        if robot.links is not None:
+            by_shift = weight_moment(robot, rpy, self._bent(angles)) / self.unit
+            moment = by_shift[:, 0]
+            slope = (by_shift[:, 1:] - by_shift[:, :1]) / _NEARBY
+        reached = not bool(out[0][self.stands].any())
+        return _Posture(np.asarray(shift), jacobian[0][standing], reached, moment, slope)
+
+    def _bent(self, angles: Array) -> Array:
+        """Angles (P, 3, N, J), of limbs out of reach those in which the robot stands."""
+        chain = self.scene.robot.mechanism
+        assert isinstance(chain, SerialChain)
+        here = angles[:, :1]
+        lost = np.isnan(here).any(axis=-1, keepdims=True)
+        here = np.where(lost, chain.posture, here)
+        return np.where(lost | np.isnan(angles).any(axis=-1, keepdims=True), here, angles)
 
     def _share(self, jacobian: Array) -> Array:
         """(n, 3, J) of torque limits over S_tau, by units of the load."""
@@ -188,57 +251,73 @@ class _Lift:
         share: Array = jacobian * self.unit * self.scene.spec.force.safety_torque / limit
         return share
 
-    def excess(self, jacobian: Array, reached: bool, force: Array) -> float:
-        """What forces (3 n,) take beyond the torque limits of a posture; infinite out of reach."""
-        taken = np.einsum("nij,ni->nj", self._share(jacobian), force.reshape(-1, 3))
+    def excess(self, posture: _Posture, force: Array) -> float:
+        """What forces (P, 3 n) take beyond the torque limits; infinite out of reach."""
+        pushes = force.reshape(len(force), -1, 3)
+        taken = np.einsum("nij,pni->pnj", self._share(posture.jacobian), pushes)
         if self.points > 1:
-            taken = taken.reshape(len(self.stands), self.points, -1).sum(axis=1)
-        return float(np.abs(taken).max()) - 1.0 if reached else np.inf
+            taken = taken.reshape(len(force), len(self.stands), self.points, -1).sum(axis=2)
+        return float(np.abs(taken).max()) - 1.0 if posture.reached else np.inf
+
+    def _phased(self, rows: Array) -> Array:
+        """Rows (R, 3 + 3 n) of each phase, (P R, 3 + 3 n P): the same shift, forces of its own."""
+        count, each = len(self.phases), 3 * self.n
+        out = np.zeros((count, len(rows), _FORCES + count * each))
+        out[:, :, :_FORCES] = rows[:, :_FORCES]
+        for phase in range(count):
+            out[phase, :, _FORCES + phase * each : _FORCES + (phase + 1) * each] = rows[:, _FORCES:]
+        return out.reshape(count * len(rows), -1)
 
     def solved(
-        self, jacobian: Array, share: float, about: Array, trust: float, most: float, price: float
+        self, posture: _Posture, share: float, about: Array, trust: float, most: float, price: float
     ) -> _Balanced | None:
         """The least shift with a share of the margins, None where there is none.
 
         about: shift (2,) that it is no farther from than `trust` [m]; most: its size [m]; price: of
         torques beyond the limits, none of which are allowed at 0.
         """
-        spec, size, n = self.scene.spec, self.size, self.n
+        spec, size, n, phases = self.scene.spec, self.size, self.n, len(self.phases)
         joints = self.scene.robot.joint_count
-        taken = self._share(jacobian)
+        taken = self._share(posture.jacobian)
         limbs = len(self.stands)
         turns = np.zeros((limbs, 2, joints, size))
         for i, limb in enumerate(self.limb_of):
             own = slice(_FORCES + 3 * i, _FORCES + 3 * i + 3)
             turns[limb, 0][:, own], turns[limb, 1][:, own] = taken[i].T, -taken[i].T
         turns[..., 2] = -1.0
-        over = np.zeros((1, size))
+        equal = self._phased(self.equal)
+        equal.reshape(phases, 6, -1)[:, 3:, :2] += np.swapaxes(posture.slope, 1, 2)
+        load = np.tile(self.load, (phases, 1))
+        load[:, 3:] += posture.moment - posture.at @ posture.slope
+        whole = equal.shape[1]
+        over = np.zeros((1, whole))
         over[0, 2] = -1.0 if price else 0.0
-        none = np.zeros((1, size))
+        none = np.zeros((1, whole))
         none[0, 2] = 0.0 if price else 1.0
-        balls = np.zeros((2, 3, size))
+        balls = np.zeros((2, 3, whole))
         balls[:, 1, 0] = balls[:, 2, 1] = -1.0
         A = sparse.csc_matrix(
             np.vstack(
-                [self.equal, none, self.press, turns.reshape(-1, size), over,
-                 self.cones.reshape(3 * n, size), balls.reshape(6, size)]
+                [equal, none, self._phased(self.press), self._phased(turns.reshape(-1, size)), over,
+                 self._phased(self.cones.reshape(3 * n, size)), balls.reshape(6, whole)]
             )
         )  # fmt: skip
-        P = sparse.diags([2.0, 2.0, 0.0, *[2 * _EVEN] * (3 * n)], format="csc")
-        q = np.zeros(size)
+        P = sparse.diags([2.0, 2.0, 0.0, *[2 * _EVEN] * (whole - _FORCES)], format="csc")
+        q = np.zeros(whole)
         q[2] = price
+        torques = 2 * limbs * joints * phases
         kinds = [
-            clarabel.ZeroConeT(7),
-            clarabel.NonnegativeConeT(n + 2 * limbs * joints + 1),
-            *[clarabel.SecondOrderConeT(3)] * (n + 2),
+            clarabel.ZeroConeT(6 * phases + 1),
+            clarabel.NonnegativeConeT(n * phases + torques + 1),
+            *[clarabel.SecondOrderConeT(3)] * (n * phases + 2),
         ]
         weight = self.scene.robot.weight / self.unit / self.points
         asked = spec.force.least_pressure / self.unit / self.points
         least = max(share * spec.margins.pressure * weight, asked)
-        ends = np.zeros((n, 3))
-        ends[:, 0] = -self.steep * share * spec.margins.friction * weight
+        ends = np.zeros((phases, n, 3))
+        ends[..., 0] = -self.steep * share * spec.margins.friction * weight
         b = np.concatenate(
-            [-self.load, [0.0], np.full(n, -least), np.full(2 * limbs * joints, 1.0 - _IN_HAND),
+            [-load.ravel(), [0.0], np.full(n * phases, -least), np.full(torques, 1.0 - _IN_HAND),
              [0.0], ends.ravel(), [most, 0.0, 0.0], [trust + _NONE, *-about]]
         )  # fmt: skip
         settings = clarabel.DefaultSettings()
@@ -248,7 +327,7 @@ class _Lift:
         if str(solution.status) not in _SOLVED:
             return None
         x = np.array(solution.x)
-        return _Balanced(x[:2], x[_FORCES:], float(x[2]))
+        return _Balanced(x[:2], x[_FORCES:].reshape(phases, -1), float(x[2]))
 
 
 def body_way(rounds: Rounds, instants: Instants) -> tuple[Array, Array]:

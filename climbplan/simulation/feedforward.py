@@ -61,6 +61,15 @@ def limb_weight_wrench(plan: ClimbPlan, conditions: Conditions) -> Array:
     """
     rotation = rotation_world_body(plan.trajectory.rpy)
     angles = true_angles(plan, sample_instants(plan))
+    moment = links_moment(plan, conditions, rotation, angles)
+    return np.concatenate([np.zeros_like(moment), moment], axis=1)
+
+
+def links_moment(plan: ClimbPlan, conditions: Conditions, rotation: Array, angles: Array) -> Array:
+    """(T, 3) moment of the links' weight about the origin of bodies turned by (T, 3, 3) [N m].
+
+    angles: (T, N, J).
+    """
     masses, middles = _links(plan, conditions, angles)
     links = np.einsum("tij,tnlj->tnli", rotation, middles)
     weight = masses[..., None] * np.array([0.0, 0.0, -plan.robot.gravity])
@@ -68,15 +77,14 @@ def limb_weight_wrench(plan: ClimbPlan, conditions: Conditions) -> Array:
     if (own := link_masses(plan, conditions)) is not None:  # whose body is off its origin, too
         weight = np.array([0.0, 0.0, -own.body_mass * plan.robot.gravity])
         moment += np.cross(rotation @ own.body_middle, weight)
-    return np.concatenate([np.zeros_like(moment), moment], axis=1)
+    return moment
 
 
 def _links(plan: ClimbPlan, conditions: Conditions, angles: Array) -> tuple[Array, Array]:
     """Masses (N, J) of links [kg], and where they act (T, N, J, 3) from the body [m]."""
     robot = plan.robot
     if (own := link_masses(plan, conditions)) is not None:
-        pose = chain_of(robot).pose(angles)
-        return own.mass, pose.places + (pose.turns @ own.middle[..., None])[..., 0]
+        return own.mass, own.middles(chain_of(robot), angles)
     shape = robot.limb_count, robot.joint_count
     return np.full(shape, link_mass(robot, conditions)), _middles(robot, angles)
 

@@ -31,11 +31,9 @@ def force_checks(subject: Subject) -> Iterator[Check]:
 
 def _equilibrium(subject: Subject) -> Check:
     """Eqs. (4.15) and (4.16): forces and moments about the body origin."""
-    instants, force = subject.plan.instants, subject.plan.forces.force
-    robot = subject.plan.robot
-    total = force.sum(axis=1) + instants.external_wrench[:, :3]
-    total[:, 2] -= robot.mass * robot.gravity
-    moment = np.cross(subject.arms, force).sum(axis=1) + instants.external_wrench[:, 3:]
+    force, load = subject.plan.forces.force, subject.load
+    total = force.sum(axis=1) + load[:, :3]
+    moment = np.cross(subject.arms, force).sum(axis=1) + load[:, 3:]
     moment = moment + subject.held_moment.sum(axis=1)
     residual = np.stack([np.linalg.norm(total, axis=1), np.linalg.norm(moment, axis=1)], axis=1)
     what = ("forces", "moments")

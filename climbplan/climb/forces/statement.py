@@ -148,7 +148,7 @@ def state_forces(scene: MotionScene, instants: Instants, margin: float = 0.0) ->
     robot, force, count = scene.robot.pressed_within(margin), scene.spec.force, instants.count
     asked = -np.inf if force.least_depth is None else force.least_depth
     arms = pushed_points(robot, instants.toes, instants.normal) - instants.com[:, None]
-    load = total_load(robot, instants.external_wrench)
+    load = total_load(robot, instants.external_wrench, instants.rpy, instants.joint_angles)
     length = robot.reach
     size = np.hypot(
         np.linalg.norm(load[:, :3], axis=1), np.linalg.norm(load[:, 3:], axis=1) / length

@@ -88,7 +88,7 @@ def state_grips(scene: MotionScene, instants: Instants, grippers: Grippers) -> G
     """The force problems of a scene's instants."""
     robot, force, gripper = scene.robot, scene.spec.force, grippers.gripper
     region, normal = instants.region, instants.normal
-    load = total_load(robot, instants.external_wrench)
+    load = total_load(robot, instants.external_wrench, instants.rpy, instants.joint_angles)
     sizes = np.linalg.norm(load[:, :3], axis=1)
     unit = float(sizes.max(initial=0.0)) or float(robot.max_torque.min() / robot.reach)
     jacobian = jacobian_world(robot, instants.rpy, instants.joint_angles)

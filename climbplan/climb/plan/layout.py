@@ -41,6 +41,15 @@ SOLE_NUMBERS = {"length": "m", "width": "m", "heading": "rad"}  # flat feet, wit
 # columns across, along and normal of the soles at zero angles
 SOLE_AXES = Layout(("N", 3, 3), "", "body")
 
+# Of the group `robot/links`, of robots whose limbs have masses, with the attribute `body_mass`
+LINKS = {
+    "mass": Layout(("N", "J"), "kg"),
+    "middle": Layout(("N", "J", 3), "m", "body"),  # from the link's joint, at zero angles
+    "inertia": Layout(("N", "J", 3, 3), "kg m^2", "body"),
+    "body_middle": Layout((3,), "m", "body"),
+    "body_inertia": Layout((3, 3), "kg m^2", "body"),
+}
+
 # Stored in the group `robot/capsules`, where links are not all straight and alike; C of each limb.
 CAPSULES = {
     "joint": Layout(("N", "*"), kind="int"),

@@ -32,7 +32,7 @@ from scipy import sparse
 
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import MotionScene
-from climbplan.mechanics.equilibrium import grasp_matrix, weight_moment
+from climbplan.mechanics.equilibrium import grasp_matrix, link_torques, weight_moment
 from climbplan.mechanics.friction import contact_frame
 from climbplan.robots.kinematics import by_point, point_jacobian, pushed_points, standing_inverse
 from climbplan.robots.rotations import Array
@@ -159,6 +159,7 @@ class _Posture:
     reached: bool  # whether standing limbs reach
     moment: Array  # (P, 3) of the weight about the body's origin, by units of the load
     slope: Array  # (P, 2, 3) of it, by the shift
+    links: Array  # (L, J) torque / limit over S_tau of the links' own weight, of standing limbs
 
 
 class _Lift:
@@ -229,12 +230,16 @@ class _Lift:
         jacobian[by_point(robot, out, 1)] = 0.0
         standing = by_point(robot, self.lifts.contact[k], 0)
         moment, slope = np.zeros((count[0], 3)), np.zeros((count[0], 2, 3))
+        links = np.zeros((len(self.stands), robot.joint_count))
         if robot.links is not None:
-            by_shift = weight_moment(robot, rpy, self._bent(angles)) / self.unit
+            bent = self._bent(angles)
+            own = link_torques(robot, rpy[0, 0], bent[0, 0])[self.stands]
+            links = own * self.scene.spec.force.safety_torque / robot.max_torque[self.stands]
+            by_shift = weight_moment(robot, rpy, bent) / self.unit
             moment = by_shift[:, 0]
             slope = (by_shift[:, 1:] - by_shift[:, :1]) / _NEARBY
         reached = not bool(out[0][self.stands].any())
-        return _Posture(np.asarray(shift), jacobian[0][standing], reached, moment, slope)
+        return _Posture(np.asarray(shift), jacobian[0][standing], reached, moment, slope, links)
 
     def _bent(self, angles: Array) -> Array:
         """Angles (P, 3, N, J), of limbs out of reach those in which the robot stands."""
@@ -257,7 +262,8 @@ class _Lift:
         taken = np.einsum("nij,pni->pnj", self._share(posture.jacobian), pushes)
         if self.points > 1:
             taken = taken.reshape(len(force), len(self.stands), self.points, -1).sum(axis=2)
-        return float(np.abs(taken).max()) - 1.0 if posture.reached else np.inf
+        most = float(np.abs(taken + posture.links).max())
+        return most - 1.0 if posture.reached else np.inf
 
     def _phased(self, rows: Array) -> Array:
         """Rows (R, 3 + 3 n) of each phase, (P R, 3 + 3 n P): the same shift, forces of its own."""
@@ -305,10 +311,11 @@ class _Lift:
         P = sparse.diags([2.0, 2.0, 0.0, *[2 * _EVEN] * (whole - _FORCES)], format="csc")
         q = np.zeros(whole)
         q[2] = price
-        torques = 2 * limbs * joints * phases
+        room = np.stack([-posture.links, posture.links], axis=1) + (1.0 - _IN_HAND)
+        torques = np.tile(room.ravel(), phases)
         kinds = [
             clarabel.ZeroConeT(6 * phases + 1),
-            clarabel.NonnegativeConeT(n * phases + torques + 1),
+            clarabel.NonnegativeConeT(n * phases + len(torques) + 1),
             *[clarabel.SecondOrderConeT(3)] * (n * phases + 2),
         ]
         weight = self.scene.robot.weight / self.unit / self.points
@@ -317,7 +324,7 @@ class _Lift:
         ends = np.zeros((phases, n, 3))
         ends[..., 0] = -self.steep * share * spec.margins.friction * weight
         b = np.concatenate(
-            [-load.ravel(), [0.0], np.full(n * phases, -least), np.full(torques, 1.0 - _IN_HAND),
+            [-load.ravel(), [0.0], np.full(n * phases, -least), torques,
              [0.0], ends.ravel(), [most, 0.0, 0.0], [trust + _NONE, *-about]]
         )  # fmt: skip
         settings = clarabel.DefaultSettings()

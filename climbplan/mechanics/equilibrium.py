@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body, skew
+from climbplan.robots.serial_chain import SerialChain
 
 _RANK_TOLERANCE = 1e-8  # of the largest singular value; collinear contacts end near 1e-16
 
@@ -33,6 +34,17 @@ def weight_moment(robot: Robot, rpy: Array, angles: Array) -> Array:
     """
     arm = (rotation_world_body(rpy) @ robot.centre_of_mass(angles)[..., None])[..., 0]
     return np.cross(arm, [0.0, 0.0, -robot.weight])
+
+
+def link_torques(robot: Robot, rpy: Array, angles: Array) -> Array:
+    """Torques (..., N, J) of the links' own weight [N m], which motors hold beside J^T f.
+
+    rpy: (..., 3) [rad]; angles: (..., N, J). Zero where limbs weigh nothing.
+    """
+    if robot.links is None or not isinstance(robot.mechanism, SerialChain):
+        return np.zeros(angles.shape)
+    down = -robot.gravity * rotation_world_body(rpy)[..., 2, :]
+    return robot.links.torques(robot.mechanism, angles, down)
 
 
 def grasp_matrix(arms: Array) -> Array:

@@ -105,7 +105,7 @@ def compare(plan: ClimbPlan, run: Run) -> Comparison:
         instant=reached,
         sample=sample,
         torque=torque,
-        torque_planned=np.abs(plan.forces.joint_torques[reached] * unit).max(axis=2),
+        torque_planned=np.abs(plan.forces.motor_torques[reached] * unit).max(axis=2),
         friction=critical,
         friction_planned=plan.forces.mu_critical[reached],
         mu=plan.instants.mu[reached] * run.conditions.friction,

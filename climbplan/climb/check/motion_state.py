@@ -134,10 +134,16 @@ def load_of(motion: Motion) -> Array:
     square = (along**2).sum(axis=1)
     share = ((pose - stations[first]) * along).sum(axis=1)
     share = np.clip(np.divide(share, square, out=np.ones_like(share), where=square > 0), 0, 1)
-    swinging = motion.lifted[..., None]
-    angles = np.where(swinging, plan.trajectory.joint_command, motion.standing.angles)
     outer = (1 - share[:, None]) * at_station[first] + share[:, None] * at_station[last]
-    return np.asarray(outer + weight_on(plan.robot, body_axes(plan.trajectory.rpy), angles))
+    return np.asarray(
+        outer + weight_on(plan.robot, body_axes(plan.trajectory.rpy), angles_of(motion))
+    )
+
+
+def angles_of(motion: Motion) -> Array:
+    """(T, N, J) of limbs that reach for where they stand, or swing as they are commanded."""
+    command = motion.subject.plan.trajectory.joint_command
+    return np.where(motion.lifted[..., None], command, motion.standing.angles)
 
 
 def instants_of(motion: Motion) -> Index:

@@ -98,6 +98,10 @@ FORCES = {
 # behind on the left; `force` is their sum.
 CORNER_FORCE = Layout(("K", "N", 4, 3), "N", "world")
 
+# Of robots whose links have masses, in the same group: torques of their own weight; motors hold
+# these and `joint_torques`
+LINK_TORQUES = Layout(("K", "N", "J"), "N m")
+
 TRAJECTORY = {
     "time": Layout(("T",), "s"),
     "com": Layout(("T", 3), "m", "world"),

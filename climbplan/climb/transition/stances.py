@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.climb.forces.daqp import solve_daqp
 from climbplan.climb.forces.reduction import halfspaces, reduce_forces
-from climbplan.climb.forces.statement import ForceStatement, check_forces, state_forces, torques_of
+from climbplan.climb.forces.statement import ForceStatement, check_forces, state_forces, torque_use
 from climbplan.climb.plan.climb_plan import Array, Index, Instants
 from climbplan.climb.scene import load_wrench
 from climbplan.climb.transition.footholds import Footholds, Poses, Reach, reach_of
@@ -121,7 +121,7 @@ def _solved(lab: Laboratory, statement: ForceStatement) -> tuple[Array, Array]:
         np.maximum(residuals.contact, residuals.torque),
     )
     solved &= held <= _PASSES
-    use = (np.abs(torques_of(statement, force)) / statement.max_torque).max(axis=(1, 2))
+    use = torque_use(statement, force)
     return np.where(solved, use, np.inf), np.where(solved[:, None, None], force, 0.0)
 
 

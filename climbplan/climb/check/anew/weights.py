@@ -4,10 +4,33 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.climb.check.anew.chains import points_of_links
+from climbplan.climb.check.anew.chains import chains_at, points_of_links
 from climbplan.plans.check import Array
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
+
+
+def link_torques(robot: Robot, axes: Array, angles: Array) -> Array:
+    """(K, N, J) torques of the links' own weight about their joints [N m], with the sign of J^T f.
+
+    axes: (K, 3, 3) of the body, as rows; angles: (K, N, J).
+    """
+    links, chain = robot.links, robot.mechanism
+    out = np.zeros(angles.shape)
+    if links is None or not isinstance(chain, SerialChain):
+        return out
+    places = points_of_links(chain, angles, chain.joint_zero + links.middle)
+    limbs = chains_at(chain, angles)
+    down = -robot.gravity * axes[..., 2]  # world z by the body's axes
+    for link in range(angles.shape[-1]):
+        weight = links.mass[:, link, None] * down[:, None, :]  # (K, N, 3)
+        for j in range(link + 1):
+            arm = places[..., link, :] - limbs.joints[..., j, :]
+            speed = np.cross(limbs.axes[..., j, :], arm) + limbs.slides[..., j, :]
+            out[..., j] += (speed * weight).sum(axis=-1)
+    if chain.drive is None:
+        return out
+    return np.einsum("nij,kni->knj", chain.drive, out)
 
 
 def weight_on(robot: Robot, axes: Array, angles: Array) -> Array:

@@ -212,11 +212,14 @@ def test_implausible_data_is_named_and_replaced(tmp_path: Path) -> None:
 
 
 def test_speeds_that_no_urdf_says_go_by_size() -> None:
-    tree = urdf_of_text(Walker(joints=3).text().replace('velocity="', 'velocity="9000'), Path("r.urdf"))
+    tree = urdf_of_text(
+        Walker(joints=3).text().replace('velocity="', 'velocity="9000'), Path("r.urdf")
+    )
     joints = tuple(joint for joint in tree.joints.values() if joint.velocity)[:3]
     short, long = (motors_of([joints], np.array([reach]), 100.0) for reach in (0.25, 1.0))
     fast, slow = (next(iter(own.joints.values())).max_speed for own in (short, long))
     assert fast is not None
+    assert slow is not None
     assert slow == pytest.approx(3.5 * np.sqrt(9.81), rel=0.02)
     assert fast == pytest.approx(2 * slow, rel=0.05)
     assert any("rad/s ASSUMED" in note for note in short.odd)

@@ -3,7 +3,7 @@
 The statement that the mixed-integer program bounds keeps roll, pitch, yaw and the angular velocity
 within a tube, as the published one keeps them within Table 8.4. Within it each entry of rotation,
 rates and inertia is its value at the middle, off by no more than what is found here: the largest on
-a grid, and a Lipschitz constant times the way to the nearest grid point.
+a grid, and what a function with such second derivatives is off from its multilinear interpolation.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from climbplan.walking.check.truth import knot_step
 from climbplan.walking.task import ANGLES, SPIN, Array, WalkTask
 
 _GRID = 21  # points an angle
+_ROUNDING = 1e-12
 _NEAR = 0.5  # [rad] a reference that near is part of the tube
 
 
@@ -96,23 +97,24 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
         np.linspace(m - h, m + h, _GRID) if h > 0 else np.array([m])
         for m, h in zip(middle, half, strict=True)
     ]
-    apart = sum(2 * h / (_GRID - 1) for h in half)
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     turns = rotation_world_body(grid)
     R = rotation_world_body(middle)
     inertia = task.body.inertia
     body_inverse = np.linalg.inv(inertia)
+    # Of what turns with the body, R J R^T, second derivatives are at most twice the spread of J.
     spread = np.ptp(np.linalg.eigvalsh(body_inverse))
     inverse = R @ body_inverse @ R.T
     inverses = turns @ body_inverse @ np.swapaxes(turns, -1, -2)
     heavy, heavies = R @ inertia @ R.T, turns @ inertia @ np.swapaxes(turns, -1, -2)
-    beside = 0.5 * apart  # an entry of R changes by at most the turn
+    # Interpolation in a cell is off by an eighth of side^2 times second derivative for each angle.
+    # Entries of rotations are constant, or sinusoids of each angle, no larger than 1.
+    beside = float(((2.0 * half / (_GRID - 1)) ** 2).sum()) / 8.0 + _ROUNDING
     R_off = np.abs(turns - R).max(axis=0) + beside
     turned = np.einsum("ba,jbc->jac", R, _slopes(middle))  # skew: what a rotation is to first order
     turns_by = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]])
     seen = np.swapaxes(turns, -1, -2) @ R
     second = seen - np.eye(3) + skew((grid - middle) @ turns_by.T)
-    between = beside * float(half.sum())  # second derivatives are those of R: 1 at most
     moments, principal = np.linalg.eigh(inertia)
     principal[:, 2] *= np.linalg.det(principal)  # right-handed
     about_low, about_high = _about(turns @ principal, beside, tube.spin[n], tube.spin_half[n])
@@ -120,17 +122,18 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
         R,
         R_off,
         inverse,
-        np.abs(inverses - inverse).max(axis=0) + spread * beside,
+        np.abs(inverses - inverse).max(axis=0) + 2.0 * spread * beside,
         heavy,
-        np.abs(heavies - heavy).max(axis=0) + float(np.ptp(np.linalg.eigvalsh(inertia))) * beside,
+        np.abs(heavies - heavy).max(axis=0)
+        + 2.0 * float(np.ptp(np.linalg.eigvalsh(inertia))) * beside,
         principal,
         moments,
         about_low,
         about_high,
         turns_by,
         np.abs(turns_by) @ half,
-        second.min(axis=0) - between,
-        second.max(axis=0) + between,
+        second.min(axis=0) - beside,
+        second.max(axis=0) + beside,
         np.abs(seen - np.eye(3)).max(axis=0).T + beside,
     )
 
@@ -146,7 +149,7 @@ def _slopes(angles: Array) -> Array:
 def _about(turns: Array, beside: float, spin: Array, half: Array) -> tuple[Array, Array]:
     """Least and largest angular velocity (3,) about axes that turn (G, 3, 3), its columns.
 
-    beside: [rad] that the body may be turned further than one of them.
+    beside: by how much entries of the axes may be beyond those of the grid, for any spin of 1.
     """
     middle, room = np.einsum("gjk,j->gk", turns, spin), np.einsum("gjk,j->gk", np.abs(turns), half)
     fastest = float(np.linalg.norm(np.abs(spin) + half))

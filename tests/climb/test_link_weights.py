@@ -127,7 +127,7 @@ def test_other_numbers_of_links_are_found(
     assert failing in {check.name for check in verification_of(read_as_found(path)).failed}
     with h5py.File(path, "r+") as file:
         file["robot/links/mass"][0, 0] += 1.0
-    with pytest.raises(PlanFileError, match="expected masses that are 16.6 kg together"):
+    with pytest.raises(PlanFileError, match=r"expected masses that are 16\.6 kg together"):
         read_as_found(path)
 
 

@@ -12,6 +12,7 @@ which has one root between 0 and a if 3 a^2 > q; otherwise it is a sphere.
 from __future__ import annotations
 
 from contextlib import suppress
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import brentq, minimize
@@ -25,6 +26,7 @@ from climbplan.robots.urdf.shapes import Shape
 
 LIMB_RADIUS = 0.02  # [m] without collision geometry
 _ROUNDED = 4  # decimals [m] of the ends round a mesh, so that every machine has the same
+_KEPT = 256  # meshes whose capsules are remembered
 _FLAT = 5  # fewest points of which there is a hull
 
 
@@ -33,7 +35,7 @@ def capsule_of(shape: Shape) -> tuple[Array, float]:
     if len(shape.points) <= 2:  # a sphere or a capsule
         return shape.points[[0, -1]], shape.radius
     if shape.axis is None:
-        return _round_points(shape)
+        return _round_points(np.ascontiguousarray(shape.points, float).tobytes(), shape.radius)
     middle, half, square = shape.axis
     a = float(np.linalg.norm(half))
     u = a
@@ -105,9 +107,14 @@ def _slope(u: float, a: float, square: float) -> float:
     return 2 * u * (a - u) - square - u * u + 2 * u * float(np.sqrt(square + u * u))
 
 
-def _round_points(shape: Shape) -> tuple[Array, float]:
-    """The same for any points (P, 3), by a local search from their longest direction."""
-    points = shape.points
+@lru_cache(maxsize=_KEPT)
+def _round_points(packed: bytes, beyond: float) -> tuple[Array, float]:
+    """The same for any points (P, 3), by a local search from their longest direction.
+
+    packed: the points; beyond: [m] that the piece reaches beyond their hull. A robot is built many
+    times while it is proposed and planned with, and its meshes are the same each time.
+    """
+    points = np.frombuffer(packed).reshape(-1, 3)
     if len(points) >= _FLAT:
         with suppress(QhullError):  # they lie in a plane
             points = points[ConvexHull(points).vertices]
@@ -119,7 +126,7 @@ def _round_points(shape: Shape) -> tuple[Array, float]:
         inner = max(np.ptp(along) / 2 - np.ptp((points - middle) @ directions[-1]) / 2, 0.0)
         start = np.concatenate([middle - inner * direction, middle + inner * direction])
         found = minimize(
-            lambda ends: _volume(points, ends.reshape(2, 3), shape.radius),
+            lambda ends: _volume(points, ends.reshape(2, 3), beyond),
             start,
             method="Nelder-Mead",
             options={"maxfev": 1500, "xatol": 1e-5, "fatol": 1e-9},
@@ -128,7 +135,8 @@ def _round_points(shape: Shape) -> tuple[Array, float]:
             best = float(found.fun), np.asarray(found.x)
     assert best is not None
     ends = np.round(best[1].reshape(2, 3), _ROUNDED)
-    return ends, _radius(points, ends) + shape.radius
+    ends.setflags(write=False)  # of all who ask
+    return ends, _radius(points, ends) + beyond
 
 
 def _volume(points: Array, ends: Array, radius: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NoPlanFound, SpecError, UsageError
+from climbplan.robots.urdf.proposal.bending import bending_proposals
 from climbplan.robots.urdf.proposal.document import paths, robot_document
 from climbplan.robots.urdf.proposal.postures import Posture
 from climbplan.robots.urdf.proposal.settled import Proposal
@@ -29,6 +30,7 @@ from climbplan.spec.loading import load_climb
 _STANDINGS = 4  # standing postures that are planned with
 _TRIED = 8  # bracing postures that are planned with
 _ENOUGH = 0.9  # of its margins: plans that keep less may fall
+_BENT = 6  # postures that bend limbs otherwise than the robot stands
 _WALL_ENOUGH = 0.5  # of a transition's, whose stances are fewer to choose from
 _WALL_PLANS = 3  # transitions that are planned to the end, at most
 # Work decides what is found, the same on any machine under any load; the clock only caps
@@ -56,6 +58,7 @@ class Outcome:
     why: str  # there is none
     text: str = ""  # of the spec; empty where there is none
     brace: Posture | None = None  # between its walls
+    bent: Proposal | None = None  # the robot, where its file is another than as it stands
 
     @property
     def share(self) -> float:
@@ -89,6 +92,7 @@ class Trials:
         self.folder = folder
         self.name = file_name(found.name)
         self.robot_file = f"{self.name}.yaml"
+        self.bracing_file = f"{self.name}_bracing.yaml"
         self._stand(found)
         self._others: list[Proposal] | None = None
         self.ground = first = self._walk()
@@ -155,11 +159,33 @@ class Trials:
     def chimney(self, report: Told) -> Outcome:
         """Up between walls: in the first posture whose plan keeps nearly all of its margins.
 
-        Else in the one that keeps most; where none leads to a plan, the best by the proposal, with
-        its refusal.
+        Else in the one that keeps most; where none leads to a plan, in postures that bend its
+        limbs otherwise than it stands; and where none of these does, the best by the proposal,
+        with its refusal.
         """
-        most = _TRIED, _TRIED
-        return self._braced("climbs between walls", chimney_document, report, _ENOUGH, most)
+        what, most = "climbs between walls", (_TRIED, _TRIED)
+        first = self._braced(what, chimney_document, report, _ENOUGH, most)
+        return first if first.plan is not None else self._bent(what, first, report)
+
+    def _bent(self, what: str, first: Outcome, report: Told) -> Outcome:
+        """The climb in postures of a robot file of their own; first: as the robot stands."""
+        report(f"planning: {what}, limbs bent otherwise than it stands")
+        best: Outcome | None = None
+        for found in bending_proposals(self.found, _BENT):
+            robot = robot_document(found, str(found.draft.urdf), "")
+            (self.folder / self.bracing_file).write_text(robot, encoding="utf-8")
+            (brace,) = found.braces
+            text = chimney_document(found, self.bracing_file, brace)
+            one = replace(self._outcome(what, text, brace), bent=found)
+            if best is None or one.share > best.share:
+                best = one
+            if best.share >= _ENOUGH:
+                break
+        if best is None:
+            return replace(first, why=f"{first.why}; nor was any with its limbs bent otherwise")
+        if best.plan is None and first.text:
+            return first
+        return best
 
     def wall(self, report: Told) -> Outcome:
         """From the ground to walls, chosen likewise."""
@@ -227,8 +253,11 @@ def planned_proposal(found: Proposal, directory: Path, report: Told) -> Proposed
         for end, outcome in outcomes.items()
         if outcome.text
     }
-    robot = robot_document(trials.found, paths(found, directory), ", ".join(specs))
-    files = {trials.robot_file: robot} | specs
+    bent = {f"{trials.name}_{end}.yaml": o.bent for end, o in outcomes.items() if o.bent}
+    own = ", ".join(name for name in specs if name not in bent)
+    files = {trials.robot_file: robot_document(trials.found, paths(found, directory), own)} | specs
+    for name, other in bent.items():
+        files[trials.bracing_file] = robot_document(other, paths(found, directory), name)
     brace = outcomes["chimney"].brace if "chimney" in outcomes else None
     return Proposed(
         trials.name, trials.found, files, tuple(outcomes.values()), brace, walks=not soled

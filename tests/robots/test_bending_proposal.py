@@ -1,0 +1,55 @@
+"""Robots that brace between walls in postures of robot files of their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from urdf_humanoid import humanoid
+
+from climbplan.climb.proposed import Trials
+from climbplan.robots.serial_chain import SerialChain
+from climbplan.robots.urdf.proposal import bending
+from climbplan.robots.urdf.proposal.proposing import legs_of, settled
+from climbplan.robots.urdf.proposal.settled import Proposal
+from climbplan.robots.urdf.proposal.standings import standing
+
+
+def standing_humanoid(folder: Path) -> Proposal:
+    """On its feet, with its hands on walls, and without any posture between them."""
+    own = standing(settled(legs_of(humanoid(folder / "humanoid.urdf"))))
+    return own.proposal(walls=False)
+
+
+@pytest.mark.slow
+def test_a_robot_that_braces_bent_otherwise_has_a_file_of_its_own(tmp_path: Path) -> None:
+    found = standing_humanoid(tmp_path)
+    trials = Trials(found, tmp_path)
+    climbed = trials.chimney(lambda words: None)
+    assert climbed.plan is not None, climbed.why
+    assert climbed.bent is not None
+    assert f'robot: "{trials.bracing_file}"' in climbed.text
+    assert (tmp_path / trials.bracing_file).exists()
+    (brace,) = climbed.bent.braces
+    robot = climbed.bent.robot
+    assert isinstance(robot.mechanism, SerialChain)
+    # Its posture is the one that it braces in, whatever it stands in
+    np.testing.assert_allclose(robot.mechanism.posture, brace.angles, atol=1e-3)
+    np.testing.assert_allclose(np.abs(brace.toes[:, 0]), brace.gap / 2)
+    np.testing.assert_allclose(robot.stance_body, brace.toes, atol=5e-3)
+    assert brace.use < 1
+    assert not found.settled.touching(brace)
+
+
+@pytest.mark.slow
+def test_a_robot_for_which_nothing_is_found_says_that_both_were_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bending, "_drawn", lambda own: [])
+    trials = Trials(standing_humanoid(tmp_path), tmp_path)
+    refused = trials.chimney(lambda words: None)
+    assert refused.plan is None
+    assert refused.bent is None
+    assert "no posture between walls was found" in refused.why
+    assert "limbs bent otherwise" in refused.why

@@ -73,13 +73,22 @@ def plan_instants(scene: ClimbScene, rounds: Rounds) -> Instants:
 def _over_the_others(scene: ClimbScene, instants: Instants) -> Instants:
     """Instants with the body, at lifts, where the limbs that stay hold it; pushes take it there."""
     lift = np.arange(0, instants.count, 2)
-    shift = balancing_shifts(
-        scene, Instants(**{name: value[lift] for name, value in vars(instants).items()})
-    )
+    lifts = Instants(**{name: value[lift] for name, value in vars(instants).items()})
+    places = _above_places(scene, lifts, instants)
+    shift = balancing_shifts(scene, lifts, places=places)
     off = np.zeros_like(instants.com)
     off[lift] = shift
     off[lift[1:] - 1] = shift[1:]
     return replace(instants, com=instants.com + off)
+
+
+def _above_places(scene: ClimbScene, lifts: Instants, instants: Instants) -> Instants:
+    """The lifts of instants with the limbs above the places that they are put on next."""
+    push = np.arange(1, instants.count, 2)
+    lifted = lifts.lifted[..., None]
+    normal = np.where(lifted, instants.normal[push], lifts.normal)
+    above = instants.toes[push] + scene.spec.trajectory.lift * normal
+    return replace(lifts, normal=normal, toes=np.where(lifted, above, lifts.toes))
 
 
 def _check_placing(scene: ClimbScene, instants: Instants) -> None:

@@ -48,11 +48,12 @@ class Unheld:
 def unheld(scene: MotionScene) -> list[Unheld]:
     """Start and goal, however the goal may be missed, where nothing within reach holds the body.
 
-    Empty for grippers, which pull, for curved surfaces, and for a payload beside the body's origin,
-    whose moment depends on how the body turns. A safety factor counts only if the spec states it.
+    Empty for grippers, which pull, for curved surfaces, and for limbs with masses or a payload
+    beside the body's origin, whose moment depends on the posture. A safety factor counts only if
+    the spec states it.
     """
     payload = scene.spec.task.payload
-    aside = payload.mass > 0 and any(payload.offset)
+    aside = scene.robot.links is not None or (payload.mass > 0 and any(payload.offset))
     reach = longest_reach(scene)
     if scene.grippers is not None or scene.terrain.curved or aside or not np.isfinite(reach).all():
         return []

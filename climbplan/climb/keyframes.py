@@ -20,6 +20,7 @@ from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.swing_ways import together, way_shares
 from climbplan.errors import NoPlanFound, NotProved
+from climbplan.mechanics.equilibrium import weight_moment
 from climbplan.mechanics.flat_contact import moment_of
 from climbplan.mechanics.grip import Grippers
 from climbplan.robots.kinematics import contact_points, rigid_motion, standing_inverse
@@ -37,6 +38,14 @@ class Load:
     force: Array  # (N, 3) [N]
     carried: Array  # (N, 3) toe displacement by the body's own deflection, zero in the air [m]
     held: Array  # (N, 10) grips as they are packed; moments at wrists, or on soles; else zeros
+    weight: Array  # (3,) moment of the weight about the body's origin, which they balance [N m]
+
+    def toward(self, other: Load, share: float) -> Load:
+        """A share of the way to another, itself where they are the same."""
+        if other is self:
+            return self
+        mixed = {n: (1 - share) * v + share * vars(other)[n] for n, v in vars(self).items()}
+        return Load(**mixed)
 
 
 @dataclass(frozen=True)
@@ -50,6 +59,7 @@ class Keyframes:
     carried: Array  # (F, N, 3) as in Load
     normal: Array  # (F, N, 3) of the surfaces that toes stand on, or are on their way to
     held: Array  # (F, N, 10) likewise
+    weight: Array  # (F, 3) likewise
     contact: Mask  # (F-1, N) toes on their surface during each segment
     share: Array  # (F-1,) nominal part of one limb step's time
     label: tuple[str, ...]  # (F-1,) where each segment stands in the gait
@@ -96,31 +106,52 @@ def _placing_loads(scene: MotionScene, instants: Instants, lifted: list[Load]) -
     """
     lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
     standing = _all_standing(scene, instants, lift, push, instants.toes[push])
+    return _loads_found(scene, standing, lifted[::2])
+
+
+def _arriving_loads(scene: MotionScene, instants: Instants, lifted: list[Load]) -> list[Load]:
+    """Forces at the end of each lift, with limbs on their new places that bear nothing yet.
+
+    Those of its beginning, but for the weight of what was moved; they stay where nothing is found.
+    """
+    if scene.robot.links is None:
+        return lifted[::2]
+    lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
+    toes = np.where(instants.lifted[lift][..., None], instants.toes[push], instants.toes[lift])
+    arriving = _all_standing(scene, instants, lift, push, toes)
+    arriving = replace(
+        arriving, lifted=instants.lifted[lift], contact=instants.contact[lift], toes=toes
+    )
+    return _loads_found(scene, arriving, lifted[::2])
+
+
+def _loads_found(scene: MotionScene, instants: Instants, otherwise: list[Load]) -> list[Load]:
+    """Forces at instants, and others where none are found."""
     if scene.grippers is not None:
-        return _placing_grips(scene, standing, scene.grippers, lifted)
-    statement, found = solve_on_feet(scene, standing, scene.spec.solver.force)
+        return _grips_found(scene, instants, scene.grippers, otherwise)
+    statement, found = solve_on_feet(scene, instants, scene.spec.solver.force)
     solved = found.solved
     com = deflections_of(statement, solved.force, scene.spec.force.sag == "compensated").com
     force = solved.force
     if statement.points > 1:
-        force = force.reshape(*standing.contact.shape, statement.points, 3)
-    loads = _loads(scene, standing, force, com)
+        force = force.reshape(*instants.contact.shape, statement.points, 3)
+    loads = _loads(scene, instants, force, com)
     for place in np.concatenate([solved.missing, solved.unbalanced]):
-        loads[place] = lifted[2 * int(place)]
+        loads[place] = otherwise[int(place)]
     return loads
 
 
-def _placing_grips(
-    scene: MotionScene, standing: Instants, grippers: Grippers, lifted: list[Load]
+def _grips_found(
+    scene: MotionScene, instants: Instants, grippers: Grippers, otherwise: list[Load]
 ) -> list[Load]:
     """The same for a robot with grippers."""
-    statement = state_grips(scene, standing, grippers)
+    statement = state_grips(scene, instants, grippers)
     solved = solve_grips(statement, scene.spec.solver.force, scene.spec.force.facets)
     found = answers_of(statement, solved)
-    still = np.zeros((standing.count, 6))
-    loads = _loads(scene, standing, found.force, still, found.grips)
+    still = np.zeros((instants.count, 6))
+    loads = _loads(scene, instants, found.force, still, found.grips)
     for place in solved.missing:
-        loads[place] = lifted[2 * int(place)]
+        loads[place] = otherwise[int(place)]
     return loads
 
 
@@ -163,7 +194,8 @@ def _loads(
     touching = contact_points(scene.robot, instants.toes, instants.normal)
     motion = rigid_motion(touching - instants.com[:, None]) * instants.contact[..., None, None]
     carried = np.einsum("kniv,kv->kni", motion, com_deflection)
-    return [Load(f, c, h) for f, c, h in zip(force, carried, held, strict=True)]
+    weight = weight_moment(scene.robot, instants.rpy, instants.joint_angles)
+    return [Load(*own) for own in zip(force, carried, held, weight, strict=True)]
 
 
 def keyframes(
@@ -175,6 +207,7 @@ def keyframes(
 ) -> Keyframes:
     names = scene.robot.limb_names
     held = _loads(scene, instants, _pushes(forces), forces.com_deflection, forces.grips)
+    arrived = _arriving_loads(scene, instants, held)
     placed = _placing_loads(scene, instants, held)
     com, rpy, toes = [rounds.com[0]], [rounds.rpy[0]], [rounds.toes[0]]
     normal = [instants.normal[0]]
@@ -217,9 +250,11 @@ def keyframes(
         to(old, was, held[k], everyone, _UNLOAD, name)
         turned = _turned(scene, was, under, len(ways))
         to(swung(ways[0]), turned[0], held[k], others, _LIFT, name)
-        for points, normals in zip(ways[1:], turned[1:], strict=True):
-            to(swung(points), normals, held[k], others, _SWING / (len(ways) - 1), name)
-        to(new, under, held[k], others, _LOWER, name)
+        shares = way_shares(len(ways)).tolist()
+        for share_of, points, normals in zip(shares[1:], ways[1:], turned[1:], strict=True):
+            load_there = held[k].toward(arrived[k // 2], share_of)
+            to(swung(points), normals, load_there, others, _SWING / (len(ways) - 1), name)
+        to(new, under, arrived[k // 2], others, _LOWER, name)
         to(new, under, placed[k // 2], everyone, _PRESS, name)
         to(new, under, held[k + 1], everyone, _PUSH, instants.label(k + 1, names))
         com[-1], rpy[-1] = instants.com[k + 1], instants.rpy[k + 1]
@@ -231,6 +266,7 @@ def keyframes(
         np.array([one.carried for one in load]),
         np.array(normal),
         np.array([one.held for one in load]),
+        np.array([one.weight for one in load]),
         np.array(contact),
         np.array(share),
         tuple(label),

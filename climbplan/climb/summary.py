@@ -35,7 +35,7 @@ def least_safety(plan: ClimbPlan) -> str:
     """Where the torque safety factor is least, and which joint sets it."""
     robot, instants, forces = plan.robot, plan.instants, plan.forces
     k = int(np.argmin(forces.safety_torque))
-    load = np.abs(forces.joint_torques[k]) / robot.max_torque
+    load = np.abs(forces.motor_torques[k]) / robot.max_torque
     at = f"least S_tau {forces.safety_torque[k]:.2f}: {instants.label(k, robot.limb_names)}"
     if plan.grips is not None and robot.gripper is not None:
         wrist = np.abs(plan.grips.wrist_torque[k])
@@ -51,6 +51,6 @@ def least_safety(plan: ClimbPlan) -> str:
             name = f"{robot.limb_names[held]} {WRIST_JOINTS[turn]}"
             return f"{at}, {name} {wrist[held, turn]:.1f} N m"
     limb, joint = np.unravel_index(int(np.argmax(load)), load.shape)
-    torque = abs(forces.joint_torques[k, limb, joint])
+    torque = abs(forces.motor_torques[k, limb, joint])
     name = f"{robot.limb_names[limb]} {robot.joint_name(int(limb), int(joint))}"
     return f"{at}, {name} {torque:.1f} {torque_unit(robot, int(limb), int(joint))}"

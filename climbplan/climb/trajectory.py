@@ -3,6 +3,8 @@
 Joints are commanded beyond the angles of the moving body by what the contact forces bend them.
 Forces go straight from one balanced set to the next while the body goes straight from pose to pose,
 so that they balance the load all the way, and friction cones, being convex, hold them all the way.
+Where limbs have masses, their weight moves on curves: what it is off the straight way between two
+sets is shared by the limbs that stand.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from climbplan.climb.plan.spans import spans_of
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.swing import swing_paths
 from climbplan.errors import ReachFailure, UsageError
+from climbplan.mechanics.equilibrium import grasp_matrix, weight_moment
 from climbplan.mechanics.stiffness import (
     joint_softness,
     joint_turns,
@@ -26,6 +29,7 @@ from climbplan.mechanics.stiffness import (
 from climbplan.robots.joint_units import place_words
 from climbplan.robots.kinematics import (
     contact_jacobian,
+    contact_points,
     inverse,
     require_reachable,
     sole_turns,
@@ -37,6 +41,7 @@ from climbplan.robots.rotations import Array, rotation_world_body
 
 _PROBES = 9  # samples of a segment from which its least duration is found
 _SPEED_MARGIN = 1.1  # durations exceed what the sampled joint speeds need by this factor
+_IN_LINE = 1e-6  # of the largest singular value: no forces about a line of toes
 _ROCKING = 0.25  # of a flat foot's half width, by which inertia may move the centre of pressure
 _BOUND_SLACK = 1e-7  # [rad] by which solvers may have missed a joint bound
 _MOST_SAMPLES = 1_000_000  # a plan of more would take gigabytes to verify
@@ -116,6 +121,8 @@ class _Moving:
     carried: Array  # (S, N, 3)
     normal: Array  # (S, N, 3) under toes that press
     held: Array  # (S, N, 10)
+    contact: Mask  # (S, N)
+    weight: Array  # (S, 3) moment of the weight that the forces balance [N m]
 
 
 def _between(frames: Keyframes, segment: Index, share: Array) -> _Moving:
@@ -133,6 +140,8 @@ def _between(frames: Keyframes, segment: Index, share: Array) -> _Moving:
         mix(frames.carried),
         mix(frames.normal),
         mix(frames.held),
+        frames.contact[segment],
+        mix(frames.weight),
     )
 
 
@@ -164,6 +173,31 @@ def _balanced_durations(robot: Robot, frames: Keyframes) -> Array:
     return np.asarray(np.sqrt(6.0 * way * height / (robot.gravity * moved)))
 
 
+def _weighed(robot: Robot, moving: _Moving, angles: Array) -> _Moving:
+    """Forces that balance the weight where it acts at angles (S, N, J).
+
+    The moment that is missing is brought by what stands, the more the harder it presses: by moments
+    on soles, or else by forces of toes.
+    """
+    if robot.links is None:
+        return moving
+    off = moving.weight - weight_moment(robot, moving.rpy, angles)
+    pressure = np.maximum((moving.force * moving.normal).sum(axis=-1), 0.0) * moving.contact
+    if robot.gripper is not None:
+        pressure = moving.contact.astype(float)
+    if robot.sole is not None:
+        held = moving.held.copy()
+        part = pressure / np.maximum(pressure.sum(axis=1, keepdims=True), 1e-300)
+        held[..., PACKED:] += part[..., None] * off[:, None]
+        return replace(moving, held=held)
+    arms = contact_points(robot, moving.toes, moving.normal) - moving.com[:, None]
+    root = np.repeat(np.sqrt(pressure), 3, axis=1)  # (S, 3 N)
+    grasp = grasp_matrix(arms) * root[:, None]
+    wrench = np.concatenate([np.zeros_like(off), off], axis=1)
+    more = root * (np.linalg.pinv(grasp, rcond=_IN_LINE) @ wrench[..., None])[..., 0]
+    return replace(moving, force=moving.force + more.reshape(moving.force.shape))
+
+
 def _joint_commands(robot: Robot, moving: _Moving, where: list[str]) -> Array:
     """Joint commands (S, N, J) that hold toes and forces; raises ReachFailure."""
     toes_body = to_body(moving.com, moving.rpy, moving.toes)
@@ -172,6 +206,7 @@ def _joint_commands(robot: Robot, moving: _Moving, where: list[str]) -> Array:
     for s in np.flatnonzero(~solution.valid.all(axis=1)):
         require_reachable(robot, toes_body[s], where[s], None if turns is None else turns[s])
     angles = solution.best()
+    moving = _weighed(robot, moving, angles)
     jacobian = contact_jacobian(robot, moving.rpy, angles, moving.normal)
     torques = np.einsum("snij,sni->snj", jacobian, moving.force)
     if robot.gripper is not None or robot.sole is not None:

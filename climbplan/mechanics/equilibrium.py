@@ -8,19 +8,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, skew
+from climbplan.robots.rotations import Array, rotation_world_body, skew
+from climbplan.robots.serial_chain import SerialChain
 
 _RANK_TOLERANCE = 1e-8  # of the largest singular value; collinear contacts end near 1e-16
 
 
-def total_load(robot: Robot, external_wrench: Array) -> Array:
-    """Weight at the body origin plus an external wrench.
+def total_load(robot: Robot, external_wrench: Array, rpy: Array, angles: Array) -> Array:
+    """Weight, which acts in the centre of mass, plus an external wrench.
 
-    external_wrench: (..., 6) force and moment about the body origin [N, N m], world frame.
-    Returns (..., 6).
+    external_wrench: (..., 6) force and moment about the body origin [N, N m], world frame; rpy:
+    (..., 3) [rad]; angles: (..., N, J) of the joints. Returns (..., 6).
     """
     weight = np.array([0.0, 0.0, -robot.weight, 0.0, 0.0, 0.0])
-    return np.asarray(external_wrench + weight)
+    load = np.asarray(external_wrench + weight)
+    if robot.links is not None:
+        load[..., 3:] += weight_moment(robot, rpy, angles)
+    return load
+
+
+def weight_moment(robot: Robot, rpy: Array, angles: Array) -> Array:
+    """Moment (..., 3) of the weight about the body origin [N m], world frame.
+
+    rpy: (..., 3) [rad]; angles: (..., N, J).
+    """
+    arm = (rotation_world_body(rpy) @ robot.centre_of_mass(angles)[..., None])[..., 0]
+    return np.cross(arm, [0.0, 0.0, -robot.weight])
+
+
+def link_torques(robot: Robot, rpy: Array, angles: Array) -> Array:
+    """Torques (..., N, J) of the links' own weight [N m], which motors hold beside J^T f.
+
+    rpy: (..., 3) [rad]; angles: (..., N, J). Zero where limbs weigh nothing.
+    """
+    if robot.links is None or not isinstance(robot.mechanism, SerialChain):
+        return np.zeros(angles.shape)
+    down = -robot.gravity * rotation_world_body(rpy)[..., 2, :]
+    return robot.links.torques(robot.mechanism, angles, down)
 
 
 def grasp_matrix(arms: Array) -> Array:

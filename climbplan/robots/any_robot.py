@@ -55,8 +55,7 @@ def assumptions(spec: AnyRobot, robot: Robot) -> tuple[str, ...]:
     )
     if held:
         out.append(f"held at zero, as no leg has them: {', '.join(held)}")
-    out.append("masses of the legs count as if fixed in their posture")
-    return (f"assumed of {spec.name}: {'; '.join(out)}",)
+    return (f"assumed of {spec.name}: {'; '.join(out)}",) if out else ()
 
 
 def _pairs(robot: Robot) -> str:

@@ -14,6 +14,7 @@ from climbplan.robots.coxa_femur_tibia import CoxaFemurTibia
 from climbplan.robots.five_bar import FiveBar, Linkage
 from climbplan.robots.foot import Foot, Sole
 from climbplan.robots.gripper import Gripper
+from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
@@ -56,7 +57,7 @@ class Robot:
     """
 
     name: str
-    mass: float  # [kg], acts at the body origin
+    mass: float  # [kg], acts at the body origin unless `links` say where
     gravity: float  # [m/s^2]
     structural_compliance_share: float  # part of the limb compliance beside the joints'
     limb_names: tuple[str, ...]
@@ -77,6 +78,7 @@ class Robot:
     mechanism: Mechanism | None = None  # None: coxa, femur and tibia of the lengths above
     gripper: Gripper | None = None  # on a wrist at every toe
     foot: Foot | None = None  # at every toe; None: toes are points
+    links: LinkMasses | None = None  # of limbs that are chains; None: limbs weigh nothing
     capsules: MountedCapsules | None = None  # None: from joint to joint, as thick as limb_radius
     body_parts: tuple[Array, ...] = ()  # (V, 3) convex parts that limbs keep off; none: the hull
     # (T, 4) limb and capsule, and limb and capsule or -1 and 0 for the body: parts that touch
@@ -164,12 +166,18 @@ class Robot:
             rows["capsules"] = self.capsules.only(keep)
         if self.foot is not None:
             rows["foot"] = self.foot.only(keep)
-        return replace(self, **rows)
+        return replace(self, **rows, links=None)
 
     @property
     def weight(self) -> float:
         """Mass times gravity [N]."""
         return self.mass * self.gravity
+
+    def centre_of_mass(self, angles: Array) -> Array:
+        """(..., 3) body frame [m], at angles (..., N, J): the origin if limbs weigh nothing."""
+        if self.links is None or not isinstance(self.mechanism, SerialChain):
+            return np.zeros((*angles.shape[:-2], 3))
+        return self.links.centre(self.mechanism, angles)
 
     @classmethod
     def from_spec(cls, spec: RobotSpec) -> Self:

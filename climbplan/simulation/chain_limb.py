@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.errors import UsageError
+from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.model import MountedCapsules, Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.attributes import inertial_of, numbers
-from climbplan.simulation.link_masses import LinkMasses
 
 _SHORTEST = 0.01  # [m] of a link that is drawn and touches
 _THINNEST = 0.005  # [m] radius of a link

@@ -164,7 +164,7 @@ def report_dict(found: Simulated) -> dict[str, Any]:
             "relative_error": spread(compared.torque_error),
             "least_compared": LEAST_TORQUE,
             "largest": float(np.abs(run.torque).max()),
-            "largest_planned": float(np.abs(plan.forces.joint_torques).max()),
+            "largest_planned": float(np.abs(plan.forces.motor_torques).max()),
         },
         "friction": {
             "critical": spread(compared.friction[compared.friction > 0]),

@@ -15,6 +15,7 @@ from climbplan.reports.replay import sample_instants
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.feedforward import links_moment
 from climbplan.simulation.gripping import gripped
 from climbplan.simulation.instants import instant_samples
 from climbplan.simulation.model import motor_stiffness
@@ -104,7 +105,7 @@ def compare(plan: ClimbPlan, run: Run) -> Comparison:
         instant=reached,
         sample=sample,
         torque=torque,
-        torque_planned=np.abs(plan.forces.joint_torques[reached] * unit).max(axis=2),
+        torque_planned=np.abs(plan.forces.motor_torques[reached] * unit).max(axis=2),
         friction=critical,
         friction_planned=plan.forces.mu_critical[reached],
         mu=plan.instants.mu[reached] * run.conditions.friction,
@@ -125,7 +126,9 @@ def predicted_sag(plan: ClimbPlan, conditions: Conditions, rows: Index, toes: Ar
     instants, forces, robot = plan.instants, plan.forces, plan.robot
     load = instants.external_wrench[rows].copy()
     load[:, 2] -= robot.weight + conditions.payload * robot.gravity
-    axes = np.swapaxes(rotation_world_body(instants.rpy[rows]), -1, -2)
+    rotation = rotation_world_body(instants.rpy[rows])
+    load[:, 3:] += links_moment(plan, conditions, rotation, instants.joint_angles[rows])
+    axes = np.swapaxes(rotation, -1, -2)
     share = robot.structural_compliance_share
     moment = None
     if robot.gripper is not None and plan.grips is not None:

@@ -12,6 +12,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.kinematics import joint_points_body
+from climbplan.robots.link_masses import weight_torques
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
@@ -33,25 +34,17 @@ def limb_weight_torques(plan: ClimbPlan, conditions: Conditions) -> Array:
     rotation = rotation_world_body(plan.trajectory.rpy)
     if isinstance(robot.mechanism, FiveBar):
         return _by_differences(robot, rotation, angles, link_mass(robot, conditions))
-    joints = joint_points_body(robot, angles)[:, :, :-1]
     masses, middles = _links(plan, conditions, angles)
     down = -robot.gravity * rotation[:, 2, :]  # of a kilogram, in body axes (T, 3)
     weight = masses[..., None] * down[:, None, None]  # (T, N, link, 3)
+    if robot.mechanism is not None:
+        return -weight_torques(chain_of(robot).pose(angles), middles, weight)
+    joints = joint_points_body(robot, angles)[:, :, :-1]
     # Power of the weight of link l by joint j <= l: axis . (arm x weight), or slide . weight
     arms = middles[:, :, None] - joints[:, :, :, None]  # (T, N, joint, link, 3)
     moment = np.cross(arms, weight[:, :, None])
     power = np.einsum("tnji,tnjli->tnjl", _axes(robot, angles), moment)
-    drive = None
-    if robot.mechanism is not None:
-        pose = chain_of(robot).pose(angles)
-        drive = pose.drive
-        if pose.slides is not None:
-            power += np.einsum("tnji,tnli->tnjl", pose.slides, weight)
-    carried = np.triu(
-        np.ones((robot.joint_count, robot.joint_count))
-    )  # links from the joint outward
-    held = -(power * carried).sum(axis=-1)
-    return np.asarray(held if drive is None else np.einsum("njk,tnj->tnk", drive, held))
+    return -np.triu(power).sum(axis=-1)  # links from the joint outward
 
 
 def limb_weight_wrench(plan: ClimbPlan, conditions: Conditions) -> Array:
@@ -61,6 +54,15 @@ def limb_weight_wrench(plan: ClimbPlan, conditions: Conditions) -> Array:
     """
     rotation = rotation_world_body(plan.trajectory.rpy)
     angles = true_angles(plan, sample_instants(plan))
+    moment = links_moment(plan, conditions, rotation, angles)
+    return np.concatenate([np.zeros_like(moment), moment], axis=1)
+
+
+def links_moment(plan: ClimbPlan, conditions: Conditions, rotation: Array, angles: Array) -> Array:
+    """(T, 3) moment of the links' weight about the origin of bodies turned by (T, 3, 3) [N m].
+
+    angles: (T, N, J).
+    """
     masses, middles = _links(plan, conditions, angles)
     links = np.einsum("tij,tnlj->tnli", rotation, middles)
     weight = masses[..., None] * np.array([0.0, 0.0, -plan.robot.gravity])
@@ -68,15 +70,14 @@ def limb_weight_wrench(plan: ClimbPlan, conditions: Conditions) -> Array:
     if (own := link_masses(plan, conditions)) is not None:  # whose body is off its origin, too
         weight = np.array([0.0, 0.0, -own.body_mass * plan.robot.gravity])
         moment += np.cross(rotation @ own.body_middle, weight)
-    return np.concatenate([np.zeros_like(moment), moment], axis=1)
+    return moment
 
 
 def _links(plan: ClimbPlan, conditions: Conditions, angles: Array) -> tuple[Array, Array]:
     """Masses (N, J) of links [kg], and where they act (T, N, J, 3) from the body [m]."""
     robot = plan.robot
     if (own := link_masses(plan, conditions)) is not None:
-        pose = chain_of(robot).pose(angles)
-        return own.mass, pose.places + (pose.turns @ own.middle[..., None])[..., 0]
+        return own.mass, own.middles(chain_of(robot), angles)
     shape = robot.limb_count, robot.joint_count
     return np.full(shape, link_mass(robot, conditions)), _middles(robot, angles)
 
@@ -103,9 +104,7 @@ def _middles(robot: Robot, angles: Array) -> Array:
 
 
 def _axes(robot: Robot, angles: Array) -> Array:
-    """Axes of the joints in the body frame (T, N, J, 3)."""
-    if robot.mechanism is not None:
-        return chain_of(robot).pose(angles).axes
+    """Axes of coxa, femur and tibia in the body frame (T, N, 3, 3)."""
     yaw = robot.mount_yaw + angles[..., 0]  # (T, N)
     # Coxa about z, femur and tibia lift outward
     up = np.broadcast_to([0.0, 0.0, 1.0], (*yaw.shape, 3))

@@ -37,7 +37,7 @@ def leg(plan: ClimbPlan, run: Run, limb: int) -> Figure:
     at = instant_samples(plan)
     time = plan.trajectory.time
     unit = plan.robot.joint_unit[limb]  # forces of joints that slide act at that arm
-    planned = np.abs(plan.forces.joint_torques[:, limb] * unit).max(axis=1)
+    planned = np.abs(plan.forces.motor_torques[:, limb] * unit).max(axis=1)
     top.plot(run.time, np.abs(run.torque[:, limb] * unit).max(axis=1), color=palette.INK, lw=0.8)
     top.plot(time[at], planned, "o-", color=palette.LIMBS[0], ms=2.5, lw=1.2)
     limit = float((plan.robot.max_torque[limb] * unit)[plan.robot.has_joint[limb]].min())

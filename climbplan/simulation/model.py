@@ -16,6 +16,7 @@ from climbplan.climb.limb_clearance import NARROW
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import UsageError
 from climbplan.robots.five_bar import FiveBar
+from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
@@ -30,7 +31,7 @@ from climbplan.simulation.chain_limb import (
 )
 from climbplan.simulation.conditions import LIMB_MASS_SHARE, Conditions
 from climbplan.simulation.gripper_model import gripper_end, welds, wrist_motors
-from climbplan.simulation.link_masses import LinkMasses, link_masses
+from climbplan.simulation.link_masses import link_masses
 from climbplan.simulation.linkage_limb import couplers, linkage_limb
 from climbplan.simulation.terrain_geoms import (
     BODY,

@@ -9,10 +9,11 @@ import h5py
 import numpy as np
 import pytest
 
-from climbplan.climb.balance import _Lift, balancing_shifts, body_way
+from climbplan.climb.balance import balancing_shifts, body_way
+from climbplan.climb.balance_program import Lift
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.gait import plan_instants
-from climbplan.climb.instants import standing_at
+from climbplan.climb.instants import joint_angles, standing_at
 from climbplan.climb.plan.climb_plan import ClimbPlan, Instants
 from climbplan.climb.plan.file import read_as_found, write_climb
 from climbplan.climb.planner import plan_climb
@@ -79,7 +80,9 @@ def test_a_quadruped_walks_and_is_verified(plan: ClimbPlan) -> None:
     assert 0.02 < shift.used * 0.3 < 0.3
     # Forces straight above three toes: where weight and payload act is inside their triangle
     lift = plan.instants.lifted.any(axis=1)
-    off = np.array([0.2 * 1.0 / (plan.robot.mass + 1.0), 0.0, 0.0])
+    mass = plan.robot.mass
+    off = plan.robot.centre_of_mass(plan.instants.joint_angles[lift]) * mass / (mass + 1.0)
+    off[:, 0] += 0.2 * 1.0 / (mass + 1.0)
     for toes, com, up in zip(
         plan.instants.toes[lift],
         plan.instants.com[lift] + off,
@@ -107,7 +110,8 @@ def test_auto_finds_the_shift_where_the_spec_leaves_it_open(spec: Path) -> None:
 
 def test_the_shift_is_the_least_that_loads_every_toe(scene: ClimbScene) -> None:
     middle = (0.0, 0.0, 0.3)
-    shift = balancing_shifts(scene, standing(scene, 0, middle))[0]
+    lift = standing(scene, 0, middle)
+    shift = balancing_shifts(scene, lift)[0]
     toes = scene.start.toes[1:]
     corners = np.vstack([toes[:, :2].T, np.ones(3)])
 
@@ -116,7 +120,12 @@ def test_the_shift_is_the_least_that_loads_every_toe(scene: ClimbScene) -> None:
 
     def loads(at: np.ndarray) -> np.ndarray:
         """Of the toes, as shares of the robot's weight, with the body at `at`."""
-        return np.linalg.solve(corners, [at[0] + off, at[1], 1.0]) * (mass + payload) / mass
+        moved = replace(lift, com=np.array([[at[0], at[1], middle[2]]]))
+        angles = joint_angles(scene.robot, moved, moved.toes)
+        legs = scene.robot.centre_of_mass(angles)[0] * mass / (mass + payload)
+        assert np.abs(legs[:2]).max() < 0.02
+        places = [at[0] + off + legs[0], at[1] + legs[1], 1.0]
+        return np.linalg.solve(corners, places) * (mass + payload) / mass
 
     pressure = scene.spec.margins.pressure
     assert loads(np.array(middle) + shift).min() == pytest.approx(pressure, abs=1e-4)
@@ -205,15 +214,29 @@ def test_a_quadruped_climbs_a_stair(spec: Path) -> None:
 
 def test_a_shift_keeps_torque_limits_where_it_leads(scene: ClimbScene) -> None:
     """Legs of a shifted body are bent otherwise: programs follow one another (`balance.py`)."""
-    weak = replace(scene, robot=replace(scene.robot, max_torque=0.06 * scene.robot.max_torque))
+    weak = replace(scene, robot=replace(scene.robot, max_torque=0.055 * scene.robot.max_torque))
     lift = standing(weak, 1, (0.0, 0.0, 0.3))
 
     def excess(follow: bool) -> float:
         shift = balancing_shifts(weak, lift, follow=follow)[0, :2]
-        own = _Lift(weak, lift, 0, 1.0)
-        found = own.solved(own.jacobian(shift)[0], 0.0, shift, 0.0, 0.3, 10.0)
+        own = Lift(weak, [lift], 0, 1.0)
+        found = own.solved(own.posture(shift), 0.0, shift, 0.0, 0.3, 10.0)
         assert found is not None
         return found.excess
 
     assert excess(follow=False) > 0.03
     assert excess(follow=True) < 0.005
+
+
+def test_a_body_is_shifted_for_both_ends_of_a_swing(scene: ClimbScene) -> None:
+    lift = standing(scene, 0, (0.0, 0.0, 0.3))
+    above = lift.toes + np.array([0.0, 0.15, 0.05]) * lift.lifted[..., None]
+    places = replace(lift, toes=above)
+    one, other = (balancing_shifts(scene, x)[0] for x in (lift, places))
+    both = balancing_shifts(scene, lift, places=places)[0]
+    assert np.linalg.norm(one - other) > 1e-3
+    # What holds at both ends is at least as far as what holds at one
+    assert np.linalg.norm(both) > max(np.linalg.norm(one), np.linalg.norm(other)) - 1e-4
+    weightless = replace(scene, robot=replace(scene.robot, links=None))
+    same = [balancing_shifts(weightless, lift, places=p)[0] for p in (None, places)]
+    assert np.array_equal(*same)

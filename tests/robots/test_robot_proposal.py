@@ -14,6 +14,7 @@ from climbplan.robots.kinematics import toe_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.proposal.holding import holding_share, lack_of, moved_share
 from climbplan.robots.urdf.proposal.limbs import body_link, limbs_of
+from climbplan.robots.urdf.proposal.motors import motors_of
 from climbplan.robots.urdf.proposal.naming import named
 from climbplan.robots.urdf.proposal.postures import Legs
 from climbplan.robots.urdf.proposal.proposing import propose
@@ -208,6 +209,20 @@ def test_implausible_data_is_named_and_replaced(tmp_path: Path) -> None:
     own = found.draft.joints["L1_yaw"]
     assert own["max_torque"] < 100
     assert found.robot.max_torque.max() < 100
+
+
+def test_speeds_that_no_urdf_says_go_by_size() -> None:
+    tree = urdf_of_text(
+        Walker(joints=3).text().replace('velocity="', 'velocity="9000'), Path("r.urdf")
+    )
+    joints = tuple(joint for joint in tree.joints.values() if joint.velocity)[:3]
+    short, long = (motors_of([joints], np.array([reach]), 100.0) for reach in (0.25, 1.0))
+    fast, slow = (next(iter(own.joints.values())).max_speed for own in (short, long))
+    assert fast is not None
+    assert slow is not None
+    assert slow == pytest.approx(3.5 * np.sqrt(9.81), rel=0.02)
+    assert fast == pytest.approx(2 * slow, rel=0.05)
+    assert any("rad/s ASSUMED" in note for note in short.odd)
 
 
 def test_massless_links_and_missing_meshes_are_told(tmp_path: Path) -> None:

@@ -31,11 +31,9 @@ def force_checks(subject: Subject) -> Iterator[Check]:
 
 def _equilibrium(subject: Subject) -> Check:
     """Eqs. (4.15) and (4.16): forces and moments about the body origin."""
-    instants, force = subject.plan.instants, subject.plan.forces.force
-    robot = subject.plan.robot
-    total = force.sum(axis=1) + instants.external_wrench[:, :3]
-    total[:, 2] -= robot.mass * robot.gravity
-    moment = np.cross(subject.arms, force).sum(axis=1) + instants.external_wrench[:, 3:]
+    force, load = subject.plan.forces.force, subject.load
+    total = force.sum(axis=1) + load[:, :3]
+    moment = np.cross(subject.arms, force).sum(axis=1) + load[:, 3:]
     moment = moment + subject.held_moment.sum(axis=1)
     residual = np.stack([np.linalg.norm(total, axis=1), np.linalg.norm(moment, axis=1)], axis=1)
     what = ("forces", "moments")
@@ -88,11 +86,14 @@ def _lifted(subject: Subject) -> Check:
 
 
 def _torques(subject: Subject) -> Iterator[Check]:
-    """tau = J^T f within the limits."""
+    """tau = J^T f, and with the links' own weight within the limits."""
     plan = subject.plan
-    torques = subject.torques
-    yield judge_worst("torque.from_angles", np.abs(torques - plan.forces.joint_torques), subject.at)
-    use = np.abs(torques) / plan.robot.max_torque
+    torques, own = subject.torques, subject.link_torques
+    stored = plan.forces.link_torques
+    off = np.abs(torques - plan.forces.joint_torques)
+    off = np.maximum(off, np.abs(own - (0.0 if stored is None else stored)))
+    yield judge_worst("torque.from_angles", off, subject.at)
+    use = np.abs(torques + own) / plan.robot.max_torque
     yield judge_worst(
         "torque.limit",
         use - 1 / plan.limits.safety_torque,
@@ -138,7 +139,8 @@ def _stored_factors(subject: Subject) -> Check:
     if forces.corner_force is not None:  # of the corner that slips first
         share = _share(*reversed(parted(forces.corner_force, instants.normal)))
         critical = np.where(instants.contact, share.max(axis=-1), 0.0)
-    torque = (np.abs(subject.torques) / plan.robot.max_torque).max(axis=(1, 2))
+    held = subject.torques + subject.link_torques
+    torque = (np.abs(held) / plan.robot.max_torque).max(axis=(1, 2))
     friction = _share(critical, instants.mu).max(axis=1)
     off = np.stack(
         [

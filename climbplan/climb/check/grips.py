@@ -233,7 +233,7 @@ def _factors(
     loaded: Mask = contact & (hands.shear > _NO_SHEAR * subject.weight)
     friction = np.where(loaded, hands.share(), 0.0).max(axis=(1, 2))
     use = [
-        (np.abs(subject.torques) / plan.robot.max_torque).max(axis=(1, 2)),
+        (np.abs(subject.torques + subject.link_torques) / plan.robot.max_torque).max(axis=(1, 2)),
         (np.abs(grips.wrist_torque) / gripper.wrist_max_torque).max(axis=(1, 2)),
     ]
     if gripper.max_force > 0:

@@ -21,6 +21,7 @@ from climbplan.climb.check.anew.kinematics import (
     standing_limbs,
 )
 from climbplan.climb.check.anew.soles import lying
+from climbplan.climb.check.anew.weights import weight_on
 from climbplan.climb.check.normals import normals_of
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
@@ -115,12 +116,17 @@ def _stood(gait: Gait, counted: Index) -> Index:
 
 
 def load_of(motion: Motion) -> Array:
-    """(T, 6) load on the body: that of the pose it waits in, or on its way between two."""
+    """(T, 6) load on the body: the external one of the pose it waits in, or on its way between two.
+
+    And the weight, where it acts with limbs that stand and swing as they do.
+    """
     plan = motion.subject.plan
     stations = np.hstack([motion.gait.station_com, motion.gait.station_rpy])
     # Instants 2 s and 2 s - 1 both have the body at station s.
     count = len(stations)
-    at_station = motion.subject.load[np.minimum(2 * np.arange(count), plan.instants.count - 1)]
+    at_station = plan.instants.external_wrench[
+        np.minimum(2 * np.arange(count), plan.instants.count - 1)
+    ]
     last = motion.done
     first = np.maximum(last - 1, 0)
     pose = np.hstack([plan.trajectory.com, plan.trajectory.rpy])
@@ -128,7 +134,16 @@ def load_of(motion: Motion) -> Array:
     square = (along**2).sum(axis=1)
     share = ((pose - stations[first]) * along).sum(axis=1)
     share = np.clip(np.divide(share, square, out=np.ones_like(share), where=square > 0), 0, 1)
-    return (1 - share[:, None]) * at_station[first] + share[:, None] * at_station[last]
+    outer = (1 - share[:, None]) * at_station[first] + share[:, None] * at_station[last]
+    return np.asarray(
+        outer + weight_on(plan.robot, body_axes(plan.trajectory.rpy), angles_of(motion))
+    )
+
+
+def angles_of(motion: Motion) -> Array:
+    """(T, N, J) of limbs that reach for where they stand, or swing as they are commanded."""
+    command = motion.subject.plan.trajectory.joint_command
+    return np.where(motion.lifted[..., None], command, motion.standing.angles)
 
 
 def instants_of(motion: Motion) -> Index:

@@ -7,10 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from climbplan.climb.check.anew.kinematics import body_axes, limbs_at
+from climbplan.climb.check.anew.weights import link_torques
 from climbplan.climb.check.friction_factor import friction_factor, least_factor
 from climbplan.climb.check.grip_motion import motion_grips, wrist_moment_on_the_way
 from climbplan.climb.check.motion_forces import motion_forces
-from climbplan.climb.check.motion_state import Motion, instants_of, load_of
+from climbplan.climb.check.motion_state import Motion, angles_of, instants_of, load_of
 from climbplan.climb.check.soles import sole_motion_checks
 from climbplan.plans.check import Array, Check, judge_worst
 from climbplan.robots.joint_units import largest_torques
@@ -48,8 +49,9 @@ def pressing_checks(motion: Motion) -> Iterator[Check]:
     else:
         limbs = limbs_at(robot, trajectory.com, body_axes(trajectory.rpy), motion.standing.angles)
         yield from motion_grips(motion.subject, found.force, limbs, k, ~motion.lifted, motion.at)
-    use = np.abs(found.torque) / robot.max_torque
-    most = f"at most {largest_torques(robot, found.torque)}"
+    held = found.torque + link_torques(robot, body_axes(trajectory.rpy), angles_of(motion))
+    use = np.abs(held) / robot.max_torque
+    most = f"at most {largest_torques(robot, held)}"
     yield judge_worst("trajectory.torque", use - 1.0, motion.at, margin=most, used=use)
 
 

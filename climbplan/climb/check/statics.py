@@ -88,12 +88,13 @@ def _checks(subject: Subject, settled: Settled) -> Iterator[Check]:
     )
 
     asked = plan.limits.safety_torque
-    use = np.abs(settled.torque) / robot.max_torque
+    held = settled.torque + subject.link_torques
+    use = np.abs(held) / robot.max_torque
     yield judge_worst(
         "static.torque",
         use - 1 / asked,
         subject.at,
-        margin=f"at most {largest_torques(robot, settled.torque)}",
+        margin=f"at most {largest_torques(robot, held)}",
         used=use * asked,
     )
 

@@ -10,6 +10,7 @@ from climbplan.climb.check.anew.capsules import Capsule, capsules_at
 from climbplan.climb.check.anew.feet import foot_arm, touching_limbs
 from climbplan.climb.check.anew.kinematics import Limbs, body_axes, limbs_at
 from climbplan.climb.check.anew.soles import corners, lying
+from climbplan.climb.check.anew.weights import link_torques, weight_on
 from climbplan.climb.check.convex import ConvexBody, hull_of, solids_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.plans.check import Array
@@ -62,9 +63,10 @@ class Subject:
     @property
     def load(self) -> Array:
         """(K, 6) weight and external wrench on the body [N, N m]."""
-        load = self.plan.instants.external_wrench.copy()
-        load[:, 2] -= self.plan.robot.mass * self.plan.robot.gravity
-        return load
+        instants = self.plan.instants
+        return instants.external_wrench + weight_on(
+            self.plan.robot, self.axes, instants.joint_angles
+        )
 
     @property
     def contact_force(self) -> Array:
@@ -80,11 +82,16 @@ class Subject:
 
     @property
     def torques(self) -> Array:
-        """(K, N, J) joint torques from joint angles, forces and moments [N m]."""
+        """(K, N, J) joint torques from joint angles, contact forces and moments [N m]."""
         torques = np.einsum("knij,kni->knj", self.pressed.jacobian(), self.plan.forces.force)
         if self.plan.robot.gripper is None and self.plan.robot.sole is None:
             return torques
         return torques + (self.limbs.turning() @ self.held_moment[..., None])[..., 0]
+
+    @property
+    def link_torques(self) -> Array:
+        """(K, N, J) torques of the links' own weight, which motors hold too [N m]."""
+        return link_torques(self.plan.robot, self.axes, self.plan.instants.joint_angles)
 
     @property
     def held_moment(self) -> Array:

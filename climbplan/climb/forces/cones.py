@@ -46,6 +46,7 @@ class InstantCones:
     mu: Array  # (n,)
     safety_friction: float
     torque: Array  # (l, J, 3 n) torque / limit from forces
+    links: Array  # (l, J) torque / limit of the links' own weight
     largest_s: float
     least_pressure: float  # of every contact
     reserve: float  # pressure that each may miss before it slips
@@ -94,6 +95,7 @@ def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
         mu=statement.mu[k, point],
         safety_friction=statement.safety_friction,
         torque=torque.reshape(*torque.shape[:2], -1),
+        links=statement.links_share[k, limb],
         largest_s=statement.largest_s,
         least_pressure=float(statement.least_pressure[k]) / statement.unit,
         reserve=float(statement.reserve[k]) / statement.unit,
@@ -178,9 +180,9 @@ class ConicProgram:
         rows = on_forces(np.concatenate([cones.torque[i], -cones.torque[i]]), self.size)
         if s_column is not None:
             rows[:, s_column] = -1.0
-        self.below(
-            f"torque.limit.{i}", rows, np.full(len(rows), 0.0 if s_column else cones.largest_s)
-        )
+        most = 0.0 if s_column else cones.largest_s
+        own = np.concatenate([cones.links[i], -cones.links[i]])
+        self.below(f"torque.limit.{i}", rows, most - own)
 
     def _commands(self, cones: InstantCones, i: int) -> None:
         """Commands of the i-th limb."""

@@ -81,7 +81,8 @@ def relax(cones: InstantCones, members: list[Member]) -> Relaxation | None:
             one = cones.torque[i, member.joint : member.joint + 1]
             rows = on_forces(np.vstack([one, -one]), program.size)
             rows[:, slack] = -1.0
-            program.below(str(index), rows, np.full(2, cones.largest_s))
+            own = cones.links[i, member.joint]
+            program.below(str(index), rows, cones.largest_s - np.array([own, -own]))
         elif member.name == "kinematics.joint_bounds":
             rows = command_rows(cones, i, member.joint, program.size)
             rows[:, slack] = -1.0

@@ -158,7 +158,9 @@ def _load(
     )
     if feasible_masses(cones, carried) is not None:
         return carried
-    return LoadDirection("mass", scene.robot.mass, np.concatenate([weight, np.zeros(3)]) * scale)
+    # Of a robot whose links weigh what they do, no one number is its mass
+    mass = scene.robot.mass if scene.robot.links is None else 0.0
+    return LoadDirection("mass", mass, np.concatenate([weight, np.zeros(3)]) * scale)
 
 
 def _amounts(cones: InstantCones, load: LoadDirection, worst: Amounts | None) -> Amounts:

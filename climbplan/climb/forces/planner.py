@@ -17,6 +17,7 @@ from climbplan.climb.forces.statement import (
     ForceStatement,
     commands_of,
     of_limbs,
+    torque_use,
     torques_of,
 )
 from climbplan.climb.grips.planner import plan_grip_forces
@@ -59,7 +60,7 @@ def _assembled(
     deflections = deflections_of(statement, force, compensated)
     command = commands_of(statement, force)
     torques = torques_of(statement, force)
-    use = (np.abs(torques) / statement.max_torque).max(axis=(1, 2))
+    use = torque_use(statement, force)
     critical = critical_friction(force, statement.normal)
     ratio = np.full(critical.shape, np.inf)
     np.divide(statement.mu, critical, out=ratio, where=critical > 0)
@@ -77,6 +78,7 @@ def _assembled(
         safety_torque=safety_torque,
         safety_friction=ratio.min(axis=1),
         mu_critical=critical if points == 1 else critical.reshape(by_foot).max(axis=-1),
+        link_torques=None if scene.robot.links is None else statement.link_torques,
         corner_force=None if points == 1 else force.reshape(*by_foot, 3),
     )
 

@@ -158,7 +158,8 @@ def _reduced(
         limb=limbs,
         particular=particular,
         null_space=null_space,
-        torque_particular=of_limbs(np.einsum("bnij,bnj->bni", torque, particular), points),
+        torque_particular=of_limbs(np.einsum("bnij,bnj->bni", torque, particular), points)
+        + statement.links_share[rows[:, None], limbs[:, ::points] // points],
         torque_null_space=of_limbs(torque @ null_space, points),
         normal=axes[:, :, 0],
         frame_particular=(axes @ particular[..., None])[..., 0],

@@ -2,7 +2,7 @@
 
     minimise    s - w sum_i n_i . f_i                     s = 1 / S_tau
     such that   sum f_i + F = 0, sum r_i x f_i + M = 0    equilibrium
-                |J_i^T f_i| <= s max_torque               torque
+                |J_i^T f_i + w_i| <= s max_torque         torque; w_i of the links' own weight
                 0 <= s <= 1 / (least S_tau)
                 n_i . f_i >= least pressure               contact: a surface cannot pull
                 n_i . J_i D_i f >= least depth            inward: toes are commanded into surfaces
@@ -26,7 +26,7 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import Array, Index, Instants, Mask
 from climbplan.climb.scene import MotionScene
-from climbplan.mechanics.equilibrium import total_load, wrench_of
+from climbplan.mechanics.equilibrium import link_torques, total_load, wrench_of
 from climbplan.mechanics.friction import split_force
 from climbplan.mechanics.stability import BracedBody, braced_body, loaded_stiffness
 from climbplan.mechanics.stiffness import commanded_depth, joint_bending, limb_compliance
@@ -67,6 +67,7 @@ class ForceStatement:
     room_below: Array  # (K, N, J) from the lower joint bound to the joint angle [rad]
     room_above: Array  # (K, N, J) from the joint angle to the upper bound [rad]
     max_torque: Array  # (N, J) [N m]
+    link_torques: Array  # (K, N, J) of the links' own weight [N m]
     load: Array  # (K, 6) weight and external wrench on the body [N, N m]
     safety_friction: float  # S_mu
     least_safety_torque: float  # lower bound on S_tau
@@ -138,6 +139,11 @@ class ForceStatement:
         return np.asarray(np.swapaxes(self.jacobian, -1, -2) / limit[..., None])
 
     @property
+    def links_share(self) -> Array:
+        """(K, N, J) torques of the links' own weight, as parts of the limits."""
+        return np.asarray(self.link_torques / self.max_torque)
+
+    @property
     def largest_s(self) -> float:
         """Upper bound of s."""
         return (1 - TORQUE_MARGIN) / self.least_safety_torque
@@ -148,7 +154,7 @@ def state_forces(scene: MotionScene, instants: Instants, margin: float = 0.0) ->
     robot, force, count = scene.robot.pressed_within(margin), scene.spec.force, instants.count
     asked = -np.inf if force.least_depth is None else force.least_depth
     arms = pushed_points(robot, instants.toes, instants.normal) - instants.com[:, None]
-    load = total_load(robot, instants.external_wrench)
+    load = total_load(robot, instants.external_wrench, instants.rpy, instants.joint_angles)
     length = robot.reach
     size = np.hypot(
         np.linalg.norm(load[:, :3], axis=1), np.linalg.norm(load[:, 3:], axis=1) / length
@@ -176,6 +182,7 @@ def state_forces(scene: MotionScene, instants: Instants, margin: float = 0.0) ->
         room_below=np.maximum(instants.joint_angles - robot.joint_lower, 0.0),
         room_above=np.maximum(robot.joint_upper - instants.joint_angles, 0.0),
         max_torque=robot.max_torque,
+        link_torques=link_torques(robot, instants.rpy, instants.joint_angles),
         load=load,
         safety_friction=force.safety_friction,
         least_safety_torque=force.safety_torque,
@@ -194,6 +201,12 @@ def state_forces(scene: MotionScene, instants: Instants, margin: float = 0.0) ->
 def torques_of(statement: ForceStatement, force: Array) -> Array:
     """Joint torques J^T f (K, N, J) [N m] of forces (K, C, 3)."""
     return of_limbs(np.einsum("knij,kni->knj", statement.jacobian, force), statement.points)
+
+
+def torque_use(statement: ForceStatement, force: Array) -> Array:
+    """(K,) largest part of its limit that a motor's torque has under forces (K, C, 3)."""
+    torques = torques_of(statement, force) + statement.link_torques
+    return np.asarray((np.abs(torques) / statement.max_torque).max(axis=(1, 2)))
 
 
 def of_limbs(values: Array, points: int) -> Array:
@@ -263,7 +276,7 @@ def kept(room: Array, reserve: float) -> Array:
 
 def objective_of(statement: ForceStatement, force: Array) -> Array:
     """s - w sum n . f (K,) of forces (K, C, 3), with s as small as their torques allow."""
-    s = (np.abs(torques_of(statement, force)) / statement.max_torque).max(axis=(1, 2))
+    s = torque_use(statement, force)
     pressure = split_force(force, statement.normal).normal.sum(axis=1)
     return np.asarray(s - statement.normal_force_weight * pressure)
 
@@ -295,7 +308,7 @@ def check_forces(statement: ForceStatement, force: Array) -> ForceResiduals:
     excess = parts.shear - statement.usable_mu * held
     missing = statement.least_pressure[:, None] * statement.contact - parts.normal
     stray = np.abs(force).max(axis=-1) * ~statement.contact
-    use = (np.abs(torques_of(statement, force)) / statement.max_torque).max(axis=(1, 2))
+    use = torque_use(statement, force)
     return ForceResiduals(
         equilibrium=np.linalg.norm(unbalanced, axis=1) / statement.unit,
         friction=np.maximum(excess, 0.0).max(axis=1) / statement.unit,

@@ -91,7 +91,7 @@ def _assembled(
     bent = statement.softness * torques * instants.contact[..., None]
     command = instants.joint_angles - bent
     used = [
-        (np.abs(torques) / statement.max_torque).max(axis=(1, 2)),
+        (np.abs(torques + statement.link_torques) / statement.max_torque).max(axis=(1, 2)),
         (np.abs(wrist) / statement.gripper.wrist_max_torque).max(axis=(1, 2)),
     ]
     if statement.gripper.max_force > 0:
@@ -103,6 +103,7 @@ def _assembled(
     return Forces(
         force=force,
         joint_torques=torques,
+        link_torques=None if scene.robot.links is None else statement.link_torques,
         wall_deflection=np.einsum("knij,knj->kni", statement.jacobian, bent),
         com_deflection=np.zeros((len(force), 6)),
         joint_command=command,

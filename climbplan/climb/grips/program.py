@@ -24,6 +24,7 @@ class GripInstant:
     grasp: Array  # (6, 9 n) moments divided by the lever arm scale
     load: Array  # (6,) likewise
     torque: Array  # (6 n, 9 n) joints and wrists by limb: torque / limit
+    links: Array  # (6 n,) likewise, of the links' own weight
     grip: Array  # (n, 9 n) gripping force
     max_grip: float
     axes: Array  # (n, 3, 3, 3) by part: rows normal, tangent, bitangent
@@ -67,6 +68,8 @@ def grip_instant(statement: GripStatement, k: int) -> GripInstant:
     grasp = np.zeros((6, n, SIZE))
     torque, bending = np.zeros((n, 6, n, SIZE)), np.zeros((n, 3, n, SIZE))
     grip = np.zeros((n, n, SIZE))
+    links = np.zeros((n, 6))
+    links[:, :3] = (statement.link_torques[k] / statement.max_torque)[limb]
     for place, i in enumerate(limb):
         force, moment = to_wrench[place, :3], to_wrench[place, 3:6]
         grasp[:3, place] = force
@@ -86,6 +89,7 @@ def grip_instant(statement: GripStatement, k: int) -> GripInstant:
         grasp=grasp.reshape(6, size) * scale[:, None],
         load=statement.load[k] * scale / unit,
         torque=torque.reshape(6 * n, size) * unit,
+        links=links.ravel(),
         grip=grip.reshape(n, size),
         max_grip=statement.gripper.max_force / unit,
         axes=axes,
@@ -127,7 +131,12 @@ def linear_rows(instant: GripInstant) -> LinearRows:
     pressure = [-instant.part_rows(i, part)[0] for i in range(n) for part in range(PARTS)]
     A = [instant.torque, -instant.torque, instant.grip, -instant.grip, np.array(pressure)]
     by_s = [np.ones(12 * n), np.full(n, instant.max_grip), np.zeros(n + PARTS * n)]
-    upper = [np.zeros(12 * n + 2 * n), -np.maximum(instant.pulled[..., 0], 0.0).ravel()]
+    upper = [
+        -instant.links,
+        instant.links,
+        np.zeros(2 * n),
+        -np.maximum(instant.pulled[..., 0], 0.0).ravel(),
+    ]
     A += [instant.bending, -instant.bending]
     by_s.append(np.zeros(6 * n))
     upper += [instant.room[:, 0], instant.room[:, 1]]

@@ -25,7 +25,7 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import Array, Instants, Mask
 from climbplan.climb.scene import MotionScene
-from climbplan.mechanics.equilibrium import total_load
+from climbplan.mechanics.equilibrium import link_torques, total_load
 from climbplan.mechanics.grip import FIRST, SECOND, GripCones, Grippers, grip_cones
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.robots.gripper import Gripper, Wrists, wrists_at
@@ -56,6 +56,7 @@ class GripStatement:
     room_below: Array  # (K, N, 3) from the lower joint bound to the joint angle [rad]
     room_above: Array  # (K, N, 3)
     max_torque: Array  # (N, 3) [N m]
+    link_torques: Array  # (K, N, 3) of the links' own weight [N m]
     safety_friction: Array  # (K,) S_mu, or more where holds may lack friction
     pull: Array  # (K,) further pull that every grip holds [N]
     least_safety_torque: float
@@ -88,7 +89,7 @@ def state_grips(scene: MotionScene, instants: Instants, grippers: Grippers) -> G
     """The force problems of a scene's instants."""
     robot, force, gripper = scene.robot, scene.spec.force, grippers.gripper
     region, normal = instants.region, instants.normal
-    load = total_load(robot, instants.external_wrench)
+    load = total_load(robot, instants.external_wrench, instants.rpy, instants.joint_angles)
     sizes = np.linalg.norm(load[:, :3], axis=1)
     unit = float(sizes.max(initial=0.0)) or float(robot.max_torque.min() / robot.reach)
     jacobian = jacobian_world(robot, instants.rpy, instants.joint_angles)
@@ -128,6 +129,7 @@ def state_grips(scene: MotionScene, instants: Instants, grippers: Grippers) -> G
         room_below=np.maximum(instants.joint_angles - robot.joint_lower, 0.0),
         room_above=np.maximum(robot.joint_upper - instants.joint_angles, 0.0),
         max_torque=robot.max_torque,
+        link_torques=link_torques(robot, instants.rpy, instants.joint_angles),
         safety_friction=np.full(len(load), force.safety_friction),
         pull=np.zeros(len(load)),
         least_safety_torque=force.safety_torque,

@@ -94,10 +94,18 @@ class Forces:
     safety_friction: Array  # (K,) least mu / mu_critical of the limbs in contact
     mu_critical: Array  # (K, N) friction coefficient at which the limb would slip, 0 if lifted
     grips: GripForces | None = None  # of robots with grippers
+    link_torques: Array | None = None  # (K, N, J) of the links' own weight beside J^T force [N m]
     corner_force: Array | None = None  # (K, N, 4, 3) at corners of soles, of flat feet [N]
     # (K,) share of the spec's margins that the planner kept; not in files, where checks tell it
     margin_share: Array | None = None
     notes: tuple[str, ...] = ()  # which margins could not be kept whole, and what would help
+
+    @property
+    def motor_torques(self) -> Array:
+        """(K, N, J) what motors hold: contact forces and the links' own weight [N m]."""
+        if self.link_torques is None:
+            return self.joint_torques
+        return self.joint_torques + self.link_torques
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,8 @@ def write_climb(plan: ClimbPlan, path: Path) -> None:
         _write_fields(instants, plan.forces, layout.FORCES)
         if plan.forces.corner_force is not None:
             write_dataset(instants, "corner_force", plan.forces.corner_force, layout.CORNER_FORCE)
+        if plan.forces.link_torques is not None:
+            write_dataset(instants, "link_torques", plan.forces.link_torques, layout.LINK_TORQUES)
         _write_fields(file.create_group("trajectory"), plan.trajectory, layout.TRAJECTORY)
         limits = file.create_group("limits")
         _write_fields(limits, plan.limits, layout.LIMITS)
@@ -129,6 +131,9 @@ def _read(reader: Reader) -> ClimbPlan:
     if robot.sole is not None:
         pushes = reader.array("instants/corner_force", layout.CORNER_FORCE)
         forces = replace(forces, corner_force=pushes)
+    if robot.links is not None:
+        own = reader.array("instants/link_torques", layout.LINK_TORQUES)
+        forces = replace(forces, link_torques=own)
     trajectory = Trajectory(**_arrays(reader, "trajectory", layout.TRAJECTORY))
     bounds = _arrays(reader, "limits", layout.LIMITS)
     bounds |= {

@@ -41,6 +41,15 @@ SOLE_NUMBERS = {"length": "m", "width": "m", "heading": "rad"}  # flat feet, wit
 # columns across, along and normal of the soles at zero angles
 SOLE_AXES = Layout(("N", 3, 3), "", "body")
 
+# Of the group `robot/links`, of robots whose limbs have masses, with the attribute `body_mass`
+LINKS = {
+    "mass": Layout(("N", "J"), "kg"),
+    "middle": Layout(("N", "J", 3), "m", "body"),  # from the link's joint, at zero angles
+    "inertia": Layout(("N", "J", 3, 3), "kg m^2", "body"),
+    "body_middle": Layout((3,), "m", "body"),
+    "body_inertia": Layout((3, 3), "kg m^2", "body"),
+}
+
 # Stored in the group `robot/capsules`, where links are not all straight and alike; C of each limb.
 CAPSULES = {
     "joint": Layout(("N", "*"), kind="int"),
@@ -88,6 +97,10 @@ FORCES = {
 # Of robots with flat feet, in the same group: forces at the corners of soles, in turn from the one
 # behind on the left; `force` is their sum.
 CORNER_FORCE = Layout(("K", "N", 4, 3), "N", "world")
+
+# Of robots whose links have masses, in the same group: torques of their own weight; motors hold
+# these and `joint_torques`
+LINK_TORQUES = Layout(("K", "N", "J"), "N m")
 
 TRAJECTORY = {
     "time": Layout(("T",), "s"),

@@ -9,11 +9,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.climb.plan.layout import BODY_PART, CAPSULES, TOUCHING
+from climbplan.climb.plan.layout import BODY_PART, CAPSULES, LINKS, TOUCHING
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader
 from climbplan.plans.hdf5_writing import write_dataset
 from climbplan.robots.five_bar import FiveBar, Linkage
+from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.model import MountedCapsules, Robot
 from climbplan.robots.rotations import Array
@@ -31,6 +32,7 @@ MORE_OF_CHAIN = {
     "drive": Layout(("N", "J", "J"), ""),
 }
 _NAMES = Layout(("*",), kind="text")  # limb by limb, J each, empty where a limb has fewer
+_MASS_OFF = 1e-9  # of the whole, by which masses together may differ from it
 _UNIT = 1e-6  # by which the length of an axis may differ from one
 
 
@@ -133,6 +135,34 @@ def read_capsules(reader: Reader) -> MountedCapsules | None:
     if not ((joint >= 0) & (joint < reader.dimensions["J"])).all():
         raise reader.refuse("robot/capsules/joint: expected numbers of joints")
     return MountedCapsules(**arrays)
+
+
+def write_links(group: h5py.Group, links: LinkMasses | None) -> None:
+    """Add the group `links`; nothing where limbs weigh nothing."""
+    if links is None:
+        return
+    own = group.create_group("links")
+    own.attrs["body_mass"] = links.body_mass
+    for name, shape in LINKS.items():
+        write_dataset(own, name, vars(links)[name], shape)
+
+
+def read_links(reader: Reader) -> LinkMasses | None:
+    """What the links of a plan's robot weigh, None where its limbs weigh nothing.
+
+    Raises PlanFileError for masses that none can have, or that are not all of the robot's.
+    """
+    if not reader.has("robot/links"):
+        return None
+    if not reader.has("robot/chain"):
+        raise reader.refuse("robot/links: only limbs of a `chain` have masses of their own")
+    arrays = {name: reader.array(f"robot/links/{name}", at) for name, at in LINKS.items()}
+    body, whole = reader.number("robot/links", "body_mass"), reader.number("robot", "mass")
+    if body < 0 or (arrays["mass"] < 0).any():
+        raise reader.refuse("robot/links: expected masses of zero or more")
+    if not abs(arrays["mass"].sum() + body - whole) <= _MASS_OFF * whole:
+        raise reader.refuse(f"robot/links: expected masses that are {whole:g} kg together")
+    return LinkMasses(**arrays, body_mass=body)
 
 
 def write_body_parts(group: h5py.Group, robot: Robot) -> None:

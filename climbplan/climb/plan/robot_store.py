@@ -11,9 +11,11 @@ from climbplan.climb.plan.grip_store import read_gripper, write_gripper
 from climbplan.climb.plan.mechanism_store import (
     read_body_parts,
     read_capsules,
+    read_links,
     read_mechanism,
     write_body_parts,
     write_capsules,
+    write_links,
     write_mechanism,
 )
 from climbplan.plans.hdf5_reading import Reader
@@ -34,6 +36,7 @@ def write_robot(group: h5py.Group, robot: Robot, texts: RobotTexts) -> None:
         write_dataset(group, name, vars(robot)[name], shape)
     write_mechanism(group, robot.mechanism)
     write_capsules(group, robot.capsules)
+    write_links(group, robot.links)
     write_body_parts(group, robot)
     write_gripper(group, robot.gripper)
     if robot.foot is not None:
@@ -57,6 +60,7 @@ def read_robot(reader: Reader) -> Robot:
     fields |= {name: reader.array(f"robot/{name}", shape) for name, shape in layout.ROBOT.items()}
     fields["mechanism"] = read_mechanism(reader)
     fields["capsules"] = read_capsules(reader)
+    fields["links"] = read_links(reader)
     fields |= read_body_parts(reader)
     fields["gripper"] = read_gripper(reader)
     if reader.has("robot/foot"):

@@ -13,12 +13,14 @@ import numpy as np
 
 from climbplan.climb.forces.daqp import solve_daqp
 from climbplan.climb.forces.reduction import halfspaces, reduce_forces
-from climbplan.climb.forces.statement import ForceStatement, check_forces, state_forces, torques_of
+from climbplan.climb.forces.statement import ForceStatement, check_forces, state_forces, torque_use
 from climbplan.climb.plan.climb_plan import Array, Index, Instants
 from climbplan.climb.scene import load_wrench
 from climbplan.climb.transition.footholds import Footholds, Poses, Reach, reach_of
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.mechanics.friction import regular_corners, split_force
+from climbplan.robots.model import Robot
+from climbplan.robots.serial_chain import SerialChain
 
 LIFTED = -1
 _CHUNK = 2000  # problems assembled at once
@@ -59,7 +61,8 @@ def stance_instants(lab: Laboratory, stance: Index, pose: Index) -> Instants:
     contact = stance != LIFTED
     number = np.where(contact, stance, 0)
     angles = lab.reach.angles[pose[:, None], limb, number]
-    angles = np.where(contact[..., None] & np.isfinite(angles), angles, 0.0)
+    known = contact[..., None] & np.isfinite(angles)
+    angles = np.where(known, angles, _hanging(scene.robot))
     rpy = lab.poses.rpy[pose]
     return Instants(
         round=np.ones(len(pose), np.int64),
@@ -74,6 +77,14 @@ def stance_instants(lab: Laboratory, stance: Index, pose: Index) -> Instants:
         joint_angles=angles,
         external_wrench=load_wrench(scene.spec, scene.robot, rpy),
     )
+
+
+def _hanging(robot: Robot) -> Array:
+    """(N, J) angles of lifted limbs, whose weight counts where they have any."""
+    chain = robot.mechanism
+    if isinstance(chain, SerialChain):
+        return chain.posture
+    return np.zeros((robot.limb_count, robot.joint_count))
 
 
 def stance_forces(lab: Laboratory, stance: Index, pose: Index) -> StanceForces:
@@ -110,7 +121,7 @@ def _solved(lab: Laboratory, statement: ForceStatement) -> tuple[Array, Array]:
         np.maximum(residuals.contact, residuals.torque),
     )
     solved &= held <= _PASSES
-    use = (np.abs(torques_of(statement, force)) / statement.max_torque).max(axis=(1, 2))
+    use = torque_use(statement, force)
     return np.where(solved, use, np.inf), np.where(solved[:, None, None], force, 0.0)
 
 

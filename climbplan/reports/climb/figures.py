@@ -54,7 +54,7 @@ def _joint(plan: ClimbPlan, k: int, limb: int, joint: int) -> dict[str, Any]:
         "instant": k,
         "limb": names[limb],
         "joint": plan.robot.joint_name(limb, joint),
-        "torque": float(abs(plan.forces.joint_torques[k, limb, joint])),
+        "torque": float(abs(plan.forces.motor_torques[k, limb, joint])),
         "torque_unit": torque_unit(plan.robot, limb, joint),
         "max_torque": float(plan.robot.max_torque[limb, joint]),
     }
@@ -64,7 +64,7 @@ def _safety(plan: ClimbPlan) -> dict[str, Any]:
     forces, instants = plan.forces, plan.instants
     names = plan.robot.limb_names
     k = least_at(forces.safety_torque)
-    load = np.abs(forces.joint_torques[k]) / plan.robot.max_torque
+    load = np.abs(forces.motor_torques[k]) / plan.robot.max_torque
     limb, joint = np.unravel_index(int(np.argmax(load)), load.shape)
     m = least_at(forces.safety_friction)
     ratio = forces.mu_critical[m] / instants.mu[m]
@@ -88,7 +88,7 @@ def _safety(plan: ClimbPlan) -> dict[str, Any]:
 
 
 def _worst_torque(plan: ClimbPlan) -> dict[str, Any]:
-    magnitude = np.abs(plan.forces.joint_torques) * ~plan.robot.slides  # forces are no torques
+    magnitude = np.abs(plan.forces.motor_torques) * ~plan.robot.slides  # forces are no torques
     k, limb, joint = np.unravel_index(int(np.argmax(magnitude)), magnitude.shape)
     return _joint(plan, int(k), int(limb), int(joint))
 

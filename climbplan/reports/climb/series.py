@@ -53,7 +53,7 @@ def least_at(values: Array) -> int:
 def limb_series(plan: ClimbPlan) -> tuple[LimbSeries, ...]:
     """The series of every limb of a plan."""
     instants, forces = plan.instants, plan.forces
-    magnitude = np.abs(forces.joint_torques)  # (K, N, 3)
+    magnitude = np.abs(forces.motor_torques)  # (K, N, 3)
     limits = np.broadcast_to(plan.robot.max_torque, magnitude.shape)
     worst = np.argmax(magnitude / limits, axis=-1)[..., None]  # (K, N, 1)
     torque = np.take_along_axis(magnitude, worst, axis=-1)[..., 0]

@@ -128,7 +128,7 @@ def _rods(plan: ClimbPlan, frames: Replay, rotation: Array) -> Rods:
     ring = shoulder_ring(plan)
     frame = np.stack([ring, np.roll(ring, -1, axis=0)], axis=1)  # (N, 2, 3)
     placed = frames.com[:, None, None] + np.einsum("fij,nkj->fnki", rotation, frame)
-    used = np.abs(plan.forces.joint_torques) / robot.max_torque  # (K, N, J)
+    used = np.abs(plan.forces.motor_torques) / robot.max_torque  # (K, N, J)
     load = np.zeros((count, robot.limb_count, joints))
     acting = frames.instant != START
     load[acting] = used[frames.instant[acting]]
@@ -160,7 +160,7 @@ def _solids(plan: ClimbPlan, frames: Replay, rotation: Array) -> Solids | None:
         return None
     pieces = pieces_of(plan.looks, chain)
     place, turned = piece_places(pieces, chain, frames.angles)
-    used = np.abs(plan.forces.joint_torques) / plan.robot.max_torque  # (K, N, J)
+    used = np.abs(plan.forces.motor_torques) / plan.robot.max_torque  # (K, N, J)
     load = np.zeros((len(frames.time), len(pieces)))
     acting = frames.instant != START
     for k, piece in enumerate(pieces):

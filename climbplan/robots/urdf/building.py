@@ -1,7 +1,7 @@
 """From a checked robot section and its URDF to the arrays that planning computes with.
 
 The body frame has x to the right, y forward and z up, and its origin in the centre of mass of the
-whole robot in its posture: masses of legs count as if they were fixed there.
+whole robot in its posture.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.touching_parts import always_touching
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS, leg_capsules
 from climbplan.robots.urdf.flat_feet import sole_capsules, sole_of, with_soles
+from climbplan.robots.urdf.link_masses import link_masses_of
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
 from climbplan.robots.urdf.shapes import body_box, body_parts, collision_shapes
 from climbplan.robots.urdf.workspace import common_reach, farthest_toes, stance_balls
@@ -58,6 +59,11 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
         }
     )
     chain = chain_at_zero(legs, width, centre, posture)
+    links = link_masses_of(found, chain, centre, mass)
+    if not links.body_mass >= 0:
+        legs_mass = links.mass.sum()
+        message = f"expected more than the {legs_mass:g} kg of its legs, got {mass:g} kg"
+        raise robot.refused([Finding(("mass",), message)])
     stance = chain.joint_points(posture)[:, -1]
     given = np.array([spec.legs[name].stance is not None for name in names])
     for index, name in enumerate(names):
@@ -130,6 +136,7 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
         mechanism=chain,
         gripper=None if spec.gripper is None else Gripper.from_spec(spec.gripper),
         foot=foot,
+        links=links,
         capsules=capsules,
         body_parts=() if spec.body_half_size is not None else parts,
     )

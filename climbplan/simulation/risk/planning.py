@@ -236,9 +236,9 @@ def _helps(plan: ClimbPlan, judged: Judged) -> tuple[str, ...]:
     asked = plan.limits.safety_torque
     if worst < _SPENT * asked:
         limb, joint = divmod(
-            int(abs(forces.joint_torques).max(axis=0).argmax()), plan.robot.joint_count
+            int(abs(forces.motor_torques).max(axis=0).argmax()), plan.robot.joint_count
         )
-        used = float(abs(forces.joint_torques[:, limb, joint]).max())
+        used = float(abs(forces.motor_torques[:, limb, joint]).max())
         most = float(plan.robot.max_torque[limb, joint])
         name = f"{plan.robot.limb_names[limb]} {plan.robot.joint_name(limb, joint)}"
         unit = torque_unit(plan.robot, limb, joint)

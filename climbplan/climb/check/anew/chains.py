@@ -75,6 +75,19 @@ def chains_at(chain: SerialChain, angles: Array) -> ChainLimbs:
     return ChainLimbs(joints, axes, toe, slides, chain.drive)
 
 
+def points_of_links(chain: SerialChain, angles: Array, points: Array) -> Array:
+    """Points (N, J, 3) of links at zero angles, moved with them by angles (..., N, J)."""
+    moved, ways = joint_motions(chain, angles), slide_directions(chain)
+    out = np.broadcast_to(points, (*angles.shape, 3)).copy()
+    for j in reversed(range(angles.shape[-1])):
+        about, axis = chain.joint_zero[:, j], chain.axis_zero[:, j]
+        angle = moved[..., j]
+        for link in range(j, angles.shape[-1]):
+            turned = _turned(out[..., link, :] - about, axis, angle)
+            out[..., link, :] = about + turned + angle[..., None] * ways[:, j]
+    return out
+
+
 def joint_motions(chain: SerialChain, angles: Array) -> Array:
     """How far joints (..., N, J) are moved by angles (..., N, J): by their own, if none follows."""
     if chain.drive is None:

@@ -68,14 +68,25 @@ def _robot_of(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, given: AnyRobot
 
 
 def _robot_check(plan: ClimbPlan, robot: Robot, stored: StoredRobot) -> Check:
-    worst = largest(parts_apart("robot", plan.robot, robot, stored.unknown))
+    unknown, models, lacks = list(stored.unknown), [], []
+    if plan.robot.links is None and robot.links is not None:  # plans of before
+        unknown.append("links")
+        models.append("links without mass")
+        share = 100 * robot.links.share
+        lacks.append(f"the weight of links, {share:.0f} % of all, which it counts to the body")
+    worst = largest(parts_apart("robot", plan.robot, robot, unknown))
     check = judge("robot.spec", worst.size, _told(worst, plan.robot))
-    if not stored.unknown:
+    if stored.unknown:
+        names = " and ".join(stored.unknown)
+        margin = f"{names} not compared: from meshes, which the plan does not carry"
+        check = replace(check, margin=margin)
+        models.append("meshes as stored")
+        lacks.append(
+            f"{names} from meshes, which the plan does not carry: taken from the plan file"
+        )
+    if not models:
         return check
-    names = " and ".join(stored.unknown)
-    margin = f"{names} not compared: from meshes, which the plan does not carry"
-    lacks = f"{names} from meshes, which the plan does not carry: taken from the plan file"
-    return replace(check, margin=margin, left_out=LeftOut("meshes as stored", lacks))
+    return replace(check, left_out=LeftOut(", ".join(models), "; ".join(lacks)))
 
 
 def _terrain_check(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, robot: Robot) -> Check:

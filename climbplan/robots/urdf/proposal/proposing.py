@@ -24,9 +24,10 @@ from climbplan.robots.urdf.proposal.limbs import (
     limbs_of,
     limbs_to,
 )
+from climbplan.robots.urdf.proposal.motors import GRAVITY
 from climbplan.robots.urdf.proposal.naming import Named, named
 from climbplan.robots.urdf.proposal.nearer import Nearer, nearer_end
-from climbplan.robots.urdf.proposal.settled import GRAVITY, Proposal, Settled, measured
+from climbplan.robots.urdf.proposal.settled import Proposal, Settled, measured
 from climbplan.robots.urdf.proposal.soles import Soles, soles_of
 from climbplan.robots.urdf.proposal.standings import standing
 from climbplan.robots.urdf.proposal.toes import Toe, spherical, toe_of

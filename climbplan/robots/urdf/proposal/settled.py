@@ -23,7 +23,7 @@ from climbplan.robots.urdf.proposal.braces import (
 )
 from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.idle import idle_joints, rest_of
-from climbplan.robots.urdf.proposal.motors import Motors, motors_of
+from climbplan.robots.urdf.proposal.motors import GRAVITY, Motors, motors_of
 from climbplan.robots.urdf.proposal.naming import Named, mirrored
 from climbplan.robots.urdf.proposal.postures import (
     Legs,
@@ -35,7 +35,6 @@ from climbplan.robots.urdf.proposal.touching import Parts, parts_of
 from climbplan.robots.urdf.shapes import Shape, body_box
 from climbplan.spec.robots.urdf.tree import UrdfTree
 
-GRAVITY = 9.81  # [m/s^2]
 SHARE = 0.1  # of compliance in the structure
 FLOOR = 0.8  # friction: rubber on a floor
 

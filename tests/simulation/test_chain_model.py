@@ -108,7 +108,7 @@ def joint_angles_at_start(plan: ClimbPlan) -> np.ndarray:
 
 def test_a_short_climb_is_as_planned(plan: ClimbPlan) -> None:
     """With links of 44 % of the mass, which the plan knows of."""
-    run = simulate(plan, NOMINAL)
+    run = simulate(plan, NOMINAL, rests=True)
     assert not run.fallen
     assert not find_slips(plan, run)
     assert np.linalg.norm(run.com[-1] - plan.trajectory.com[-1]) < 0.01

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -10,7 +11,7 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.simulation.comparison import Comparison, compare
-from climbplan.simulation.conditions import Conditions, require_possible
+from climbplan.simulation.conditions import LIMB_MASS_SHARE, Conditions, require_possible
 from climbplan.simulation.link_masses import link_masses
 from climbplan.simulation.pictures import Camera, open_camera
 from climbplan.simulation.replay import Run, load_mujoco, simulate
@@ -18,6 +19,8 @@ from climbplan.simulation.sweep import Sweep, SweepPoint, sweep
 from climbplan.simulation.variations import Trial, climb_trial, drawn_conditions, run_trials
 from climbplan.simulation.worlds.judging import Engine, Judged, judge_plan, world_conditions
 from climbplan.simulation.worlds.rare import Rare, rare_falls
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,13 @@ def simulate_plan(
     without MuJoCo.
     """
     weights = link_masses(plan, asked.conditions)
+    if weights is None and plan.robot_texts.urdf and asked.conditions.limb_mass_share is None:
+        _log.warning(
+            "%s does not say what the links of its URDF weigh, as plans of before: they have %g %% "
+            "of the mass together; plan it again, or give --limb-mass-share",
+            plan.name,
+            100 * LIMB_MASS_SHARE,
+        )
     links = None if weights is None else float(weights.mass.sum())
     require_possible(asked.conditions, plan.robot.mass, links)
     load_mujoco()

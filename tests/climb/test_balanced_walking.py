@@ -9,7 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
-from climbplan.climb.balance import _Lift, balancing_shifts, body_way
+from climbplan.climb.balance import balancing_shifts, body_way
+from climbplan.climb.balance_program import Lift
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.instants import joint_angles, standing_at
@@ -218,7 +219,7 @@ def test_a_shift_keeps_torque_limits_where_it_leads(scene: ClimbScene) -> None:
 
     def excess(follow: bool) -> float:
         shift = balancing_shifts(weak, lift, follow=follow)[0, :2]
-        own = _Lift(weak, [lift], 0, 1.0)
+        own = Lift(weak, [lift], 0, 1.0)
         found = own.solved(own.posture(shift), 0.0, shift, 0.0, 0.3, 10.0)
         assert found is not None
         return found.excess

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -21,6 +22,7 @@ from climbplan.simulation.conditions import NOMINAL, Conditions, require_possibl
 from climbplan.simulation.feedforward import limb_weight_torques, limb_weight_wrench
 from climbplan.simulation.link_masses import LinkMasses, link_masses
 from climbplan.simulation.model import build_mjcf
+from climbplan.simulation.study import Asked, simulate_plan
 from climbplan.spec.loading import load_climb
 from climbplan.spec.robots.source import load_any_robot
 from climbplan.spec.robots.urdf.source import UrdfRobot
@@ -122,3 +124,13 @@ def test_load_taken_off_leaves_a_body(plan: ClimbPlan) -> None:
     weights = weights_of(plan)
     with pytest.raises(UsageError, match=r"expected at least -7\.17 kg"):
         require_possible(Conditions(payload=-8.0), plan.robot.mass, float(weights.mass.sum()))
+
+
+def test_plans_that_do_not_say_what_links_weigh_are_told_of(
+    plan: ClimbPlan, caplog: pytest.LogCaptureFixture
+) -> None:
+    before = replace(plan, robot=replace(plan.robot, links=None))
+    with pytest.raises(UsageError):  # of the payload, after the warning
+        simulate_plan(before, Asked(Conditions(payload=-100.0)))
+    assert "does not say what the links of its URDF weigh" in caplog.text
+    assert "2 % of the mass together" in caplog.text

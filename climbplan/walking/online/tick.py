@@ -61,7 +61,7 @@ _LOOK_ROUND = 3  # ticks
 _NEAR_SPEED, _NEAR_ANGLES = 0.15, 0.06  # [m/s], [rad] from what was expected: as planned
 _AT_REFERENCE = 0.1  # [m/s]
 _MADE_BEFORE = 200  # programs of gaits
-_BEARABLE = 20.0  # slacks that a plan may be off where none holds: better than standing still
+_BEARABLE = 60.0  # slacks that a plan may be off where none holds: better than standing still
 Form = Literal["pinned", "published"]
 
 

@@ -11,15 +11,15 @@ forces f of the standing limbs balance the load (F, M) with the margins of the s
                 |J^T f| <= torque limits / S_tau
 
 which is a second-order cone program, as the load, and so the sum of all f, is known. Where limbs
-have masses, their weight is part of M, linear in d about the last shift, and forces are asked for
-twice: for the lifted limb above the place that it leaves and above where it goes. Jacobians are
-those of the body on its way. Where the forces found would be too much for motors of the shifted
-body, whose legs are bent otherwise, or where there are none, programs follow one another, each with
-the Jacobians of the last shift, near to it, and with torques beyond the limits at a price. On
-slopes, stairs and walls it is the same problem. Commands and stability are left to the force
-planner, joint bounds to the exact kinematics. Where no shift keeps the whole margins, half of them
-are asked for, then none; where motors are too weak then, the body goes to where they lack least,
-and the force planner says what conflicts.
+have masses, their weight is part of M and of torques, linear in d about the last shift, and forces
+are asked for twice: for the lifted limb above the place that it leaves and above where it goes.
+Jacobians are those of the body on its way. Where the forces found would be too much for motors of
+the shifted body, whose legs are bent otherwise, or where there are none, programs follow one
+another, each with the Jacobians of the last shift, near to it, and with torques beyond the limits
+at a price. On slopes, stairs and walls it is the same problem. Commands and stability are left to
+the force planner, joint bounds to the exact kinematics. Where no shift keeps the whole margins,
+half of them are asked for, then none; where motors are too weak then, the body goes to where they
+lack least, and the force planner says what conflicts.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from climbplan.climb.automatic import plan_automatically
 from climbplan.climb.chaining import started
 from climbplan.climb.grips.plan import grip_plan, grip_warnings
 from climbplan.climb.holding import unheld
+from climbplan.climb.in_hand import in_hand
 from climbplan.climb.looks import plan_looks
 from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.plan.climb_plan import ClimbPlan, Forces, StepLimits
@@ -19,7 +20,6 @@ from climbplan.climb.proof import PROOF_SHARE, proof_of_infeasibility
 from climbplan.climb.scene import ClimbScene, MotionScene, build_scene, on_scan
 from climbplan.climb.study import run_study
 from climbplan.climb.summary import summary_lines
-from climbplan.climb.trajectory import plan_trajectory
 from climbplan.climb.windows import plan_in_windows, window_of
 from climbplan.errors import NoPlanFound, NotProved, UsageError
 from climbplan.progress import Progress
@@ -118,7 +118,7 @@ def plan_by_method(
     motion, forces = supported.motion, supported.forces
     rounds, instants = motion.posture.rounds, motion.instants
     with clock.stage("trajectory"):
-        trajectory = plan_trajectory(scene, rounds, instants, forces, motion.swings)
+        forces, trajectory = in_hand(scene, rounds, instants, forces, motion.swings)
     plan = ClimbPlan(
         name=loaded.name,
         robot=scene.robot,

@@ -21,7 +21,7 @@ from climbplan.climb.plan.spans import spans_of
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.swing import swing_paths
 from climbplan.errors import ReachFailure, UsageError
-from climbplan.mechanics.equilibrium import grasp_matrix, weight_moment
+from climbplan.mechanics.equilibrium import grasp_matrix, link_torques, weight_moment
 from climbplan.mechanics.stiffness import (
     joint_softness,
     joint_turns,
@@ -47,6 +47,14 @@ _BOUND_SLACK = 1e-7  # [rad] by which solvers may have missed a joint bound
 _MOST_SAMPLES = 1_000_000  # a plan of more would take gigabytes to verify
 
 
+@dataclass(frozen=True)
+class Played:
+    """A motion, and the largest part of its limit that a motor's torque has at any sample."""
+
+    trajectory: Trajectory
+    use: float
+
+
 def plan_trajectory(
     scene: MotionScene,
     rounds: Rounds,
@@ -54,6 +62,17 @@ def plan_trajectory(
     forces: Forces,
     swings: tuple[Array, ...] | None = None,
 ) -> Trajectory:
+    """The motion of `play`."""
+    return play(scene, rounds, instants, forces, swings).trajectory
+
+
+def play(
+    scene: MotionScene,
+    rounds: Rounds,
+    instants: Instants,
+    forces: Forces,
+    swings: tuple[Array, ...] | None = None,
+) -> Played:
     """Body poses and joint commands at a fixed rate, within joint bounds and speeds.
 
     The mean speed of the body is the spec's unless joint speeds ask for more time. Every segment
@@ -82,14 +101,16 @@ def plan_trajectory(
     segment = np.clip(np.searchsorted(ends, sample, side="right") - 1, 0, len(count) - 1)
     share = (sample - ends[segment]) / count[segment]
     moving = _between(frames, segment, _ease(share))
-    command = _joint_commands(robot, moving, [frames.label[s] for s in segment])
-    motion = Trajectory(sample / rate, moving.com, moving.rpy, command, frames.contact[segment])
+    driven = _driven(robot, moving, [frames.label[s] for s in segment])
+    contact = frames.contact[segment]
+    motion = Trajectory(sample / rate, moving.com, moving.rpy, driven.command, contact)
+    use = float((np.abs(driven.torque) / robot.max_torque).max())
     if robot.gripper is None:
-        return motion
+        return Played(motion, use)
     grips = GripForces.unpacked(moving.held[..., :PACKED])
     assert scene.grippers is not None
     firm = _gripped_firmly(grips.grip, motion.contact, may_grip_firmly(scene.grippers, instants))
-    return replace(motion, grips=replace(grips, grip=firm), force=moving.force)
+    return Played(replace(motion, grips=replace(grips, grip=firm), force=driven.force), use)
 
 
 def _gripped_firmly(grip: Array, contact: Mask, may: Mask) -> Array:
@@ -151,7 +172,7 @@ def _least_durations(robot: Robot, frames: Keyframes) -> Array:
     segment = np.repeat(np.arange(count), _PROBES)
     share = np.tile(np.linspace(0.0, 1.0, _PROBES), count)
     moving = _between(frames, segment, _ease(share))
-    angles = _joint_commands(robot, moving, [frames.label[s] for s in segment])
+    angles = _driven(robot, moving, [frames.label[s] for s in segment]).command
     turned = np.abs(np.diff(angles.reshape(count, _PROBES, *angles.shape[1:]), axis=1))
     fastest = (turned * (_PROBES - 1) / robot.max_joint_speed).max(axis=(1, 2, 3))
     return np.maximum(_SPEED_MARGIN * fastest + 1e-3, _balanced_durations(robot, frames))
@@ -198,8 +219,17 @@ def _weighed(robot: Robot, moving: _Moving, angles: Array) -> _Moving:
     return replace(moving, force=moving.force + more.reshape(moving.force.shape))
 
 
-def _joint_commands(robot: Robot, moving: _Moving, where: list[str]) -> Array:
-    """Joint commands (S, N, J) that hold toes and forces; raises ReachFailure."""
+@dataclass(frozen=True)
+class _Driven:
+    """What joints do at S states."""
+
+    command: Array  # (S, N, J)
+    torque: Array  # (S, N, J) of motors, which hold the links' own weight too
+    force: Array  # (S, N, 3) that balance the weight
+
+
+def _driven(robot: Robot, moving: _Moving, where: list[str]) -> _Driven:
+    """Joint commands that hold toes and forces; raises ReachFailure."""
     toes_body = to_body(moving.com, moving.rpy, moving.toes)
     turns = sole_turns(robot, moving.rpy, moving.normal)
     solution = inverse(robot, toes_body, turns)
@@ -225,4 +255,4 @@ def _joint_commands(robot: Robot, moving: _Moving, where: list[str]) -> Array:
         name = robot.joint_name(int(limb), int(joint))
         reason = f"toe with the planned force: commanded {name} {over}"
         raise ReachFailure(robot.limb_names[limb], reason, 0.0, where[s])
-    return command
+    return _Driven(command, torques + link_torques(robot, moving.rpy, angles), moving.force)

@@ -9,6 +9,7 @@ import numpy as np
 
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.forces.planner import plan_forces
+from climbplan.climb.in_hand import in_hand
 from climbplan.climb.looks import plan_looks
 from climbplan.climb.motion import StageClock
 from climbplan.climb.plan.climb_plan import (
@@ -24,7 +25,6 @@ from climbplan.climb.plan.climb_plan import (
 from climbplan.climb.planner import deflection_warnings, step_limits
 from climbplan.climb.scene import Stance
 from climbplan.climb.swing import SwingMeets
-from climbplan.climb.trajectory import plan_trajectory
 from climbplan.climb.transition.clear_standing import standing_trouble
 from climbplan.climb.transition.gait import plan_instants
 from climbplan.climb.transition.mission import Tail, joined_instants, joined_rounds
@@ -95,7 +95,7 @@ def complete(run: Run, rounds: Rounds, moved: Mask, first: Array) -> Complete:
     with clock.stage("force"):
         forces = plan_forces(scene, instants)
     with clock.stage("trajectory"):
-        trajectory = plan_trajectory(scene, rounds, instants, forces)
+        forces, trajectory = in_hand(scene, rounds, instants, forces)
     return Complete(rounds, instants, forces, trajectory)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal, Protocol
+from collections.abc import Mapping
+from typing import Any, Literal, Protocol, Self
 
 from climbplan.spec.climb.force import ForcePlannerSpec
 from climbplan.spec.climb.margins import Margins
@@ -99,6 +100,9 @@ class ForceSolver(Protocol):
 
 class MotionSpec(Protocol):
     """A climb or a transition."""
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None) -> Self:
+        """The spec with other values of some keys."""
 
     @property
     def kind(self) -> str:

@@ -58,4 +58,7 @@ def test_total_load_adds_the_weight(braced_robot: Callable[..., RobotSpec]) -> N
     wrench = np.arange(12.0).reshape(2, 6)
     expected = wrench.copy()
     expected[:, 2] -= 9.0 * 9.81
-    np.testing.assert_allclose(total_load(robot, wrench), expected)
+    angles = np.zeros((2, robot.limb_count, robot.joint_count))
+    found = total_load(robot, wrench, np.zeros((2, 3)), angles)
+    np.testing.assert_allclose(found, expected)
+    assert wrench[0, 2] == 2.0  # what is given stays

@@ -9,7 +9,8 @@ ticks. `climbplan export PLAN --format regulator` writes it beside the tables th
 
 `climbplan simulate` runs the same code. N limbs of J joints, T samples; world frame unless said.
 
-Where the body is: toes that carry load are believed to stand where they stood. Angles tell how far
+Where the body is: toes that carry load are believed to stand where they stood, spherical feet to
+roll on as the plan turns them. Angles tell how far
 motors give way, and so how far the body has sunk between its toes; what the structure gives beside
 goes with it and is taken as known. What joints play and how far toes slide is not seen.
 
@@ -59,6 +60,7 @@ class RegulatorTables:
     most: Array  # (N, J) that motors can bend them [rad]
     give: Array  # (N, J) that joints and structure give for each radian that encoders see
     toes: Array  # (N, 3) where toes stand at the start [m]
+    rolled: Array  # (T, N, 3) how far toes that stand have rolled on since the start [m]
     axis_zero: Array  # (N, J, 3) axes at zero angles of joints that turn, body frame
     joint_zero: Array  # (N, J, 3) points on them [m]
     toe_zero: Array  # (N, 3) toes at zero angles [m]
@@ -144,6 +146,8 @@ class Pose:
         """toes: (N, 3) where they stand at the start, as far as is known; as planned."""
         n = len(tables.toes)
         self._trusted = tables.trusted
+        self._rolls = tables.rolled if tables.rolled.any() else None
+        self._rolled = tables.rolled[0].copy()
         self._stood = tables.trusted[0].copy()
         self._places = (tables.toes if toes is None else toes).copy()
         self.com, self.rotation = tables.com[0].copy(), tables.rotation[0].copy()
@@ -155,6 +159,11 @@ class Pose:
     def update(self, sample: int, toes: Array) -> None:
         """Set `com` and `rotation` by toes (N, 3) in the body frame at a sample of the plan."""
         known, trusted = self._known, self._trusted[sample]
+        if self._rolls is not None:
+            rolled = self._rolls[sample]
+            np.subtract(rolled, self._rolled, out=self._own)
+            np.add(self._places, self._own, out=self._places)
+            np.copyto(self._rolled, rolled)
         np.multiply(trusted, self._stood, out=known)
         count = float(np.add.reduce(known))
         if count >= _FEWEST:

@@ -16,9 +16,10 @@ goes with it and is taken as known. What joints play and how far toes slide is n
 
 What is told: each standing limb has an offset of its toe, which integrates two errors. Of the pose:
 toes are commanded as if the body had moved to where it should be, but for spans in which a toe
-takes load or is let go of. Of the forces: how far joints lag behind what they are told, beside how
-far they should, as a deflection d of the toes; only what toes press against each other counts,
-d - B A^-1 B^T K d. In the air an offset goes back to zero.
+takes load or is let go of, and no faster than a heavy body on soft joints bears without swinging.
+Of the forces: how far joints lag behind what they are told, beside how far they should, as a
+deflection d of the toes; only what toes press against each other counts, d - B A^-1 B^T K d. In the
+air an offset goes back to zero.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-RATE = 1.0  # [1/s] at which a departure is worked off
+RATE = 1.0  # [1/s] at which a departure is worked off, where the body's springs allow it
 FORCE_RATE = 3.0  # [1/s] at which forces between toes are
 BACK = 3.0  # [1/s] at which the offset of a limb in the air goes back to zero
 MOST_OFFSET = 0.06  # [m] of a toe, within which offsets are linear
@@ -59,6 +60,7 @@ class RegulatorTables:
     bent: Array  # (T, N, J) how far joints should be from what they are told [rad]
     most: Array  # (N, J) that motors can bend them [rad]
     give: Array  # (N, J) that joints and structure give for each radian that encoders see
+    rate: Array  # (T,) at which a departure of the body is worked off [1/s]
     toes: Array  # (N, 3) where toes stand at the start [m]
     rolled: Array  # (T, N, 3) how far toes that stand have rolled on since the start [m]
     axis_zero: Array  # (N, J, 3) axes at zero angles of joints that turn, body frame
@@ -305,7 +307,7 @@ class Corrections:
             _between(tables.com[at], tables.com[after], share, self._com)
             np.subtract(self._com, com, out=self._step)
             np.add(wide, self._step, out=wide)
-        np.multiply(wide, RATE, out=wide)
+        np.multiply(wide, tables.rate[at], out=wide)
         np.subtract(self._moved, wide, out=self._moved)
 
 

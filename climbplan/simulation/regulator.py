@@ -22,6 +22,7 @@ from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.odometry import standing
 from climbplan.simulation.rolling import rolled
+from climbplan.simulation.steady_rate import steady_rates
 
 SINGULAR = 1e-3  # of a Jacobian's singular values, below which its inverse knows no motion
 STIFFEST = 1e5  # [N/m] that a limb counts for at most
@@ -62,6 +63,7 @@ def regulator_tables(plan: ClimbPlan, gain: Array | None = None) -> RegulatorTab
         bent=np.clip(angles - command, -most, most),
         most=np.broadcast_to(most, (n, joints)).copy(),
         give=np.broadcast_to(softness * gain, (n, joints)).copy(),
+        rate=steady_rates(plan),
         toes=plan.rounds.toes[0].copy(),
         rolled=_rolled(plan, angles),
         axis_zero=np.zeros((n, joints, 3)) if zero is None else zero.axes,

@@ -26,7 +26,7 @@ from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.conditions import NOMINAL
 from climbplan.simulation.model import motor_damping
 
-_PART = 0.5  # of the rate at which the slowest mode would swing up
+_PART = 0.6  # of the rate at which the slowest mode would swing up
 _STABLE = 1e-3  # share of the stiffness left, below which no mode is at rest
 
 

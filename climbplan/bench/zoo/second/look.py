@@ -11,11 +11,9 @@ for their toes (`room.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from climbplan.bench.zoo.second.planar import short_limbs
 from climbplan.bench.zoo.second.room import roomiest
 from climbplan.bench.zoo.second.stances import Limbs, Stance, Surface, anywhere, beside, onto
 from climbplan.bench.zoo.second.statics import Load, least_load
@@ -65,14 +63,6 @@ def limit_of_walks(words: str) -> Look | None:
     if not words.startswith("no spec: ") or not kind:
         return None
     return Look("limit of ours", f"walks are of {kind}")
-
-
-def unproposed(urdf: Path, words: str, seed: int) -> Look:
-    """Look again at the refusal of a robot for which nothing could be proposed."""
-    short = short_limbs(urdf, seed)
-    if "limit of climbplan" in words and short:
-        return Look("limit of ours", short)
-    return Look("not decided", "nothing was proposed that could be looked at")
 
 
 def surfaces_of(

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
+
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner import plan_climb
@@ -62,14 +64,22 @@ class Outcome:
 
     @property
     def share(self) -> float:
-        """Of its margins that the plan keeps at its worst instant; below zero without a plan."""
+        """Of its margins that the plan keeps at its worst instant; -infinity without a plan.
+
+        Below zero where a toe keeps hold though its command lies outside its surface, say.
+        """
         if self.plan is None:
-            return -1.0
+            return -np.inf
         kept = self.plan.forces.margin_share
         return 1.0 if kept is None else float(kept.min())
 
     def __str__(self) -> str:
-        return f"{self.what}: {'verified' if self.plan is not None else self.why}"
+        if self.plan is None:
+            return f"{self.what}: {self.why}"
+        if self.share >= 0:
+            return f"{self.what}: verified"
+        worst = "; ".join(self.plan.forces.notes)
+        return f"{self.what}: verified, but may fall: {self.share:.0%} of its margins ({worst})"
 
 
 @dataclass(frozen=True)

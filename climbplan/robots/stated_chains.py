@@ -24,6 +24,11 @@ from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.stated_limbs import Shapes, Tie
 
+# Of two equal links behind two hips, a knee bent by the angle whose cosine is 1 - room has the
+# square of `_bent` at this times room, to first order
+_BY_KNEE = 2 / 45
+_TINY = 1e-12  # keeps roots smooth
+
 
 @dataclass(frozen=True)
 class ChainsAtToes:
@@ -34,11 +39,18 @@ class ChainsAtToes:
     toes: Any  # (3, N) body frame [m]
     angles: Any  # (J, N) [rad]
     pull: Any  # (3, N) [rad / m], or None of chains without freedom to choose
+    side: Any  # (1, N) of det J, 1 or -1, or None of chains with freedom to choose
 
     def ties(self, room: float) -> list[Tie]:
-        """Forward kinematics, and nothing left to choose; joint bounds are those of variables."""
-        toe = self.stated.points(self.numbers, self.angles)[-1]
-        ties = [Tie("kinematics.toes", toe - self.toes, "m", 0.0, 0.0)]
+        """Forward kinematics, bent enough, and nothing left to choose.
+
+        Joint bounds are those of variables.
+        """
+        pose = self.stated.pose(self.numbers, self.angles)
+        ties = [Tie("kinematics.toes", pose.toe - self.toes, "m", 0.0, 0.0)]
+        if room > 0:
+            bent = _bent(self.stated.columns(self.numbers, pose), self.side)
+            ties.append(Tie("transition.reach", bent, "", float(np.sqrt(_BY_KNEE * room))))
         if self.pull is not None:
             eased = self.stated.eased(self.numbers, self.torques(self.pull))
             off = self.angles - self.numbers["posture"] - eased
@@ -48,12 +60,7 @@ class ChainsAtToes:
     def torques(self, force: Any, moment: Any = None) -> Any:
         """Joint torques (J, N) of forces (3, N) on the toes and moments about them, body frame."""
         pose = self.stated.pose(self.numbers, self.angles)
-        arms = [
-            ca.cross(axis, pose.toe - at) for at, axis in zip(pose.joints, pose.axes, strict=True)
-        ]
-        if pose.slides:
-            arms = [arm + slide for arm, slide in zip(arms, pose.slides, strict=True)]
-        torques = [ca.sum1(arm * force) for arm in arms]
+        torques = [ca.sum1(arm * force) for arm in pose.arms]
         if moment is not None:
             turning = zip(torques, pose.axes, strict=True)
             torques = [torque + ca.sum1(axis * moment) for torque, axis in turning]
@@ -72,6 +79,16 @@ class StatedPose:
     axes: list[Any]
     slides: list[Any]  # empty where no joint slides
     toe: Any  # (3, N)
+
+    @property
+    def arms(self) -> list[Any]:
+        """Toe velocity by each joint's own speed, J entries of (3, N)."""
+        arms = [
+            ca.cross(axis, self.toe - at) for at, axis in zip(self.joints, self.axes, strict=True)
+        ]
+        if not self.slides:
+            return arms
+        return [arm + slide for arm, slide in zip(arms, self.slides, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -104,8 +121,8 @@ class StatedChains:
 
     @property
     def given(self) -> Shapes:
-        """Nothing."""
-        return {}
+        """On which side of full stretch, and of other singular angles, limbs bend (`_bent`)."""
+        return {} if self.redundant else {"side": (1, self.limbs)}
 
     @property
     def found(self) -> Shapes:
@@ -136,7 +153,8 @@ class StatedChains:
         chain = _chain(robot)
         angles = inverse(robot, toes).angles[..., 0, :, :]
         if not self.redundant:
-            return {"angles": angles}
+            side = np.where(np.linalg.det(chain.jacobian(angles)) < 0, -1.0, 1.0)
+            return {"angles": angles, "side": side[..., None]}
         away = (angles - chain.posture)[..., None] / chain.zero.unit[..., None] ** 2
         pull = np.linalg.pinv(np.swapaxes(chain.jacobian(angles), -1, -2)) @ away
         return {"angles": angles, "pull": pull[..., 0]}
@@ -157,15 +175,21 @@ class StatedChains:
         drive, count = numbers["drive"], self.joints
         return ca.vertcat(*(ca.sum1(drive[k::count, :] * own) for k in range(count)))
 
-    def eased(self, numbers: Mapping[str, Any], torques: Any) -> Any:
-        """U^2 torques (J, N): how far springs of one and the same energy give."""
+    def eased(self, numbers: Mapping[str, Any], torques: Any, power: int = 2) -> Any:
+        """U^2 torques (J, N): how far springs of one and the same energy give; or U to a power."""
         if not self.slides:
             return torques
         n = self.limbs
         lengths = [
             ca.sum1(numbers["slide_zero"][:, j * n : (j + 1) * n] ** 2) for j in range(self.joints)
         ]
-        return torques * (1 - (1 - RADIAN**2) * ca.vertcat(*lengths))
+        return torques * (1 - (1 - RADIAN**power) * ca.vertcat(*lengths))
+
+    def columns(self, numbers: Mapping[str, Any], pose: StatedPose) -> list[Any]:
+        """Toe velocity by each angle's speed in its unit (1 rad, or `RADIAN`), J of (3, N)."""
+        by_axis = [ca.vertcat(*(arm[k, :] for arm in pose.arms)) for k in range(3)]  # (J, N) each
+        own = [self.eased(numbers, self.by_angles(numbers, rows), 1) for rows in by_axis]
+        return [ca.vertcat(*(rows[j, :] for rows in own)) for j in range(self.joints)]
 
     def pose(self, numbers: Mapping[str, Any], angles: Any) -> StatedPose:
         """The chains for angles (J, N)."""
@@ -221,7 +245,9 @@ class StatedChains:
         self, numbers: Mapping[str, Any], toes: Any, own: Mapping[str, Any]
     ) -> ChainsAtToes:
         """Chains with toes (3, N) in the body frame."""
-        return ChainsAtToes(self, numbers, toes, own["angles"], own.get("pull"))
+        return ChainsAtToes(
+            self, numbers, toes, own["angles"], own.get("pull"), own.get("side")
+        )
 
 
 def _turned(axis: Any, angle: Any, vector: Any) -> Any:
@@ -229,6 +255,28 @@ def _turned(axis: Any, angle: Any, vector: Any) -> Any:
     once = ca.cross(axis, vector)
     sin, rest = (ca.repmat(x, 3, 1) for x in (ca.sin(angle), 1 - ca.cos(angle)))
     return vector + sin * once + rest * ca.cross(axis, once)
+
+
+def _bent(columns: list[Any], side: Any) -> Any:
+    """(1, N) how far toes are from where they could not move on in some direction.
+
+    columns: (3, N) by angle, of J. The root of 1 / (tr M tr M^-1), M = J J^T: the least singular
+    value of J over the root of the sum of all squares, or up to a root of three below that. Zero at
+    full stretch, and wherever else a toe is on the border of what a limb inside its joint bounds
+    reaches. side: (1, N) of det J, below zero on the other: inverse kinematics of three joints
+    bend one way; None: of more joints, which bend any way.
+    """
+    xx, yy, zz, xy, yz, xz = (
+        sum(c[a, :] * c[b, :] for c in columns)
+        for a, b in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+    )
+    across = (yy * zz - yz**2, xx * zz - xz**2, xx * yy - xy**2)  # diagonal of M's adjugate
+    size = sum(across) * (xx + yy + zz)
+    if side is not None:
+        one, two, three = columns
+        return side * ca.sum1(one * ca.cross(two, three)) / ca.sqrt(size)
+    volume = xx * across[0] - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)  # det M
+    return ca.sqrt(volume / size + _TINY)
 
 
 def _chain(robot: Robot) -> SerialChain:

@@ -6,7 +6,8 @@ angles at each point where a toe has to be in reach are functions of pose and to
 rows that tie them to these (`climbplan/robots/stated_limbs.py`). Forces are in units of the robot's
 weight.
 
-    transition.reach    |cos(knee)| within 1: a toe is in reach (closed form)
+    transition.reach    a toe is in reach: |cos(knee)| within 1 (closed form), or the least
+                        singular value of J off zero, as it is at full stretch (chains)
     kinematics.toes     forward kinematics meets the toe (chains)
     kinematics.settled  the nearest such angles to the posture (chains of more than 3 joints)
     transition.joints   joint angles within bounds there

@@ -12,11 +12,12 @@ import pytest
 from random_chains import random_robot
 
 from climbplan.errors import UsageError
+from climbplan.mechanics.equilibrium import link_torques
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.kinematics import jacobian_body, joint_points_body
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
+from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.stated_chains import StatedChains
 from climbplan.robots.stated_limbs import StatedLimbs
@@ -147,6 +148,21 @@ def test_room_of_two_equal_links_is_that_of_the_cosine_of_their_knee() -> None:
         np.testing.assert_allclose(row**2, part * least**2, rtol=2e-3)
         # A knee that bends the other way is on the other side
         np.testing.assert_allclose(value(reach[-1.0].rows), -row)
+
+
+def test_links_weigh_in_programs_what_they_weigh(tmp_path: Path) -> None:
+    for robot in (robot_of("robot_walker.yaml"), random_robot(tmp_path, 4)[1]):
+        assert robot.links is not None
+        stated, numbers = stated_limbs(robot), numbers_of(robot, stated_limbs(robot))
+        angles = posture_of(robot)
+        own = {"angles": ca.DM(angles.T), "pull": ca.DM.zeros(3, robot.limb_count)}
+        standing = stated.standing(numbers, ca.DM.zeros(3, robot.limb_count), own)
+        centre = value(standing.centre())[0]
+        np.testing.assert_allclose(centre, robot.centre_of_mass(angles), atol=1e-12)
+        rpy = np.array([0.2, -0.3, 0.5])
+        down = ca.DM(-rotation_world_body(rpy)[2])
+        torques = value(standing.weight_torques(down)) * robot.weight
+        np.testing.assert_allclose(torques, link_torques(robot, rpy, angles), atol=1e-9)
 
 
 def test_closed_linkages_are_refused() -> None:

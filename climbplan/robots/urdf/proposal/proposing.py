@@ -142,13 +142,13 @@ def legs_of(
     if two:
         soles = soles_of(draft.model(), names.names, own, shapes)
         if soles is None:
-            ends = " and ".join(toe.link for toe in own)
-            lacks = f"the collision geometry of the links that {ends} move with has no level face"
+            feet = " and ".join(toe.link for toe in own)
+            where = f"the collision geometry of the links that {feet} move with"
             if not shapes and not unread:
-                lacks = "the URDF has no collision geometry, by which they are measured"
+                where = "the URDF, which is without collision geometry,"
             raise UsageError(
-                f"{urdf}: two legs stand on flat feet with a level face of 20 mm or more, and "
-                f"{lacks}{f': {unread}' if unread else ''}"
+                f"{urdf}: two legs stand on flat feet, and {where} has no level face of 20 mm or "
+                f"more{f': {unread}' if unread else ''}"
             )
         own, draft.sole = list(soles.toes), (soles.length, soles.width)
     else:

@@ -129,7 +129,11 @@ class _Walker:
                 [row["com"], row["velocity"], euler_angles(row["rotation"]), np.zeros(3)]
             )
             away = float(np.linalg.norm(row["com"] - reference.state[sample, POSITION]))
-            if lies_down(state) or (self.feedback and away > _AWAY) or not np.isfinite(start):
+            if (
+                lies_down(plan.task.body, state, row["toes"])
+                or (self.feedback and away > _AWAY)
+                or not np.isfinite(start)
+            ):
                 fell = True
                 break
         stacked = {name: np.array([row[name] for row in rows]) for name in rows[0]}

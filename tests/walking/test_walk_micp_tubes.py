@@ -29,6 +29,12 @@ def swaying(task: WalkTask, *rolls: float) -> Array:
     return state
 
 
+def tube_of(middle: Array, half: Array, spin: Array, spin_half: Array) -> Tube:
+    """The same at four knots, with a heading that is not its middle."""
+    rows = (np.tile(row, (4, 1)) for row in (middle, half, spin, spin_half))
+    return Tube(*rows, np.full(4, middle[2] + 0.05))
+
+
 def test_tubes_of_several_motions_hold_all_of_them() -> None:
     task = shorter(walk_task((0.5, 0, 0)), 4)
     motions, width = swaying(task, -0.2, 0.0, 0.3), (np.full(3, 0.01), np.full(3, 0.1))
@@ -70,11 +76,15 @@ def test_bounds_about_several_searches_say_so() -> None:
     assert "what 2 searches found" in found.word
 
 
+def within(value: Array, low: Array, high: Array) -> bool:
+    return bool((value >= low - 1e-12).all() and (value <= high + 1e-12).all())
+
+
 def test_what_turns_stays_within_its_bounds() -> None:
     task = shorter(walk_task((0.5, 0, 0)), 3)
     middle, half = np.array([0.1, -0.2, 0.7]), np.array([0.1, 0.25, 0.2])
     spin, spin_half = np.array([1.0, -2.0, 5.0]), np.array([1.0, 2.0, 1.0])
-    tube = Tube(*(np.tile(row, (4, 1)) for row in (middle, half, spin, spin_half)))
+    tube = tube_of(middle, half, spin, spin_half)
     t = turning(task, tube, 2)
     rng = np.random.default_rng(0)
     inertia = task.body.inertia
@@ -86,9 +96,12 @@ def test_what_turns_stays_within_its_bounds() -> None:
         turn = t.axes @ (angles - middle)
         assert (np.abs(turn) <= t.turn_half + 1e-12).all()
         beyond = R.T @ t.R - (np.eye(3) - skew(turn))
-        assert (beyond >= t.seen_low - 1e-12).all()
-        assert (beyond <= t.seen_high + 1e-12).all()
-        assert (np.abs(t.R.T @ R - np.eye(3)) <= t.off + 1e-12).all()
+        assert within(beyond @ t.R.T @ omega, t.spin_low, t.spin_high)
+        toes = task.body.toe_center + task.body.toe_half * rng.choice((-1.0, 1.0), (4, 3))
+        assert within(toes @ R.T @ t.facing, t.arm_low, t.arm_high)
+        assert within(toes @ R.T, t.reach_low, t.reach_high)
+        assert within(toes @ R.T @ t.R, t.toe_low, t.toe_high)
+        assert within(toes @ R.T @ t.R @ beyond.T, t.bent_low, t.bent_high)
         inverse = R @ np.linalg.inv(inertia) @ R.T
         assert (np.abs(inverse - t.inverse) <= t.inverse_off + 1e-9).all()
         world = R @ inertia @ R.T
@@ -99,6 +112,8 @@ def test_what_turns_stays_within_its_bounds() -> None:
     axes = t.principal
     assert np.allclose(axes @ np.diag(t.moments) @ axes.T, inertia, atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1.0)
+    heading = rotation_world_body(np.array([0.0, 0.0, middle[2] + 0.05]))
+    assert np.allclose(t.facing, heading)
 
 
 @pytest.mark.parametrize("middle", [-0.4, 0.0, 0.7])
@@ -125,7 +140,7 @@ def test_spins_and_rates_of_a_tube_are_in_its_rows() -> None:
     rng = np.random.default_rng(1)
     middle, half = np.array([0.1, -0.2, 0.7]), np.array([0.2, 0.25, 0.4])
     spin, spin_half = np.array([1.0, -2.0, 4.0]), np.array([2.0, 2.0, 2.0])
-    tube = Tube(*(np.tile(row, (4, 1)) for row in (middle, half, spin, spin_half)))
+    tube = tube_of(middle, half, spin, spin_half)
     t = turning(task, tube, 1)
     frame = Spinning(task, tube, 3000.0, 1, 1, 3.0, None)
     frame.attitude(1)

@@ -60,26 +60,25 @@ class Motion(Counts):
     ) -> None:
         task, model, dt, t = self.task, self.model, self.task.step, self.turns[n]
         level = task.ground.height
+        pushed = (*self.in_world(n, force), force[2])
         for k in range(3):
             model.add(
                 "dynamics.position", self.p[n + 1][k] - self.p[n][k] - self.v[n][k] * dt, 0.0, 0.0
             )
             fall = dt * task.body.gravity if k == 2 else 0.0
-            gain = force[k] * (dt * self.unit / task.body.mass)
+            gain = pushed[k] * (dt * self.unit / task.body.mass)
             model.add("dynamics.velocity", self.v[n + 1][k] - self.v[n][k] - gain + fall, 0.0, 0.0)
         pieces = [q for leg in legs for q in leg]
-        moment = [
+        along = [
             total(q.by_y[1] - q.force[1] * float(level[q.region]) for q in pieces) + raised[1],
             total(q.force[0] * float(level[q.region]) - q.by_x[1] for q in pieces) - raised[0],
             total(q.by_x[0] - q.by_y[0] for q in pieces),
         ]
+        moment = [*self.in_world(n, along), along[2]]
         # How large moments can be: arms times forces within friction
         friction = task.ground.friction
         largest = []
-        reach = [np.zeros(3) for _ in range(self.legs)]
-        for leg in range(self.legs):
-            low, high = self.arm_range(t, leg)
-            reach[leg] = np.maximum(np.abs(low), np.abs(high))
+        reach = np.maximum(np.abs(t.reach_low), np.abs(t.reach_high))
         for a, b in ((1, 2), (0, 2), (0, 1)):
             parts = []
             for leg in range(self.legs):

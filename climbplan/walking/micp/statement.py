@@ -42,6 +42,7 @@ class Relaxation:
     known: int  # the row of what motions cost
     box: Box  # what is known already
     paid: tuple[tuple[int, float], ...]  # (N) of each interval: its first cost, and what is given
+    facing: Array  # (N, 3, 3) axes that arms and forces are about, columns
 
     def paid_after(self, knots: int) -> tuple[Array, float]:
         """Costs of columns, and a constant, of what is paid for the intervals from a knot on."""
@@ -54,7 +55,7 @@ class Relaxation:
         """Values of all binaries at a motion, by column."""
         values: dict[int, float] = {}
         for n, legs in enumerate(self.pieces):
-            arms = found.toes[n] - found.state[n, POSITION]
+            arms = (found.toes[n] - found.state[n, POSITION]) @ self.facing[n]
             for leg, pieces in enumerate(legs):
                 own = [q for q in pieces if q.region == found.gait.region[n, leg]]
                 held = min(own, key=lambda q: q.beyond(arms[leg]), default=None)
@@ -78,7 +79,8 @@ class Relaxation:
             for leg, pieces in enumerate(legs):
                 for q in pieces:
                     share = values[q.chosen.column] / self.unit
-                    for part, force in zip(q.force, found.force[n, leg], strict=True):
+                    along = found.force[n, leg] @ self.facing[n]
+                    for part, force in zip(q.force, along, strict=True):
                         values[part.column] = float(share * force)
         return values
 
@@ -153,4 +155,5 @@ class _Statement(Motion):
             known,
             self.box,
             tuple(self.paid),
+            np.stack([t.facing for t in self.turns]),
         )

@@ -104,8 +104,12 @@ def test_what_turns_stays_within_its_bounds() -> None:
         assert within(toes @ R.T @ t.R @ beyond.T, t.bent_low, t.bent_high)
         inverse = R @ np.linalg.inv(inertia) @ R.T
         assert (np.abs(inverse - t.inverse) <= t.inverse_off + 1e-9).all()
-        world = R @ inertia @ R.T
-        assert (np.abs(world - t.inertia) <= t.inertia_off + 1e-9).all()
+        Q, across = t.principal.T @ t.R.T @ R @ t.principal, skew(t.principal.T @ turn)
+        assert within(Q - np.eye(3) - across, t.carried_low, t.carried_high)
+        heavy = np.diag(t.moments)
+        assert within(
+            Q @ heavy @ Q.T - heavy - (across @ heavy - heavy @ across), t.heavy_low, t.heavy_high
+        )
         about = t.principal.T @ R.T @ omega
         assert (about >= t.about_low).all()
         assert (about <= t.about_high).all()

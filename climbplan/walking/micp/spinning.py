@@ -27,6 +27,13 @@ class Spinning(Frame):
         off = [self.angles[n][j] - float(middle[j]) for j in range(3)]
         return [total(off[j] * float(axes[i, j]) for j in range(3)) for i in range(3)]
 
+    def turn_about(self, n: int) -> tuple[list[Lin], Array]:
+        """That turn about principal axes there (3,), and the largest of it (3,)."""
+        axes, t = self.turns[n].principal, self.turns[n]
+        turn = self.turn(n)
+        found = [total(turn[j] * float(axes[j, k]) for j in range(3)) for k in range(3)]
+        return found, np.abs(axes.T @ t.axes) @ self.tube.angles_half[n]
+
     def seen(self, name: str, n: int, middle: list[Lin], low: Array, high: Array) -> list[Lin]:
         """r' - w x r', which is R^T r of a vector r but for what is of second order.
 

@@ -81,8 +81,10 @@ class Turning:
     R_off: Array  # (3, 3)
     inverse: Array  # (3, 3) inverse inertia, world frame
     inverse_off: Array  # (3, 3)
-    inertia: Array  # (3, 3) world frame
-    inertia_off: Array  # (3, 3)
+    heavy_low: Array  # (3, 3) inertia about `principal` at the middle, less its linearisation, from
+    heavy_high: Array  # to
+    carried_low: Array  # (3, 3) rotation from there about the same axes, less its linearisation
+    carried_high: Array
     principal: Array  # (3, 3) principal axes of the inertia in the body, its columns
     moments: Array  # (3,) of inertia about them
     about_low: Array  # (3,) least angular velocity about them
@@ -118,7 +120,6 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     spread = np.ptp(np.linalg.eigvalsh(body_inverse))
     inverse = R @ body_inverse @ R.T
     inverses = turns @ body_inverse @ np.swapaxes(turns, -1, -2)
-    heavy, heavies = R @ inertia @ R.T, turns @ inertia @ np.swapaxes(turns, -1, -2)
     # Interpolation in a cell is off by an eighth of side^2 times second derivative for each angle.
     # Entries of rotations are constant, or sinusoids of each angle, no larger than 1.
     beside = float(((2.0 * half / (_GRID - 1)) ** 2).sum()) / 8.0 + _ROUNDING
@@ -135,21 +136,27 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     facing = rotation_world_body(np.array([0.0, 0.0, tube.heading[n]]))
     arms = _swept(facing.T @ turns, boxes, half_box, beside * furthest)
     toes = _swept(R.T @ turns, boxes, half_box, beside * furthest)
-    # The turn times a rotation has twice the slope of the latter and its own times second derivatives.
+    # Of the turn times a rotation: twice the slope of the latter, and the turn times what it bends.
     bends = (3.0 + float(np.linalg.norm(np.abs(turns_by) @ half))) * beside * furthest
     bent = _swept(second @ R.T @ turns, boxes, half_box, bends)
     world = _swept(turns, boxes, half_box, beside * furthest)
     moments, principal = np.linalg.eigh(inertia)
     principal[:, 2] *= np.linalg.det(principal)  # right-handed
+    Q = principal.T @ R.T @ turns @ principal
+    across = skew((grid - middle) @ turns_by.T @ principal)
+    carried = Q - np.eye(3) - across
+    heavies = Q * moments @ np.swapaxes(Q, -1, -2) - np.diag(moments)
+    heavies -= across * (moments[None, :] - moments[:, None])
     about_low, about_high = _about(turns @ principal, beside, tube.spin[n], tube.spin_half[n])
     return Turning(
         R,
         R_off,
         inverse,
         np.abs(inverses - inverse).max(axis=0) + 2.0 * spread * beside,
-        heavy,
-        np.abs(heavies - heavy).max(axis=0)
-        + 2.0 * float(np.ptp(np.linalg.eigvalsh(inertia))) * beside,
+        heavies.min(axis=0) - 2.0 * float(np.ptp(moments)) * beside,
+        heavies.max(axis=0) + 2.0 * float(np.ptp(moments)) * beside,
+        carried.min(axis=0) - beside,
+        carried.max(axis=0) + beside,
         principal,
         moments,
         about_low,

@@ -15,9 +15,9 @@ from climbplan.walking.micp.covering import covering, halves
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.method import solve_micp
 from climbplan.walking.micp.model import Lin, LinearModel
+from climbplan.walking.micp.motion import Motion
 from climbplan.walking.micp.relaxed import linear
 from climbplan.walking.micp.smooth import Function, sine, straight
-from climbplan.walking.micp.spinning import Spinning
 from climbplan.walking.micp.tube import Tube, tube_about, turning
 from climbplan.walking.task import Array, WalkTask
 
@@ -31,8 +31,8 @@ def swaying(task: WalkTask, *rolls: float) -> Array:
 
 def tube_of(middle: Array, half: Array, spin: Array, spin_half: Array) -> Tube:
     """The same at four knots, with a heading that is not its middle."""
-    rows = (np.tile(row, (4, 1)) for row in (middle, half, spin, spin_half))
-    return Tube(*rows, np.full(4, middle[2] + 0.05))
+    a, b, c, d = (np.tile(row, (4, 1)) for row in (middle, half, spin, spin_half))
+    return Tube(a, b, c, d, np.full(4, middle[2] + 0.05))
 
 
 def test_tubes_of_several_motions_hold_all_of_them() -> None:
@@ -139,16 +139,18 @@ def test_straight_lines_are_off_by_no_more_than_they_say(middle: float, half: fl
 
 
 def test_spins_and_rates_of_a_tube_are_in_its_rows() -> None:
-    # Envelopes of rates and of gyroscopic moments hold every attitude and turning of a wide tube.
+    # Envelopes of rates, gyroscopic moments and inertia hold all that turns in a wide tube.
     task = shorter(walk_task((0.5, 0, 0)), 3)
     rng = np.random.default_rng(1)
     middle, half = np.array([0.1, -0.2, 0.7]), np.array([0.2, 0.25, 0.4])
     spin, spin_half = np.array([1.0, -2.0, 4.0]), np.array([2.0, 2.0, 2.0])
     tube = tube_of(middle, half, spin, spin_half)
     t = turning(task, tube, 1)
-    frame = Spinning(task, tube, 3000.0, 1, 1, 3.0, None)
+    frame = Motion(task, tube, 3000.0, 1, 1, 3.0, None)
     frame.attitude(1)
     moments, largest = frame.gyroscopic(1)
+    pushed = [frame.model.variable(-np.inf, np.inf) for _ in range(3)]
+    frame.turned_by(1, pushed, moments, largest)
     for _ in range(20):
         angles = middle + half * rng.uniform(-1, 1, 3)
         omega = spin + spin_half * rng.uniform(-1, 1, 3)
@@ -159,6 +161,11 @@ def test_spins_and_rates_of_a_tube_are_in_its_rows() -> None:
         after = angles + task.step * euler_rates(angles, omega)
         given = {frame.angles[1][k].column: angles[k] for k in range(3)}
         given |= {frame.spin[1][k].column: omega[k] for k in range(3)}
+        later = spin + spin_half * rng.uniform(-1, 1, 3)
+        R = rotation_world_body(angles)
+        moment = R @ (task.body.inertia @ R.T @ (later - omega) / task.step - t.principal @ true)
+        given |= {frame.spin[2][k].column: later[k] for k in range(3)}
+        given |= {pushed[k].column: moment[k] / frame.unit for k in range(3)}
         solver = linear()
         solver.passModel(rows_model(model, relaxed=True))
         for column, value in given.items():
@@ -169,6 +176,11 @@ def test_spins_and_rates_of_a_tube_are_in_its_rows() -> None:
             solver.changeColBounds(column, true[k] / factor, true[k] / factor)
         solver.run()
         assert solver.getModelStatus() == highspy.HighsModelStatus.kOptimal
+        other = moment / frame.unit + np.array([0.0, 1.0, 0.0])  # nothing turns that fast
+        for k in range(3):
+            solver.changeColBounds(pushed[k].column, other[k], other[k])
+        solver.run()
+        assert solver.getModelStatus() == highspy.HighsModelStatus.kInfeasible
 
 
 def test_tangents_are_below_their_square() -> None:

@@ -4,8 +4,10 @@ In the world frame the arm of a standing toe has r_z = h - p_z for every leg, so
 products of r_z with forces are two, p_z F_x and p_z F_y. Arms are partitioned, not forces, in
 perspective form: each piece of an arm has its own binary, arm and force, and the binaries of a leg
 add up to its contact. Products of an arm with f_z are McCormick envelopes, those with f_x and f_y
-rows of (arm - end) (mu f_z +- f) >= 0, which vanish with the force. Attitudes and angular
-velocities stay within a tube; what turns is linear about its middle with bounded remainders.
+rows of (arm - end) (mu f_z +- f) >= 0, which vanish with the force. Arms and forces are about axes
+that are turned by the yaw of the tube's middle at each knot: boxes of toes are narrowest about
+these. Attitudes and angular velocities stay within a tube; products with the small turn from its
+middle are in envelopes, and what is of second order is a bounded remainder.
 """
 
 from __future__ import annotations

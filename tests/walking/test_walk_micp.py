@@ -47,8 +47,9 @@ def test_a_motion_that_turns_is_in_the_relaxation() -> None:
     about = tube_about(task, found.state, ANGLES, SPIN)
     for heading in (np.zeros(7), about.heading + 0.1):  # wherever axes of arms and forces head
         tube = replace(about, heading=heading)
-        program = relaxation(task, tube, answer.objective * 1.01, 1, 1, 1.5)
-        assert program_cost(program, found) <= answer.objective * (1 + 1e-6)
+        for plain in (False, True):
+            program = relaxation(task, tube, answer.objective * 1.01, 1, 1, 1.5, None, plain)
+            assert program_cost(program, found) <= answer.objective * (1 + 1e-6)
 
 
 def test_a_motion_on_steps_is_in_the_relaxation() -> None:

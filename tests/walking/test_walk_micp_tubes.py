@@ -106,6 +106,8 @@ def test_what_turns_stays_within_its_bounds() -> None:
         assert (np.abs(inverse - t.inverse) <= t.inverse_off + 1e-9).all()
         Q, across = t.principal.T @ t.R.T @ R @ t.principal, skew(t.principal.T @ turn)
         assert within(Q - np.eye(3) - across, t.carried_low, t.carried_high)
+        world = R @ inertia @ R.T
+        assert (np.abs(world - t.inertia) <= t.inertia_off + 1e-9).all()
         heavy = np.diag(t.moments)
         assert within(
             Q @ heavy @ Q.T - heavy - (across @ heavy - heavy @ across), t.heavy_low, t.heavy_high

@@ -24,7 +24,10 @@ class Frame:
         heights: int,
         ratio: float,
         box: Box | None,
+        plain: bool = False,
     ) -> None:
+        """plain: inertia is linear about the middle of the tube, in fewer columns."""
+        self.plain = plain
         self.task, self.tube, self.cost = task, tube, cost
         self.aside: tuple[list[int], list[int]] = ([], [])
         self.given = np.zeros(2)

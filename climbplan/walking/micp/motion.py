@@ -101,8 +101,26 @@ class Motion(Counts):
             model.least("dynamics.spin", change + slack)
             model.least("dynamics.spin", slack - change)
 
-        if n + 1 < task.knots:
+        if n + 1 < task.knots and self.plain:
+            given = [total(about[j] * float(seen[k, j]) for j in range(3)) for k in range(3)]
+            self.turned_plainly(n, moment, given, off @ about_most)
+        elif n + 1 < task.knots:
             self.turned_by(n, moment, about, about_most)
+
+    def turned_plainly(self, n: int, moment: list[Lin], gyro: list[Lin], gyro_off: Array) -> None:
+        """What turns the body, eq. (8.15) times the inertia: |I - I_middle| meets accelerations.
+
+        Those are small beside moments at their largest, which the rows above have to reckon with.
+        gyro: gyroscopic moments (3,), world frame, right within so much (3,).
+        """
+        dt, t = self.task.step, self.turns[n]
+        change = [self.spin[n + 1][j] - self.spin[n][j] for j in range(3)]
+        fastest = np.array([max(map(abs, self.extent(one))) / dt for one in change])
+        slack = t.inertia_off @ fastest + gyro_off
+        for k in range(3):
+            heavy = total(change[j] * float(t.inertia[k, j] / dt) for j in range(3))
+            left = heavy - moment[k] * self.unit - gyro[k]
+            self.model.add("dynamics.spin", left, -float(slack[k]), float(slack[k]))
 
     def turned_by(self, n: int, moment: list[Lin], gyro: list[Lin], gyro_most: Array) -> None:
         """What turns the body, eq. (8.15) times the inertia, about principal axes at the middle.

@@ -111,12 +111,14 @@ def relaxation(
     height_pieces: int,
     ratio: float,
     box: Box | None = None,
+    plain: bool = False,
 ) -> Relaxation:
     """The program of all motions within a tube that cost no more than so much.
 
-    ratio: of tangents, as of `LinearModel.square`; box: what is known of such motions.
+    ratio: of tangents, as of `LinearModel.square`; box: what is known of such motions; plain: as of
+    `Frame`.
     """
-    return _Statement(task, tube, cost, arm_pieces, height_pieces, ratio, box).done()
+    return _Statement(task, tube, cost, arm_pieces, height_pieces, ratio, box, plain).done()
 
 
 class _Statement(Motion):

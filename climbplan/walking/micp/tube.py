@@ -81,6 +81,8 @@ class Turning:
     R_off: Array  # (3, 3)
     inverse: Array  # (3, 3) inverse inertia, world frame
     inverse_off: Array  # (3, 3)
+    inertia: Array  # (3, 3) world frame
+    inertia_off: Array  # (3, 3)
     heavy_low: Array  # (3, 3) inertia about `principal` at the middle, less its linearisation, from
     heavy_high: Array  # to
     carried_low: Array  # (3, 3) rotation from there about the same axes, less its linearisation
@@ -120,6 +122,7 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     spread = np.ptp(np.linalg.eigvalsh(body_inverse))
     inverse = R @ body_inverse @ R.T
     inverses = turns @ body_inverse @ np.swapaxes(turns, -1, -2)
+    heavy, turned_heavies = R @ inertia @ R.T, turns @ inertia @ np.swapaxes(turns, -1, -2)
     # Interpolation in a cell is off by an eighth of side^2 times second derivative for each angle.
     # Entries of rotations are constant, or sinusoids of each angle, no larger than 1.
     beside = float(((2.0 * half / (_GRID - 1)) ** 2).sum()) / 8.0 + _ROUNDING
@@ -153,6 +156,8 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
         R_off,
         inverse,
         np.abs(inverses - inverse).max(axis=0) + 2.0 * spread * beside,
+        heavy,
+        np.abs(turned_heavies - heavy).max(axis=0) + 2.0 * float(np.ptp(moments)) * beside,
         heavies.min(axis=0) - 2.0 * float(np.ptp(moments)) * beside,
         heavies.max(axis=0) + 2.0 * float(np.ptp(moments)) * beside,
         carried.min(axis=0) - beside,

@@ -31,7 +31,7 @@ def names_of_files(urdf: Path) -> list[str]:
     Raises SpecError for what is wrong in the URDF.
     """
     name = file_name(read_tree(urdf).name)
-    specs = ("ground", "chimney", "bracing", "wall", "walk", "walking")
+    specs = ("ground", "chimney", "bracing", "wall", "wall_bracing", "walk", "walking")
     return [f"{name}.yaml", *(f"{name}_{spec}.yaml" for spec in specs), f"{name}.html"]
 
 

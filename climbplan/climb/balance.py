@@ -9,6 +9,7 @@ forces f of the standing limbs balance the load (F, M) with the margins of the s
     such that   sum f = -F,   sum (p - c) x f + d x F = -M
                 |f_t| <= mu / S_mu (n . f - friction margin),   n . f >= pressure margin
                 |J^T f| <= torque limits / S_tau
+                n . J D f >= depth margin
 
 which is a second-order cone program, as the load, and so the sum of all f, is known. Where limbs
 have masses, their weight is part of M and of torques, linear in d about the last shift, and forces
@@ -16,10 +17,10 @@ are asked for twice: for the lifted limb above the place that it leaves and abov
 Jacobians are those of the body on its way. Where the forces found would be too much for motors of
 the shifted body, whose legs are bent otherwise, or where there are none, programs follow one
 another, each with the Jacobians of the last shift, near to it, and with torques beyond the limits
-at a price. On slopes, stairs and walls it is the same problem. Commands and stability are left to
-the force planner, joint bounds to the exact kinematics. Where no shift keeps the whole margins,
-half of them are asked for, then none; where motors are too weak then, the body goes to where they
-lack least, and the force planner says what conflicts.
+at a price. On slopes, stairs and walls it is the same problem. Bounds of commands and stability are
+left to the force planner, joint bounds to the exact kinematics. Where no shift keeps the whole
+margins, less depth of commands is asked for, then half of the others, then none; where motors are
+too weak then, the body goes to where they lack least, and the force planner says what conflicts.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from climbplan.climb.scene import MotionScene
 from climbplan.robots.rotations import Array
 
 _SHARES = (1.0, 0.5, 0.0)  # of the margins, asked for in turn
+_DEPTHS = (1.0, 0.75, 0.5, 0.25)  # of the depth of commands beside all others, in turn
 _EXCESS = 10.0  # [m^2] price of torques of twice the limits
 _WITHIN = 1e-4  # of the limits, that counts as none
 _PROGRAMS = 14  # after one another, at most
@@ -70,6 +72,9 @@ def _least_shift(lift: Lift, most: float, follow: bool) -> Array:
     margins = lift.scene.spec.margins.asked or lift.scene.robot.sole is not None
     whole = lift
     best: tuple[float, Array] = np.inf, np.zeros(2)
+    deep = _at_depth(lift, most)
+    if deep is not None:
+        return deep
     for share in _SHARES if margins else _SHARES[-1:]:
         lift = whole.pressed_within(share)
         found = _at_once(lift, share, most)
@@ -87,6 +92,21 @@ def _least_shift(lift: Lift, most: float, follow: bool) -> Array:
             break
     shift = np.array([*best[1], 0.0])
     return shift if np.linalg.norm(shift) > NONE else np.zeros(3)
+
+
+def _at_depth(lift: Lift, most: float) -> Array | None:
+    """(3,) the least shift with all margins of pressure and friction and commands inside surfaces.
+
+    As deep as can be had of what the spec asks; None where none of it can at once.
+    """
+    margins = lift.scene.spec.margins
+    asked = margins.asked and margins.depth > 0
+    for share in _DEPTHS if asked else ():
+        one = lift.pressed_within(1.0).commanded(share * margins.depth)
+        found = _at_once(one, 1.0, most)
+        if found is not None and one.excess(one.posture(found.shift), found.force) <= 0:
+            return np.array([*found.shift, 0.0])
+    return None
 
 
 def _at_once(lift: Lift, share: float, most: float) -> Balanced | None:

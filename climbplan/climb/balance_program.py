@@ -6,6 +6,7 @@ before had bent them.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import clarabel
@@ -16,7 +17,14 @@ from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.equilibrium import grasp_matrix, link_torques, weight_moment
 from climbplan.mechanics.friction import contact_frame
-from climbplan.robots.kinematics import by_point, point_jacobian, pushed_points, standing_inverse
+from climbplan.mechanics.stiffness import commanded_depth, joint_bending
+from climbplan.robots.kinematics import (
+    by_point,
+    contact_jacobian,
+    point_jacobian,
+    pushed_points,
+    standing_inverse,
+)
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 
@@ -47,6 +55,7 @@ class LiftPosture:
     moment: Array  # (P, 3) of the weight about the body's origin, by units of the load
     slope: Array  # (P, 2, 3) of it, by the shift
     links: Array  # (L, J) torque / limit over S_tau of the links' own weight, of standing limbs
+    inward: Array  # (L, n, 3) how deep toes are commanded into surfaces, by units of the load [m]
 
 
 class Lift:
@@ -65,13 +74,14 @@ class Lift:
         load[2] -= robot.weight
         self.unit = unit = max(float(np.linalg.norm(load[:3])), 1e-9)
         self.n = n = len(stands)
+        self.depth = 0.0  # [m] in their surfaces, at which commands of standing limbs are asked for
         # Shift, excess, forces in units of the load
         self.size = size = _FORCES + 3 * n
         self.load = load / unit
         self.equal = np.zeros((6, size))
         normal = by_point(robot, lifts.normal[k], 0)[stands]
-        touching = pushed_points(robot, lifts.toes[k], lifts.normal[k])[stands]
-        self.equal[:, _FORCES:] = grasp_matrix(touching - lifts.com[k])
+        self.touching = pushed_points(robot, lifts.toes[k], lifts.normal[k])
+        self.equal[:, _FORCES:] = grasp_matrix(self.touching[stands] - lifts.com[k])
         self.equal[3:, 0] = np.cross([1.0, 0.0, 0.0], self.load[:3])
         self.equal[3:, 1] = np.cross([0.0, 1.0, 0.0], self.load[:3])
         frame = contact_frame(normal).axes  # (n, 3, 3)
@@ -91,6 +101,12 @@ class Lift:
             return self
         scene = replace(self.scene, robot=self.scene.robot.pressed_within(margin))
         return Lift(scene, self.phases, self.k, self.narrower)
+
+    def commanded(self, depth: float) -> Lift:
+        """The same with commands so deep in their surfaces [m]."""
+        other = copy(self)
+        other.depth = depth
+        return other
 
     def posture(self, shift: Array) -> LiftPosture:
         """Limbs of the body shifted by (2,).
@@ -116,6 +132,15 @@ class Lift:
         jacobian = point_jacobian(robot, rpy[0, :1], np.nan_to_num(first), normal[0, :1])
         jacobian[by_point(robot, out, 1)] = 0.0
         standing = by_point(robot, self.lifts.contact[k], 0)
+        inward = np.zeros((len(self.stands), self.n, 3))
+        if self.depth > 0:
+            pose = rpy[0, :1], np.nan_to_num(first), normal[0, :1]
+            arms = self.touching - self.lifts.com[k] - off[0]
+            sag = self.scene.spec.force.sag == "compensated"
+            bending = joint_bending(robot, jacobian, arms[None], standing[None], sag)
+            of_toes = contact_jacobian(robot, *pose)
+            depths = self.unit * commanded_depth(of_toes, normal[0, :1], bending)[0]
+            inward = depths[self.stands][:, standing]
         moment, slope = np.zeros((count[0], 3)), np.zeros((count[0], 2, 3))
         links = np.zeros((len(self.stands), robot.joint_count))
         if robot.links is not None:
@@ -126,7 +151,9 @@ class Lift:
             moment = by_shift[:, 0]
             slope = (by_shift[:, 1:] - by_shift[:, :1]) / NEARBY
         reached = not bool(out[0][self.stands].any())
-        return LiftPosture(np.asarray(shift), jacobian[0][standing], reached, moment, slope, links)
+        return LiftPosture(
+            np.asarray(shift), jacobian[0][standing], reached, moment, slope, links, inward
+        )
 
     def _bent(self, angles: Array) -> Array:
         """Angles (P, 3, N, J), of limbs out of reach those in which the robot stands."""
@@ -159,7 +186,7 @@ class Lift:
         out[:, :, :_FORCES] = rows[:, :_FORCES]
         for phase in range(count):
             out[phase, :, _FORCES + phase * each : _FORCES + (phase + 1) * each] = rows[:, _FORCES:]
-        return out.reshape(count * len(rows), -1)
+        return out.reshape(count * len(rows), out.shape[-1])
 
     def solved(
         self,
@@ -184,6 +211,10 @@ class Lift:
             own = slice(_FORCES + 3 * i, _FORCES + 3 * i + 3)
             turns[limb, 0][:, own], turns[limb, 1][:, own] = taken[i].T, -taken[i].T
         turns[..., 2] = -1.0
+        # Depths by what is asked for, as rows of the size of others
+        deep = np.zeros((limbs if self.depth > 0 else 0, size))
+        if len(deep):
+            deep[:, _FORCES:] = -posture.inward.reshape(limbs, -1) / self.depth
         equal = self._phased(self.equal)
         equal.reshape(phases, 6, -1)[:, 3:, :2] += np.swapaxes(posture.slope, 1, 2)
         load = np.tile(self.load, (phases, 1))
@@ -197,7 +228,8 @@ class Lift:
         balls[:, 1, 0] = balls[:, 2, 1] = -1.0
         A = sparse.csc_matrix(
             np.vstack(
-                [equal, none, self._phased(self.press), self._phased(turns.reshape(-1, size)), over,
+                [equal, none, self._phased(self.press), self._phased(turns.reshape(-1, size)),
+                 self._phased(deep), over,
                  self._phased(self.cones.reshape(3 * n, size)), balls.reshape(6, whole)]
             )
         )  # fmt: skip
@@ -208,7 +240,7 @@ class Lift:
         torques = np.tile(room.ravel(), phases)
         kinds = [
             clarabel.ZeroConeT(6 * phases + 1),
-            clarabel.NonnegativeConeT(n * phases + len(torques) + 1),
+            clarabel.NonnegativeConeT(n * phases + len(torques) + len(deep) * phases + 1),
             *[clarabel.SecondOrderConeT(3)] * (n * phases + 2),
         ]
         weight = self.scene.robot.weight / self.unit / self.points
@@ -218,6 +250,7 @@ class Lift:
         ends[..., 0] = -self.steep * share * spec.margins.friction * weight
         b = np.concatenate(
             [-load.ravel(), [0.0], np.full(n * phases, -least), torques,
+             np.full(len(deep) * phases, -1.0),
              [0.0], ends.ravel(), [most, 0.0, 0.0], [trust + NONE, *-about]]
         )  # fmt: skip
         settings = clarabel.DefaultSettings()

@@ -32,8 +32,8 @@ _LEFT = 0.25  # part of the area that is left at least
 def footing(terrain: Terrain, edge: float, foot: Foot | None = None) -> tuple[Region, ...]:
     """The regions of a terrain, each without a strip of `edge` [m]; () where nothing changes.
 
-    Holds of grippers stay whole. Spherical feet also stay off what rises beside an edge, by their
-    radius, and flat ones are on their region as a whole.
+    Holds of grippers stay whole. Spherical feet also stay off what rises beside an edge, by
+    their radius and `edge`, and flat ones are on their region as a whole.
     """
     if (edge <= 0 and foot is None) or terrain.curved:
         return ()
@@ -74,7 +74,8 @@ def _kept(
     if edge > 0:
         strip = np.where(_goes_on(terrain, index, edge), 0.0, edge)
     if foot is not None and foot.radius > 0:
-        strip = np.maximum(strip, _beside(terrain, region, foot.radius))
+        beside = _beside(terrain, region, foot.radius)
+        strip = np.maximum(strip, np.where(beside > 0, beside + edge, 0.0))
     if toes is not None:
         room = (region.b - toes @ region.A.T).min(axis=0, initial=np.inf)
         strip = np.minimum(strip, np.maximum(room, 0.0))

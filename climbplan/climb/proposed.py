@@ -9,12 +9,14 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
+
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NoPlanFound, SpecError, UsageError
-from climbplan.robots.urdf.proposal.bending import bending_proposals
+from climbplan.robots.urdf.proposal.bending import bending_proposals, standing_in
 from climbplan.robots.urdf.proposal.document import paths, robot_document
 from climbplan.robots.urdf.proposal.postures import Posture
 from climbplan.robots.urdf.proposal.settled import Proposal
@@ -47,6 +49,7 @@ _WALL_METHOD = (
 )
 
 Told = Callable[[str], None]
+Document = Callable[[Proposal, str, Posture], str]  # of a robot, its file, and how it braces
 
 
 @dataclass(frozen=True)
@@ -62,14 +65,22 @@ class Outcome:
 
     @property
     def share(self) -> float:
-        """Of its margins that the plan keeps at its worst instant; below zero without a plan."""
+        """Of its margins that the plan keeps at its worst instant; -infinity without a plan.
+
+        Below zero where a toe keeps hold though its command lies outside its surface, say.
+        """
         if self.plan is None:
-            return -1.0
+            return -np.inf
         kept = self.plan.forces.margin_share
         return 1.0 if kept is None else float(kept.min())
 
     def __str__(self) -> str:
-        return f"{self.what}: {'verified' if self.plan is not None else self.why}"
+        if self.plan is None:
+            return f"{self.what}: {self.why}"
+        if self.share >= 0:
+            return f"{self.what}: verified"
+        worst = "; ".join(self.plan.forces.notes)
+        return f"{self.what}: verified, but may fall: {self.share:.0%} of its margins ({worst})"
 
 
 @dataclass(frozen=True)
@@ -93,6 +104,7 @@ class Trials:
         self.name = file_name(found.name)
         self.robot_file = f"{self.name}.yaml"
         self.bracing_file = f"{self.name}_bracing.yaml"
+        self.wall_bracing_file = f"{self.name}_wall_bracing.yaml"
         self._stand(found)
         self._others: list[Proposal] | None = None
         self.ground = first = self._walk()
@@ -159,31 +171,44 @@ class Trials:
     def chimney(self, report: Told) -> Outcome:
         """Up between walls: in the first posture whose plan keeps nearly all of its margins.
 
-        Else in the one that keeps most; where none leads to a plan, in postures that bend its
-        limbs otherwise than it stands; and where none of these does, the best by the proposal,
-        with its refusal.
+        Else in the one that keeps most; where none leads to a plan, or toes keep hold with negative
+        margins only, in postures that bend its limbs otherwise than it stands; and where none of
+        these does, the best by the proposal, with its refusal.
         """
         what, most = "climbs between walls", (_TRIED, _TRIED)
         first = self._braced(what, chimney_document, report, _ENOUGH, most)
-        return first if first.plan is not None else self._bent(what, first, report)
+        return self._bent(what, first, report, _ENOUGH, self.bracing_file, chimney_document)
 
-    def _bent(self, what: str, first: Outcome, report: Told) -> Outcome:
-        """The climb in postures of a robot file of their own; first: as the robot stands."""
+    def _bent(
+        self,
+        what: str,
+        first: Outcome,
+        report: Told,
+        enough: float,
+        file: str,
+        document: Document,
+    ) -> Outcome:
+        """In postures of a robot file of their own; first: bent as the robot stands.
+
+        That stays where it is planned, unless toes keep hold with negative margins only.
+        """
+        if first.share >= 0:
+            return first
         report(f"planning: {what}, limbs bent otherwise than it stands")
         best: Outcome | None = None
         for found in bending_proposals(self.found, _BENT):
             robot = robot_document(found, str(found.draft.urdf), "")
-            (self.folder / self.bracing_file).write_text(robot, encoding="utf-8")
+            (self.folder / file).write_text(robot, encoding="utf-8")
             (brace,) = found.braces
-            text = chimney_document(found, self.bracing_file, brace)
+            text = document(found, file, brace)
             one = replace(self._outcome(what, text, brace), bent=found)
             if best is None or one.share > best.share:
                 best = one
-            if best.share >= _ENOUGH:
+            if best.share >= enough:
                 break
-        if best is None:
+        if best is None and first.plan is None:
             return replace(first, why=f"{first.why}; nor was any with its limbs bent otherwise")
-        if best.plan is None and first.text:
+        if best is None or (best.share <= first.share and first.text):
             return first
         return best
 
@@ -191,12 +216,17 @@ class Trials:
         """From the ground to walls, chosen likewise."""
         what = "goes from the ground to walls"
         most = _WALL_PLANS, _WALL_TRIED
-        return self._braced(what, wall_document, report, _WALL_ENOUGH, most)
+        first = self._braced(what, wall_document, report, _WALL_ENOUGH, most)
+
+        def document(found: Proposal, file: str, brace: Posture) -> str:
+            return wall_document(standing_in(found, self.found), file, brace)
+
+        return self._bent(what, first, report, _WALL_ENOUGH, self.wall_bracing_file, document)
 
     def _braced(
         self,
         what: str,
-        document: Callable[[Proposal, str, Posture], str],
+        document: Document,
         report: Told,
         enough: float,
         most: tuple[int, int],
@@ -256,8 +286,10 @@ def planned_proposal(found: Proposal, directory: Path, report: Told) -> Proposed
     bent = {f"{trials.name}_{end}.yaml": o.bent for end, o in outcomes.items() if o.bent}
     own = ", ".join(name for name in specs if name not in bent)
     files = {trials.robot_file: robot_document(trials.found, paths(found, directory), own)} | specs
-    for name, other in bent.items():
-        files[trials.bracing_file] = robot_document(other, paths(found, directory), name)
+    own_files = {"chimney": trials.bracing_file, "wall": trials.wall_bracing_file}
+    for end, file in own_files.items():
+        if (other := bent.get(spec := f"{trials.name}_{end}.yaml")) is not None:
+            files[file] = robot_document(other, paths(found, directory), spec)
     brace = outcomes["chimney"].brace if "chimney" in outcomes else None
     return Proposed(
         trials.name, trials.found, files, tuple(outcomes.values()), brace, walks=not soled

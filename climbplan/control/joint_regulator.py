@@ -9,15 +9,17 @@ ticks. `climbplan export PLAN --format regulator` writes it beside the tables th
 
 `climbplan simulate` runs the same code. N limbs of J joints, T samples; world frame unless said.
 
-Where the body is: toes that carry load are believed to stand where they stood. Angles tell how far
+Where the body is: toes that carry load are believed to stand where they stood, spherical feet to
+roll on as the plan turns them. Angles tell how far
 motors give way, and so how far the body has sunk between its toes; what the structure gives beside
 goes with it and is taken as known. What joints play and how far toes slide is not seen.
 
 What is told: each standing limb has an offset of its toe, which integrates two errors. Of the pose:
 toes are commanded as if the body had moved to where it should be, but for spans in which a toe
-takes load or is let go of. Of the forces: how far joints lag behind what they are told, beside how
-far they should, as a deflection d of the toes; only what toes press against each other counts,
-d - B A^-1 B^T K d. In the air an offset goes back to zero.
+takes load or is let go of, and no faster than a heavy body on soft joints bears without swinging.
+Of the forces: how far joints lag behind what they are told, beside how far they should, as a
+deflection d of the toes; only what toes press against each other counts, d - B A^-1 B^T K d. In the
+air an offset goes back to zero.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-RATE = 1.0  # [1/s] at which a departure is worked off
+RATE = 1.0  # [1/s] at which a departure is worked off, where the body's springs allow it
 FORCE_RATE = 3.0  # [1/s] at which forces between toes are
 BACK = 3.0  # [1/s] at which the offset of a limb in the air goes back to zero
 MOST_OFFSET = 0.06  # [m] of a toe, within which offsets are linear
@@ -58,7 +60,9 @@ class RegulatorTables:
     bent: Array  # (T, N, J) how far joints should be from what they are told [rad]
     most: Array  # (N, J) that motors can bend them [rad]
     give: Array  # (N, J) that joints and structure give for each radian that encoders see
+    rate: Array  # (T,) at which a departure of the body is worked off [1/s]
     toes: Array  # (N, 3) where toes stand at the start [m]
+    rolled: Array  # (T, N, 3) how far toes that stand have rolled on since the start [m]
     axis_zero: Array  # (N, J, 3) axes at zero angles of joints that turn, body frame
     joint_zero: Array  # (N, J, 3) points on them [m]
     toe_zero: Array  # (N, 3) toes at zero angles [m]
@@ -144,6 +148,8 @@ class Pose:
         """toes: (N, 3) where they stand at the start, as far as is known; as planned."""
         n = len(tables.toes)
         self._trusted = tables.trusted
+        self._rolls = tables.rolled if tables.rolled.any() else None
+        self._rolled = tables.rolled[0].copy()
         self._stood = tables.trusted[0].copy()
         self._places = (tables.toes if toes is None else toes).copy()
         self.com, self.rotation = tables.com[0].copy(), tables.rotation[0].copy()
@@ -155,6 +161,11 @@ class Pose:
     def update(self, sample: int, toes: Array) -> None:
         """Set `com` and `rotation` by toes (N, 3) in the body frame at a sample of the plan."""
         known, trusted = self._known, self._trusted[sample]
+        if self._rolls is not None:
+            rolled = self._rolls[sample]
+            np.subtract(rolled, self._rolled, out=self._own)
+            np.add(self._places, self._own, out=self._places)
+            np.copyto(self._rolled, rolled)
         np.multiply(trusted, self._stood, out=known)
         count = float(np.add.reduce(known))
         if count >= _FEWEST:
@@ -296,7 +307,7 @@ class Corrections:
             _between(tables.com[at], tables.com[after], share, self._com)
             np.subtract(self._com, com, out=self._step)
             np.add(wide, self._step, out=wide)
-        np.multiply(wide, RATE, out=wide)
+        np.multiply(wide, tables.rate[at], out=wide)
         np.subtract(self._moved, wide, out=self._moved)
 
 

@@ -79,7 +79,7 @@ def braced_body(
 
 def loaded_stiffness(body: BracedBody, force: Array) -> LoadedStiffness:
     """What forces (B, N, 3) [N] that balance the load leave of the stiffness."""
-    value, vector = np.linalg.eigh(_relative(body, force))
+    value, vector = np.linalg.eigh(relative_stiffness(body, force))
     direction = (body.whitening @ vector[:, :, :1])[..., 0]
     return LoadedStiffness(1.0 + value[:, 0], direction)
 
@@ -114,11 +114,11 @@ def stiffness_lost_matrices(body: BracedBody, rows: NDArray[np.int64]) -> Array:
         for axis in range(3):
             unit = np.zeros_like(part.arms)
             unit[:, limb, axis] = 1.0
-            out[:, limb, axis] = -_relative(part, unit)
+            out[:, limb, axis] = -relative_stiffness(part, unit)
     return out
 
 
-def _relative(body: BracedBody, force: Array) -> Array:
+def relative_stiffness(body: BracedBody, force: Array) -> Array:
     """(B, 6, 6) change of the stiffness by forces, relative to the elastic one."""
     bent = np.einsum("bnijk,bni->bnjk", body.hessian, force)
     turn = body.turn.reshape(len(force), -1, 6)

@@ -27,6 +27,8 @@ _SETTLED = 1e-10  # [rad] by which the free motion still turns joints
 _NEAR = 0.02  # [m] from the toe's place, within which the free motion's curvature counts
 _FIRM = 0.2  # least curvature counted
 _SLIGHT = 1e-9  # of the Jacobian's square
+_NEARER = 0.99  # of the least distance so far, which counts as progress
+_STALLED = 12  # steps without any, after which a toe is given up that the limb is too short for
 _CHUNK = 20_000  # toes at a time: what fits into a cache and a laptop
 
 
@@ -82,6 +84,10 @@ def _turning_inverse(
     angles = home.copy()
     moves = geometry.moves  # (F, J) joints that a limb really has
     active = np.flatnonzero(np.isfinite(toes).all(axis=1))
+    best, least = home.copy(), np.full(len(toes), np.inf)  # where toes are nearest to their places
+    mark, stalled = least.copy(), np.zeros(len(toes), np.int64)
+    # Others may get there after any number of steps to and fro
+    patience = np.where(_too_far(geometry, toes, lower, upper), _STALLED, _ITERATIONS)
     for _ in range(_ITERATIONS):
         if not len(active):
             break
@@ -89,6 +95,11 @@ def _turning_inverse(
         pose = geometry.rows(active).pose(q)
         jacobian, error = pose.jacobian, toes[active] - pose.toe
         distance = np.linalg.norm(error, axis=1)
+        nearest = distance < least[active]
+        best[active[nearest]], least[active[nearest]] = q[nearest], distance[nearest]
+        nearer = distance < _NEARER * mark[active]
+        mark[active[nearer]] = distance[nearer]
+        stalled[active] = np.where(nearer | (distance < REACHED), 0, stalled[active] + 1)
         error *= np.minimum(1.0, _STRIDE / np.maximum(distance, 1e-300))[:, None]
         away = q - home[active]
         metric = _metric(pose, away, distance < _NEAR)
@@ -96,10 +107,24 @@ def _turning_inverse(
         step = _step(jacobian, error, -away, metric, moves[active], *room)
         angles[active] = np.clip(q + step, lower[active], upper[active])
         settled = (distance < REACHED / 10) & (np.abs(step).max(axis=1) < _SETTLED)
-        active = active[~settled]
-    toe = geometry.pose(angles).toe
-    missing = np.linalg.norm(toes - toe, axis=1)
+        active = active[~settled & (stalled[active] < patience[active])]
+    missing = np.linalg.norm(toes - geometry.pose(angles).toe, axis=1)
+    # Steps of damped Gauss-Newton go to and fro where a toe is out of reach
+    lost = (missing > REACHED) & (least < missing) & (least > REACHED)
+    angles[lost], missing[lost] = best[lost], least[lost]
     return ChainAngles(angles, missing <= REACHED, np.where(np.isnan(missing), np.inf, missing))
+
+
+def _too_far(geometry: ChainZero, toes: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
+    """(F,) toes farther from the first joint than all links and slides in one line."""
+    ends = np.concatenate([geometry.joints, geometry.toe[:, None]], axis=1)
+    long = np.linalg.norm(np.diff(ends, axis=1), axis=-1).sum(axis=-1)
+    if geometry.slides is not None:
+        most = np.maximum(np.abs(lower), np.abs(upper))
+        if geometry.drive is not None:
+            most = (np.abs(geometry.drive) @ most[..., None])[..., 0]
+        long = long + (np.linalg.norm(geometry.slides, axis=-1) * most).sum(axis=-1)
+    return np.asarray(np.linalg.norm(toes - geometry.joints[:, 0], axis=1) > long + REACHED)
 
 
 def _metric(pose: ChainPose, away: Array, near: NDArray[np.bool_]) -> Array:

@@ -23,6 +23,8 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.stated_limbs import Shapes, Tie
+from climbplan.robots.stated_pose import StatedPose, turned_about
+from climbplan.robots.stated_room import bent_by, least_bent
 
 
 @dataclass(frozen=True)
@@ -34,11 +36,18 @@ class ChainsAtToes:
     toes: Any  # (3, N) body frame [m]
     angles: Any  # (J, N) [rad]
     pull: Any  # (3, N) [rad / m], or None of chains without freedom to choose
+    side: Any  # (1, N) of det J, 1 or -1, or None of chains with freedom to choose
 
     def ties(self, room: float) -> list[Tie]:
-        """Forward kinematics, and nothing left to choose; joint bounds are those of variables."""
-        toe = self.stated.points(self.numbers, self.angles)[-1]
-        ties = [Tie("kinematics.toes", toe - self.toes, "m", 0.0, 0.0)]
+        """Forward kinematics, bent enough, and nothing left to choose.
+
+        Joint bounds are those of variables.
+        """
+        pose = self.stated.pose(self.numbers, self.angles)
+        ties = [Tie("kinematics.toes", pose.toe - self.toes, "m", 0.0, 0.0)]
+        if room > 0:
+            bent = bent_by(self.stated.columns(self.numbers, pose), self.side)
+            ties.append(Tie("transition.reach", bent, "", least_bent(room)))
         if self.pull is not None:
             eased = self.stated.eased(self.numbers, self.torques(self.pull))
             off = self.angles - self.numbers["posture"] - eased
@@ -48,30 +57,38 @@ class ChainsAtToes:
     def torques(self, force: Any, moment: Any = None) -> Any:
         """Joint torques (J, N) of forces (3, N) on the toes and moments about them, body frame."""
         pose = self.stated.pose(self.numbers, self.angles)
-        arms = [
-            ca.cross(axis, pose.toe - at) for at, axis in zip(pose.joints, pose.axes, strict=True)
-        ]
-        if pose.slides:
-            arms = [arm + slide for arm, slide in zip(arms, pose.slides, strict=True)]
-        torques = [ca.sum1(arm * force) for arm in arms]
+        torques = [ca.sum1(arm * force) for arm in pose.arms]
         if moment is not None:
             turning = zip(torques, pose.axes, strict=True)
             torques = [torque + ca.sum1(axis * moment) for torque, axis in turning]
         return self.stated.by_angles(self.numbers, ca.vertcat(*torques))
 
+    def centre(self) -> Any:
+        """(3, 1) centre of mass of the robot, body frame [m]; None where limbs weigh nothing."""
+        if not self.stated.weighs:
+            return None
+        carried = self.stated.carried(self.numbers, self.angles)
+        return ca.sum2(carried[0][1]) + self.numbers["body_middle"]
+
+    def weight_torques(self, down: Any) -> Any:
+        """Joint torques (J, N) of links that pull along `down` (3, 1), over the robot's weight.
+
+        Body frame [m]; None where limbs weigh nothing.
+        """
+        if not self.stated.weighs:
+            return None
+        pose = self.stated.pose(self.numbers, self.angles)
+        pull = ca.repmat(down, 1, self.stated.limbs)
+        own = []
+        for j, (mass, moment) in enumerate(self.stated.carried(self.numbers, self.angles)):
+            three = ca.repmat(mass, 3, 1)
+            arm = ca.cross(pose.axes[j], moment - three * pose.joints[j])
+            own.append(ca.sum1((arm + three * pose.slides[j] if pose.slides else arm) * pull))
+        return self.stated.by_angles(self.numbers, ca.vertcat(*own))
+
     def free_toes(self, bent: Any) -> Any:
         """Where toes (3, N) would be in free space, body frame, with joints `bent` (J, N) back."""
         return self.stated.points(self.numbers, self.angles - bent)[-1]
-
-
-@dataclass(frozen=True)
-class StatedPose:
-    """Chains at given angles, body frame; lists have J entries of (3, N)."""
-
-    joints: list[Any]
-    axes: list[Any]
-    slides: list[Any]  # empty where no joint slides
-    toe: Any  # (3, N)
 
 
 @dataclass(frozen=True)
@@ -86,6 +103,7 @@ class StatedChains:
     slides: bool = False  # whether a joint does
     follows: bool = False  # whether a joint moves by the angle of another one
     footed: bool = False  # whether feet are spheres about the toes
+    weighs: bool = False  # whether links do
 
     @property
     def numbers(self) -> Shapes:
@@ -99,13 +117,20 @@ class StatedChains:
             **({"slide_zero": (3, n * self.joints)} if self.slides else {}),
             **({"drive": (self.joints**2, n)} if self.follows else {}),
             **({"foot": (1, 1)} if self.footed else {}),
+            **(self._weights if self.weighs else {}),
             **({} if self.mounted is None else {"capsule_zero": (3, 2 * n * len(self.mounted[0]))}),
         }
 
     @property
+    def _weights(self) -> Shapes:
+        """Shares of the mass in links, their centres at zero angles, and what the body adds."""
+        n = self.limbs * self.joints
+        return {"link_share": (1, n), "link_zero": (3, n), "body_middle": (3, 1)}
+
+    @property
     def given(self) -> Shapes:
-        """Nothing."""
-        return {}
+        """On which side of full stretch, and of other singular angles, limbs bend (`bent_by`)."""
+        return {} if self.redundant else {"side": (1, self.limbs)}
 
     @property
     def found(self) -> Shapes:
@@ -119,12 +144,19 @@ class StatedChains:
         by_joint = {"joint_zero": chain.joint_zero, "axis_zero": chain.axis_zero}
         if chain.slide_zero is not None:
             by_joint["slide_zero"] = chain.slide_zero
-        drive = chain.drive
+        drive, links = chain.drive, robot.links
+        by_link = {}
+        if links is not None:
+            by_joint["link_zero"] = chain.joint_zero + links.middle
+            whole = links.mass.sum() + links.body_mass
+            by_link["link_share"] = links.mass.T.reshape(1, -1) / whole
+            by_link["body_middle"] = links.body_middle[:, None] * links.body_mass / whole
         if robot.capsules is not None:
             n, count = robot.capsules.joint.shape
             by_joint["capsule_zero"] = robot.capsules.ends.reshape(n, 2 * count, 3)
         return {
             **{name: v.transpose(2, 1, 0).reshape(3, -1) for name, v in by_joint.items()},
+            **by_link,
             "toe_zero": chain.toe_zero.T,
             "posture": chain.posture.T,
             **({} if drive is None else {"drive": drive.reshape(len(drive), -1).T}),
@@ -136,7 +168,8 @@ class StatedChains:
         chain = _chain(robot)
         angles = inverse(robot, toes).angles[..., 0, :, :]
         if not self.redundant:
-            return {"angles": angles}
+            side = np.where(np.linalg.det(chain.jacobian(angles)) < 0, -1.0, 1.0)
+            return {"angles": angles, "side": side[..., None]}
         away = (angles - chain.posture)[..., None] / chain.zero.unit[..., None] ** 2
         pull = np.linalg.pinv(np.swapaxes(chain.jacobian(angles), -1, -2)) @ away
         return {"angles": angles, "pull": pull[..., 0]}
@@ -157,15 +190,21 @@ class StatedChains:
         drive, count = numbers["drive"], self.joints
         return ca.vertcat(*(ca.sum1(drive[k::count, :] * own) for k in range(count)))
 
-    def eased(self, numbers: Mapping[str, Any], torques: Any) -> Any:
-        """U^2 torques (J, N): how far springs of one and the same energy give."""
+    def eased(self, numbers: Mapping[str, Any], torques: Any, power: int = 2) -> Any:
+        """U^2 torques (J, N): how far springs of one and the same energy give; or U to a power."""
         if not self.slides:
             return torques
         n = self.limbs
         lengths = [
             ca.sum1(numbers["slide_zero"][:, j * n : (j + 1) * n] ** 2) for j in range(self.joints)
         ]
-        return torques * (1 - (1 - RADIAN**2) * ca.vertcat(*lengths))
+        return torques * (1 - (1 - RADIAN**power) * ca.vertcat(*lengths))
+
+    def columns(self, numbers: Mapping[str, Any], pose: StatedPose) -> list[Any]:
+        """Toe velocity by each angle's speed in its unit (1 rad, or `RADIAN`), J of (3, N)."""
+        by_axis = [ca.vertcat(*(arm[k, :] for arm in pose.arms)) for k in range(3)]  # (J, N) each
+        own = [self.eased(numbers, self.by_angles(numbers, rows), 1) for rows in by_axis]
+        return [ca.vertcat(*(rows[j, :] for rows in own)) for j in range(self.joints)]
 
     def pose(self, numbers: Mapping[str, Any], angles: Any) -> StatedPose:
         """The chains for angles (J, N)."""
@@ -184,13 +223,41 @@ class StatedChains:
             # All beyond the joint turns about it, or slides along it
             along = slide[j] * ca.repmat(moved[j, :], 3, 1) if slide else 0
             toe, *joints = [
-                at[j] + _turned(axis[j], moved[j, :], p - at[j]) + along for p in (toe, *joints)
+                at[j] + turned_about(axis[j], moved[j, :], p - at[j]) + along
+                for p in (toe, *joints)
             ]
             joints = [at[j], *joints]
-            axes = [axis[j]] + [_turned(axis[j], moved[j, :], a) for a in axes]
+            axes = [axis[j]] + [turned_about(axis[j], moved[j, :], a) for a in axes]
             if slide:
-                slides = [slide[j]] + [_turned(axis[j], moved[j, :], a) for a in slides]
+                slides = [slide[j]] + [turned_about(axis[j], moved[j, :], a) for a in slides]
         return StatedPose(joints, axes, slides, toe)
+
+    def carried(self, numbers: Mapping[str, Any], angles: Any) -> list[tuple[Any, Any]]:
+        """By joint the share (1, N) of the mass beyond it, and that times its centre (3, N).
+
+        Body frame, for angles (J, N).
+        """
+        n, moved = self.limbs, self.motions(numbers, angles)
+        out: list[tuple[Any, Any]] = []
+        for j in reversed(range(self.joints)):
+            at, axis, zero, share = (
+                numbers[name][:, j * n : (j + 1) * n]
+                for name in ("joint_zero", "axis_zero", "link_zero", "link_share")
+            )
+            own = ca.repmat(share, 3, 1) * zero
+            beyond = out[0] if out else (0, 0)
+            out = [(share + beyond[0], own + beyond[1]), *out]
+            for k, (mass, moment) in enumerate(out):
+                three = ca.repmat(mass, 3, 1)
+                turned = three * at + turned_about(axis, moved[j, :], moment - three * at)
+                if self.slides:
+                    turned += (
+                        three
+                        * numbers["slide_zero"][:, j * n : (j + 1) * n]
+                        * ca.repmat(moved[j, :], 3, 1)
+                    )
+                out[k] = mass, turned
+        return out
 
     def points(self, numbers: Mapping[str, Any], angles: Any) -> list[Any]:
         """Joints and toe (3, N), body frame, for angles (J, N)."""
@@ -210,7 +277,7 @@ class StatedChains:
                 for j in reversed(range(self.mounted[i][number // 2] + 1)):
                     at = numbers["joint_zero"][:, j * n + i]
                     axis = numbers["axis_zero"][:, j * n + i]
-                    point = at + _turned(axis, moved[j, i], point - at)
+                    point = at + turned_about(axis, moved[j, i], point - at)
                     if self.slides:
                         point += numbers["slide_zero"][:, j * n + i] * moved[j, i]
                 columns.append(point)
@@ -221,14 +288,7 @@ class StatedChains:
         self, numbers: Mapping[str, Any], toes: Any, own: Mapping[str, Any]
     ) -> ChainsAtToes:
         """Chains with toes (3, N) in the body frame."""
-        return ChainsAtToes(self, numbers, toes, own["angles"], own.get("pull"))
-
-
-def _turned(axis: Any, angle: Any, vector: Any) -> Any:
-    """Vectors (3, N) turned about unit axes (3, N) by angles (1, N); the same where axes are 0."""
-    once = ca.cross(axis, vector)
-    sin, rest = (ca.repmat(x, 3, 1) for x in (ca.sin(angle), 1 - ca.cos(angle)))
-    return vector + sin * once + rest * ca.cross(axis, once)
+        return ChainsAtToes(self, numbers, toes, own["angles"], own.get("pull"), own.get("side"))
 
 
 def _chain(robot: Robot) -> SerialChain:

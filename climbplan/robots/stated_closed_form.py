@@ -40,6 +40,12 @@ class ClosedFormAtToes:
             Tie("transition.joints", self.angles, "rad"),
         ]
 
+    def centre(self) -> None:
+        """Limbs weigh nothing."""
+
+    def weight_torques(self, down: Any) -> None:
+        """Limbs weigh nothing."""
+
     def free_toes(self, bent: Any) -> Any:
         """Where toes (3, N) would be in free space, body frame, with joints `bent` (3, N) back."""
         links = self.links

@@ -43,6 +43,15 @@ class StandingLimbs(Protocol):
     def torques(self, force: Any, moment: Any = None) -> Any:
         """Joint torques (J, N) of forces (3, N) on the toes and moments about them, body frame."""
 
+    def centre(self) -> Any:
+        """(3, 1) centre of mass of the robot, body frame [m]; None where limbs weigh nothing."""
+
+    def weight_torques(self, down: Any) -> Any:
+        """Joint torques (J, N) of links that pull along `down` (3, 1), over the robot's weight [m].
+
+        Body frame; None where limbs weigh nothing.
+        """
+
     def free_toes(self, bent: Any) -> Any:
         """Where toes (3, N) would be in free space, body frame, with joints `bent` (J, N) back."""
 

@@ -18,8 +18,9 @@ def stated_limbs(robot: Robot) -> StatedLimbs:
         parts = None if robot.capsules is None else robot.capsules.joint.tolist()
         own = None if parts is None else tuple(map(tuple, parts))
         chain, count = robot.mechanism, robot.joint_count
-        kinds = chain.slide_zero is not None, chain.drive is not None
-        return StatedChains(robot.limb_count, count, count > 3, own, *kinds, robot.foot is not None)
+        moving = chain.slide_zero is not None, chain.drive is not None
+        kinds = *moving, robot.foot is not None, robot.links is not None
+        return StatedChains(robot.limb_count, count, count > 3, own, *kinds)
     raise UsageError(
         f"{robot.name} has legs that are closed linkages, which smooth programs do not state; "
         "expected limbs of coxa, femur and tibia, or the legs of a URDF"

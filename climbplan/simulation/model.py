@@ -92,6 +92,12 @@ def believed_stiffness(robot: Robot, conditions: Conditions) -> Array:
     return motor_stiffness(robot, replace(conditions, gain=1.0, world=None))
 
 
+def motor_damping(robot: Robot, conditions: Conditions) -> Array:
+    """(N, J) of the joints' servos [N m s/rad]; of joints that slide [N s/m] times `RADIAN`."""
+    stiffness = motor_stiffness(robot, conditions)
+    return np.asarray(2 * DAMPING_RATIO * np.sqrt(stiffness * ARMATURE) / robot.joint_unit)
+
+
 def plays(robot: Robot, conditions: Conditions) -> Array:
     """(N, J) play of the joints [rad], of those that slide as many times `RADIAN` [m]."""
     own = np.full((robot.limb_count, robot.joint_count), conditions.backlash)
@@ -328,10 +334,10 @@ def _linkage(robot: Robot, limb: int, mass: float, conditions: Conditions) -> li
 
 def _motors(robot: Robot, limb: int, conditions: Conditions) -> list[str]:
     stiffness = motor_stiffness(robot, conditions)[limb]
+    damping = motor_damping(robot, conditions)[limb]
     out, driven = [], followers(robot)[limb]
     for joint, name in enumerate(motor_names(robot, limb)):
-        kp = 0.0 if driven[joint] else stiffness[joint]
-        kv = 2 * DAMPING_RATIO * np.sqrt(kp * ARMATURE) / robot.joint_unit[limb, joint]
+        kp, kv = (0.0, 0.0) if driven[joint] else (stiffness[joint], damping[joint])
         most = robot.max_torque[limb, joint]
         out.append(
             f'<position name="{name}" joint="{name}" kp="{kp:.9g}" kv="{kv:.9g}"'

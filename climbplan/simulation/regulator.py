@@ -9,16 +9,20 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
+from climbplan.climb.plan.spans import spans_of
 from climbplan.control.joint_regulator import Corrections, Pose, RegulatorTables, chains_of
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.chain_pose import ChainZero
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.kinematics import jacobian_world, rigid_motion, toe_body, toe_world
+from climbplan.robots.last_link import last_link_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.odometry import standing
+from climbplan.simulation.rolling import rolled
+from climbplan.simulation.steady_rate import steady_rates
 
 SINGULAR = 1e-3  # of a Jacobian's singular values, below which its inverse knows no motion
 STIFFEST = 1e5  # [N/m] that a limb counts for at most
@@ -59,13 +63,36 @@ def regulator_tables(plan: ClimbPlan, gain: Array | None = None) -> RegulatorTab
         bent=np.clip(angles - command, -most, most),
         most=np.broadcast_to(most, (n, joints)).copy(),
         give=np.broadcast_to(softness * gain, (n, joints)).copy(),
+        rate=steady_rates(plan),
         toes=plan.rounds.toes[0].copy(),
+        rolled=_rolled(plan, angles),
         axis_zero=np.zeros((n, joints, 3)) if zero is None else zero.axes,
         joint_zero=np.zeros((n, joints, 3)) if zero is None else zero.joints,
         toe_zero=np.zeros((n, 3)) if zero is None else zero.toe,
         slide_zero=_or(None if zero is None else zero.slides, np.zeros((n, joints, 3))),
         drive=_or(None if zero is None else zero.drive, np.tile(np.eye(joints), (n, 1, 1))),
     )
+
+
+def _rolled(plan: ClimbPlan, angles: Array) -> Array:
+    """(T, N, 3) how far centres of spherical feet roll on that stand [m], at angles (T, N, J).
+
+    Plans hold them where they are: left out there, it adds up over the steps of a walk.
+    """
+    robot, moving = plan.robot, plan.trajectory
+    out = np.zeros((len(angles), robot.limb_count, 3))
+    if robot.foot is None or robot.sole is not None:
+        return out
+    instant = np.maximum(sample_instants(plan), 0)
+    normal = plan.instants.normal[instant]  # (T, N, 3)
+    rotation = rotation_world_body(moving.rpy)[:, None]
+    links = rotation @ np.swapaxes(last_link_body(robot, angles), -1, -2)
+    for limb in range(robot.limb_count):
+        for first, last in spans_of(moving.contact[:, limb]):
+            moved = rolled(robot.foot.radius, links[first:last, limb], normal[last - 1, limb])
+            out[first:last, limb] = out[max(first - 1, 0), limb] + moved
+            out[last:, limb] = out[last - 1, limb]
+    return out
 
 
 def _or(given: Array | None, otherwise: Array) -> Array:

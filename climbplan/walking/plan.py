@@ -22,6 +22,7 @@ class LoopRecord:
         Whole  # (T,) section of the library, or -1 the plan before, -2 a named gait, -3, -4 none
     )
     warnings: tuple[str, ...]  # of ticks, each with its time
+    samples: int  # from one knot to the next
 
 
 STATUSES = ("feasible", "limit")

@@ -63,6 +63,7 @@ LOOP = {
 }
 BEGUN = Layout(("T", STATE), "m, m/s, rad, rad/s", "world, as com, velocity, euler_zyx, ...")
 _TEXTS = Layout(("*",), kind="text")
+_SAMPLES_BEFORE = 16  # in an interval of files that do not say
 _NOTES = {
     "axes": "body frame x forward, y left, z up; world frame z up",
     "force_is": "constant from sample n to n + 1; zeros at the last",
@@ -113,6 +114,7 @@ def write_walk_plan(plan: WalkPlan, path: Path) -> None:
             for name, layout in LOOP.items():
                 write_dataset(file, name, vars(plan.loop)[name], layout)
             write_dataset(file, "tick_warnings", plan.loop.warnings, _TEXTS)
+            file.attrs["samples_per_interval"] = plan.loop.samples
 
 
 def read_walk_plan(path: Path) -> WalkPlan:
@@ -210,4 +212,8 @@ def _text(reader: Reader, name: str) -> str:
 
 def _read_loop(reader: Reader) -> LoopRecord:
     parts = {name: reader.array(name, layout) for name, layout in LOOP.items()}
-    return LoopRecord(warnings=reader.texts("tick_warnings", _TEXTS), **parts)
+    stated = reader.has_attribute("", "samples_per_interval")
+    samples = reader.integer("", "samples_per_interval") if stated else _SAMPLES_BEFORE
+    if samples < 1:
+        raise reader.refuse(f"samples_per_interval is {samples}")
+    return LoopRecord(warnings=reader.texts("tick_warnings", _TEXTS), samples=samples, **parts)

@@ -33,7 +33,8 @@ from climbplan.walking.task import (
     Weights,
 )
 
-SUBSTEPS = 16  # Runge-Kutta steps in a knot of a simulated loop: 5 ms at 80 ms
+# Published for SCALER: [1/N^2] on force differences, for a robot of that weight [N]
+_SCALER_FORCES, _SCALER_WEIGHT = 1e-3, 6.3 * 9.81
 
 
 @dataclass(frozen=True)
@@ -177,7 +178,7 @@ def build_task(spec: MpcSpec, robot: WalkingRobot, source: str = "spec") -> Walk
             np.array(weights.angles, float),
             weights.height,
             weights.motion,
-            weights.force_difference,
+            _force_weight(body) if weights.force_difference is None else weights.force_difference,
         ),
         lift=spec.task.lift,
         least_contacts=spec.task.least_contacts,
@@ -185,6 +186,14 @@ def build_task(spec: MpcSpec, robot: WalkingRobot, source: str = "spec") -> Walk
         goal=_goal(spec.task.goal),
         legs=walker.legs,
     )
+
+
+def _force_weight(body: RigidBody) -> float:
+    """Weight of force differences [1/N^2]: forces count in parts of what the robot weighs.
+
+    In newtons a heavy robot would pay for every step by more than its velocity is worth, and stand.
+    """
+    return _SCALER_FORCES * (_SCALER_WEIGHT / (body.mass * body.gravity)) ** 2
 
 
 def _goal(spec: WalkGoalSpec | None) -> Goal:
@@ -223,7 +232,7 @@ def sampled_task(task: WalkTask, samples: int) -> WalkTask:
     return replace(
         task,
         knots=samples,
-        step=task.step / SUBSTEPS,
+        step=task.sample,
         integrator="rk4",
         reference=replace(
             reference,

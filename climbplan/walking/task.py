@@ -24,6 +24,7 @@ Integrator = Literal["euler", "mean", "rk4"]
 STATE = 12  # position, velocity, Z-Y-X Euler angles (roll, pitch, yaw), angular velocity (world)
 POSITION, VELOCITY, ANGLES, SPIN = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 ANGLE_RANGE = np.pi / 2  # [rad] Table 8.4
+_FEWEST_SAMPLES, _SAMPLE = 16, 0.005  # [s]
 RATE_RANGE = 10.0  # [rad/s] Table 8.4, of Euler rates and of the angular velocity
 
 
@@ -123,6 +124,16 @@ class WalkTask:
         if self.first:
             lengths[0] = self.first
         return lengths
+
+    @property
+    def samples(self) -> int:
+        """Samples of a closed loop in an interval: every 5 ms or oftener."""
+        return max(_FEWEST_SAMPLES, round(self.step / _SAMPLE))
+
+    @property
+    def sample(self) -> float:
+        """From one sample of a closed loop to the next [s]."""
+        return self.step / self.samples
 
     @cached_property
     def hips(self) -> Array:

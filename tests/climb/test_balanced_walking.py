@@ -59,6 +59,13 @@ def _scene(spec: Path) -> ClimbScene:
     return build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
 
 
+@pytest.fixture(scope="module", name="loads")
+def _loads(spec: Path) -> ClimbScene:
+    """Shifts for loads alone: no depth of commands is asked for, which takes larger ones."""
+    loaded = load_climb(spec, ["margins.depth=0"])
+    return build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
+
+
 def standing(scene: ClimbScene, lifted: int, com: tuple[float, float, float]) -> Instants:
     """The start's toes with one limb lifted and the body at `com`."""
     count = scene.robot.limb_count
@@ -93,6 +100,13 @@ def test_a_quadruped_walks_and_is_verified(plan: ClimbPlan) -> None:
         assert (np.linalg.solve(corners, [*com[:2], 1.0]) > 0.05).all()
 
 
+def test_the_shift_leaves_room_for_commands_inside_surfaces(plan: ClimbPlan) -> None:
+    """A toe that bears only what pressure asks for is pressed aside to be commanded deep enough."""
+    lift = plan.instants.lifted.any(axis=1)
+    assert plan.forces.margin_share is not None
+    assert plan.forces.margin_share[lift].min() > 0.5  # 0.41 by the shift for loads alone
+
+
 def test_without_leave_to_shift_there_are_no_forces(spec: Path) -> None:
     with pytest.raises(NoPlanFound, match=r"force\.unilateral"):
         plan_climb(load_climb(spec, ["posture.steps.shift_max=0", "solver.method=micp"]))
@@ -108,44 +122,44 @@ def test_auto_finds_the_shift_where_the_spec_leaves_it_open(spec: Path) -> None:
     assert plan.limits.shift_max > 0
 
 
-def test_the_shift_is_the_least_that_loads_every_toe(scene: ClimbScene) -> None:
+def test_the_shift_is_the_least_that_loads_every_toe(loads: ClimbScene) -> None:
     middle = (0.0, 0.0, 0.3)
-    lift = standing(scene, 0, middle)
-    shift = balancing_shifts(scene, lift)[0]
-    toes = scene.start.toes[1:]
+    lift = standing(loads, 0, middle)
+    shift = balancing_shifts(loads, lift)[0]
+    toes = loads.start.toes[1:]
     corners = np.vstack([toes[:, :2].T, np.ones(3)])
 
-    payload, mass = scene.spec.task.payload.mass, scene.robot.mass
+    payload, mass = loads.spec.task.payload.mass, loads.robot.mass
     off = 0.2 * payload / (mass + payload)
 
-    def loads(at: np.ndarray) -> np.ndarray:
+    def pressed(at: np.ndarray) -> np.ndarray:
         """Of the toes, as shares of the robot's weight, with the body at `at`."""
         moved = replace(lift, com=np.array([[at[0], at[1], middle[2]]]))
-        angles = joint_angles(scene.robot, moved, moved.toes)
-        legs = scene.robot.centre_of_mass(angles)[0] * mass / (mass + payload)
+        angles = joint_angles(loads.robot, moved, moved.toes)
+        legs = loads.robot.centre_of_mass(angles)[0] * mass / (mass + payload)
         assert np.abs(legs[:2]).max() < 0.02
         places = [at[0] + off + legs[0], at[1] + legs[1], 1.0]
         return np.linalg.solve(corners, places) * (mass + payload) / mass
 
-    pressure = scene.spec.margins.pressure
-    assert loads(np.array(middle) + shift).min() == pytest.approx(pressure, abs=1e-4)
+    pressure = loads.spec.margins.pressure
+    assert pressed(np.array(middle) + shift).min() == pytest.approx(pressure, abs=1e-4)
     # No shorter one loads every toe as much
     angle = np.linspace(0, 2 * np.pi, 720)
     around = 0.995 * np.linalg.norm(shift) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    assert max(loads(np.array([x, y])).min() for x, y in around) < pressure
+    assert max(pressed(np.array([x, y])).min() for x, y in around) < pressure
     # Where all toes bear enough already, there is none
-    assert not balancing_shifts(scene, standing(scene, 0, tuple(np.array(middle) + 1.1 * shift)))[
+    assert not balancing_shifts(loads, standing(loads, 0, tuple(np.array(middle) + 1.1 * shift)))[
         0
     ].any()
 
 
 def test_a_load_that_no_shift_within_bounds_carries_leaves_the_body_where_it_is(
-    scene: ClimbScene,
+    loads: ClimbScene,
 ) -> None:
-    steps = scene.spec.posture.steps.model_copy(update={"shift_max": 0.001})
-    posture = scene.spec.posture.model_copy(update={"steps": steps})
-    short = replace(scene, spec=scene.spec.model_copy(update={"posture": posture}))
-    assert not balancing_shifts(short, standing(scene, 0, (-0.05, 0.05, 0.3))).any()
+    steps = loads.spec.posture.steps.model_copy(update={"shift_max": 0.001})
+    posture = loads.spec.posture.model_copy(update={"steps": steps})
+    short = replace(loads, spec=loads.spec.model_copy(update={"posture": posture}))
+    assert not balancing_shifts(short, standing(loads, 0, (-0.05, 0.05, 0.3))).any()
 
 
 def test_pushes_take_the_body_to_the_next_lift(plan: ClimbPlan, scene: ClimbScene) -> None:
@@ -212,9 +226,9 @@ def test_a_quadruped_climbs_a_stair(spec: Path) -> None:
     assert stands.count("stair") == 2
 
 
-def test_a_shift_keeps_torque_limits_where_it_leads(scene: ClimbScene) -> None:
+def test_a_shift_keeps_torque_limits_where_it_leads(loads: ClimbScene) -> None:
     """Legs of a shifted body are bent otherwise: programs follow one another (`balance.py`)."""
-    weak = replace(scene, robot=replace(scene.robot, max_torque=0.055 * scene.robot.max_torque))
+    weak = replace(loads, robot=replace(loads.robot, max_torque=0.055 * loads.robot.max_torque))
     lift = standing(weak, 1, (0.0, 0.0, 0.3))
 
     def excess(follow: bool) -> float:
@@ -228,15 +242,15 @@ def test_a_shift_keeps_torque_limits_where_it_leads(scene: ClimbScene) -> None:
     assert excess(follow=True) < 0.005
 
 
-def test_a_body_is_shifted_for_both_ends_of_a_swing(scene: ClimbScene) -> None:
-    lift = standing(scene, 0, (0.0, 0.0, 0.3))
+def test_a_body_is_shifted_for_both_ends_of_a_swing(loads: ClimbScene) -> None:
+    lift = standing(loads, 0, (0.0, 0.0, 0.3))
     above = lift.toes + np.array([0.0, 0.15, 0.05]) * lift.lifted[..., None]
     places = replace(lift, toes=above)
-    one, other = (balancing_shifts(scene, x)[0] for x in (lift, places))
-    both = balancing_shifts(scene, lift, places=places)[0]
+    one, other = (balancing_shifts(loads, x)[0] for x in (lift, places))
+    both = balancing_shifts(loads, lift, places=places)[0]
     assert np.linalg.norm(one - other) > 1e-3
     # What holds at both ends is at least as far as what holds at one
     assert np.linalg.norm(both) > max(np.linalg.norm(one), np.linalg.norm(other)) - 1e-4
-    weightless = replace(scene, robot=replace(scene.robot, links=None))
+    weightless = replace(loads, robot=replace(loads.robot, links=None))
     same = [balancing_shifts(weightless, lift, places=p)[0] for p in (None, places)]
     assert np.array_equal(*same)

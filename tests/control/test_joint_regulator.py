@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,12 @@ import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.control import joint_regulator
-from climbplan.control.joint_regulator import Chains, JointRegulator, Pose, RegulatorTables
+from climbplan.control.joint_regulator import RATE, Chains, JointRegulator, Pose, RegulatorTables
 from climbplan.exports.regulator_files import write_regulator
 from climbplan.robots.kinematics import toe_body
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.regulator import JointOdometry, Regulator, regulator_tables, zero_angles
+from climbplan.simulation.steady_rate import steady_rates
 
 Planned = Callable[..., ClimbPlan]
 
@@ -143,3 +145,30 @@ def test_the_written_file_runs_alone_and_says_the_same(
         for t, angle in zip(stored.time.tolist(), seen(stored), strict=True)
     ]
     np.testing.assert_array_equal(np.load(tmp_path / "told.npy"), told)
+
+
+def test_feet_that_roll_carry_the_body_on(planned: Planned) -> None:
+    tables = regulator_tables(planned())
+    rolled = np.zeros_like(tables.arms)
+    rolled[1:] = [0.0, 0.01, 0.0]
+    still, rolling = Pose(tables), Pose(replace(tables, rolled=rolled))
+    body = (tables.toes - tables.com[0]) @ tables.rotation[0]
+    for sample in (0, 1):
+        still.update(sample, body)
+        rolling.update(sample, body)
+    np.testing.assert_allclose(rolling.com - still.com, [0.0, 0.01, 0.0], atol=1e-9)
+
+
+def test_a_heavy_body_is_corrected_slowly(planned: Planned) -> None:
+    """On the same springs twice the mass swings at half the square of the frequency."""
+    plan = planned()
+    assert (steady_rates(plan) == RATE).all()
+    slow, slower = (
+        steady_rates(replace(plan, robot=replace(plan.robot, mass=times * plan.robot.mass)))
+        for times in (20.0, 40.0)
+    )
+    assert 0 < slow.max() < RATE
+    np.testing.assert_allclose(slower, slow / 2)
+    # No rate is slow enough for a body whose forces take all of its stiffness
+    soft = replace(plan.robot, joint_stiffness=0.2 * plan.robot.joint_stiffness)
+    assert not steady_rates(replace(plan, robot=soft)).any()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from climbplan.climb.check.anew.chains import chains_at, settled_chains
+from climbplan.climb.check.anew.chains import _settled, chains_at, settled_chains
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 
@@ -80,6 +80,24 @@ def test_commands_that_press_settle_in_the_planned_angles(chain: SerialChain) ->
     command = planned - (pose.jacobian[0].T @ force) / SPRING
     settled = settled_chains(limb, pose.toe, planned + 1e-3, command, SPRING)
     np.testing.assert_allclose(settled.angles, planned, atol=1e-10)
+
+
+def test_limbs_far_from_the_planned_angles_are_found_from_their_commands(
+    chain: SerialChain,
+) -> None:
+    """Newton's method leads nowhere from some of these angles; the body has moved on from them."""
+    rng = np.random.default_rng(6)
+    there = rng.uniform(-0.5, 0.5, (60, 1, 6))
+    planned = there + rng.uniform(-1.3, 1.3, there.shape)
+    limb = one(chain)
+    toes = limb.pose(there).toe
+    first, rests = _settled(limb, toes, planned, there, SPRING, None)
+    lost = ~rests | (first.missing > 1e-7)
+    assert 3 < lost.sum() < 50
+    found = settled_chains(limb, toes, planned, there, SPRING)
+    np.testing.assert_allclose(found.angles[lost], there[lost], atol=1e-9)
+    np.testing.assert_array_equal(found.angles[~lost], first.angles[~lost])
+    assert found.missing.max() < 1e-9
 
 
 def test_toes_out_of_reach_are_missed(chain: SerialChain) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,15 +10,18 @@ import pytest
 from urdf_walkers import Walker
 
 from climbplan.bench.zoo.second.look import (
+    Look,
     limit_of_walks,
     looked,
+    second_look,
     surfaces_of,
-    unproposed,
 )
 from climbplan.bench.zoo.second.room import parts_of_weight, roomiest
 from climbplan.bench.zoo.second.stances import Limbs, Stance, Surface, anywhere, onto, reached
 from climbplan.bench.zoo.second.statics import least_load
 from climbplan.bench.zoo.second.subject import Subject, subject_of
+from climbplan.bench.zoo.second.to_walls import Held, orders_to_walls
+from climbplan.bench.zoo.second.unproposed import all_right, unproposed
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.pinocchio_model import urdf_model
 from climbplan.robots.urdf.proposal.proposing import legs_of
@@ -74,7 +78,7 @@ def test_motors_that_are_too_weak_are_told(tmp_path: Path, effort: float, verdic
     """Strong ones are shown to hold the robot over a whole round of steps."""
     limbs = limbs_of_walker(tmp_path, effort)
     surfaces, mu = surfaces_of(limbs, (False,) * 4, "ground")
-    look = looked(limbs, surfaces, mu, any_limb=False, seed=0, count=8)
+    look = looked(limbs, surfaces, mu, seed=0, count=8)
     assert look.verdict == verdict, look.words
     assert look.reached >= 8
     assert ("N m more than the 1.25 N m that may be used" in look.words) == (effort < 2)
@@ -138,6 +142,45 @@ def test_what_is_a_limit_of_ours_is_called_so(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace('type="revolute"', 'type="fixed"', 4))
     with pytest.raises(UsageError, match="are a limit of climbplan, not of the robot") as refused:
         legs_of(path)
-    look = unproposed(path, str(refused.value), 0)
+    look = unproposed(path, "ground", str(refused.value), 0)
     assert look.verdict == "limit of ours"
     assert "moves in 2 of 3 directions" in look.words
+
+
+def test_orders_to_walls_end_where_no_limb_can_leave_the_ground() -> None:
+    """Limb 2 may be the last to leave; before it, with limb 2 on the ground, none may."""
+    walls = (Surface(0, -1.0), Surface(0, 1.0), Surface(0, 1.0))
+    stance = Stance(np.eye(3), {}, 0.0)
+    asked: list[tuple[bool, ...]] = []
+
+    def drawn(leave: set[int]) -> Callable[[tuple[Surface, ...], tuple[int, ...]], Held]:
+        def held(surfaces: tuple[Surface, ...], lifted: tuple[int, ...]) -> Held:
+            there = tuple(s.axis == 0 for s in surfaces)
+            asked.append(there)
+            assert lifted == tuple(i for i in range(3) if there[i])
+            return {i: (0.5 if i in leave or sum(there) == 1 else 2.0, stance) for i in lifted}
+
+        return held
+
+    ends = orders_to_walls(walls, drawn({2}), 0.8, lambda _: "short")
+    assert ends.order == ()
+    assert ends.lacks == "short"
+    assert asked == [(True, True, True), (True, True, False)]
+    whole = orders_to_walls(walls, drawn({1, 2}), 0.8, lambda _: "short")
+    assert whole.order in ((0, 1, 2), (0, 2, 1))
+
+
+@pytest.mark.parametrize(("effort", "right"), [(60.0, False), (1.5, True)])
+def test_ways_to_walls_are_decided(tmp_path: Path, effort: float, right: bool) -> None:
+    look = second_look(subject(tmp_path, effort), "wall", 0, 6)
+    assert (look.verdict == "refusal right") == right, look.words
+    assert ("in no order do limbs leave the ground" in look.words) == right
+
+
+def test_what_several_ways_say_is_right_where_all_are() -> None:
+    right, open_, wrong = (
+        Look(verdict, verdict) for verdict in ("refusal right", "not decided", "not borne out")
+    )
+    assert all_right([right, right]).verdict == "refusal right"
+    assert all_right([right, open_]).verdict == "not decided"
+    assert all_right([right, wrong]).verdict == "not borne out"

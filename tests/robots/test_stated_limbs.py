@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
 from functools import cache
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
+from random_chains import random_robot
 
 from climbplan.errors import UsageError
+from climbplan.mechanics.equilibrium import link_torques
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.kinematics import jacobian_body, joint_points_body
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
+from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.serial_chain import SerialChain
+from climbplan.robots.stated_chains import StatedChains
 from climbplan.robots.stated_limbs import StatedLimbs
 from climbplan.robots.stated_robot import stated_limbs
 from climbplan.spec.robots.source import load_any_robot
@@ -103,6 +108,61 @@ def test_a_limb_with_freedom_to_choose_is_told_which_angles() -> None:
     ties = {t.name: t for t in stated.standing(numbers, ca.DM(toes.T), given).ties(0.0)}
     assert np.abs(value(ties["kinematics.toes"].rows)).max() < 1e-3
     assert (np.abs(value(ties["kinematics.settled"].rows)).max(axis=1) > 1e-3).all()
+
+
+def test_room_keeps_chains_off_full_stretch(tmp_path: Path) -> None:
+    """Of any joints, by the singular values of the Jacobian in units of its angles."""
+    for robot in (robot_of("robot_walker.yaml"), random_robot(tmp_path, 3)[1]):
+        chain = robot.mechanism
+        assert isinstance(chain, SerialChain)
+        stated, numbers = stated_limbs(robot), numbers_of(robot, stated_limbs(robot))
+        angles = posture_of(robot)
+        own = {"angles": ca.DM(angles.T), "pull": ca.DM.zeros(3, robot.limb_count)}
+        standing = stated.standing(numbers, ca.DM.zeros(3, robot.limb_count), own)
+        (reach,) = (tie for tie in standing.ties(1e-4) if tie.name == "transition.reach")
+        singular = np.linalg.svd(chain.jacobian(angles) * chain.zero.unit[:, None, :])[1]
+        size = np.linalg.norm(singular, axis=1)
+        expected = 1 / (size * np.linalg.norm(1 / singular, axis=1))
+        np.testing.assert_allclose(value(reach.rows)[:, 0], expected, rtol=1e-4)
+        assert (expected <= singular[:, -1] / size).all()
+        assert (expected >= singular[:, -1] / size / np.sqrt(3)).all()
+
+
+def test_room_of_two_equal_links_is_that_of_the_cosine_of_their_knee() -> None:
+    stated, room = StatedChains(1, 3, redundant=False), 1e-3
+    numbers = {
+        "joint_zero": ca.DM([[0, 0, 0], [0, 0, 0], [0, 0, -0.3]]).T,
+        "axis_zero": ca.DM([[1, 0, 0], [0, 1, 0], [0, 1, 0]]).T,
+        "toe_zero": ca.DM([0, 0, -0.6]),
+        "posture": ca.DM.zeros(3, 1),
+    }
+    for part, knee in itertools.product((0.5, 1.0, 2.0), (1.0, -1.0)):
+        angles = ca.DM([0.0, 0.0, knee * np.arccos(1 - part * room)])
+        reach = {}
+        for side in (1.0, -1.0):
+            own = {"angles": angles, "side": ca.DM(side)}
+            ties = stated.standing(numbers, ca.DM.zeros(3, 1), own).ties(room)
+            (reach[side],) = (tie for tie in ties if tie.name == "transition.reach")
+        least, row = reach[1.0].lower, value(reach[1.0].rows)
+        assert least is not None
+        np.testing.assert_allclose(row**2, part * least**2, rtol=2e-3)
+        # A knee that bends the other way is on the other side
+        np.testing.assert_allclose(value(reach[-1.0].rows), -row)
+
+
+def test_links_weigh_in_programs_what_they_weigh(tmp_path: Path) -> None:
+    for robot in (robot_of("robot_walker.yaml"), random_robot(tmp_path, 4)[1]):
+        assert robot.links is not None
+        stated, numbers = stated_limbs(robot), numbers_of(robot, stated_limbs(robot))
+        angles = posture_of(robot)
+        own = {"angles": ca.DM(angles.T), "pull": ca.DM.zeros(3, robot.limb_count)}
+        standing = stated.standing(numbers, ca.DM.zeros(3, robot.limb_count), own)
+        centre = value(standing.centre())[0]
+        np.testing.assert_allclose(centre, robot.centre_of_mass(angles), atol=1e-12)
+        rpy = np.array([0.2, -0.3, 0.5])
+        down = ca.DM(-rotation_world_body(rpy)[2])
+        torques = value(standing.weight_torques(down)) * robot.weight
+        np.testing.assert_allclose(torques, link_torques(robot, rpy, angles), atol=1e-9)
 
 
 def test_closed_linkages_are_refused() -> None:

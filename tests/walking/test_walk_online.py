@@ -181,7 +181,7 @@ def test_a_push_that_nobody_survives_is_a_fall(library: Library) -> None:
     assert not recovered(loop, TASK)
     whole = sampled_task(TASK, len(loop.trajectory.state) - 1)
     told = failures(check_loop(whole, loop.trajectory, loop.pushed))
-    assert "loop.upright" in told or "workspace.standing" in told
+    assert "loop.upright" in told or "loop.height" in told
 
 
 @pytest.mark.parametrize("name", ["forest", "boosting", "network"])

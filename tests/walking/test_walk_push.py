@@ -22,7 +22,6 @@ from climbplan.walking.online.library import Library, build_library
 from climbplan.walking.online.recovery import Study, run_study
 from climbplan.walking.online.run import world_of
 from climbplan.walking.online.tick import OnlineController, OnlineSettings
-from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.task import POSITION, VELOCITY, Array, Start
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
@@ -43,15 +42,15 @@ def test_a_push_is_planned_for_before_the_next_knot(library: Library, delay: int
     push = Push(0.81, np.array([-0.5, 0.2, 0]))  # 10 ms after a knot
     world = LoopWorld(pushes=[push], delay=delay)
     loop = walked(library, world)
-    between = loop.at[loop.at % SUBSTEPS != 0]
+    between = loop.at[loop.at % TASK.samples != 0]
     np.testing.assert_array_equal(between, [163])  # the sample after it
-    assert loop.at[-1] % SUBSTEPS == 0  # knots stay where they were
+    assert loop.at[-1] % TASK.samples == 0  # knots stay where they were
     assert recovered(loop, TASK)
     # What was predicted for the beginning of each plan came true, but for one in flight
     aware = np.arange(len(loop.true)) != (np.flatnonzero(loop.at == 160)[0] if delay > 1 else -1)
     np.testing.assert_allclose(loop.told[aware], loop.true[aware], atol=1e-3)
     later = walked(library, replace(world, at_push=False))
-    assert (later.at % SUBSTEPS == 0).all()
+    assert (later.at % TASK.samples == 0).all()
     first = next(s for s in range(163, 200) if off(loop, later, s) > 1e-6)
     assert first == 163 + delay
 
@@ -63,7 +62,7 @@ def off(one: Loop, other: Loop, sample: int) -> float:
 def test_a_push_too_late_in_an_interval_waits_for_the_knot(library: Library) -> None:
     world = LoopWorld(pushes=[Push(0.875, np.array([-0.5, 0, 0]))], delay=4)
     loop = walked(library, world)
-    assert (loop.at % SUBSTEPS == 0).all()
+    assert (loop.at % TASK.samples == 0).all()
 
 
 def test_nobody_stands_that_swings_until_the_next_knot(library: Library) -> None:
@@ -87,7 +86,7 @@ def test_an_estimator_that_is_hit_beyond_its_range_is_waited_for(library: Librar
     push = Push(0.81, np.array([-1.5, 0, 0]))  # 300 m/s^2: the accelerometer says 157
     for quality, last in ((SensorQuality(toe_rate=0), 169), (SensorQuality(), 163)):
         loop = walked(library, LoopWorld(pushes=[push], delay=1, estimation=quality), 1.0)
-        between = loop.at[loop.at % SUBSTEPS != 0]
+        between = loop.at[loop.at % TASK.samples != 0]
         # By joint velocities it is known at once
         assert 163 + (quality.toe_rate == 0) <= between[0] <= last
 
@@ -117,7 +116,7 @@ def test_toes_at_the_edge_let_go() -> None:
     legs = stance.beyond(TASK, state)
     assert legs.all()
     legs[2:] = False
-    let_go = stance.lifted(legs, stance.phase.force)
+    let_go = stance.lifted(legs, stance.phase.force, stance.toes, 0.0)
     np.testing.assert_array_equal(let_go.phase.contact, ~legs)
     assert (let_go.phase.force[:2] == 0).all()
     down = let_go.followed(TASK, state, stance.phase)
@@ -138,7 +137,7 @@ def test_who_is_left_braces_where_legs_let_go() -> None:
     state, toes = TASK.start.state.copy(), TASK.start.toes.copy()
     toes[0, 0] += TASK.body.toe_half[0] + EDGE + 1e-3
     stance = standing(TASK, toes)
-    after = stance.let_go(TASK, state)
+    after = stance.let_go(TASK, state, 0.25)
     np.testing.assert_array_equal(after.phase.contact, [False, True, True, True])
     arms = toes - state[POSITION] - 0.5 * TASK.step * state[VELOCITY]
     moments = [np.cross(arms, one.phase.force).sum(axis=0) for one in (stance, after)]
@@ -146,9 +145,10 @@ def test_who_is_left_braces_where_legs_let_go() -> None:
     planned = np.where(after.phase.contact[:, None], stance.phase.force, 0.0)
     assert np.linalg.norm(np.cross(arms, planned).sum(axis=0)) > 2.0
     assert after.phase.force[:, 2].sum() > 0.8 * TASK.weight
-    np.testing.assert_array_equal(after.phase.landing[0], toes[0])
+    # It comes down where it is in reach again
+    assert after.phase.landing[0, 0] < state[0] + (TASK.body.toe_center + TASK.body.toe_half)[0, 0]
     alone = replace(stance, phase=replace(stance.phase, contact=np.array([1, 0, 0, 1], bool)))
-    assert np.abs(alone.let_go(TASK, state).phase.force).max() < 5.0  # one leg would turn it
+    assert np.abs(alone.let_go(TASK, state, 0.25).phase.force).max() < 5.0  # one leg would turn it
 
 
 @pytest.mark.parametrize("speed", [1.8, 0.3, -1.0])
@@ -228,13 +228,20 @@ def test_pushed_walks_keep_within_what_verification_passes(push: tuple[float, ..
 
 def test_a_stance_is_redirected_until_its_knot() -> None:
     stance = standing(TASK, TASK.start.toes.copy())
-    stance = replace(stance, phase=replace(stance.phase, contact=np.array([1, 1, 0, 0], bool)))
+    landing = TASK.start.toes + np.array([0.06, 0.0, 0.0])
+    swinging = replace(stance.phase, contact=np.array([1, 1, 0, 0], bool), landing=landing)
+    stance = replace(stance, phase=swinging)
     wanted = np.array([1, 0, 1, 0], bool)
     phase = Phase(wanted, np.ones((LEGS, 3)), TASK.start.toes + 0.1)
-    after: Stance = stance.redirected(phase)
+    after: Stance = stance.redirected(TASK, phase, 0.5, 0.75)
     np.testing.assert_array_equal(after.phase.contact, [True, False, False, False])
     np.testing.assert_array_equal(after.phase.landing, phase.landing)
-    np.testing.assert_array_equal(after.toes, stance.toes)
+    # Those in the air go on from where they are; the interval ends sooner than it was to
+    np.testing.assert_allclose(after.toes[:, 0] - stance.toes[:, 0], [0, 0, 0.03, 0.03])
+    np.testing.assert_allclose(after.shown(TASK, 0.75)[2:], stance.shown(TASK, 0.5)[2:])
+    np.testing.assert_allclose(after.shown(TASK, 0.875)[2:, :2], after.toes[2:, :2] + [0.035, 0.05])
+    np.testing.assert_allclose(after.shown(TASK, 1.0)[2:, :2], phase.landing[2:, :2])
+    assert after.shown(TASK, 0.875)[2, 2] < stance.shown(TASK, 0.5)[2, 2]  # on its way down
 
 
 def test_what_a_spec_says_of_pushes() -> None:

@@ -14,7 +14,6 @@ import numpy as np
 from climbplan.bench.walking.online_options import OnlineInputs, OnlineOptions, in_words
 from climbplan.bench.walking.recovery import recovery_table
 from climbplan.walking.online.estimation import SensorQuality
-from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.task import Array
 
 DELAY = 0.02  # [s]
@@ -63,7 +62,7 @@ def _closed_loop(inputs: OnlineInputs, pushes: tuple[Array, ...]) -> OnlineInput
     spec, world = inputs.spec, inputs.world
     quality = SensorQuality(**spec.loop.sensors.model_dump())
     loop = spec.loop.model_copy(update={"delay": DELAY, "estimation": "ekf"})
-    delay = round(DELAY * SUBSTEPS / inputs.task.step)
+    delay = round(DELAY / inputs.task.sample)
     return replace(
         inputs,
         spec=spec.model_copy(update={"loop": loop}),

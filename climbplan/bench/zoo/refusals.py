@@ -14,8 +14,9 @@ from joblib import Parallel, delayed
 from climbplan.bench.zoo.results import Row
 from climbplan.bench.zoo.robot_files import robot_file
 from climbplan.bench.zoo.robots import Zoo
-from climbplan.bench.zoo.second.look import CLIMBS, Look, limit_of_walks, second_look, unproposed
+from climbplan.bench.zoo.second.look import CLIMBS, Look, limit_of_walks, second_look
 from climbplan.bench.zoo.second.subject import Subject, subject_of
+from climbplan.bench.zoo.second.unproposed import unproposed
 from climbplan.errors import UsageError
 from climbplan.plans.csv_file import write_csv
 
@@ -101,13 +102,15 @@ def _checked(
         if known is not None:
             out.append(known)
             continue
-        asked = row.column if row.legs and row.column in CLIMBS else ""
+        asked = row.column if row.column in CLIMBS else ""
         if (ours := limit_of_walks(row.words)) is not None:
             asked = row.words
             same[asked] = ours
         elif asked not in same and not row.legs:
             with ExitStack() as stack:
-                same[asked] = unproposed(zoo.urdf(stack), row.words, drawing.seed)
+                same[asked] = unproposed(
+                    zoo.urdf(stack), row.column, row.words, drawing.seed, drawing.count
+                )
         elif asked not in same:
             subject = subject or subject_of(robot_file(drawing.files, zoo))
             same[asked] = second_look(subject, row.column, drawing.seed, drawing.count)

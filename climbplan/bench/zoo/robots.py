@@ -42,9 +42,14 @@ ROBOTS = (
     Zoo("B1-Z1", "b1-z1"),
     Zoo("hexapod", "hexapod.urdf", ours=True),
     Zoo("Solo", "robots/solo"),
+    Zoo("quadruped", "quadruped_description"),
+    Zoo("Bolt", "robots/bolt"),
+    Zoo("Alexander", "alexander_v1"),
     Zoo("Centauro", "centauro"),
     Zoo("G1", "g1_29dof_rev_1_0"),
     Zoo("iCub", "robots/icub"),
     Zoo("Talos", "talos_reduced"),
+    Zoo("Romeo", "romeo_small"),
+    Zoo("simple_humanoid", "simple_humanoid_description/urdf/simple_humanoid"),
 )
 QUICK = ("Solo12",)

@@ -162,7 +162,7 @@ def _round(shape: Shape) -> RoundRows:
     stage.between("force.contact", s["least_load"] - pressure, upper=0.0, unit="weight")
     moment = rows.foot_moments(s["normal_old"], force)
     torque = rows.torques(limbs[0], force, moment)
-    rows.torque(torque)
+    rows.torque(limbs[0], torque)
     inward = rows.torques(limbs[0], s["normal_old"])
     depth = ca.sum1(inward * s["softness"] * torque)
     stage.between("force.inward", s["least_depth"] - depth, upper=0.0, unit="m")
@@ -176,7 +176,7 @@ def _round(shape: Shape) -> RoundRows:
     rows.toe_steps()
     stage.equal("foothold.stays", rows.step, "m")
     stage.equal("foothold.plane", ca.sum1(s["normal_new"] * new) - s["plane"], "m")
-    rows.equilibrium(force, moment)
+    rows.equilibrium(limbs[0], force, moment)
     rows.body_step()
     stage.between("steps.rotation", rows.turning, unit="rad")
     corners = ca.repmat(s["pose"][:3], 1, CORNERS) + rows.turn @ s["hull"]

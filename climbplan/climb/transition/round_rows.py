@@ -6,13 +6,15 @@ angles at each point where a toe has to be in reach are functions of pose and to
 rows that tie them to these (`climbplan/robots/stated_limbs.py`). Forces are in units of the robot's
 weight.
 
-    transition.reach    |cos(knee)| within 1: a toe is in reach (closed form)
+    transition.reach    a toe is in reach: |cos(knee)| within 1 (closed form), or the least
+                        singular value of J off zero, as it is at full stretch (chains)
     kinematics.toes     forward kinematics meets the toe (chains)
     kinematics.settled  the nearest such angles to the posture (chains of more than 3 joints)
     transition.joints   joint angles within bounds there
-    force.torque        |J^T f| <= s max_torque, s <= 1 / S_tau
+    force.torque        |J^T f| <= s max_torque, s <= 1 / S_tau, what links weigh added to J^T f
     force.command       angles less what forces bend them within joint bounds
-    force.equilibrium   sum f = m g, sum r x f = 0 (eqs. (4.15), (4.16))
+    force.equilibrium   sum f = m g, sum r x f = c x m g (eqs. (4.15), (4.16)), links weighing where
+                        they are, so that the centre of mass is at c from the body's origin
     steps.com           body steps within their bound
     steps.toe           toe steps likewise
 
@@ -37,6 +39,7 @@ from climbplan.robots.stated_limbs import StandingLimbs, StatedLimbs
 from climbplan.robots.stated_robot import stated_limbs
 from climbplan.robots.symbols import rotation
 
+_DOWN = (0.0, 0.0, -1.0)
 COST_SCALE = 100.0  # cost of about one, so that tolerances mean something
 
 # Blocks of what ties limbs to their toes, each with rows for every limb and point
@@ -108,9 +111,10 @@ class RoundRows:
         own = None if moment is None else self.turn.T @ moment
         return limbs.torques(self.turn.T @ force, own)
 
-    def torque(self, torque: Any) -> None:
-        """Within a share s of the limits."""
-        use = torque / self.symbols["torque_limit"]
+    def torque(self, limbs: StandingLimbs, torque: Any) -> None:
+        """Of contact forces and of the links' own weight, within a share s of the limits."""
+        own = limbs.weight_torques(self.turn.T @ ca.DM(_DOWN))
+        use = (torque if own is None else torque + own) / self.symbols["torque_limit"]
         s = self.symbols["s"]
         self.stage.between("force.torque", ca.vertcat(use - s, -use - s), upper=0.0)
 
@@ -126,13 +130,19 @@ class RoundRows:
         toes = self.turn.T @ (points - self._com)
         return ca.sum1((self.turn.T @ s["normal_old"]) * (toes - free))
 
-    def equilibrium(self, force: Any, moment: Any = None) -> None:
-        """Forces (3, N) on the toes before the round, and moments, hold body and load; world."""
+    def equilibrium(self, limbs: StandingLimbs, force: Any, moment: Any = None) -> None:
+        """Forces (3, N) on the toes before the round, and moments, hold robot and load; world.
+
+        limbs: as they are before the round; what they weigh acts where they are.
+        """
         load = self.symbols["load"]
         arm = self.symbols["toe_before"] - self._com
         moments = (ca.cross(arm[:, i], force[:, i]) for i in range(force.shape[1]))
-        total = load[:3] - ca.vertcat(0, 0, 1) + ca.sum2(force)
+        total = load[:3] + ca.DM(_DOWN) + ca.sum2(force)
         turning = sum(moments, load[3:])
+        centre = limbs.centre()
+        if centre is not None:
+            turning += ca.cross(self.turn @ centre, ca.DM(_DOWN))
         if moment is not None:
             turning += ca.sum2(moment)
         self.stage.equal("force.equilibrium", ca.vertcat(total, turning))

@@ -11,7 +11,6 @@ from climbplan.reports.viewer.scene import Array, Boxes, Forces, Path, Rods, Sce
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.plan_file import read_walk_plan
-from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.task import ANGLES, VELOCITY
 
 _RADIUS = 0.012  # [m] of a leg as it is drawn
@@ -39,7 +38,7 @@ def scene_of_walk(plan: WalkPlan) -> Scene:
     standing = found.gait.contact
     force = found.force * standing[..., None]
     size = np.array([np.ptp(hips[:, 0]), np.ptp(hips[:, 1]), _THICKNESS])
-    every = SUBSTEPS if plan.loop is not None else 1
+    every = 1 if plan.loop is None else plan.loop.samples
     points = np.concatenate([found.toes.reshape(-1, 3), center])
     lower, upper = points.min(axis=0) - 0.1, points.max(axis=0) + 0.1
     return Scene(

@@ -20,7 +20,6 @@ from climbplan.reports.sheet import (
 from climbplan.reports.walking.figure_loop import even_runs, mark_pushes, push_times
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.task import ANGLES, VELOCITY, Array, Whole
 
 _VELOCITY = "#B01E8C"
@@ -184,8 +183,8 @@ def _moments(plan: WalkPlan) -> Whole:
     """Samples to show: evenly over the horizon, or a closed loop's knots about its first push."""
     task, pushes = plan.task, push_times(plan)
     moments = np.linspace(0, task.knots - 1, _SHOTS)
-    if pushes:
-        moments = pushes[0] / task.step + SUBSTEPS * np.array(_ABOUT)
+    if plan.loop is not None and pushes:
+        moments = pushes[0] / task.step + plan.loop.samples * np.array(_ABOUT)
     shown: Whole = np.unique(np.clip(moments, 0, task.knots - 1).round().astype(np.int64))
     return shown
 

@@ -28,7 +28,6 @@ from climbplan.walking.check.verification import verify
 from climbplan.walking.online.closed_loop import RECOVERED, fallen, mean_speed
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.plan_file import FORMAT, FORMAT_VERSION, read_walk_plan
-from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.summary import gait_words
 from climbplan.walking.task import ANGLES, VELOCITY
 
@@ -99,7 +98,7 @@ def _values(plan: WalkPlan, verification: Verification) -> dict[str, Any]:
 
 def _stride(plan: WalkPlan) -> int:
     """Samples in a knot."""
-    return SUBSTEPS if plan.loop is not None else 1
+    return 1 if plan.loop is None else plan.loop.samples
 
 
 def _online(plan: WalkPlan) -> dict[str, Any] | None:
@@ -140,7 +139,7 @@ def _online(plan: WalkPlan) -> dict[str, Any] | None:
 
 def _ended(plan: WalkPlan, off: float) -> str:
     """How a closed loop ended, by its own samples."""
-    if fallen(plan.trajectory.state[-1]):
+    if fallen(plan.task.body, plan.trajectory.state[-1], plan.trajectory.toes[-1]):
         return "fell"
     if plan.status == "limit":
         return "cut short"

@@ -107,11 +107,12 @@ class WalkWeightsSpec(SpecModel):
     angles: Vector = quantity("1/rad^2", "w_theta on roll, pitch, yaw", default=(10.0, 10.0, 10.0))
     height: Number = quantity("1/m^2", "w_h", default=10.0, ge=0)
     motion: Number = quantity("1/m^2", "on the body's steps", default=1.0, ge=0)
-    force_difference: Number = quantity(
+    force_difference: Number | None = quantity(
         "1/N^2",
         "on differences between the legs' forces; published without a unit of force, 1 for forces "
-        "in units of half the weight",
-        default=1e-3,
+        "in units of half the weight; left out: 1e-3 for SCALER's weight of 61.8 N, for others by "
+        "the square of the weight less or more",
+        None,
         ge=0,
     )
 

@@ -71,8 +71,10 @@ LOOP_LIMITS = {
         0.02, "m", "standing toes at most so far outside their boxes, at every sample"
     ),
     "swing.ground": Limit(1e-6, "m", "swinging toes are never in the ground, at every sample"),
-    "loop.upright": Limit(1.05, "rad", "the body never falls"),
+    "loop.upright": Limit(1.05, "rad", "the body never tips over"),
+    "loop.height": Limit(0.0, "m", "the body never sinks to two fifths of its height above toes"),
 }
+_SUNK = 0.42  # of how far toes' boxes lie below the body
 WINDOW = 0.4  # [s] of the rollouts
 EULER = "forward Euler"  # of the badge
 _AT_KNOTS = {
@@ -159,6 +161,9 @@ def _loop_checks(task: WalkTask, found: WalkTrajectory, push: Array) -> Iterator
     yield worst(task, "workspace.standing", np.where(contact, beyond, -1.0))
     tilt = np.abs(state[:, 6:8]).max(axis=1)
     yield worst(task, "loop.upright", np.where(np.isfinite(tilt), tilt, np.inf))
+    least = -_SUNK * task.body.toe_center[:, 2].mean()
+    sunk = least - (state[:, 2] - toes[..., 2].min(axis=1))
+    yield worst(task, "loop.height", np.where(np.isfinite(sunk), sunk, np.inf))
 
 
 def _steps(task: WalkTask, after: Array, state: Array) -> Iterator[Check]:

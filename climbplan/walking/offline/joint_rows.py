@@ -25,6 +25,10 @@ class JointRows:
             self.torques = 2 * joints * forces  # at both ends of an interval
             self.speeds = self.torques + GLANCES * joints * landing_intervals(gait.contact)
 
+    def begin(self, task: WalkTask) -> None:
+        """The same gait from another start, or with a first interval of another length."""
+        self.task = task
+
     @property
     def count(self) -> int:
         """Rows at most."""

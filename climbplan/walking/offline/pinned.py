@@ -102,6 +102,7 @@ class PinnedProgram:
     def begin(self, task: WalkTask) -> None:
         """The same gait from another start; a first guess of what will be active is kept."""
         self.start, self.steps = task.start, task.steps
+        self.joints.begin(task)
         if task.ground.rough:  # raised for the one before
             self.height = toe_heights(task.ground, self.gait, task.lift)
         reference = task.reference

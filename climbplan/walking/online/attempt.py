@@ -21,6 +21,7 @@ from climbplan.walking.task import ANGLES, VELOCITY, Array, Gait, WalkTask, Walk
 
 SPEED_SLACK, ANGLE_SLACK = 0.05, 0.05  # [m/s], [rad] of the rollout over the horizon
 REACH_SLACK = 5e-3  # [m]
+JOINT_SLACK = 0.01  # of speed limits that joints are beyond
 SWUNG_SLACK = 0.015  # [m] likewise between knots, where legs let go a little farther out
 ASSEMBLY = 60  # DAQP iterations that take as long as a QP's assembly and check
 _MOST_STEPS = 500  # DAQP iterations of a QP
@@ -169,6 +170,7 @@ class GaitTrials:
             float(off[:, ANGLES].max()) / ANGLE_SLACK,
             reach / REACH_SLACK,
             swung / SWUNG_SLACK,
+            program.joints.too_fast(state, toes, at.spots, program.tilt) / JOINT_SLACK,
         )
         force = np.concatenate([at.force, np.zeros_like(at.force[:1])])
         return Attempt(WalkTrajectory(state, toes, force, program.gait), excess - 1.0)

@@ -1,7 +1,8 @@
 """The controller in a loop with the nonlinear rigid body, in continuous time, under pushes.
 
-Every 5 ms: sensors, at knots a tick of the controller, legs' forces, and a Runge-Kutta step with
-them constant. A command comes into force after the delay that computing and actuating it take.
+Every 5 ms or oftener: sensors, at knots a tick of the controller, legs' forces, and a Runge-Kutta
+step with them constant. A command comes into force after the delay that computing and actuating it
+take.
 
 A push is felt as an acceleration that no planned force explains. A tick then follows as soon as
 the velocity is known again, where enough of the interval is left: the first interval of its plan is
@@ -29,13 +30,13 @@ from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.perception import Noise, Perception
 from climbplan.walking.online.plant import LegForces
 from climbplan.walking.online.tick import OnlineController
-from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.task import (
     STATE,
     VELOCITY,
     Array,
     Flags,
     Gait,
+    RigidBody,
     WalkTask,
     WalkTrajectory,
     Whole,
@@ -43,12 +44,12 @@ from climbplan.walking.task import (
 
 RECOVERED = 0.25  # [m/s] off the reference at most
 SUDDEN = 50.0  # [m/s^2] beyond what planned forces explain: a push
-EARLY = 8  # samples of a shorter interval, where no plan holds
 WORTH = 2  # samples of an interval that a plan between knots has to be in force for, at least
 KNOWN = 0.3  # [m/s] deviation of a velocity that is known
 _LONGEST_WAIT = 6  # samples for it
 _BLIND = 0.08  # [s] without a measurement that a prediction bridges
-FALLEN_TILT, FALLEN_HEIGHT = 1.05, 0.08  # [rad], [m] of a body that fell
+FALLEN_TILT = 1.05  # [rad] of a body that fell
+FALLEN_HEIGHT = 0.42  # of how far toes' boxes lie below the body
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class LoopWorld:
 
     pushes: Sequence[Push] = ()
     noise: Noise = field(default_factory=Noise)
-    delay: int = 0  # [5 ms] until a command is in force
+    delay: int = 0  # [samples] until a command is in force
     compensate: bool = True  # the controller plans from the state that will be then
     admittance: AdmittanceGains | None = None  # None: legs give the planned force exactly
     estimation: SensorQuality | None = None  # None: the true state with `noise`
@@ -85,7 +86,7 @@ class LoopWorld:
 
 @dataclass(frozen=True)
 class Loop:
-    """What happened: samples every 5 ms, commands at every knot."""
+    """What happened: samples, commands at every knot."""
 
     trajectory: WalkTrajectory  # T samples; forces from each to the next
     pushed: Array  # (T, 3) change of velocity at each sample, before its force acts
@@ -142,12 +143,16 @@ class _Coming:
     phase: Phase
     told: Array  # (12,) the state that it was planned from
     between: bool  # the rest of an interval that is in force, not one of its own
+    begun: int  # sample at which that interval begins
+    was: int  # sample at which it was to end before
     end: int  # sample at which it ends
 
     def after(self, stance: Stance, task: WalkTask, state: Array) -> Stance:
         """The stance that follows one, in a state (12,)."""
         if self.between:
-            return stance.redirected(self.phase)
+            over = self.sample - self.begun
+            was, now = self.was - self.begun, self.end - self.begun
+            return stance.redirected(task, self.phase, over / was, over / now)
         return stance.followed(task, state, self.phase)
 
 
@@ -158,11 +163,12 @@ class _Run:
         self, controller: OnlineController, start: WalkTask, world: LoopWorld, seed: int
     ) -> None:
         self.controller, self.task, self.world = controller, controller.task, world
-        self.dt = self.task.step / SUBSTEPS
+        self.dt, self.whole = self.task.sample, self.task.samples
         self.inverse: Array = np.linalg.inv(self.task.body.inertia).astype(float)
         self.state: Array = start.start.state.copy()
         self.stance = standing(self.task, start.start.toes.copy())
-        self.begun, self.ends = 0, SUBSTEPS  # samples of the phase: its first, the next one's first
+        # Samples of the phase: its first, the next one's first
+        self.begun, self.ends = 0, self.whole
         self.queue: list[_Coming] = []
         self.log: dict[int, _Coming] = {}  # all, by the samples that they begin at
         self.next_tick = 0
@@ -188,7 +194,7 @@ class _Run:
     ) -> Loop:
         """Until the end, a fall, or the deadline."""
         # At least one knot: a walk without a tick has nothing to judge.
-        samples = SUBSTEPS * max(1, math.ceil(duration / self.task.step - 1e-9))
+        samples = self.whole * max(1, math.ceil(duration / self.task.step - 1e-9))
         fell, cut_short = None, False
         for sample in range(samples):
             if self.ready(sample):
@@ -197,14 +203,14 @@ class _Run:
                 if sample and time.monotonic() > deadline:
                     cut_short = True
                     break
-                self.next_tick = sample + SUBSTEPS
+                self.next_tick = sample + self.whole
                 self.tick(sample, sample + self.world.delay)
                 if report is not None:
-                    report(min((sample + SUBSTEPS) / samples, 1.0))
+                    report(min((sample + self.whole) / samples, 1.0))
             if self.queue and self.queue[0].sample == sample:
                 self.begin(self.queue.pop(0))
             self.step(sample)
-            if fallen(self.state):
+            if fallen(self.task.body, self.state, self.stance.toes):
                 fell = (sample + 1) * self.dt
                 break
         toes, stood = self.stance.toes, self.stance.phase.contact & ~self.lost(samples)
@@ -257,7 +263,14 @@ class _Run:
         wanted = stance.phase.contact if plan is None else plan.gait.contact[0]
         unfelt = tuple(int(leg) for leg in np.flatnonzero(wanted & self.lost(sample)))
         # The plan begins when the phase that is in force by then ends: legs in the air come down.
-        ended = stance if left else stance.followed(self.task, state, stance.phase)
+        if left:
+            begun, was = self.span(begin)[0], begin + left
+            share = (begin - begun) / (was - begun)
+            ended = replace(stance, toes=stance.over(self.task, share))
+        else:
+            begun, was = begin, begin + self.whole
+            ended = stance.followed(self.task, state, stance.phase)
+        half = self.whole // 2  # of an interval: a shorter one, where no plan holds
         airborne = ~stance.phase.contact if left else np.zeros_like(stance.phase.contact)
         age = max(0.0, (sample - since) * self.dt - _BLIND)
         situation = Situation(
@@ -268,7 +281,7 @@ class _Run:
             age=age,
             unfelt=unfelt,
             left=left * self.dt,
-            shorter=EARLY * self.dt if self.world.at_push and (left or SUBSTEPS) > EARLY else 0.0,
+            shorter=half * self.dt if self.world.at_push and (left or self.whole) > half else 0.0,
             airborne=airborne,
         )
         command = self.controller.tick(situation)
@@ -279,9 +292,18 @@ class _Run:
         if command.first:
             self.next_tick = begin + round(command.first / self.dt) - self.world.delay
         end = self.next_tick + self.world.delay
-        coming = _Coming(begin, phase_of(command.trajectory), state, left > 0, end)
+        phase = phase_of(command.trajectory)
+        coming = _Coming(begin, phase, state, left > 0, begun, was, end)
         self.queue.append(coming)
         self.log[begin] = coming
+
+    def span(self, sample: int) -> tuple[int, int]:
+        """Samples at which the interval that holds a sample begins, and ends."""
+        before = [one for one in self.log.values() if one.sample <= sample]
+        if not before:
+            return 0, self.whole
+        last = max(before, key=lambda one: one.sample)
+        return last.begun, last.end
 
     def ahead(self, state: Array, stance: Stance, now: int, then: int) -> tuple[Array, Stance]:
         """State and stance at a later sample, under the phases that are in force until then."""
@@ -301,7 +323,9 @@ class _Run:
                 stance.phase.force,
             )
             if self.world.letting_go:
-                stance = stance.let_go(self.task, state)
+                begun, end = self.span(sample)
+                share = min((sample + 1 - begun) / (end - begun), 1.0)
+                stance = stance.let_go(self.task, state, share)
         return state, stance
 
     def begin(self, coming: _Coming) -> None:
@@ -339,7 +363,8 @@ class _Run:
             force,
         )
         if self.world.letting_go:
-            held, self.stance = self.stance, self.stance.let_go(task, self.state)
+            held = self.stance
+            self.stance = held.let_go(task, self.state, self.share(sample + 1))
             contact = contact & self.stance.phase.contact
             if self.stance is not held and self.world.at_push and not self.coming_between:
                 self.felt = sample
@@ -355,8 +380,11 @@ class _Run:
 
     def shown(self, sample: int) -> Array:
         """Toes (L, 3) as they are."""
-        share = (sample - self.begun) / (self.ends - self.begun)
-        return self.stance.shown(self.task, min(share, 1.0))
+        return self.stance.shown(self.task, self.share(sample))
+
+    def share(self, sample: int) -> float:
+        """Of the phase that is in force, which is over by then."""
+        return min((sample - self.begun) / (self.ends - self.begun), 1.0)
 
     def lost(self, sample: int) -> Flags:
         """(L,) legs that make no contact."""
@@ -366,18 +394,20 @@ class _Run:
         return lost
 
 
-def fallen(state: Array) -> bool:
-    """Whether the body lies down, or is nowhere."""
+def fallen(body: RigidBody, state: Array, toes: Array) -> bool:
+    """Whether the body lies down over toes (L, 3), or is nowhere."""
     if not np.isfinite(state).all():
         return True
-    return bool(np.abs(state[6:8]).max() > FALLEN_TILT or state[2] < FALLEN_HEIGHT)
+    least = -FALLEN_HEIGHT * body.toe_center[:, 2].mean()
+    tipped = np.abs(state[6:8]).max() > FALLEN_TILT
+    return bool(tipped or state[2] - toes[:, 2].min() < least)
 
 
 def recovered(loop: Loop, task: WalkTask, within: float = RECOVERED) -> bool:
     """Whether the body kept up, and its mean velocity over the last 0.48 s is the reference's."""
     if loop.fell is not None:
         return False
-    off = mean_speed(loop.trajectory, task.step / SUBSTEPS) - task.reference.velocity[-1]
+    off = mean_speed(loop.trajectory, task.sample) - task.reference.velocity[-1]
     return bool(np.linalg.norm(off[:2]) < within)
 
 

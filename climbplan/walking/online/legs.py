@@ -52,47 +52,70 @@ class Phase:
 class Stance:
     """Toes between two commands."""
 
-    toes: Array  # (L, 3) where legs stand, or where they left the ground
+    toes: Array  # (L, 3) where legs stand, or where the way of those in the air began
     before: Array  # (L, 3) one phase earlier
     stood: Flags  # (L,) in the phase before
     phase: Phase
+    # (L,) shares of the phase, and of the way up and down, at which ways in the air began
+    since: Array
+    risen: Array
 
     def followed(self, task: WalkTask, state: Array, phase: Phase) -> Stance:
         """The next phase begins: legs in the air come down."""
         down = landed(task, state, self.phase.landing)
         toes = np.where(self.phase.contact[:, None], self.toes, down)
-        return Stance(toes, self.toes, self.phase.contact, phase)
+        start = np.zeros(len(toes))
+        return Stance(toes, self.toes, self.phase.contact, phase, start, start)
 
-    def redirected(self, phase: Phase) -> Stance:
-        """Another plan for the rest of a phase: who stands may lift, who swings goes on."""
+    def redirected(self, task: WalkTask, phase: Phase, share: float, again: float) -> Stance:
+        """Another plan for the rest of a phase: who stands may lift, who swings goes on from there.
+
+        share: of the phase that is over; again: the same of the phase as long as it is now.
+        """
         contact = self.phase.contact & phase.contact
-        return replace(self, phase=replace(phase, contact=contact))
+        here, flying = self.over(task, share), ~self.phase.contact
+        risen = np.where(flying, self._risen(share), 0.0)
+        since = np.full(len(here), again)
+        return replace(
+            self, toes=here, phase=replace(phase, contact=contact), since=since, risen=risen
+        )
 
-    def let_go(self, task: WalkTask, state: Array) -> Stance:
+    def over(self, task: WalkTask, share: float) -> Array:
+        """(L, 3) where legs stand, or above which ground those in the air are."""
+        here, flying = self.toes.copy(), ~self.phase.contact
+        here[flying, :2] = self.shown(task, share)[flying, :2]
+        return here
+
+    def let_go(self, task: WalkTask, state: Array, share: float) -> Stance:
         """Legs at the edge of what they reach in a state (12,) leave the ground; others brace.
 
-        Forces that are planned for all of them would turn the body over without these.
+        Forces that are planned for all of them would turn the body over without these. share: of
+        the phase that is over; they come down when it ends, no farther than they reach by then.
         """
         legs = self.beyond(task, state)
         if not legs.any():
             return self
         force = braced_forces(task, state, self.toes, self.phase.contact & ~legs)
-        return self.lifted(legs, force)
+        later = state.copy()
+        later[POSITION] += (1.0 - share) * task.step * state[VELOCITY]
+        return self.lifted(legs, force, landed(task, later, self.toes), share)
 
-    def lifted(self, legs: Flags, force: Array) -> Stance:
-        """Some standing legs (L,) leave the ground, and come down no farther than they reach.
+    def lifted(self, legs: Flags, force: Array, landing: Array, share: float) -> Stance:
+        """Some standing legs (L,) leave the ground for where they are to come down (L, 3).
 
         force (L, 3): of the others from now on.
         """
-        phase = self.phase
+        phase, chosen = self.phase, legs[:, None]
         return replace(
             self,
             phase=replace(
                 phase,
                 contact=phase.contact & ~legs,
-                force=np.where(legs[:, None], 0.0, force),
-                landing=np.where(legs[:, None], self.toes, phase.landing),
+                force=np.where(chosen, 0.0, force),
+                landing=np.where(chosen, landing, phase.landing),
             ),
+            since=np.where(legs, share, self.since),
+            risen=np.where(legs, 0.0, self.risen),
         )
 
     def beyond(self, task: WalkTask, state: Array) -> Flags:
@@ -102,27 +125,38 @@ class Stance:
         found: Flags = self.phase.contact & (off.max(axis=1) > EDGE)
         return found
 
+    def _risen(self, share: float) -> Array:
+        """(L,) shares of the way up and down."""
+        done = (share - self.since) / np.maximum(1.0 - self.since, 1e-9)
+        risen: Array = self.risen + (1.0 - self.risen) * np.clip(done, 0.0, 1.0)
+        return risen
+
     def shown(self, task: WalkTask, share: float) -> Array:
         """Toes (L, 3) on the way: swinging ones straight on, lifted as half a sine.
 
-        Where the ground is not flat: up, across above all that lies beneath, and down.
+        Where the ground is not flat: up, across above all that lies beneath, and down. Ways that
+        began within the phase go on from where they began.
         """
         toes, ground = self.toes.copy(), task.ground
         moving, landing = ~self.phase.contact, self.phase.landing
+        risen = self._risen(share)
         if ground.endless:
-            toes[moving, :2] += share * (landing[moving, :2] - toes[moving, :2])
-            toes[moving, 2] = task.lift * np.sin(np.pi * share)
+            done = ((risen - self.risen) / np.maximum(1.0 - self.risen, 1e-9))[moving, None]
+            toes[moving, :2] += done * (landing[moving, :2] - toes[moving, :2])
+            toes[moving, 2] = task.lift * np.sin(np.pi * risen[moving])
             return toes
-        across = float(np.clip((share - _RISING) / (1.0 - 2.0 * _RISING), 0.0, 1.0))
-        up = min(share, 1.0 - share, _RISING) / _RISING
+        gone = np.clip((np.stack([self.risen, risen]) - _RISING) / (1.0 - 2.0 * _RISING), 0.0, 1.0)
+        ahead = (gone[1] - gone[0]) / np.maximum(1.0 - gone[0], 1e-9)
         for leg in np.flatnonzero(moving):
+            across = float(ahead[leg])
+            up = min(risen[leg], 1.0 - risen[leg], _RISING) / _RISING
             here, there = self.toes[leg], landing[leg]
             beneath = highest_beneath(
                 here[:2], there[:2],
                 ground.lower, ground.upper, ground.sides, ground.height, ground.slope, ground.inner,
             )  # fmt: skip
             top = max(here[2], there[2], beneath) + task.lift
-            end = here[2] if share < 0.5 else there[2]
+            end = here[2] if risen[leg] < 0.5 else there[2]
             toes[leg, :2] += across * (there[:2] - here[:2])
             toes[leg, 2] = end + up * (top - end)
         return toes
@@ -134,9 +168,12 @@ class Stance:
         """
         if self.phase.plan is None:
             return replace(self, toes=toes)
-        phase, let_go = phase_of(self.phase.plan), self.phase
-        stance, gone = replace(self, toes=toes, phase=phase), phase.contact & ~let_go.contact
-        return stance.lifted(gone, let_go.force) if gone.any() else stance
+        phase, now = phase_of(self.phase.plan), self.phase
+        gone = phase.contact & ~now.contact
+        if gone.any():
+            landing = np.where(gone[:, None], now.landing, phase.landing)
+            phase = replace(phase, contact=now.contact, force=now.force, landing=landing)
+        return replace(self, toes=toes, phase=phase)
 
 
 def phase_of(plan: WalkTrajectory) -> Phase:
@@ -149,7 +186,8 @@ def standing(task: WalkTask, toes: Array) -> Stance:
     force = np.zeros_like(toes)
     force[:, 2] = task.weight / len(toes)
     every = np.ones(len(toes), bool)
-    return Stance(toes, toes, every, Phase(every, force, toes))
+    start = np.zeros(len(toes))
+    return Stance(toes, toes, every, Phase(every, force, toes), start, start)
 
 
 def landed(task: WalkTask, state: Array, landing: Array) -> Array:

@@ -21,7 +21,6 @@ from climbplan.walking.online.closed_loop import (
 from climbplan.walking.online.library import Library
 from climbplan.walking.online.strategies import Ranking
 from climbplan.walking.online.tick import OnlineController, OnlineSettings
-from climbplan.walking.problem import SUBSTEPS
 from climbplan.walking.task import VELOCITY, Array, WalkTask
 
 FIRST, WITHIN = 1.0, 0.16  # [s] when pushes come, at random within two knots
@@ -96,12 +95,12 @@ def judged(loop: Loop, task: WalkTask, at: float) -> Trial:
     after = [
         command
         for sample, command in zip(loop.at, loop.commands, strict=True)
-        if sample * task.step / SUBSTEPS >= at - 0.5 * task.step
+        if sample * task.sample >= at - 0.5 * task.step
     ]
-    sample = round(at * SUBSTEPS / task.step)
+    sample = round(at / task.sample)
     speed = loop.trajectory.state[sample:, VELOCITY]
     words = [command.warning for command in after if command.warning]
-    off = mean_speed(loop.trajectory, task.step / SUBSTEPS) - task.reference.velocity[-1]
+    off = mean_speed(loop.trajectory, task.sample) - task.reference.velocity[-1]
     return Trial(
         recovered=recovered(loop, task),
         fell=None if loop.fell is None else loop.fell - at,

@@ -37,7 +37,7 @@ from climbplan.walking.online.strategies import trained
 from climbplan.walking.online.tick import OnlineController, OnlineSettings, horizon_of
 from climbplan.walking.online.warm_up import warm_up
 from climbplan.walking.plan import LoopRecord, WalkPlan
-from climbplan.walking.problem import SUBSTEPS, build_task, sampled_task
+from climbplan.walking.problem import build_task, sampled_task
 from climbplan.walking.published.program import TOLERANCE
 from climbplan.walking.task import VELOCITY, Array, WalkTask, Whole
 
@@ -110,7 +110,7 @@ def world_of(spec: WalkLoopSpec, task: WalkTask) -> LoopWorld:
         noise=Noise(
             noise.velocity, float(np.deg2rad(noise.angles_deg)), noise.spin, noise.position
         ),
-        delay=round(spec.delay * SUBSTEPS / task.step),
+        delay=round(spec.delay / task.sample),
         compensate=spec.compensate,
         admittance=AdmittanceGains(**gains.model_dump()) if spec.legs == "admittance" else None,
         estimation=SensorQuality(**sensors.model_dump()) if spec.estimation == "ekf" else None,
@@ -255,6 +255,7 @@ def _plan(
             candidates_tried=_whole([c.tried for c in commands])[tick],
             winner=_whole([c.winner for c in commands])[tick],
             warnings=tuple(warned[:MOST_WARNINGS]),
+            samples=task.samples,
         ),
         warnings=tuple(told),
         summary=summary,

@@ -11,16 +11,15 @@ for their toes (`room.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from climbplan.bench.zoo.second.planar import short_limbs
 from climbplan.bench.zoo.second.room import roomiest
 from climbplan.bench.zoo.second.stances import Limbs, Stance, Surface, anywhere, beside, onto
 from climbplan.bench.zoo.second.statics import Load, least_load
 from climbplan.bench.zoo.second.subject import Subject
-from climbplan.bench.zoo.second.way import Walls, round_from
+from climbplan.bench.zoo.second.to_walls import Held, orders_to_walls, way_to_ground
+from climbplan.bench.zoo.second.way import Walls, Way, round_from
 from climbplan.robots.urdf.proposal.braces import SAFETY, WALLS
 from climbplan.robots.urdf.proposal.settled import FLOOR
 from climbplan.robots.urdf.proposal.touching import Parts
@@ -53,9 +52,9 @@ def second_look(subject: Subject, column: str, seed: int, count: int = COUNT) ->
         room = roomiest(subject, surfaces, seed, count)
         return Look(room.verdict, room.words, room.reached, room.drawn)
     surfaces, mu = surfaces_of(limbs, subject.on_walls, column)
-    return looked(
-        limbs, surfaces, mu, column == "wall", seed, count, subject.parts, subject.attitudes
-    )
+    if column == "wall":
+        return _from_ground(subject, surfaces, mu, seed, count)
+    return looked(limbs, surfaces, mu, seed, count, subject.parts, subject.attitudes)
 
 
 def limit_of_walks(words: str) -> Look | None:
@@ -64,14 +63,6 @@ def limit_of_walks(words: str) -> Look | None:
     if not words.startswith("no spec: ") or not kind:
         return None
     return Look("limit of ours", f"walks are of {kind}")
-
-
-def unproposed(urdf: Path, words: str, seed: int) -> Look:
-    """Look again at the refusal of a robot for which nothing could be proposed."""
-    short = short_limbs(urdf, seed)
-    if "limit of climbplan" in words and short:
-        return Look("limit of ours", short)
-    return Look("not decided", "nothing was proposed that could be looked at")
 
 
 def surfaces_of(
@@ -102,6 +93,15 @@ class _Drawn:
         self.whole: list[tuple[float, Stance]] = []  # by the mean rank of loads
         self.reached = self.total = 0
         self.near, self.out = np.inf, np.inf
+
+    @property
+    def misses(self) -> str:
+        """Why no posture is on all surfaces and clear of all else."""
+        if self.out == 0:
+            return "parts of the robot touch in every posture that was drawn"
+        if np.isfinite(self.out):
+            return f"joints are {1e3 * self.out:.0f} mm or more beyond surfaces"
+        return f"toes miss their surfaces by {1e3 * self.near:.0f} mm or more"
 
     def add(self, stance: Stance, about: int | None = None) -> None:
         """Judge a stance; about: the limb for whose sake it was drawn, None for all."""
@@ -135,7 +135,6 @@ def looked(
     limbs: Limbs,
     surfaces: tuple[Surface, ...],
     mu: float,
-    any_limb: bool,
     seed: int,
     count: int = COUNT,
     parts: Parts | None = None,
@@ -143,43 +142,108 @@ def looked(
 ) -> Look:
     """Draw postures, and tell what they say of a refusal.
 
-    any_limb: one limb that may be lifted is enough, in place of each. parts: that must not touch.
-    attitudes: in which the body is drawn.
+    parts: that must not touch. attitudes: in which the body is drawn.
     """
     rng = np.random.default_rng(seed)
     drawn = _Drawn(limbs, surfaces, mu, parts)
+    _draw(drawn, tuple(range(len(limbs.names))), rng, count, attitudes)
+    if not drawn.reached:
+        return Look("not decided", drawn.misses, 0, drawn.total)
+    refused = _lacking(drawn)
+    if refused:
+        return Look("refusal right", refused, drawn.reached, drawn.total)
+    return _with_way(drawn, rng)
+
+
+def _draw(
+    drawn: _Drawn,
+    lifted: tuple[int, ...],
+    rng: np.random.Generator,
+    count: int,
+    attitudes: int,
+) -> None:
+    """Postures anywhere, about the best, and about the best for each limb that is lifted."""
+    limbs, surfaces = drawn.limbs, drawn.surfaces
     while drawn.reached < count and drawn.total < _MOST * count:
         drawn.add(onto(limbs, surfaces, *anywhere(limbs, rng, attitudes)))
     more = int(_NEARER * count)
     for spread in np.geomspace(*_SPREADS, more) if drawn.whole else ():
         drawn.add(onto(limbs, surfaces, *beside(limbs, drawn.whole[0][1], spread, rng)))
-    for lifted in range(len(limbs.names)):
+    for limb in lifted:
         for spread in np.geomspace(*_SPREADS, more):
-            known = drawn.best[lifted]
+            known = drawn.best[limb]
             if known is None or known[0].share <= _ENOUGH:
                 break
-            drawn.add(onto(limbs, surfaces, *beside(limbs, known[1], spread, rng)), lifted)
-    if not drawn.reached:
-        words = f"toes miss their surfaces by {1e3 * drawn.near:.0f} mm or more"
-        if np.isfinite(drawn.out):
-            words = f"joints are {1e3 * drawn.out:.0f} mm or more beyond surfaces"
-        if drawn.out == 0:
-            words = "parts of the robot touch in every posture that was drawn"
-        return Look("not decided", words, 0, drawn.total)
-    refused = _lacking(drawn, any_limb)
-    if refused:
-        return Look("refusal right", refused, drawn.reached, drawn.total)
-    return _with_way(drawn, any_limb, rng)
+            drawn.add(onto(limbs, surfaces, *beside(limbs, known[1], spread, rng)), limb)
 
 
-def _lacking(drawn: _Drawn, any_limb: bool) -> str:
+def _from_ground(
+    subject: Subject, walls: tuple[Surface, ...], mu: float, seed: int, count: int
+) -> Look:
+    """From the ground to walls: orders of limbs, and a way by one of them."""
+    limbs, rng = subject.limbs, np.random.default_rng(seed)
+    sets: list[_Drawn] = []
+
+    def at(surfaces: tuple[Surface, ...], lifted: tuple[int, ...]) -> _Drawn:
+        one = _Drawn(limbs, surfaces, mu, subject.parts)
+        _draw(one, lifted, rng, count, subject.attitudes)
+        sets.append(one)
+        return one
+
+    def held(surfaces: tuple[Surface, ...], lifted: tuple[int, ...]) -> Held:
+        best = {i: at_once for i, at_once in enumerate(at(surfaces, lifted).best) if at_once}
+        return {i: (best[i][0].rank, best[i][1]) for i in lifted if i in best}
+
+    orders = orders_to_walls(walls, held, _ENOUGH, lambda _: _lacks_of(sets[-1]))
+    reached, total = sum(one.reached for one in sets), sum(one.total for one in sets)
+    if not all(one.reached for one in sets):
+        misses = next(one.misses for one in sets if not one.reached)
+        if not orders.order:
+            return Look("not decided", misses, reached, total)
+    if not orders.order:
+        words = f"in no order do limbs leave the ground: {orders.lacks}"
+        return Look("refusal right", words, reached, total)
+    way = Way(limbs, Walls(walls, mu, _ENOUGH, np.zeros(3)), subject.parts, rng)
+    last = sets[0].best[orders.order[-1]]
+    stances = [] if last is None else [last[1]]
+    stances += [stance for _, stance in sets[0].whole]
+    gone = way_to_ground(limbs, way, stances, orders.order, rng)
+    total += way.drawn
+    names = ", ".join(limbs.names[i] for i in orders.order)
+    if gone == len(limbs.names):
+        words = "a way from walls to the ground, and so back, was found"
+        return Look("not borne out", words, reached, total)
+    words = (
+        f"limbs may leave the ground in the order {names} by postures one by one; of a way at most "
+        f"the last {gone} were found"
+    )
+    return Look("not decided", words, reached, total)
+
+
+def _lacks_of(drawn: _Drawn) -> str:
+    """What the best limb to lift of some lacks."""
+    ranks = [(one[0].rank, i) for i, one in enumerate(drawn.best) if one is not None]
+    on = [i for i, s in enumerate(drawn.surfaces) if s.axis == 0]
+    ranks = [one for one in ranks if one[1] in on]
+    if not ranks:
+        return drawn.misses
+    ground = [drawn.limbs.names[i] for i, s in enumerate(drawn.surfaces) if s.axis != 0]
+    there = f"with {', '.join(ground)} on the ground and the others on walls, " if ground else ""
+    return f"{there}{_lack(drawn, min(ranks)[1])}"
+
+
+def _lacking(drawn: _Drawn) -> str:
     """What the best postures lack; empty where they hold."""
-    loads = [one[0] for one in drawn.best if one is not None]
-    choose = min if any_limb else max
-    limb = choose(range(len(loads)), key=lambda i: loads[i].rank)
-    load, name = loads[limb], drawn.limbs.names[limb]
-    if load.share <= _ENOUGH:
-        return ""
+    ranks = [one[0].rank for one in drawn.best if one is not None]
+    limb = int(np.argmax(ranks))
+    return "" if ranks[limb] <= _ENOUGH else _lack(drawn, limb)
+
+
+def _lack(drawn: _Drawn, limb: int) -> str:
+    """What the best posture with a limb lifted lacks."""
+    known = drawn.best[limb]
+    assert known is not None
+    load, name = known[0], drawn.limbs.names[limb]
     if np.isinf(load.share):
         return (
             f"with {name} lifted no forces within friction hold it, {load.added:.0%} of the weight "
@@ -192,14 +256,10 @@ def _lacking(drawn: _Drawn, any_limb: bool) -> str:
     )
 
 
-def _with_way(drawn: _Drawn, any_limb: bool, rng: np.random.Generator) -> Look:
+def _with_way(drawn: _Drawn, rng: np.random.Generator) -> Look:
     """Postures hold: whether steps lead from one to another."""
-    loads = [one[0].share for one in drawn.best if one is not None]
-    use = (min if any_limb else max)(loads)
+    use = max(one[0].share for one in drawn.best if one is not None)
     postures = f"postures hold with {use:.0%} of the torque limits"
-    if any_limb:
-        words = f"{postures}; no way from the ground to them was looked for"
-        return Look("not decided", words, drawn.reached, drawn.total)
     walls = drawn.surfaces[0].axis == 0 and all(s.axis == 0 for s in drawn.surfaces)
     forward = np.array([0.0, 0.0, 1.0]) if walls else np.array([0.0, 1.0, 0.0])
     asked = Walls(drawn.surfaces, drawn.mu, _ENOUGH, forward)

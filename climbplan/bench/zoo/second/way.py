@@ -38,7 +38,9 @@ class Walls:
 
 
 @dataclass
-class _Way:
+class Way:
+    """How a robot goes on with its toes on surfaces, by drawn poses of its body."""
+
     limbs: Limbs
     walls: Walls
     parts: Parts | None
@@ -81,12 +83,16 @@ class _Way:
             first = replace(first, angles=one.angles)
         return True
 
-    def lifted(self, stance: Stance, toes: Array, limb: int) -> tuple[Stance, Array] | None:
-        """The stance after a limb was lifted and set down further on, and its toes; or none."""
+    def lifted(
+        self, stance: Stance, toes: Array, limb: int, places: Array, there: Walls
+    ) -> tuple[Stance, Array] | None:
+        """The stance after a limb was lifted and set down at one of P places, and its toes.
+
+        places: (P, 3) [m]; there: surfaces with the limb on that of its places. None where no pose
+        was drawn from which the body does it.
+        """
         limbs, pin = self.limbs, self.limbs.found.library
         others = tuple(i for i in range(len(toes)) if i != limb)
-        after = toes.copy()
-        after[limb] = after[limb] + _STEP * self.walls.forward
         best, least = stance, self.share(stance, others)
         for number, spread in enumerate(np.geomspace(*_SPREADS, _DRAWN)):
             if number:
@@ -102,8 +108,20 @@ class _Way:
                 best, least = one, share
             if least > self.walls.most:
                 continue
-            down = self.posed(best, after, best.turn, np.array(best.at))
-            if down is not None and self.free(down) and self.between(stance, best, toes):
+            if (down := self._set_down(best, toes, limb, places, there)) is None:
+                continue
+            if self.between(stance, best, toes):
+                return down
+        return None
+
+    def _set_down(
+        self, stance: Stance, toes: Array, limb: int, places: Array, there: Walls
+    ) -> tuple[Stance, Array] | None:
+        for place in places:
+            after = toes.copy()
+            after[limb] = place
+            down = self.posed(stance, after, stance.turn, np.array(stance.at))
+            if down is not None and replace(self, walls=there).free(down):
                 return down, after
         return None
 
@@ -115,7 +133,7 @@ def round_from(
 
     All of them, where a whole round was found.
     """
-    way = _Way(limbs, walls, parts, rng)
+    way = Way(limbs, walls, parts, rng)
     limbs.placed(stance.turn, stance.angles, stance.at)
     toes = np.array([limbs.toe(limb)[0] for limb in range(len(limbs.names))])
     every = tuple(range(len(toes)))
@@ -126,7 +144,8 @@ def round_from(
         left = [limb for limb in every if limb not in done]
         share = {i: way.share(stance, tuple(j for j in every if j != i)) for i in left}
         for limb in sorted(left, key=lambda i: share[i]):
-            found = way.lifted(stance, toes, limb)
+            place = toes[limb] + _STEP * walls.forward
+            found = way.lifted(stance, toes, limb, place[None], walls)
             if found is not None:
                 stance, toes = found
                 done.append(limb)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from climbplan.plans.check import Array
 from climbplan.robots.serial_chain import SerialChain
@@ -18,6 +19,8 @@ from climbplan.robots.serial_chain import SerialChain
 _ITERATIONS = 40
 _LONGEST = 0.3  # [rad] of a Newton step, and [m]
 _STILL = 1e-13  # [rad] of the last step
+_RESTS = 1e-6  # [rad] of the last step, beyond which a limb has not settled
+_HELD = 1e-7  # [m] of a toe from its place
 _SLIGHT = 1e-14  # [m/N] give of the toe, by which singular limbs have an answer
 
 
@@ -138,9 +141,33 @@ def settled_chains(
 
     spring: (N, J) of joints about `command` (..., N, J). Newton's method on k (q - command) = J^T f
     and toe(q) = x for angles q and toe forces f; the energy counts where a limb has a choice.
+    Where a body that moves on has left the limb far from `alike`, so that this leads nowhere, it
+    starts from the command, which moves with the body.
     """
-    shape, count = alike.shape, alike.shape[-1]
-    q = alike.copy()
+    found, rests = _settled(chain, toes, alike, command, spring, arm)
+    lost = ~rests | (found.missing > _HELD)
+    rows = lost.any(axis=-1)  # (...), some limb of which is lost
+    if not rows.any():
+        return found
+    own = toes[rows], command[rows], command[rows]
+    again, rests = _settled(chain, *own, spring, None if arm is None else arm[rows])
+    better = lost[rows] & rests & (again.missing <= _HELD)
+    found.angles[rows] = np.where(better[..., None], again.angles, found.angles[rows])
+    found.missing[rows] = np.where(better, again.missing, found.missing[rows])
+    return found
+
+
+def _settled(
+    chain: SerialChain,
+    toes: Array,
+    start: Array,
+    command: Array,
+    spring: Array,
+    arm: Array | None,
+) -> tuple[SettledChains, NDArray[np.bool_]]:
+    """Newton's method from angles `start` (..., N, J), and where it has come to rest (..., N)."""
+    shape, count = start.shape, start.shape[-1]
+    q = start.copy()
     limbs = chains_at(chain, q)
     jacobian = limbs.jacobian()
     pressed_at = _pressed_at(limbs, arm)
@@ -166,7 +193,8 @@ def settled_chains(
         pressed_at = _pressed_at(limbs, arm)
         if not (most > _STILL).any():
             break
-    return SettledChains(q, np.linalg.norm(toes - limbs.toe, axis=-1))
+    missing = np.linalg.norm(toes - limbs.toe, axis=-1)
+    return SettledChains(q, missing), np.asarray(most[..., 0] <= _RESTS)
 
 
 def _pressed_at(limbs: ChainLimbs, arm: Array | None) -> ChainLimbs:

@@ -70,6 +70,19 @@ def bending_proposals(found: Proposal, most: int) -> list[Proposal]:
     return [_bent(own, posture) for posture in moved[:most]]
 
 
+def standing_in(bent: Proposal, stands: Proposal) -> Proposal:
+    """The robot of one of `bending_proposals` with its toes where it stands on the ground.
+
+    stands: the robot as it stands; the bent one has its body's origin elsewhere, as its limbs weigh
+    elsewhere.
+    """
+    own = bent.settled
+    (brace,) = bent.braces
+    aside = own.center(stands.posture.angles) - own.center(brace.angles)
+    robot = replace(bent.robot, stance_body=stands.robot.stance_body + aside)
+    return replace(bent, robot=robot, posture=stands.posture)
+
+
 def _usable(mu: float) -> float:
     return IN_HAND * mu / SAFETY
 

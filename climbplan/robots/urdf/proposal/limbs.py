@@ -42,6 +42,7 @@ class FoundLimbs:
     limbs: tuple[FoundLimb, ...]
     shared: tuple[UrdfJoint, ...]
     short: dict[str, int]  # joints of chains too short for a limb, by the link that they end at
+    still: tuple[str, ...] = ()  # joints at which limbs end because their bounds leave no motion
 
 
 def body_link(tree: UrdfTree) -> str:
@@ -67,10 +68,14 @@ def limbs_of(tree: UrdfTree, base: str) -> FoundLimbs:
         return found
 
     shared: list[UrdfJoint] = []
+    still: list[str] = []
 
     def chains(joint: UrdfJoint) -> list[list[UrdfJoint]]:
         """The chains that begin with a joint: one, or those it divides into."""
-        if not joint.turns or joint.mimics is not None or not joint.lower < joint.upper:
+        if not joint.turns or joint.mimics is not None:
+            return []
+        if not joint.lower < joint.upper:
+            still.append(joint.name)
             return []
         further = [chain for j in moving(joint.child) for chain in chains(j)]
         long = [chain for chain in further if len(chain) >= FEWEST_JOINTS]
@@ -89,7 +94,7 @@ def limbs_of(tree: UrdfTree, base: str) -> FoundLimbs:
         if len(chain) >= FEWEST_JOINTS
     ]
     short = {chain[-1].child: len(chain) for chain in found if len(chain) < FEWEST_JOINTS}
-    return FoundLimbs(tuple(limbs), tuple(shared), short)
+    return FoundLimbs(tuple(limbs), tuple(shared), short, tuple(still))
 
 
 def limbs_to(tree: UrdfTree, base: str, links: Sequence[str]) -> FoundLimbs:

@@ -40,6 +40,7 @@ from climbplan.spec.robots.urdf.xml import UrdfFault, UrdfFaults
 _AHEAD = 1.3  # times as far apart front to rear as side to side: how legs tell forward from aside
 LYING = (("z", "-x"), ("z", "x"))  # forward and up of a base on its front, whose x was ahead
 _LEG_NAMES = "limb {}"
+_SHOWN = 4  # names
 _LEFT, _RIGHT = (re.compile(rf"(^|_){s[0]}_|{s}", re.IGNORECASE) for s in ("left", "right"))
 
 
@@ -141,10 +142,13 @@ def legs_of(
     if two:
         soles = soles_of(draft.model(), names.names, own, shapes)
         if soles is None:
+            feet = " and ".join(toe.link for toe in own)
+            where = f"the collision geometry of the links that {feet} move with"
+            if not shapes and not unread:
+                where = "the URDF, which is without collision geometry,"
             raise UsageError(
-                f"{urdf}: two legs stand on flat feet, and the collision geometry of the links "
-                f"that {' and '.join(toe.link for toe in own)} move with has no level face of "
-                f"20 mm or more{f': {unread}' if unread else ''}"
+                f"{urdf}: two legs stand on flat feet, and {where} has no level face of 20 mm or "
+                f"more{f': {unread}' if unread else ''}"
             )
         own, draft.sole = list(soles.toes), (soles.length, soles.width)
     else:
@@ -164,19 +168,30 @@ def _enough(urdf: Path, base: str, found: FoundLimbs) -> None:
         return
     have = ", ".join(f"{limb.end} with {len(limb.joints)}" for limb in limbs) or "none"
     short = ", ".join(f"{end} with {count}" for end, count in found.short.items())
-    ours = f"; limbs of fewer joints ({short})"
-    if len(limbs) + len(found.short) >= FEWEST_LEGS:
-        ours += (
-            " are a limit of climbplan, not of the robot: with the body still, a toe on fewer "
-            "than three joints moves on a surface, not in a volume, and plans set toes to "
-            "either side"
+    ours = ""
+    if short and len(limbs) + len(found.short) >= FEWEST_LEGS:
+        ours = (
+            f"; limbs of fewer joints ({short}) are a limit of climbplan, not of the robot: with "
+            "the body still, a toe on fewer than three joints moves on a surface, not in a volume, "
+            "and plans set toes to either side"
         )
-    else:
-        ours += " would not make three either: it is no robot with legs"
+    elif short:
+        ours = (
+            f"; limbs of fewer joints ({short}) would not make three either: it is no robot with "
+            "legs"
+        )
+    elif len(limbs) == FEWEST_FLAT_FEET:
+        ours = (
+            "; two legs of fewer joints stand on points, and on one point nothing stands still "
+            "while the other leg is lifted"
+        )
+    if found.still:
+        names = ", ".join(found.still[:_SHOWN]) + (", ..." if len(found.still) > _SHOWN else "")
+        ours += f"; cannot move, as bounds are alike or not said: {names}"
     raise UsageError(
         f"{urdf}: expected three limbs or more of at least 3 joints that turn, or two of at least "
         f"{JOINTS_OF_FLAT_FEET} with flat feet, carried by the body {base!r}, found {len(limbs)} "
-        f"(ending at: {have}){ours if short else ''}"
+        f"(ending at: {have}){ours}"
     )
 
 

@@ -15,6 +15,9 @@ _LONGEST_STEP = 0.08  # [m]
 _SHIFT = 0.6  # of the level distance of a toe from the body, that it may shift at most
 _OVER_SOLE = 1.25  # of that, where it goes over one of two soles
 _SOLE_TIME = 4.0  # [s] of a step then
+_PACE = 0.2 / 60  # [m/s] the default, at which the body goes on at most
+_STEP_TIME = 13.5  # [s] of a step, by the root of a toe's level distance from the body [m]: to go
+# from over three legs to over three others a body then speeds up by some 1.5 % of gravity
 _LIFT = 0.25  # of the ball, that a toe is lifted
 _ROUNDS = 2
 _NO_SHIFT = 1e-3  # [m]
@@ -155,7 +158,7 @@ posture:
   steps: {{com_max: {1.5 * step:.4f}, toe_max: {3 * step:.4f}, shift_max: {shift:.3f}}}
 
 force: {{safety_friction: {SAFETY:g}}}
-trajectory: {{lift: {_OVER_EDGE * stair:.4f}}}
+trajectory: {{lift: {_OVER_EDGE * stair:.4f}{_pace(proposal, step)}}}
 seed: 0
 """
 
@@ -221,10 +224,13 @@ def _stands(proposal: Proposal) -> tuple[float, float, float]:
 
 
 def _pace(proposal: Proposal, step: float) -> str:
-    """How fast a biped goes that gets on by so much a round [m]: what is planned is statics."""
-    if proposal.robot.sole is None:
-        return ""
-    return f", speed: {step / (_SOLE_TIME * proposal.robot.limb_count):.2g}"
+    """How fast a robot goes that gets on by so much a round [m]: what is planned is statics."""
+    limbs = proposal.robot.limb_count
+    if proposal.robot.sole is not None:
+        return f", speed: {step / (_SOLE_TIME * limbs):.2g}"
+    away = _stands(proposal)[1]
+    slow = step / (_STEP_TIME * np.sqrt(away) * limbs)
+    return f", speed: {slow:.2g}" if slow < _PACE else ""
 
 
 def _start(proposal: Proposal, gap: float = 0.0) -> str:

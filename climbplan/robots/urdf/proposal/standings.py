@@ -22,6 +22,7 @@ from climbplan.robots.urdf.workspace import common_reach, stance_balls
 
 _TRIED = 24  # postures whose room is measured with exact kinematics
 _LONGEST = 0.97  # share of reach that `farthest_toes` gives
+_UNLIKE = 10.0  # [deg] by which ranges of joints on both sides differ where a URDF mixes them up
 _STRONG = 100.0  # times the torque limits, to see what is missing
 
 
@@ -57,6 +58,7 @@ def standing(found: Settled, walls: bool = True) -> Settled:
         lacks = f"; on level ground{_too_weak(legs, fine(standing_postures(strong, _TRIED)))}"
         if any(names.arms):
             lacks += f"; standing on its feet with its hands on walls{lacking(legs, lack)}"
+        lacks += _unlike(legs)
         raise UsageError(
             f"{found.tree.path}: found no posture in which it stands with {', '.join(names.names)} "
             f"(toes {', '.join(toe.link for toe in found.toes)}): `climbplan new robot --example "
@@ -105,6 +107,21 @@ def _roomiest(legs: Legs, found: list[Posture], level: Array | None = None) -> l
         if worth > 0:
             by_worth.append((worth, posture))
     return [posture for _, posture in sorted(by_worth, key=lambda pair: -pair[0])]
+
+
+def _unlike(legs: Legs) -> str:
+    """Joints of legs on both sides that turn by different angles; empty where there are none."""
+    span = np.rad2deg(np.minimum(legs.upper - legs.lower, 2 * np.pi))
+    told = [
+        f"{legs.chain.names[i][j]} {span[i, j]:.0f} and {legs.chain.names[k][j]} {span[k, j]:.0f}"
+        for i, k in enumerate(legs.mirror)
+        if k is not None and i < k
+        for j in range(span.shape[1])
+        if abs(span[i, j] - span[k, j]) > _UNLIKE
+    ]
+    if not told:
+        return ""
+    return f"; joints on its two sides turn by different angles [deg]: {', '.join(told)}"
 
 
 def _too_weak(legs: Legs, found: list[Posture]) -> str:

@@ -35,6 +35,23 @@ def test_true_motions_are_in_the_relaxation(seed: int) -> None:
     assert lifted_cost(task, answer, spoil=0.3) == np.inf
 
 
+def test_a_motion_that_turns_is_in_the_relaxation() -> None:
+    turning = {"velocity": [0.0, 1.0, 0.0], "rpy_deg": [0.0, 0.0, 90.0]}
+    task = shorter(walk_task((1.0, 0, 0), reference=turning), 6)
+    answer = known(task, 100)
+    found = answer.trajectory
+    assert found is not None
+    assert np.abs(found.state[:, 8]).max() > 0.3
+    cost = lifted_cost(task, answer)
+    assert 0.8 * answer.objective < cost <= answer.objective * (1 + 1e-6)
+    about = tube_about(task, found.state, ANGLES, SPIN)
+    for heading in (np.zeros(7), about.heading + 0.1):  # wherever axes of arms and forces head
+        tube = replace(about, heading=heading)
+        for plain in (False, True):
+            program = relaxation(task, tube, answer.objective * 1.01, 1, 1, 1.5, None, plain)
+            assert program_cost(program, found) <= answer.objective * (1 + 1e-6)
+
+
 def test_a_motion_on_steps_is_in_the_relaxation() -> None:
     task = shorter(stairs_task(), 6)
     answer = known(task, 150)
@@ -84,12 +101,13 @@ def test_shrinking_keeps_cheaper_motions() -> None:
     paid = (weights * (found.state[1:-1, 3:5] - cheapest) ** 2).sum(axis=0)
     assert (paid <= box.off).all()
     assert (box.off < answer.objective).all()
-    force, contact = found.force[:-1] / (task.weight / 4), found.gait.contact[:-1]
+    force = found.force[:-1] @ program.facing / (task.weight / 4)
+    contact = found.gait.contact[:-1]
     assert (force.sum(axis=1) >= box.push_low - 1e-6).all()
     assert (force.sum(axis=1) <= box.push_high + 1e-6).all()
     assert (contact >= box.stands_low).all()
     assert (contact <= box.stands_high).all()
-    arms = (found.toes - found.state[:, None, :3])[:-1, :, :2]
+    arms = ((found.toes - found.state[:, None, :3])[:-1] @ program.facing)[:, :, :2]
     assert (arms >= box.arm_low - 1e-6)[contact].all()
     assert (arms <= box.arm_high + 1e-6)[contact].all()
     assert (force >= box.force_low - 1e-6)[contact].all()

@@ -231,7 +231,7 @@ def test_heads_keep_what_other_seeds_find(disturbed: bool) -> None:
     width = np.deg2rad([1.0, 2.0, 1.0]), np.array([0.25, 0.5, 0.25])
     tube = tube_about(task, np.stack([one.state for one in found]), *width)
     stated = Stated(task, tube, cost, 1, 1, 3.0)
-    drawn = drawn_by_heads(stated, stated.program(None), 10.0, time.process_time)
+    drawn = drawn_by_heads(stated, stated.program(None), 40.0, time.process_time)
     assert drawn is not None
     held = stated.program(drawn.box)
     assert lowest(stated, stated.program(None)) + 0.03 * cost < lowest(stated, held)

@@ -15,9 +15,9 @@ from climbplan.walking.micp.covering import covering, halves
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.method import solve_micp
 from climbplan.walking.micp.model import Lin, LinearModel
+from climbplan.walking.micp.motion import Motion
 from climbplan.walking.micp.relaxed import linear
 from climbplan.walking.micp.smooth import Function, sine, straight
-from climbplan.walking.micp.spinning import Spinning
 from climbplan.walking.micp.tube import Tube, tube_about, turning
 from climbplan.walking.task import Array, WalkTask
 
@@ -27,6 +27,12 @@ def swaying(task: WalkTask, *rolls: float) -> Array:
     state = np.tile(task.start.state, (len(rolls), task.knots + 1, 1))
     state[:, 2:, 6] = np.array(rolls)[:, None]
     return state
+
+
+def tube_of(middle: Array, half: Array, spin: Array, spin_half: Array) -> Tube:
+    """The same at four knots, with a heading that is not its middle."""
+    a, b, c, d = (np.tile(row, (4, 1)) for row in (middle, half, spin, spin_half))
+    return Tube(a, b, c, d, np.full(4, middle[2] + 0.05))
 
 
 def test_tubes_of_several_motions_hold_all_of_them() -> None:
@@ -70,11 +76,15 @@ def test_bounds_about_several_searches_say_so() -> None:
     assert "what 2 searches found" in found.word
 
 
+def within(value: Array, low: Array, high: Array) -> bool:
+    return bool((value >= low - 1e-12).all() and (value <= high + 1e-12).all())
+
+
 def test_what_turns_stays_within_its_bounds() -> None:
     task = shorter(walk_task((0.5, 0, 0)), 3)
     middle, half = np.array([0.1, -0.2, 0.7]), np.array([0.1, 0.25, 0.2])
     spin, spin_half = np.array([1.0, -2.0, 5.0]), np.array([1.0, 2.0, 1.0])
-    tube = Tube(*(np.tile(row, (4, 1)) for row in (middle, half, spin, spin_half)))
+    tube = tube_of(middle, half, spin, spin_half)
     t = turning(task, tube, 2)
     rng = np.random.default_rng(0)
     inertia = task.body.inertia
@@ -86,19 +96,30 @@ def test_what_turns_stays_within_its_bounds() -> None:
         turn = t.axes @ (angles - middle)
         assert (np.abs(turn) <= t.turn_half + 1e-12).all()
         beyond = R.T @ t.R - (np.eye(3) - skew(turn))
-        assert (beyond >= t.seen_low - 1e-12).all()
-        assert (beyond <= t.seen_high + 1e-12).all()
-        assert (np.abs(t.R.T @ R - np.eye(3)) <= t.off + 1e-12).all()
+        assert within(beyond @ t.R.T @ omega, t.spin_low, t.spin_high)
+        toes = task.body.toe_center + task.body.toe_half * rng.choice((-1.0, 1.0), (4, 3))
+        assert within(toes @ R.T @ t.facing, t.arm_low, t.arm_high)
+        assert within(toes @ R.T, t.reach_low, t.reach_high)
+        assert within(toes @ R.T @ t.R, t.toe_low, t.toe_high)
+        assert within(toes @ R.T @ t.R @ beyond.T, t.bent_low, t.bent_high)
         inverse = R @ np.linalg.inv(inertia) @ R.T
         assert (np.abs(inverse - t.inverse) <= t.inverse_off + 1e-9).all()
+        Q, across = t.principal.T @ t.R.T @ R @ t.principal, skew(t.principal.T @ turn)
+        assert within(Q - np.eye(3) - across, t.carried_low, t.carried_high)
         world = R @ inertia @ R.T
         assert (np.abs(world - t.inertia) <= t.inertia_off + 1e-9).all()
+        heavy = np.diag(t.moments)
+        assert within(
+            Q @ heavy @ Q.T - heavy - (across @ heavy - heavy @ across), t.heavy_low, t.heavy_high
+        )
         about = t.principal.T @ R.T @ omega
         assert (about >= t.about_low).all()
         assert (about <= t.about_high).all()
     axes = t.principal
     assert np.allclose(axes @ np.diag(t.moments) @ axes.T, inertia, atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1.0)
+    heading = rotation_world_body(np.array([0.0, 0.0, middle[2] + 0.05]))
+    assert np.allclose(t.facing, heading)
 
 
 @pytest.mark.parametrize("middle", [-0.4, 0.0, 0.7])
@@ -120,16 +141,18 @@ def test_straight_lines_are_off_by_no_more_than_they_say(middle: float, half: fl
 
 
 def test_spins_and_rates_of_a_tube_are_in_its_rows() -> None:
-    # Envelopes of rates and of gyroscopic moments hold every attitude and turning of a wide tube.
+    # Envelopes of rates, gyroscopic moments and inertia hold all that turns in a wide tube.
     task = shorter(walk_task((0.5, 0, 0)), 3)
     rng = np.random.default_rng(1)
     middle, half = np.array([0.1, -0.2, 0.7]), np.array([0.2, 0.25, 0.4])
     spin, spin_half = np.array([1.0, -2.0, 4.0]), np.array([2.0, 2.0, 2.0])
-    tube = Tube(*(np.tile(row, (4, 1)) for row in (middle, half, spin, spin_half)))
+    tube = tube_of(middle, half, spin, spin_half)
     t = turning(task, tube, 1)
-    frame = Spinning(task, tube, 3000.0, 1, 1, 3.0, None)
+    frame = Motion(task, tube, 3000.0, 1, 1, 3.0, None)
     frame.attitude(1)
     moments, largest = frame.gyroscopic(1)
+    pushed = [frame.model.variable(-np.inf, np.inf) for _ in range(3)]
+    frame.turned_by(1, pushed, moments, largest)
     for _ in range(20):
         angles = middle + half * rng.uniform(-1, 1, 3)
         omega = spin + spin_half * rng.uniform(-1, 1, 3)
@@ -140,6 +163,11 @@ def test_spins_and_rates_of_a_tube_are_in_its_rows() -> None:
         after = angles + task.step * euler_rates(angles, omega)
         given = {frame.angles[1][k].column: angles[k] for k in range(3)}
         given |= {frame.spin[1][k].column: omega[k] for k in range(3)}
+        later = spin + spin_half * rng.uniform(-1, 1, 3)
+        R = rotation_world_body(angles)
+        moment = R @ (task.body.inertia @ R.T @ (later - omega) / task.step - t.principal @ true)
+        given |= {frame.spin[2][k].column: later[k] for k in range(3)}
+        given |= {pushed[k].column: moment[k] / frame.unit for k in range(3)}
         solver = linear()
         solver.passModel(rows_model(model, relaxed=True))
         for column, value in given.items():
@@ -150,6 +178,11 @@ def test_spins_and_rates_of_a_tube_are_in_its_rows() -> None:
             solver.changeColBounds(column, true[k] / factor, true[k] / factor)
         solver.run()
         assert solver.getModelStatus() == highspy.HighsModelStatus.kOptimal
+        other = moment / frame.unit + np.array([0.0, 1.0, 0.0])  # nothing turns that fast
+        for k in range(3):
+            solver.changeColBounds(pushed[k].column, other[k], other[k])
+        solver.run()
+        assert solver.getModelStatus() == highspy.HighsModelStatus.kInfeasible
 
 
 def test_tangents_are_below_their_square() -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from climbplan.walking.micp.model import Lin, LinearModel
 from climbplan.walking.micp.ranges import Box, ranges_below
-from climbplan.walking.micp.tube import Tube, Turning, turning
+from climbplan.walking.micp.tube import Tube, turning
 from climbplan.walking.task import POSITION, VELOCITY, Array, WalkTask
 
 
@@ -22,7 +24,10 @@ class Frame:
         heights: int,
         ratio: float,
         box: Box | None,
+        plain: bool = False,
     ) -> None:
+        """plain: inertia is linear about the middle of the tube, in fewer columns."""
+        self.plain = plain
         self.task, self.tube, self.cost = task, tube, cost
         self.aside: tuple[list[int], list[int]] = ([], [])
         self.given = np.zeros(2)
@@ -130,17 +135,20 @@ class Frame:
             )
         return w
 
-    def arm_range(self, t: Turning, leg: int) -> tuple[Array, Array]:
-        """Least and largest arm (3,) of a toe within its box."""
-        box, half = self.task.body.toe_center[leg], self.task.body.toe_half
-        middle = t.R @ box
-        room = np.abs(t.R) @ half + t.R_off @ (np.abs(box) + half)
-        return middle - room, middle + room
+    def arm_range(self, n: int, leg: int) -> tuple[Array, Array]:
+        """Least and largest arm (3,) of a toe within its box, about the axes of the heading."""
+        t = self.turns[n]
+        return t.arm_low[leg], t.arm_high[leg]
 
     def body_heights(self, n: int) -> tuple[float, float]:
         """Least and largest height of the body above a toe within its box."""
-        ends = [self.arm_range(self.turns[n], leg) for leg in range(self.legs)]
-        return float(max(-high[2] for _, high in ends)), float(min(-low[2] for low, _ in ends))
+        t = self.turns[n]
+        return float((-t.arm_high[:, 2]).max()), float((-t.arm_low[:, 2]).min())
+
+    def in_world(self, n: int, along: Sequence[Lin]) -> tuple[Lin, Lin]:
+        """x and y of a vector whose x and y are about the axes of the heading."""
+        (a, b), (c, d) = self.turns[n].facing[:2, :2].tolist()
+        return along[0] * a + along[1] * b, along[0] * c + along[1] * d
 
     def ways(self, n: int, last: int) -> tuple[Array, Array]:
         """Least and largest ways (2,) of the body along x and y from one knot to a later one [m].

@@ -22,12 +22,12 @@ class Legs(Spinning):
         task, model = self.task, self.model
         first = n == 0
         level, t = task.ground.height, self.turns[n]
-        held = task.start.toes[leg] - task.start.state[POSITION]
+        held = t.facing.T @ (task.start.toes[leg] - task.start.state[POSITION])
         if first:
             region = int(task.ground.nearest(task.start.toes[leg, :2]))
             ends = [(region, held[:2], held[:2])]
         else:
-            low, high = self.arm_range(t, leg)
+            low, high = self.arm_range(n, leg)
             least = np.maximum(low[:2], self.box.arm_low[n, leg])
             most = np.maximum(np.minimum(high[:2], self.box.arm_high[n, leg]), least)
             knots = np.linspace(least[0], most[0], self.arm_pieces + 1)
@@ -45,6 +45,8 @@ class Legs(Spinning):
         if first:
             self.arms[n, leg] = (Lin(constant=held[0]), Lin(constant=held[1]))
             return pieces
+        if stands[0] > 0.0:  # where it stands in any case
+            low, high = (np.append(end, other[2]) for end, other in ((least, low), (most, high)))
         arm = (model.variable(low[0], high[0]), model.variable(low[1], high[1]))
         self.arms[n, leg] = arm
         for k in range(2):
@@ -66,19 +68,18 @@ class Legs(Spinning):
         """The toe in its box, seen from the body."""
         model, t = self.model, self.turns[n]
         box, half = self.task.body.toe_center[leg], self.task.body.toe_half
-        room = half + t.off @ (np.abs(box) + half)
-        low, high = box - room, box + room
-        ends = [self.extent(r) for r in arm]
-        seen = [total(arm[j] * float(t.R[j, k]) for j in range(3)) for k in range(3)]
+        low, high = t.toe_low[leg].copy(), t.toe_high[leg].copy()
+        ends, middle = [self.extent(r) for r in arm], t.facing.T @ t.R
+        seen = [total(arm[j] * float(middle[j, k]) for j in range(3)) for k in range(3)]
         for k in range(3):
-            corners = [sorted(float(t.R[j, k]) * e for e in ends[j]) for j in range(3)]
+            corners = [sorted(float(middle[j, k]) * e for e in ends[j]) for j in range(3)]
             low[k] = max(low[k], sum(c[0] for c in corners))
             high[k] = min(high[k], sum(c[1] for c in corners))
             model.add("workspace.toe", seen[k], low[k], high[k])
-        found, least, most = self.seen("workspace.toe", n, seen, low, high)
+        found = self.seen("workspace.toe", n, seen, low, high)
+        least, most = box - half - t.bent_high[leg], box + half - t.bent_low[leg]
         for k in range(3):
-            ends_of_box = box[k] - half[k] - most[k], box[k] + half[k] - least[k]
-            model.add("workspace.toe", found[k], *ends_of_box)
+            model.add("workspace.toe", found[k], float(least[k]), float(most[k]))
 
     def piece(self, region: int, low: Array, high: Array, forces: tuple[Array, Array]) -> Piece:
         model = self.model
@@ -109,7 +110,9 @@ class Legs(Spinning):
     def regions(self, n: int, low: Array, high: Array) -> list[int]:
         """Regions that a toe can reach."""
         ground = self.task.ground
-        least, largest = self.p_low[n, :2] + low[:2], self.p_high[n, :2] + high[:2]
+        facing = self.turns[n].facing[:2, :2]
+        middle, half = facing @ (0.5 * (low + high)[:2]), np.abs(facing) @ (0.5 * (high - low)[:2])
+        least, largest = self.p_low[n, :2] + middle - half, self.p_high[n, :2] + middle + half
         reached = (ground.lower <= largest).all(axis=1) & (ground.upper >= least).all(axis=1)
         return [int(s) for s in np.flatnonzero(reached)]
 
@@ -117,19 +120,15 @@ class Legs(Spinning):
         ground = self.task.ground
         if len(ground.height) == 1:
             return
-        for k in range(2):
-            toe = arm[k] + self.p[n][k]
-            least = self.p_low[n, k] + min(self.end(n, arm[k], 0), 0.0)
-            largest = self.p_high[n, k] + max(self.end(n, arm[k], 1), 0.0)
+        for k, along in enumerate(self.in_world(n, arm)):
+            toe, ends = along + self.p[n][k], self.extent(along)
+            least = self.p_low[n, k] + min(ends[0], 0.0)
+            largest = self.p_high[n, k] + max(ends[1], 0.0)
             low, high = float(ground.lower[piece.region, k]), float(ground.upper[piece.region, k])
             if least < low:
                 self.model.least("contact.region", toe - least - piece.chosen * (low - least))
             if largest > high:
                 self.model.least("contact.region", largest - toe - piece.chosen * (largest - high))
-
-    def end(self, n: int, arm: Lin, side: int) -> float:
-        column = next(iter(arm.terms))
-        return (self.model.lower, self.model.upper)[side][column]
 
     # No slip, eq. (8.22): a leg stands through, and its arm changes by -v dt, or it does not; the
     # hull of both instead of M
@@ -140,28 +139,31 @@ class Legs(Spinning):
         model.least("contact.no_slip", before - through)
         model.least("contact.no_slip", after - through)
         model.least("contact.no_slip", through - before - after + 1.0)
-        for k in range(2):
-            arms = []
-            for pieces, standing in ((now, before), (later, after)):
+        arms: list[tuple[Lin, Lin]] = []
+        for at, pieces, standing in ((n, now, before), (n + 1, later, after)):
+            held = []
+            for k in range(2):
                 low = min(float(q.low[k]) for q in pieces)
                 high = max(float(q.high[k]) for q in pieces)
                 arm = self.scaled("contact.no_slip", through, low, high)
                 left = total(q.arm[k] for q in pieces) - arm
                 model.least("contact.no_slip", left - (standing - through) * low)
                 model.least("contact.no_slip", (standing - through) * high - left)
-                arms.append(arm)
+                held.append(arm)
+            arms.append(self.in_world(at, held))
+        for k in range(2):
             low, high = float(self.v_low[n, k]), float(self.v_high[n, k])
             velocity = self.scaled("contact.no_slip", through, low, high)
             other = self.v[n][k] - velocity
             model.least("contact.no_slip", other - (1.0 - through) * low)
             model.least("contact.no_slip", (1.0 - through) * high - other)
-            model.add("contact.no_slip", arms[1] - arms[0] + velocity * dt, 0.0, 0.0)
+            model.add("contact.no_slip", arms[1][k] - arms[0][k] + velocity * dt, 0.0, 0.0)
 
     def endurance(self, pieces: list[tuple[tuple[Piece, ...], ...]]) -> None:
         """No leg stands for longer than the body needs to leave it out of reach at its slowest."""
         knots, held = self.task.knots, self.task.start
         reach = [
-            [self.arm_range(self.turns[n], leg) for leg in range(self.legs)] for n in range(knots)
+            [(t.reach_low[leg], t.reach_high[leg]) for leg in range(self.legs)] for t in self.turns
         ]
         for leg in range(self.legs):
             there = held.toes[leg] - held.state[POSITION]

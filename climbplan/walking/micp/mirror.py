@@ -54,6 +54,7 @@ def with_images(tube: Tube, angles: Array, spin: Array) -> Tube | None:
         angles_half=tube.angles_half + np.abs(off),
         spin=tube.spin - off_spin,
         spin_half=tube.spin_half + np.abs(off_spin),
+        heading=tube.heading - off[:, 2],
     )
 
 

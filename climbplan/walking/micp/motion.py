@@ -11,6 +11,8 @@ from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.pieces import Height, Piece
 from climbplan.walking.task import VELOCITY, Array
 
+_AHEAD, _LAST = (1, 2, 0), (2, 0, 1)
+
 
 class Motion(Counts):
     """Rows of the body from each knot to the next, and the squares of the cost."""
@@ -60,26 +62,25 @@ class Motion(Counts):
     ) -> None:
         task, model, dt, t = self.task, self.model, self.task.step, self.turns[n]
         level = task.ground.height
+        pushed = (*self.in_world(n, force), force[2])
         for k in range(3):
             model.add(
                 "dynamics.position", self.p[n + 1][k] - self.p[n][k] - self.v[n][k] * dt, 0.0, 0.0
             )
             fall = dt * task.body.gravity if k == 2 else 0.0
-            gain = force[k] * (dt * self.unit / task.body.mass)
+            gain = pushed[k] * (dt * self.unit / task.body.mass)
             model.add("dynamics.velocity", self.v[n + 1][k] - self.v[n][k] - gain + fall, 0.0, 0.0)
         pieces = [q for leg in legs for q in leg]
-        moment = [
+        along = [
             total(q.by_y[1] - q.force[1] * float(level[q.region]) for q in pieces) + raised[1],
             total(q.force[0] * float(level[q.region]) - q.by_x[1] for q in pieces) - raised[0],
             total(q.by_x[0] - q.by_y[0] for q in pieces),
         ]
+        moment = [*self.in_world(n, along), along[2]]
         # How large moments can be: arms times forces within friction
         friction = task.ground.friction
         largest = []
-        reach = [np.zeros(3) for _ in range(self.legs)]
-        for leg in range(self.legs):
-            low, high = self.arm_range(t, leg)
-            reach[leg] = np.maximum(np.abs(low), np.abs(high))
+        reach = np.maximum(np.abs(t.reach_low), np.abs(t.reach_high))
         for a, b in ((1, 2), (0, 2), (0, 1)):
             parts = []
             for leg in range(self.legs):
@@ -100,24 +101,62 @@ class Motion(Counts):
             model.least("dynamics.spin", change + slack)
             model.least("dynamics.spin", slack - change)
 
-        if n + 1 < task.knots:
+        if n + 1 < task.knots and self.plain:
             given = [total(about[j] * float(seen[k, j]) for j in range(3)) for k in range(3)]
-            self.turned_by(n, moment, given, off @ about_most)
+            self.turned_plainly(n, moment, given, off @ about_most)
+        elif n + 1 < task.knots:
+            self.turned_by(n, moment, about, about_most)
 
-    def turned_by(self, n: int, moment: list[Lin], gyro: list[Lin], gyro_off: Array) -> None:
+    def turned_plainly(self, n: int, moment: list[Lin], gyro: list[Lin], gyro_off: Array) -> None:
         """What turns the body, eq. (8.15) times the inertia: |I - I_middle| meets accelerations.
 
         Those are small beside moments at their largest, which the rows above have to reckon with.
         gyro: gyroscopic moments (3,), world frame, right within so much (3,).
         """
-        model, dt, t = self.model, self.task.step, self.turns[n]
+        dt, t = self.task.step, self.turns[n]
         change = [self.spin[n + 1][j] - self.spin[n][j] for j in range(3)]
         fastest = np.array([max(map(abs, self.extent(one))) / dt for one in change])
         slack = t.inertia_off @ fastest + gyro_off
         for k in range(3):
             heavy = total(change[j] * float(t.inertia[k, j] / dt) for j in range(3))
             left = heavy - moment[k] * self.unit - gyro[k]
-            model.add("dynamics.spin", left, -float(slack[k]), float(slack[k]))
+            self.model.add("dynamics.spin", left, -float(slack[k]), float(slack[k]))
+
+    def turned_by(self, n: int, moment: list[Lin], gyro: list[Lin], gyro_most: Array) -> None:
+        """What turns the body, eq. (8.15) times the inertia, about principal axes at the middle.
+
+        Q I Q^T a = m + Q g, with accelerations a, moments m, and the gyroscopic g about the body's
+        own axes: to first order Q is 1 + [w], and [w] I - I [w] has differences of moments of
+        inertia, so that w meets one expression for each pair of axes. What is of second order
+        meets largest accelerations, and not moments, which forces have far larger.
+        gyro: (3,) no larger than `gyro_most` (3,).
+        """
+        t, name = self.turns[n], "dynamics.spin"
+        middle = t.R @ t.principal
+        change = [
+            (self.spin[n + 1][j] - self.spin[n][j]) * (1.0 / self.task.step) for j in range(3)
+        ]
+        a = [total(change[j] * float(middle[j, k]) for j in range(3)) for k in range(3)]
+        turn, reach = self.turn_about(n)
+        ends = np.array([self.extent(one) for one in a])
+        for i in range(3):
+            left = a[i] * float(t.moments[i]) - gyro[i]
+            for j, k, sign in ((_AHEAD[i], _LAST[i], -1.0), (_LAST[i], _AHEAD[i], 1.0)):
+                further = float(t.moments[j] - t.moments[i])
+                z = a[j] * further - gyro[j]
+                low = float((further * ends[j]).min() - gyro_most[j])
+                high = float((further * ends[j]).max() + gyro_most[j])
+                left = left + self.envelope(name, turn[k], float(reach[k]), z, low, high) * sign
+            push = total(moment[j] * float(middle[j, i] * self.unit) for j in range(3))
+            heavy = [b * e for b in (t.heavy_low[i], t.heavy_high[i]) for e in ends.T]
+            carried = [
+                b * e
+                for b in (t.carried_low[i], t.carried_high[i])
+                for e in (-gyro_most, gyro_most)
+            ]
+            least = -np.max(heavy, axis=0).sum() + np.min(carried, axis=0).sum()
+            most = -np.min(heavy, axis=0).sum() + np.max(carried, axis=0).sum()
+            self.model.add(name, left - push, float(least), float(most))
 
     # Objective, eq. (8.30)
     def costs(self, pieces: list[tuple[tuple[Piece, ...], ...]]) -> list[tuple[Count, ...]]:

@@ -15,7 +15,7 @@ class Piece:
     """One region and one part of a leg's arm at a knot, and what it holds if it is chosen."""
 
     region: int
-    low: Array  # (2,) ends of the arm along x and y [m]
+    low: Array  # (2,) ends of the arm along the heading and across [m]
     high: Array
     chosen: Lin
     arm: tuple[Lin, Lin]
@@ -24,7 +24,7 @@ class Piece:
     by_y: tuple[Lin, Lin]  # arm_y f_x, arm_y f_z
 
     def beyond(self, arm: Array) -> float:
-        """How far an arm (3,) is outside of its part [m]."""
+        """How far an arm (3,), about the axes of the heading, is outside of its part [m]."""
         return float(np.maximum(self.low - arm[:2], arm[:2] - self.high).max())
 
 

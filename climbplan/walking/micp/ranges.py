@@ -61,13 +61,13 @@ class Box:
     low: Array  # (N + 1, 12) states
     high: Array
     off: Array  # (2,) the most that velocities along x and y that are not the cheapest cost them
-    push_low: Array  # (N, 3) sums of forces
+    push_low: Array  # (N, 3) sums of forces, about the axes of the heading
     push_high: Array
     stands_low: Array  # (N, L) 1: stands in any case
     stands_high: Array  # 0: never
-    arm_low: Array  # (N, 4, 2) toe from the body along x and y [m]
+    arm_low: Array  # (N, L, 2) toe from the body along the heading and across [m]
     arm_high: Array
-    force_low: Array  # (N, L, 3)
+    force_low: Array  # (N, L, 3) about those axes
     force_high: Array
 
     @classmethod

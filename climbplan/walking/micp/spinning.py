@@ -27,24 +27,27 @@ class Spinning(Frame):
         off = [self.angles[n][j] - float(middle[j]) for j in range(3)]
         return [total(off[j] * float(axes[i, j]) for j in range(3)) for i in range(3)]
 
-    def seen(
-        self, name: str, n: int, middle: list[Lin], low: Array, high: Array
-    ) -> tuple[list[Lin], Array, Array]:
-        """R^T r of a vector r, r' - w x r' + what is of second order: expressions, and the latter.
+    def turn_about(self, n: int) -> tuple[list[Lin], Array]:
+        """That turn about principal axes there (3,), and the largest of it (3,)."""
+        axes, t = self.turns[n].principal, self.turns[n]
+        turn = self.turn(n)
+        found = [total(turn[j] * float(axes[j, k]) for j in range(3)) for k in range(3)]
+        return found, np.abs(axes.T @ t.axes) @ self.tube.angles_half[n]
+
+    def seen(self, name: str, n: int, middle: list[Lin], low: Array, high: Array) -> list[Lin]:
+        """r' - w x r', which is R^T r of a vector r but for what is of second order.
 
         middle: r', which is r seen from the middle of the tube, within low and high (3,); w is the
-        small turn from there. What is of second order is between the two arrays (3,).
+        small turn from there.
         """
         t, turn = self.turns[n], self.turn(n)
-        found, least, most = [], np.zeros(3), np.zeros(3)
+        found = []
         for k in range(3):
             i, j = _AHEAD[k], _LAST[k]
             across = self.envelope(name, turn[i], t.turn_half[i], middle[j], low[j], high[j])
             back = self.envelope(name, turn[j], t.turn_half[j], middle[i], low[i], high[i])
             found.append(middle[k] - across + back)
-            ends = np.stack([a * b for a in (t.seen_low[k], t.seen_high[k]) for b in (low, high)])
-            least[k], most[k] = ends.min(axis=0).sum(), ends.max(axis=0).sum()
-        return found, least, most
+        return found
 
     def envelope(self, name: str, x: Lin, half: float, y: Lin, low: float, high: float) -> Lin:
         """x y with |x| <= half and y in [low, high], by its four McCormick rows."""
@@ -108,10 +111,10 @@ class Spinning(Frame):
         w = self.spin[n]
         middle = [total(w[j] * float(t.R[j, k]) for j in range(3)) for k in range(3)]
         ends = np.array([self.extent(one) for one in middle])
-        seen, least, most = self.seen("dynamics.spin", n, middle, ends[:, 0], ends[:, 1])
+        seen = self.seen("dynamics.spin", n, middle, ends[:, 0], ends[:, 1])
         axes, spins = t.principal, []
         for k in range(3):
-            parts = np.stack([axes[:, k] * least, axes[:, k] * most])
+            parts = np.stack([axes[:, k] * t.spin_low, axes[:, k] * t.spin_high])
             about = model.variable(float(t.about_low[k]), float(t.about_high[k]))
             known = total(seen[j] * float(axes[j, k]) for j in range(3))
             model.add(

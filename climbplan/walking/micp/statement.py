@@ -4,8 +4,10 @@ In the world frame the arm of a standing toe has r_z = h - p_z for every leg, so
 products of r_z with forces are two, p_z F_x and p_z F_y. Arms are partitioned, not forces, in
 perspective form: each piece of an arm has its own binary, arm and force, and the binaries of a leg
 add up to its contact. Products of an arm with f_z are McCormick envelopes, those with f_x and f_y
-rows of (arm - end) (mu f_z +- f) >= 0, which vanish with the force. Attitudes and angular
-velocities stay within a tube; what turns is linear about its middle with bounded remainders.
+rows of (arm - end) (mu f_z +- f) >= 0, which vanish with the force. Arms and forces are about axes
+that are turned by the yaw of the tube's middle at each knot: boxes of toes are narrowest about
+these. Attitudes and angular velocities stay within a tube; products with the small turn from its
+middle are in envelopes, and what is of second order is a bounded remainder.
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ class Relaxation:
     known: int  # the row of what motions cost
     box: Box  # what is known already
     paid: tuple[tuple[int, float], ...]  # (N) of each interval: its first cost, and what is given
+    facing: Array  # (N, 3, 3) axes that arms and forces are about, columns
 
     def paid_after(self, knots: int) -> tuple[Array, float]:
         """Costs of columns, and a constant, of what is paid for the intervals from a knot on."""
@@ -54,7 +57,7 @@ class Relaxation:
         """Values of all binaries at a motion, by column."""
         values: dict[int, float] = {}
         for n, legs in enumerate(self.pieces):
-            arms = found.toes[n] - found.state[n, POSITION]
+            arms = (found.toes[n] - found.state[n, POSITION]) @ self.facing[n]
             for leg, pieces in enumerate(legs):
                 own = [q for q in pieces if q.region == found.gait.region[n, leg]]
                 held = min(own, key=lambda q: q.beyond(arms[leg]), default=None)
@@ -78,7 +81,8 @@ class Relaxation:
             for leg, pieces in enumerate(legs):
                 for q in pieces:
                     share = values[q.chosen.column] / self.unit
-                    for part, force in zip(q.force, found.force[n, leg], strict=True):
+                    along = found.force[n, leg] @ self.facing[n]
+                    for part, force in zip(q.force, along, strict=True):
                         values[part.column] = float(share * force)
         return values
 
@@ -107,12 +111,14 @@ def relaxation(
     height_pieces: int,
     ratio: float,
     box: Box | None = None,
+    plain: bool = False,
 ) -> Relaxation:
     """The program of all motions within a tube that cost no more than so much.
 
-    ratio: of tangents, as of `LinearModel.square`; box: what is known of such motions.
+    ratio: of tangents, as of `LinearModel.square`; box: what is known of such motions; plain: as of
+    `Frame`.
     """
-    return _Statement(task, tube, cost, arm_pieces, height_pieces, ratio, box).done()
+    return _Statement(task, tube, cost, arm_pieces, height_pieces, ratio, box, plain).done()
 
 
 class _Statement(Motion):
@@ -153,4 +159,5 @@ class _Statement(Motion):
             known,
             self.box,
             tuple(self.paid),
+            np.stack([t.facing for t in self.turns]),
         )

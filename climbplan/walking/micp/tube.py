@@ -29,6 +29,7 @@ class Tube:
     angles_half: Array
     spin: Array  # (N + 1, 3) [rad/s]
     spin_half: Array
+    heading: Array  # (N + 1,) [rad] yaw of the axes that arms and forces are along
 
     def holds(self, state: Array) -> bool:
         """Whether a motion (N + 1, 12) is within it."""
@@ -66,7 +67,10 @@ def tube_about(task: WalkTask, state: Array, angles: Array, spin: Array) -> Tube
     low[0] = high[0] = task.start.state[ANGLES]
     low[1] = high[1] = after[ANGLES]
     slow[0] = fast[0] = task.start.state[SPIN]
-    return Tube(0.5 * (low + high), 0.5 * (high - low), 0.5 * (slow + fast), 0.5 * (fast - slow))
+    middle = 0.5 * (low + high)
+    return Tube(
+        middle, 0.5 * (high - low), 0.5 * (slow + fast), 0.5 * (fast - slow), middle[:, 2].copy()
+    )
 
 
 @dataclass(frozen=True)
@@ -79,15 +83,27 @@ class Turning:
     inverse_off: Array  # (3, 3)
     inertia: Array  # (3, 3) world frame
     inertia_off: Array  # (3, 3)
+    heavy_low: Array  # (3, 3) inertia about `principal` at the middle, less its linearisation, from
+    heavy_high: Array  # to
+    carried_low: Array  # (3, 3) rotation from there about the same axes, less its linearisation
+    carried_high: Array
     principal: Array  # (3, 3) principal axes of the inertia in the body, its columns
     moments: Array  # (3,) of inertia about them
     about_low: Array  # (3,) least angular velocity about them
     about_high: Array
     axes: Array  # (3, 3) small turn about the body's axes at the middle, by each angle
     turn_half: Array  # (3,) of that turn at most
-    seen_low: Array  # (3, 3) R^T R_middle less its linearisation, from
-    seen_high: Array  # to
-    off: Array  # (3, 3) R_middle^T R less the identity, at most
+    spin_low: Array  # (3,) (R^T R_middle - 1 + [turn]) R_middle^T w for spins w, least
+    spin_high: Array  # and largest
+    facing: Array  # (3, 3) axes of the heading, its columns
+    arm_low: Array  # (L, 3) least toe from the body about them
+    arm_high: Array
+    reach_low: Array  # (L, 3) and in the world frame
+    reach_high: Array
+    toe_low: Array  # (L, 3) R_middle^T r of a toe's arm r, least
+    toe_high: Array  # and largest
+    bent_low: Array  # (L, 3) (R^T R_middle - 1 + [turn]) R_middle^T r, least
+    bent_high: Array  # and largest
 
 
 def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
@@ -106,17 +122,34 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     spread = np.ptp(np.linalg.eigvalsh(body_inverse))
     inverse = R @ body_inverse @ R.T
     inverses = turns @ body_inverse @ np.swapaxes(turns, -1, -2)
-    heavy, heavies = R @ inertia @ R.T, turns @ inertia @ np.swapaxes(turns, -1, -2)
+    heavy, turned_heavies = R @ inertia @ R.T, turns @ inertia @ np.swapaxes(turns, -1, -2)
     # Interpolation in a cell is off by an eighth of side^2 times second derivative for each angle.
     # Entries of rotations are constant, or sinusoids of each angle, no larger than 1.
     beside = float(((2.0 * half / (_GRID - 1)) ** 2).sum()) / 8.0 + _ROUNDING
     R_off = np.abs(turns - R).max(axis=0) + beside
     turned = np.einsum("ba,jbc->jac", R, _slopes(middle))  # skew: what a rotation is to first order
     turns_by = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]])
-    seen = np.swapaxes(turns, -1, -2) @ R
-    second = seen - np.eye(3) + skew((grid - middle) @ turns_by.T)
+    turn = skew((grid - middle) @ turns_by.T)
+    second = np.swapaxes(turns, -1, -2) @ R - np.eye(3) + turn
+    spin, spin_half = tube.spin[n], tube.spin_half[n]
+    fastest = float(np.linalg.norm(np.abs(spin) + spin_half))
+    spins = _swept(second @ R.T, spin[None], spin_half, beside * fastest)
+    boxes, half_box = task.body.toe_center, task.body.toe_half
+    furthest = float(np.linalg.norm(np.abs(boxes) + half_box, axis=1).max())
+    facing = rotation_world_body(np.array([0.0, 0.0, tube.heading[n]]))
+    arms = _swept(facing.T @ turns, boxes, half_box, beside * furthest)
+    toes = _swept(R.T @ turns, boxes, half_box, beside * furthest)
+    # Of the turn times a rotation: twice the slope of the latter, and the turn times what it bends.
+    bends = (3.0 + float(np.linalg.norm(np.abs(turns_by) @ half))) * beside * furthest
+    bent = _swept(second @ R.T @ turns, boxes, half_box, bends)
+    world = _swept(turns, boxes, half_box, beside * furthest)
     moments, principal = np.linalg.eigh(inertia)
     principal[:, 2] *= np.linalg.det(principal)  # right-handed
+    Q = principal.T @ R.T @ turns @ principal
+    across = skew((grid - middle) @ turns_by.T @ principal)
+    carried = Q - np.eye(3) - across
+    heavies = Q * moments @ np.swapaxes(Q, -1, -2) - np.diag(moments)
+    heavies -= across * (moments[None, :] - moments[:, None])
     about_low, about_high = _about(turns @ principal, beside, tube.spin[n], tube.spin_half[n])
     return Turning(
         R,
@@ -124,18 +157,35 @@ def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
         inverse,
         np.abs(inverses - inverse).max(axis=0) + 2.0 * spread * beside,
         heavy,
-        np.abs(heavies - heavy).max(axis=0)
-        + 2.0 * float(np.ptp(np.linalg.eigvalsh(inertia))) * beside,
+        np.abs(turned_heavies - heavy).max(axis=0) + 2.0 * float(np.ptp(moments)) * beside,
+        heavies.min(axis=0) - 2.0 * float(np.ptp(moments)) * beside,
+        heavies.max(axis=0) + 2.0 * float(np.ptp(moments)) * beside,
+        carried.min(axis=0) - beside,
+        carried.max(axis=0) + beside,
         principal,
         moments,
         about_low,
         about_high,
         turns_by,
         np.abs(turns_by) @ half,
-        second.min(axis=0) - beside,
-        second.max(axis=0) + beside,
-        np.abs(seen - np.eye(3)).max(axis=0).T + beside,
+        spins[0][0],
+        spins[1][0],
+        facing,
+        *arms,
+        *world,
+        *toes,
+        *bent,
     )
+
+
+def _swept(maps: Array, middle: Array, half: Array, beyond: float) -> tuple[Array, Array]:
+    """Least and largest of what linear maps (G, 3, 3) make of boxes about middles (M, 3): (M, 3).
+
+    beyond: by how much maps between those of the grid may be further.
+    """
+    centers = np.einsum("gjk,mk->gmj", maps, middle)
+    room = np.einsum("gjk,k->gj", np.abs(maps), half)[:, None]
+    return (centers - room).min(axis=0) - beyond, (centers + room).max(axis=0) + beyond
 
 
 def _slopes(angles: Array) -> Array:

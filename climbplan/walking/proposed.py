@@ -23,7 +23,7 @@ from climbplan.walking.swing_effort import swing_effort
 from climbplan.walking.task import ANGLES, VELOCITY
 
 _TIME_LIMIT = "solver.time_limit=3600"  # a cap: QPs decide what the search finds
-_HASTES = (1.0, 10.0)  # of which the second is for walks that lag behind
+_HASTES = (1.0, 10.0, 100.0)  # of which the later ones are for walks that lag behind
 _REACHED = 0.9  # of the speed or the turn that is asked for
 _LAST = 4  # a walk's speed is that of its last quarter
 _POSTURES = 3  # that are looked for to walk in, where it does not as it stands

@@ -1,8 +1,8 @@
 """Margins: forces that still hold in a world that is not quite the planned one.
 
 Beside its bounds each instant is asked for margins (`margins` of a spec): pressure at every toe,
-pressure it may miss before it slips, depth of its command, stiffness that bracing leaves. Where all
-cannot be had the largest common share t of them is found first,
+pressure it may miss before it slips, depth of its command, torque that motors have left, stiffness
+that bracing leaves. Where all cannot be had the largest common share t of them is found first,
 
     maximise    t                              0 <= t <= 1
     such that   the bounds of `statement`, each moved from what forces of least cost have
@@ -24,7 +24,13 @@ import numpy as np
 
 from climbplan.climb.forces.cones import ConicProgram, instant_cones
 from climbplan.climb.forces.solving import SolvedForces, solve_forces
-from climbplan.climb.forces.statement import ForceStatement, depths_of, free_depths_of
+from climbplan.climb.forces.statement import (
+    TORQUE_MARGIN,
+    ForceStatement,
+    depths_of,
+    free_depths_of,
+    standing_use,
+)
 from climbplan.climb.plan.climb_plan import Array, Index, Mask
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.friction import split_force
@@ -151,6 +157,7 @@ def kept_share(statement: ForceStatement, margins: MarginsSpec, force: Array) ->
             np.full(len(force), margins.depth),
             _least(free_depths_of(statement, force), statement.standing),
         ),
+        (np.full(len(force), margins.torque), 1 - standing_use(statement, force)),
         (np.full(len(force), margins.stiffness), left),
     ):
         part = np.ones(len(force))
@@ -196,6 +203,7 @@ def with_margins(statement: ForceStatement, margins: MarginsSpec) -> ForceStatem
         least_pressure=np.maximum(statement.least_pressure, margins.pressure * weight),
         reserve=np.maximum(statement.reserve, margins.friction * weight),
         least_depth=np.maximum(statement.least_depth, margins.depth),
+        largest_s=np.minimum(statement.largest_s, (1 - TORQUE_MARGIN) * (1 - margins.torque)),
         stiffness_left=np.maximum(statement.stiffness_left, margins.stiffness),
     )
 
@@ -213,6 +221,7 @@ def _attained(bare: ForceStatement, asked: ForceStatement, force: Array) -> Forc
         least_pressure=np.clip(pressure, bare.least_pressure, asked.least_pressure),
         reserve=np.clip(spare, bare.reserve, asked.reserve),
         least_depth=np.clip(depth, bare.least_depth, asked.least_depth),
+        largest_s=np.clip(standing_use(bare, force), asked.largest_s, bare.largest_s),
         stiffness_left=np.clip(left, bare.stiffness_left, asked.stiffness_left),
     )
 
@@ -222,7 +231,7 @@ def _least(values: Array, contact: Mask) -> Array:
     return np.asarray(np.where(contact, values, np.inf).min(axis=1))
 
 
-_MOVED = ("least_pressure", "reserve", "least_depth", "stiffness_left")
+_MOVED = ("least_pressure", "reserve", "least_depth", "largest_s", "stiffness_left")
 
 
 def _between(least: ForceStatement, asked: ForceStatement, share: Array) -> ForceStatement:

@@ -99,6 +99,7 @@ class Kept:
     reserve: float  # of it, that may go missing before a toe slips [weight]
     least_depth: float | None  # of commands, to first order [m]; None: not asked
     depth: float | None  # of commands, where free toes would be [m]; None: not asked
+    torque: float  # part of its limit that every motor has left
 
 
 def kept_by(scene: TransitionScene, share: float) -> Kept:
@@ -108,12 +109,13 @@ def kept_by(scene: TransitionScene, share: float) -> Kept:
     pressure = max(spec.search.least_load, spec.force.least_pressure / weight)
     depth = spec.force.least_depth
     if not margins.asked or share <= 0:
-        return Kept(pressure, 0.0, depth, None)
+        return Kept(pressure, 0.0, depth, None, 0.0)
     return Kept(
         max(pressure, share * margins.pressure),
         share * margins.friction,
         depth,
         share * margins.depth,
+        share * margins.torque,
     )
 
 
@@ -149,7 +151,7 @@ def motion_numbers(
     toe = toes_of(lab, sequence)[1:].reshape(m, -1)
     room = np.where(np.repeat(open_footholds(sequence)[1:], 3, axis=1), np.inf, 0.0)
     most = np.repeat(np.where(sequence.moved, 0.0, _MOST_FORCE), 3, axis=1)
-    largest = (1 - MARGIN) / safety_torque
+    largest = (1 - MARGIN) * min(1 / safety_torque, 1 - kept.torque)
     start = {"pose": pose, "toe": toe, "force": force.reshape(m, -1), "s": in_use}
     lower = {"pose": pose_lower, "toe": toe - room, "force": -most, "s": np.zeros(1)}
     upper = {"pose": pose_upper, "toe": toe + room, "force": most, "s": np.array([largest])}

@@ -54,12 +54,12 @@ class Kept:
         known = program.box
         self.open: Flags = known.stands_low < known.stands_high
         self.solver = linear()
-        self.solver.setOptionValue("presolve", "off")
         self.solver.passModel(rows_model(model, relaxed=True))
         # What costs more ends a program by its bound, which takes no row.
         self.solver.changeRowBounds(program.known, -np.inf, np.inf)
         self.solver.setOptionValue("objective_bound", self.most)
         run_highs(self.solver)
+        self.solver.setOptionValue("presolve", "off")  # from here on each starts where one ended
         self.basis = self.solver.getBasis()
 
     def begin(self) -> None:

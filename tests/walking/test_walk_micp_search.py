@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from typing import Any
 
 import highspy
 import numpy as np
@@ -11,9 +12,10 @@ import pytest
 from walk_relaxations import ANGLES, SPIN, known, program_cost
 from walk_tasks import shorter, stairs_task, walk_task
 
-from climbplan.solvers.highs.model import highs, rows_model
+from climbplan.solvers.highs.model import highs, rows_model, run_highs
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.cost import objective
+from climbplan.walking.micp import relaxed as relaxed_programs
 from climbplan.walking.micp.heads import (
     Drawn,
     Stated,
@@ -23,7 +25,7 @@ from climbplan.walking.micp.heads import (
 )
 from climbplan.walking.micp.kept import Decision, Kept
 from climbplan.walking.micp.mirror import left_first, own_image, with_images
-from climbplan.walking.micp.relaxed import infeasible, linear, relaxed
+from climbplan.walking.micp.relaxed import infeasible, linear, relaxed, solve_linear
 from climbplan.walking.micp.statement import Relaxation
 from climbplan.walking.micp.tree import Search
 from climbplan.walking.micp.tube import tube_about
@@ -245,3 +247,26 @@ def test_heads_keep_what_other_seeds_find(disturbed: bool) -> None:
         assert (one.gait.contact[:-1] >= drawn.box.stands_low).all()
         assert (one.gait.contact[:-1] <= drawn.box.stands_high).all()
         assert program_cost(held, one) <= cost * (1 + 1e-6)
+
+
+def test_a_program_that_comes_to_no_end_is_solved_from_scratch(
+    cheap: Cheap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program, runs = cheap.stated.program(cheap.drawn.box), []
+    true = lowest(cheap.stated, program)
+
+    def run(solver: Any) -> None:
+        runs.append(solver.getOptionValue("presolve")[1])
+        if len(runs) == 1:  # as if it went round in circles
+            solver.setOptionValue("simplex_iteration_limit", 0)
+        run_highs(solver)
+        solver.setOptionValue("simplex_iteration_limit", 100_000)
+
+    monkeypatch.setattr(relaxed_programs, "run_highs", run)
+    solver = linear()
+    solver.setOptionValue("presolve", "off")
+    solver.passModel(rows_model(program.model, relaxed=True))
+    assert solve_linear(solver) == highspy.HighsModelStatus.kOptimal
+    assert runs == ["off", "on"]
+    assert solver.getOptionValue("presolve")[1] == "off"
+    assert solver.getInfo().objective_function_value == pytest.approx(true, rel=1e-3)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import highspy
 import numpy as np
 import pytest
@@ -183,6 +185,31 @@ def test_spins_and_rates_of_a_tube_are_in_its_rows() -> None:
             solver.changeColBounds(pushed[k].column, other[k], other[k])
         solver.run()
         assert solver.getModelStatus() == highspy.HighsModelStatus.kInfeasible
+
+
+def test_products_of_narrow_ranges_are_lines_that_hold_them() -> None:
+    task = shorter(walk_task((0.5, 0, 0)), 3)
+    tube = tube_about(task, swaying(task, 0.0), np.full(3, 0.1), np.full(3, 0.1))
+    frame = Motion(task, tube, 1000.0, 1, 1, 3.0, None)
+    model, (low, high), (least, most) = frame.model, (0.3, 0.3 + 2e-6), (-4.0, 6.0)
+    x, y, chosen = model.variable(low, high), model.variable(least, most), model.variable(1.0, 1.0)
+    rows = len(model)
+    lines = (
+        frame.product(x, (low, high), y, (least, most), chosen),
+        frame.envelope("dynamics.spin", x, high, y, 1.0, 1.0 + 1e-5),
+    )
+    assert len(model) == rows  # no envelope
+    ranges = ((least, 1.0, most), (1.0, 1.0 + 1e-5))
+    for line, sizes in zip(lines, ranges, strict=True):
+        off = model.upper[max(line.terms)]  # of the remainder, which is 0 at the point
+        assert 0.0 < off <= 1e-5
+        for one, other in itertools.product((low, high), sizes):
+            at = np.zeros(len(model.lower))
+            at[[x.column, y.column, chosen.column]] = one, other, 1.0
+            assert abs(line.at(at) - one * other) <= off + 1e-12
+    wide = frame.product(x, (0.0, 0.4), y, (least, most), chosen)
+    assert len(model) == rows + 4
+    assert model.upper[wide.column] > 0.4 * most  # its own bounds are never met
 
 
 def test_tangents_are_below_their_square() -> None:

@@ -88,7 +88,7 @@ class Counts(Legs):
                 elif n < task.knots:
                     self.given[k] += paid.constant
                 continue
-            cost = model.variable(0.0, np.inf, cost=1.0)
+            cost = model.variable(0.0, model.dearest, cost=1.0)
             for shares in ([(c.after, c) for c in come], [(c.before, c) for c in go]):
                 squares = [
                     self.square(
@@ -117,7 +117,7 @@ class Counts(Legs):
                 )
                 if k == 2:
                     vertical.append(square)
-        cost = model.variable(0.0, np.inf, cost=1.0)
+        cost = model.variable(0.0, model.dearest, cost=1.0)
         sums = [
             self.square(
                 "cost.force_difference",

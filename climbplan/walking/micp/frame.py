@@ -11,6 +11,11 @@ from climbplan.walking.micp.ranges import Box, ranges_below
 from climbplan.walking.micp.tube import Tube, turning
 from climbplan.walking.task import POSITION, VELOCITY, Array, WalkTask
 
+# Products are lines where these are off by no more: rows of envelopes that lie so near each other
+# are the same to a solver whose tolerance is 1e-7, and have it go round in circles.
+FINE = 1e-5  # [SI units, forces in quarters of the weight]
+LEAST = 1e-7  # a range that is narrower is none
+
 
 class Frame:
     """States of all knots as variables, within a tube and below a cost."""
@@ -32,7 +37,7 @@ class Frame:
         self.aside: tuple[list[int], list[int]] = ([], [])
         self.given = np.zeros(2)
         self.arm_pieces, self.height_pieces, self.ratio = arms, heights, ratio
-        self.model = LinearModel()
+        self.model = LinearModel(2.0 * cost)
         self.arms: dict[tuple[int, int], tuple[Lin, Lin]] = {}
         self.legs = task.body.leg_count
         self.unit = task.weight / self.legs
@@ -94,9 +99,26 @@ class Frame:
         """x y with x and y between these if chosen, eq. (8.26) in perspective form."""
         if ends[1] - ends[0] < 1e-12:
             return y * ends[0]
-        w = self.model.variable(-np.inf, np.inf)
+        (low, high), (least, most) = ends, sizes
+        if (off := 0.25 * (high - low) * (most - least)) <= FINE:
+            a, b = 0.5 * (low + high), 0.5 * (least + most)
+            return y * a + x * b - chosen * (a * b) + self.remainder(off)
+        w = self.free(max(abs(a * b) for a in ends for b in sizes))
         self.between(w, x, ends, y, sizes, chosen)
         return w
+
+    def remainder(self, off: float) -> Lin:
+        """What a line is off a product."""
+        off = max(off, LEAST)
+        return self.model.variable(-off, off)
+
+    def free(self, largest: float) -> Lin:
+        """A column whose rows keep it within so much: its own bounds are never met.
+
+        Without any HiGHS proves no program infeasible, whatever rounding leaves of its coefficient.
+        """
+        reach = 2.0 * largest + 1.0
+        return self.model.variable(-reach, reach)
 
     def between(
         self,
@@ -123,7 +145,8 @@ class Frame:
         if high - low < 1e-12:
             return y * low
         model = self.model
-        w = model.variable(-np.inf, np.inf)
+        # |x y| <= |end| mu f, and no f is larger than all legs' together
+        w = self.free(max(abs(low), abs(high)) * friction * self.legs * self.most)
         for side in (1.0, -1.0):
             model.least(
                 "dynamics.spin",

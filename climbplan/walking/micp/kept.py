@@ -14,7 +14,7 @@ import numpy as np
 
 from climbplan.solvers.highs.model import rows_model, run_highs
 from climbplan.walking.micp.mirror import left_first
-from climbplan.walking.micp.relaxed import add_rows, infeasible, linear
+from climbplan.walking.micp.relaxed import add_rows, infeasible, linear, solve_linear
 from climbplan.walking.micp.statement import Relaxation
 from climbplan.walking.task import Array, Flags
 
@@ -54,12 +54,12 @@ class Kept:
         known = program.box
         self.open: Flags = known.stands_low < known.stands_high
         self.solver = linear()
-        self.solver.setOptionValue("presolve", "off")
         self.solver.passModel(rows_model(model, relaxed=True))
         # What costs more ends a program by its bound, which takes no row.
         self.solver.changeRowBounds(program.known, -np.inf, np.inf)
         self.solver.setOptionValue("objective_bound", self.most)
         run_highs(self.solver)
+        self.solver.setOptionValue("presolve", "off")  # from here on each starts where one ended
         self.basis = self.solver.getBasis()
 
     def begin(self) -> None:
@@ -95,8 +95,7 @@ class Kept:
         for _ in range(_ROUNDS):
             if np.isfinite(left):
                 self.solver.setOptionValue("time_limit", self.solver.getRunTime() + left)
-            run_highs(self.solver)
-            status = self.solver.getModelStatus()
+            status = solve_linear(self.solver)
             if status == highspy.HighsModelStatus.kObjectiveBound:
                 return None
             if status == highspy.HighsModelStatus.kInfeasible:

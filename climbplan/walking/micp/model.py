@@ -88,8 +88,10 @@ class LinearModel(LinearRows):
 
     repeats = False  # expressions have each column once
 
-    def __init__(self) -> None:
+    def __init__(self, dearest: float = np.inf) -> None:
+        """dearest: beyond what any square of a point that is asked for costs."""
         super().__init__()
+        self.dearest = dearest
         self.squares: list[Square] = []
 
     def variable(self, lower: float, upper: float, whole: bool = False, cost: float = 0.0) -> Lin:
@@ -131,7 +133,7 @@ class LinearModel(LinearRows):
             return Lin(constant=square)
         if weight == 0.0:
             return Lin()
-        epigraph = self.variable(0.0, np.inf, cost=cost)
+        epigraph = self.variable(0.0, self.dearest, cost=cost)
         whole = share if share is not None else Lin(constant=1.0)
         self.squares.append(Square(name, weight, value, whole, epigraph.column))
         low, high = ends

@@ -17,6 +17,14 @@ SAG = 1e-4  # of the cost that a square may be too small, then
 
 
 _TOLERANCE = 1e-7  # of rows
+_DUAL = 1
+_STEPS = 3  # times as many simplex steps as a program has rows and columns, until it starts anew
+_ENDS = (
+    highspy.HighsModelStatus.kOptimal,
+    highspy.HighsModelStatus.kInfeasible,
+    highspy.HighsModelStatus.kObjectiveBound,
+    highspy.HighsModelStatus.kTimeLimit,
+)
 
 
 def linear() -> Any:
@@ -26,14 +34,38 @@ def linear() -> Any:
     return solver
 
 
+def solve_linear(solver: Any) -> Any:
+    """Solve a linear program from where the last one ended; HiGHS's status.
+
+    One that goes round in circles there (700,000 steps were seen where 400 are usual), or comes to
+    no end by rounding, is solved from scratch.
+    """
+    steps = _STEPS * (solver.getNumRow() + solver.getNumCol())
+    solver.setOptionValue("simplex_iteration_limit", steps)
+    run_highs(solver)
+    if (status := solver.getModelStatus()) in _ENDS:
+        return status
+    return from_scratch(solver)
+
+
+def from_scratch(solver: Any) -> Any:
+    """The same with presolve, from no basis, by the dual simplex method."""
+    was = {name: solver.getOptionValue(name)[1] for name in ("presolve", "simplex_strategy")}
+    solver.setOptionValue("presolve", "on")
+    solver.setOptionValue("simplex_strategy", _DUAL)
+    solver.clearSolver()
+    run_highs(solver)
+    for name, value in was.items():
+        solver.setOptionValue(name, value)
+    return solver.getModelStatus()
+
+
 def infeasible(solver: Any) -> bool:
     """Whether a program that was found to have no point has none from scratch, either.
 
     Where a solver goes on from is a matter of speed: what rounding makes of it excludes nothing.
     """
-    solver.clearSolver()
-    run_highs(solver)
-    return bool(solver.getModelStatus() == highspy.HighsModelStatus.kInfeasible)
+    return bool(from_scratch(solver) == highspy.HighsModelStatus.kInfeasible)
 
 
 def relaxed(model: LinearModel, sag: float, solver: Any) -> Iterator[tuple[float, Array | None]]:
@@ -44,8 +76,7 @@ def relaxed(model: LinearModel, sag: float, solver: Any) -> Iterator[tuple[float
     """
     solver.passModel(rows_model(model, relaxed=True))
     for _ in range(_ROUNDS):
-        run_highs(solver)
-        status = solver.getModelStatus()
+        status = solve_linear(solver)
         if status == highspy.HighsModelStatus.kInfeasible:
             if infeasible(solver):
                 yield np.inf, None

@@ -14,10 +14,10 @@ from collections.abc import Callable
 import highspy
 import numpy as np
 
-from climbplan.solvers.highs.model import rows_model, run_highs
+from climbplan.solvers.highs.model import rows_model
 from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.ranges import Box
-from climbplan.walking.micp.relaxed import infeasible, linear
+from climbplan.walking.micp.relaxed import infeasible, linear, solve_linear
 from climbplan.walking.micp.statement import Relaxation
 from climbplan.walking.task import POSITION, Array
 
@@ -85,8 +85,7 @@ class _Asked:
         if left <= 0:
             raise _OutOfTime
         self.solver.setOptionValue("time_limit", self.solver.getRunTime() + left)
-        run_highs(self.solver)
-        status = self.solver.getModelStatus()
+        status = solve_linear(self.solver)
         if status == highspy.HighsModelStatus.kInfeasible:
             if infeasible(self.solver):
                 raise _NothingThere

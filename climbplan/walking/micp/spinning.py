@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.walking.micp.frame import Frame
+from climbplan.walking.micp.frame import FINE, LEAST, Frame
 from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.smooth import sine, straight
 from climbplan.walking.task import Array
@@ -55,7 +55,9 @@ class Spinning(Frame):
             return Lin()
         if high - low < 1e-12:
             return x * low
-        w = self.model.variable(-np.inf, np.inf)
+        if (off := 0.5 * half * (high - low)) <= FINE:
+            return x * (0.5 * (low + high)) + self.remainder(off)
+        w = self.free(half * max(abs(low), abs(high)))
         for side in (1.0, -1.0):
             self.model.least(name, (w - x * low) * side + (y - low) * half)
             self.model.least(name, (x * high - w) * side + (high - y) * half)
@@ -78,13 +80,13 @@ class Spinning(Frame):
         names, found = "dynamics.attitude", []
         both, ends = (ahead, beside), [self.extent(u) for u in (ahead, beside)]
         size = [max(map(abs, one)) for one in ends]
-        longest = float(np.hypot(size[0], size[1])) + 1e-9  # turning makes none longer; rounding
+        longest = float(np.hypot(size[0], size[1])) + LEAST  # turning makes none longer
         for k, sign in ((0, 1.0), (1, -1.0)):
             product = self.envelope(names, turned, float(yaw_half), both[1 - k], *ends[1 - k])
             off = float(cosine_off * size[k] + sine_off * size[1 - k])
             expression = both[k] * float(level) + product * (sign * slope)
             low, high = self.extent(both[k] * float(level))
-            reach = off + slope * float(yaw_half) * size[1 - k] + 1e-9
+            reach = off + slope * float(yaw_half) * size[1 - k] + LEAST
             rate = model.variable(max(low - reach, -longest), min(high + reach, longest))
             model.add(names, rate - expression, -off, off)
             found.append(rate)

@@ -18,6 +18,7 @@ from climbplan.walking.task import ANGLES, SPIN, Array, WalkTask
 
 _GRID = 21  # points an angle
 _ROUNDING = 1e-12
+_LEAST = 1e-7  # [rad/s] beyond an angular velocity: rounding, and no range is narrower
 _NEAR = 0.5  # [rad] a reference that near is part of the tube
 
 
@@ -203,7 +204,7 @@ def _about(turns: Array, beside: float, spin: Array, half: Array) -> tuple[Array
     """
     middle, room = np.einsum("gjk,j->gk", turns, spin), np.einsum("gjk,j->gk", np.abs(turns), half)
     fastest = float(np.linalg.norm(np.abs(spin) + half))
-    further = beside * fastest + 1e-9  # rounding
-    low = np.maximum((middle - room).min(axis=0) - further, -fastest - 1e-9)
-    high = np.minimum((middle + room).max(axis=0) + further, fastest + 1e-9)
+    further = beside * fastest + _LEAST
+    low = np.maximum((middle - room).min(axis=0) - further, -fastest - _LEAST)
+    high = np.minimum((middle + room).max(axis=0) + further, fastest + _LEAST)
     return low, high

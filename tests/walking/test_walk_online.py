@@ -160,6 +160,27 @@ def test_a_leg_without_contact_is_not_stood_on(library: Library) -> None:
     assert (command.trajectory.force[0, 2] == 0).all()
 
 
+@pytest.mark.parametrize("stands", [False, True])
+def test_where_the_plan_before_slows_down_others_are_looked_at(
+    library: Library, stands: bool
+) -> None:
+    """In a steady walk it is enough that it goes on, but not if its legs come to stand."""
+    controller = OnlineController(TASK, library, OnlineSettings())
+    run_loop(controller, TASK, 0.8)
+    last, here = controller._last, controller._expected
+    assert last is not None
+    controller._since = 0
+    if stands:
+        contact = last.gait.contact.copy()
+        contact[2:] = True
+        controller._last = replace(last, gait=replace(last.gait, contact=contact))
+    told = Situation(here.state, here.toes, last.toes[0], last.gait.contact[0])
+    command = controller.tick(told)
+    assert command.holds
+    assert (command.tried > 1) == stands
+    assert command.trajectory.state[-1, 3] == pytest.approx(TASK.reference.velocity[0, 0], abs=0.05)
+
+
 @pytest.mark.parametrize("effort", [0, 200, 1400])
 def test_effort_bounds_the_qps_of_a_tick(library: Library, effort: int) -> None:
     """From a state that no gait can answer, every candidate is tried until the effort is spent."""

@@ -6,7 +6,8 @@ that bracing leaves. Where all cannot be had the largest common share t of them 
 
     maximise    t                              0 <= t <= 1
     such that   the bounds of `statement`, each moved from what forces of least cost have
-                without margins (t = 0) to its margin (t = 1), in proportion to t,
+                without margins (t = 0; that of torque: from itself) to its margin (t = 1),
+                in proportion to t,
 
 which is a convex program, since every bound enters it linearly; then forces of least cost at nearly
 that share. So there are forces wherever there are without margins, and none has less than those.
@@ -209,7 +210,11 @@ def with_margins(statement: ForceStatement, margins: MarginsSpec) -> ForceStatem
 
 
 def _attained(bare: ForceStatement, asked: ForceStatement, force: Array) -> ForceStatement:
-    """The problems with bounds that forces (K, N, 3) meet: those asked, as far as they do."""
+    """The problems with bounds that forces (K, N, 3) meet: those asked, as far as they do.
+
+    Torque is left bounded as it is: those forces have the least, and a share of nothing beyond it
+    would leave none of the others either.
+    """
     contact = bare.contact
     parts = split_force(force, bare.normal)
     spare = parts.normal - parts.shear / np.maximum(bare.usable_mu, _SMOOTH)
@@ -221,7 +226,6 @@ def _attained(bare: ForceStatement, asked: ForceStatement, force: Array) -> Forc
         least_pressure=np.clip(pressure, bare.least_pressure, asked.least_pressure),
         reserve=np.clip(spare, bare.reserve, asked.reserve),
         least_depth=np.clip(depth, bare.least_depth, asked.least_depth),
-        largest_s=np.clip(standing_use(bare, force), asked.largest_s, bare.largest_s),
         stiffness_left=np.clip(left, bare.stiffness_left, asked.stiffness_left),
     )
 

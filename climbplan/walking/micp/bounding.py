@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.solvers.highs.model import highs
 from climbplan.walking.answer import Improvement
 from climbplan.walking.check.checker import passes
 from climbplan.walking.footing import gait_of
@@ -23,7 +22,7 @@ from climbplan.walking.micp.heads import Stated, bound_drawn, drawn_by_heads
 from climbplan.walking.micp.kept import Kept
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.mirror import own_image, with_images
-from climbplan.walking.micp.relaxed import SAG, relaxed
+from climbplan.walking.micp.relaxed import SAG, linear, relaxed
 from climbplan.walking.micp.statement import Relaxation, relaxation
 from climbplan.walking.micp.tree import Search
 from climbplan.walking.micp.tube import Tube, tube_about
@@ -31,7 +30,6 @@ from climbplan.walking.offline.gaits import with_regions
 from climbplan.walking.offline.sqp import iterate_of, solve_gait
 from climbplan.walking.task import Array, Flags, WalkTask, WalkTrajectory
 
-_TOLERANCE = 1e-7  # of rows
 _DRAWING = 0.4  # of the time that is left, for drawing tube and ranges closer
 _BRANCHING = 0.3  # of all time, to part tubes
 _NEW_START = 0.85  # times the cost before
@@ -88,10 +86,7 @@ class Bounding:
 
     def quiet(self) -> Any:
         """HiGHS until the time is over: its own limit is by the wall's clock."""
-        solver = highs(self.left if self.by_wall else np.inf)
-        solver.setOptionValue("primal_feasibility_tolerance", _TOLERANCE)
-        solver.setOptionValue("mip_feasibility_tolerance", 1e-6)
-        return solver
+        return linear(self.left if self.by_wall else np.inf)
 
     def cover(self, motions: Array) -> None:
         """Bound the union of tubes about motions (M, N + 1, 12)."""

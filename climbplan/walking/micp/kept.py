@@ -59,6 +59,8 @@ class Kept:
         self.solver.changeRowBounds(program.known, -np.inf, np.inf)
         self.solver.setOptionValue("objective_bound", self.most)
         run_highs(self.solver)
+        # Costs as they are: what is perturbed has to be undone in each of them.
+        self.solver.setOptionValue("dual_simplex_cost_perturbation_multiplier", 0.0)
         self.solver.setOptionValue("presolve", "off")  # from here on each starts where one ended
         self.basis = self.solver.getBasis()
 

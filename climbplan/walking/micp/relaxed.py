@@ -17,7 +17,7 @@ SAG = 1e-4  # of the cost that a square may be too small, then
 
 
 _TOLERANCE = 1e-7  # of rows
-_DUAL = 1
+_DUAL, _DEVEX = 1, 1
 _STEPS = 3  # times as many simplex steps as a program has rows and columns, until it starts anew
 _ENDS = (
     highspy.HighsModelStatus.kOptimal,
@@ -27,10 +27,15 @@ _ENDS = (
 )
 
 
-def linear() -> Any:
-    """HiGHS as linear programs about ranges need it: 1e-9 of narrow ones is within its rounding."""
-    solver = highs()
+def linear(time_limit: float = np.inf) -> Any:
+    """HiGHS as linear programs about ranges need it: 1e-9 of narrow ones is within its rounding.
+
+    Devex weights in its dual simplex method: steepest edges have to be computed anew wherever it
+    goes on from, which takes longer than all steps from there.
+    """
+    solver = highs(time_limit)
     solver.setOptionValue("primal_feasibility_tolerance", _TOLERANCE)
+    solver.setOptionValue("simplex_dual_edge_weight_strategy", _DEVEX)
     return solver
 
 

@@ -32,6 +32,7 @@ from climbplan.spec.loading import load_climb
 _STANDINGS = 4  # standing postures that are planned with
 _TRIED = 8  # bracing postures that are planned with
 _ENOUGH = 0.9  # of its margins: plans that keep less may fall
+_NONE = 0.01  # of its margins: plans that keep no more may fall, motors at their limits
 _BENT = 6  # postures that bend limbs otherwise than the robot stands
 _WALL_ENOUGH = 0.5  # of a transition's, whose stances are fewer to choose from
 _WALL_PLANS = 3  # transitions that are planned to the end, at most
@@ -77,7 +78,7 @@ class Outcome:
     def __str__(self) -> str:
         if self.plan is None:
             return f"{self.what}: {self.why}"
-        if self.share >= 0:
+        if self.share > _NONE:
             return f"{self.what}: verified"
         worst = "; ".join(self.plan.forces.notes)
         return f"{self.what}: verified, but may fall: {self.share:.0%} of its margins ({worst})"
@@ -171,8 +172,8 @@ class Trials:
     def chimney(self, report: Told) -> Outcome:
         """Up between walls: in the first posture whose plan keeps nearly all of its margins.
 
-        Else in the one that keeps most; where none leads to a plan, or toes keep hold with negative
-        margins only, in postures that bend its limbs otherwise than it stands; and where none of
+        Else in the one that keeps most; where none leads to a plan, or to one that keeps none of
+        its margins, in postures that bend its limbs otherwise than it stands; and where none of
         these does, the best by the proposal, with its refusal.
         """
         what, most = "climbs between walls", (_TRIED, _TRIED)
@@ -190,9 +191,9 @@ class Trials:
     ) -> Outcome:
         """In postures of a robot file of their own; first: bent as the robot stands.
 
-        That stays where it is planned, unless toes keep hold with negative margins only.
+        That stays where it is planned, unless toes keep hold with none of their margins.
         """
-        if first.share >= 0:
+        if first.share > _NONE:
             return first
         report(f"planning: {what}, limbs bent otherwise than it stands")
         best: Outcome | None = None

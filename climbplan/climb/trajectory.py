@@ -42,6 +42,7 @@ from climbplan.robots.rotations import Array, rotation_world_body
 _PROBES = 9  # samples of a segment from which its least duration is found
 _SPEED_MARGIN = 1.1  # durations exceed what the sampled joint speeds need by this factor
 _IN_LINE = 1e-6  # of the largest singular value: no forces about a line of toes
+SPEEDING_UP = 0.03  # of gravity, by which a body on toes does at most
 _ROCKING = 0.25  # of a flat foot's half width, by which inertia may move the centre of pressure
 _BOUND_SLACK = 1e-7  # [rad] by which solvers may have missed a joint bound
 _MOST_SAMPLES = 1_000_000  # a plan of more would take gigabytes to verify
@@ -179,18 +180,22 @@ def _least_durations(robot: Robot, frames: Keyframes) -> Array:
 
 
 def _balanced_durations(robot: Robot, frames: Keyframes) -> Array:
-    """Time (F-1,) in which the body goes each way without rocking flat feet [s].
+    """Time (F-1,) in which the body goes each way without more inertia than contacts bear [s].
 
-    Plans are statics: a body that speeds up by a moves the centre of pressure by a h / g, with h
-    its height over the sole. That is to be a small part of the sole.
+    Plans are statics: a body that speeds up by a asks toes for m a beside what is planned. That is
+    to be less than half of the pressure that margins let a toe miss. On flat feet it moves the
+    centre of pressure by a h / g, with h the body's height over the sole, which is to be a small
+    part of the sole. Grippers hold the body from all sides.
     """
-    if robot.sole is None:
-        return np.zeros(len(frames.share))
     way = np.linalg.norm(np.diff(frames.com, axis=0), axis=1)
+    if robot.gripper is not None:
+        return np.zeros(len(way))
+    # `_ease` has its largest second derivative, 6, at both ends
+    if robot.sole is None:
+        return np.asarray(np.sqrt(6.0 * way / (SPEEDING_UP * robot.gravity)))
     toes = np.minimum(frames.toes[:-1], frames.toes[1:])
     height = np.maximum(frames.com[1:, 2] - toes[..., 2].min(axis=1), 0.0)
     moved = _ROCKING * float(robot.sole.half_size.min())
-    # `_ease` has its largest second derivative, 6, at both ends
     return np.asarray(np.sqrt(6.0 * way * height / (robot.gravity * moved)))
 
 

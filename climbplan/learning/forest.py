@@ -17,6 +17,7 @@ from climbplan.program.instance import Index
 from climbplan.program.polytope import Array
 
 _TREES_AT_ONCE = 20
+_NUMBERS_AT_ONCE = 1e8  # that scikit-learn keeps at their nodes: 0.8 GB
 
 
 @dataclass(frozen=True)
@@ -66,9 +67,10 @@ def fit_forest(
     # scikit-learn keeps a number a class at every node: many trees of many classes do not fit into
     # memory at once, the few that are not zero do. Batches draw on, as one forest would.
     numbers = np.random.RandomState(seed)
-    for grown_trees in range(0, trees, _TREES_AT_ONCE):
+    at_once = int(np.clip(_NUMBERS_AT_ONCE / (2 * len(features) * classes), 1, _TREES_AT_ONCE))
+    for grown_trees in range(0, trees, at_once):
         grower = RandomForestClassifier(
-            n_estimators=min(_TREES_AT_ONCE, trees - grown_trees),
+            n_estimators=min(at_once, trees - grown_trees),
             criterion="gini",
             max_depth=depth,
             random_state=numbers,

@@ -68,6 +68,7 @@ LIMITS = {
     "robust.friction": Limit(0, "N", "and hold with so much less pressure, within mu f_n / S_mu"),
     "robust.slip": Limit(0, "", "and stay where the surface lacks so much of its friction"),
     "robust.depth": Limit(0, "m", "free toes would be commanded so far inside their surfaces"),
+    "robust.torque": Limit(0, "", "motors of limbs in contact have so much of their limits left"),
     "robust.stiffness": Limit(0, "", "bracing leaves the body so much of its stiffness"),
     "body.clearance": Limit(1e-6, "m", "the body hull keeps its distance from all solids"),
     "body.free_region": Limit(1e-6, "m", "the body hull ends every round in stated free space"),

@@ -24,7 +24,8 @@ from climbplan.simulation.odometry import standing
 from climbplan.simulation.rolling import rolled
 from climbplan.simulation.steady_rate import steady_rates
 
-SINGULAR = 1e-3  # of a Jacobian's singular values, below which its inverse knows no motion
+# Of a Jacobian's largest singular value: along limbs that are stretched farther toes move on arcs
+STRETCHED = 0.05
 STIFFEST = 1e5  # [N/m] that a limb counts for at most
 
 
@@ -57,7 +58,7 @@ def regulator_tables(plan: ClimbPlan, gain: Array | None = None) -> RegulatorTab
         trusted=trusted.astype(float),
         settled=(trusted == moving.contact).all(axis=1).astype(float),
         jacobian=np.ascontiguousarray(jacobian),
-        turning=np.ascontiguousarray(np.linalg.pinv(jacobian, rcond=SINGULAR)),
+        turning=turning_of(jacobian),
         arms=np.ascontiguousarray(arms),
         sharing=np.ascontiguousarray(between_toes(compliance, arms, moving.contact)),
         bent=np.clip(angles - command, -most, most),
@@ -71,6 +72,22 @@ def regulator_tables(plan: ClimbPlan, gain: Array | None = None) -> RegulatorTab
         toe_zero=np.zeros((n, 3)) if zero is None else zero.toe,
         slide_zero=_or(None if zero is None else zero.slides, np.zeros((n, joints, 3))),
         drive=_or(None if zero is None else zero.drive, np.tile(np.eye(joints), (n, 1, 1))),
+    )
+
+
+def turning_of(jacobian: Array) -> Array:
+    """(..., J, 3) joint turns [rad/m] that move toes, of Jacobians (..., 3, J).
+
+    The inverse of least turns; in directions in which a limb is nearly at full stretch damped
+    (numerical filtering: Maciejewski and Klein 1988), and without a jump: singular values s below e
+    turn joints by s / e^2 and not by 1 / s. There a millimetre would ask for half a radian, which
+    brings the knee through its stretch and the toe off its wall.
+    """
+    left, value, right = np.linalg.svd(jacobian, full_matrices=False)
+    least = STRETCHED * value[..., :1]
+    gain = value / np.maximum(np.maximum(value, least) ** 2, np.finfo(float).tiny)
+    return np.ascontiguousarray(
+        np.swapaxes(right, -1, -2) * gain[..., None, :] @ np.swapaxes(left, -1, -2)
     )
 
 

@@ -10,7 +10,7 @@ from climbplan.walking.ground import Ground
 from climbplan.walking.kernels.footing import stance_phases
 from climbplan.walking.task import Array, Flags, Gait, Whole
 
-_LOW = -1.0e3  # [m]
+UNKNOWN = -np.inf  # [m]
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,10 @@ def gait_of(contact: Flags, region: Whole) -> Gait:
 def toe_heights(ground: Ground, gait: Gait, lift: float) -> Array:
     """Heights of all toes (N + 1, L) [m]: on their regions, or lifted above ground, eq. (8.23).
 
-    Of level regions; of sloped ones those at their middles, and lifted toes as low as they may be
-    before it is known where they go.
+    Of level regions; of sloped ones those at their middles, and of lifted toes `UNKNOWN` before it
+    is known where they are.
     """
     if ground.slope.any():
-        return np.where(gait.contact, ground.height[gait.region], _LOW)
+        return np.where(gait.contact, ground.height[gait.region], UNKNOWN)
     clear = ground.clearance_height(gait.region) + lift
     return np.where(gait.contact, ground.height[gait.region], clear)

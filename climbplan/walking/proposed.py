@@ -23,7 +23,10 @@ from climbplan.walking.swing_effort import swing_effort
 from climbplan.walking.task import ANGLES, VELOCITY
 
 _TIME_LIMIT = "solver.time_limit=3600"  # a cap: QPs decide what the search finds
-_HASTES = (1.0, 10.0, 100.0)  # of which the later ones are for walks that lag behind
+# Haste, and times as long intervals; the later ones are for walks that lag behind. How long a turn
+# takes is not asked, and legs swing in time that cannot faster
+_FORWARD = ((1.0, 1.0), (10.0, 1.0))
+_ROUND = (*_FORWARD, (1.0, 2.0), (10.0, 2.0))
 _REACHED = 0.9  # of the speed or the turn that is asked for
 _LAST = 4  # a walk's speed is that of its last quarter
 _POSTURES = 3  # that are looked for to walk in, where it does not as it stands
@@ -69,7 +72,7 @@ def walk_proposed(
 def proposed_walk(found: Proposal, robot_file: str, turns: bool = False) -> ProposedWalk:
     """The walk of a robot as proposed; robot_file: how its spec names the robot's file.
 
-    A walk that lags behind what is asked is planned again, more hastily.
+    A walk that lags behind what is asked is planned again, more hastily; a turn more slowly, too.
     """
     what = "turns on the spot" if turns else "walks at speed"
     try:
@@ -83,8 +86,8 @@ def proposed_walk(found: Proposal, robot_file: str, turns: bool = False) -> Prop
         return swing_effort(model, body.legs, speed, step, lift, STANCE)
 
     first: ProposedWalk | None = None
-    for haste in _HASTES:
-        text = walk_document(body, robot_file, effort, turns, haste)
+    for haste, slower in _ROUND if turns else _FORWARD:
+        text = walk_document(body, robot_file, effort, turns, haste, slower)
         plan, words, lags = _planned(found, robot_file, text, turns)
         one = ProposedWalk(what, found, text, None if lags else plan, words)
         if one.plan is not None:

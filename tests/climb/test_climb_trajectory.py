@@ -13,7 +13,7 @@ from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Trajectory
 from climbplan.climb.scene import ClimbScene
-from climbplan.climb.trajectory import plan_trajectory
+from climbplan.climb.trajectory import SPEEDING_UP, plan_trajectory
 from climbplan.errors import UsageError
 from climbplan.robots.kinematics import toe_world
 
@@ -57,6 +57,14 @@ def test_samples_meet_every_instant(demo_climb: SceneMaker, values: dict[str, An
 def test_speed_is_the_one_asked_for(demo_climb: SceneMaker) -> None:
     trajectory, _ = motion(demo_climb(**{"trajectory.speed": 0.005}))
     assert trajectory.time[-1] == pytest.approx(0.3 / 0.005, rel=0.01)
+
+
+def test_bodies_in_a_hurry_speed_up_by_little(demo_climb: SceneMaker) -> None:
+    scene = demo_climb(**{"trajectory.speed": 1.0, "trajectory.rate": 100.0})
+    trajectory, _ = motion(scene)
+    least = np.diff(trajectory.com, 2, axis=0) * 100.0**2
+    fastest = np.linalg.norm(least, axis=1).max() / scene.robot.gravity
+    assert 0.5 * SPEEDING_UP < fastest < 1.05 * SPEEDING_UP
 
 
 def test_endless_motions_are_refused(demo_climb: SceneMaker) -> None:

@@ -17,6 +17,7 @@ from climbplan.climb.forces.statement import (
     check_forces,
     depths_of,
     free_depths_of,
+    standing_use,
     state_forces,
 )
 from climbplan.climb.plan.climb_plan import Instants
@@ -114,13 +115,37 @@ def test_margins_in_a_word_and_misspelt() -> None:
         load_climb(NONPARALLEL, ["margins=all"])
 
 
+def test_motors_have_a_part_of_their_limits_left(
+    demo_scene: ClimbScene, demo_instants: Instants
+) -> None:
+    statement = state_forces(demo_scene, demo_instants)
+    bare = standing_use(statement, plan_forces(demo_scene, demo_instants).force)
+    left = 0.5 * (1 - bare.max())
+    for torque, whole in ((left, True), (0.99, False)):
+        margins = MarginsSpec(torque=torque)
+        scene = with_spec_margins(demo_scene, margins)
+        found = solve_with_margins(scene, statement, "daqp", 16)
+        assert not len(found.solved.missing)
+        use = standing_use(statement, found.solved.force)
+        assert bool((use <= 1 - torque + 1e-7).all()) is whole
+        assert (1 - use >= found.share * torque - 1e-7).all()
+        if not whole:
+            assert (found.share < 0.95).all()
+
+
 def test_checks_recompute_margins_and_call_a_plan_fragile(tmp_path: Path) -> None:
     standing = plan_climb(load_climb(NONPARALLEL, SHORT))
     kept = verification_of(standing)
     assert kept.passed
     assert kept.fragile == ()
     names = {check.name for check in kept.checks if check.name.startswith("robust.")}
-    assert names == {f"robust.{x}" for x in ("pressure", "friction", "slip", "depth", "stiffness")}
+    assert names == {
+        f"robust.{x}" for x in ("pressure", "friction", "slip", "depth", "torque", "stiffness")
+    }
+    weak = replace(standing.robot, max_torque=0.75 * standing.robot.max_torque)
+    tired = verification_of(replace(standing, robot=weak)).fragile
+    assert len(tired) == 1
+    assert "of 10 % of a torque limit left" in tired[0]
     # The same text on forces that were planned without margins
     bare = plan_climb(load_climb(NONPARALLEL, [*SHORT, "margins=none"]))
     assert not [c for c in verification_of(bare).checks if c.name.startswith("robust.")]

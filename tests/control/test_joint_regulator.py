@@ -18,7 +18,14 @@ from climbplan.control.joint_regulator import RATE, Chains, JointRegulator, Pose
 from climbplan.exports.regulator_files import write_regulator
 from climbplan.robots.kinematics import toe_body
 from climbplan.robots.rotations import Array, rotation_world_body
-from climbplan.simulation.regulator import JointOdometry, Regulator, regulator_tables, zero_angles
+from climbplan.simulation.regulator import (
+    STRETCHED,
+    JointOdometry,
+    Regulator,
+    regulator_tables,
+    turning_of,
+    zero_angles,
+)
 from climbplan.simulation.steady_rate import steady_rates
 
 Planned = Callable[..., ClimbPlan]
@@ -27,6 +34,31 @@ Planned = Callable[..., ClimbPlan]
 def seen(tables: RegulatorTables) -> Array:
     """(T, N, J) what encoders read where all goes as planned."""
     return np.asarray(tables.command + tables.bent / tables.give)
+
+
+def test_limbs_at_full_stretch_are_not_turned_through_it() -> None:
+    rng = np.random.default_rng(3)
+    bent = rng.normal(size=(30, 3, 4))
+    bent = bent[np.linalg.cond(bent) < 1 / STRETCHED]
+    assert len(bent) > 20
+    np.testing.assert_allclose(turning_of(bent), np.linalg.pinv(bent), atol=1e-12)
+    # Two links of 0.3 m in a plane: the knee straightens
+    knee = np.concatenate([np.geomspace(0.5, 1e-6, 400), [0.0]])
+    zero, one = np.zeros_like(knee), np.ones_like(knee)
+    far = np.stack([0.3 * np.sin(knee), 0.3 * np.sin(knee), zero], axis=-1)
+    aside = np.stack([0.3 + 0.3 * np.cos(knee), 0.3 * np.cos(knee), zero], axis=-1)
+    out = np.stack([zero, zero, 0.6 * one], axis=-1)
+    jacobian = np.stack([far, aside, out], axis=1)
+    turn = turning_of(jacobian)
+    most = 1 / (STRETCHED * np.linalg.norm(jacobian[0], ord=2))
+    size = np.linalg.norm(turn, ord=2, axis=(1, 2))
+    assert size.max() < 1.05 * most
+    assert np.abs(np.diff(size)).max() < 0.05 * most  # without a jump
+    moved = (jacobian @ turn)[:, 0, 0]
+    assert moved[0] == pytest.approx(1.0)
+    assert moved[-1] == pytest.approx(0.0, abs=1e-9)
+    # Aside it moves as it does when it is bent
+    assert (jacobian @ turn)[-1, 1, 1] == pytest.approx(1.0)
 
 
 def test_chains_place_toes_where_the_robot_does(planned: Planned) -> None:

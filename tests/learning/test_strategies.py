@@ -11,6 +11,7 @@ from sklearn.ensemble import HistGradientBoostingClassifier, RandomForestClassif
 from sklearn.neural_network import MLPClassifier
 
 from climbplan.errors import UsageError
+from climbplan.learning import forest
 from climbplan.learning.boosting import choices_of, fit_boosting
 from climbplan.learning.evaluation import evaluate, held_out
 from climbplan.learning.forest import fit_forest
@@ -37,7 +38,10 @@ def _fresh(count: int = 50) -> np.ndarray:
     return np.random.default_rng(7).normal(size=(count, 3))
 
 
-def test_forest_agrees_with_its_trainer() -> None:
+@pytest.mark.parametrize("numbers", [1e8, 1.0])
+def test_forest_agrees_with_its_trainer(numbers: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many trees fit into memory at once."""
+    monkeypatch.setattr(forest, "_NUMBERS_AT_ONCE", numbers)
     library = made_up()
     ours = fit_forest(library.features, library.strategy, len(library.strategies), 45, 10, 3)
     theirs = RandomForestClassifier(45, max_depth=10, random_state=3)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from urdf_humanoid import humanoid
 from walking_urdf import walking_robot
 
@@ -57,3 +58,13 @@ def test_haste_weighs_what_is_asked(tmp_path: Path) -> None:
     )
     assert "velocity: [1000, 100, 1000], angles: [100, 100, 10]" in ahead
     assert "velocity: [100, 100, 1000], angles: [100, 100, 100]" in round_
+
+
+def test_slower_turns_have_longer_intervals(tmp_path: Path) -> None:
+    body: WalkingBody = walking_body(walking_robot(tmp_path))
+    own, slower = (
+        yaml.safe_load(walk_document(body, "walker.yaml", lambda *_: 0.0, True, 1.0, times))
+        for times in (1.0, 2.0)
+    )
+    assert slower["task"]["step"] == pytest.approx(2 * own["task"]["step"], abs=2e-3)
+    assert slower["task"]["reference"] == own["task"]["reference"]

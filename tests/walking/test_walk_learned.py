@@ -11,8 +11,9 @@ from walk_tasks import walk_task
 
 from climbplan.bench.walking import learned
 from climbplan.bench.walking.online_options import OnlineInputs, OnlineOptions, online_inputs
+from climbplan.walking.online import strategies
 from climbplan.walking.online.library import SECTION, Library, build_library
-from climbplan.walking.online.strategies import trained
+from climbplan.walking.online.strategies import StrategyName, commonest, trained
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
 
@@ -61,8 +62,12 @@ def test_costs_are_set_against_the_search(
     assert any(row["answered"] > 0 for row in rows)
 
 
-def test_reduce_tries_the_gaits_of_the_likeliest_cluster_first() -> None:
+@pytest.mark.parametrize("compared", [8000, 40])
+def test_reduce_tries_the_gaits_of_the_likeliest_cluster_first(
+    compared: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Two kinds of motion, told apart by what is asked: each has gaits of its own."""
+    monkeypatch.setattr(strategies, "_COMPARED", compared)
     rng, legs, knots = np.random.default_rng(0), 4, SECTION + 1
     count = 60
     kind = np.arange(count) % 2
@@ -83,3 +88,22 @@ def test_reduce_tries_the_gaits_of_the_likeliest_cluster_first() -> None:
         assert (np.diff(apart) >= 0).all()
         more = ranking.ranked(wanted, 8)
         assert kind[more].tolist() == [asked] * 4 + [1 - asked] * 4
+
+
+def test_of_many_gaits_the_commonest_are_told_apart() -> None:
+    labels = np.array([0, 1, 1, 2, 3, 3, 3, 4])
+    kept, count = commonest(labels, 5, 3)
+    assert count == 3
+    assert kept.tolist() == [0, 1, 1, -1, 2, 2, 2, -1]  # of the rare ones the first
+    assert commonest(labels, 5, 5) == (labels, 5)
+
+
+@pytest.mark.parametrize("name", ["forest", "network"])
+def test_gaits_too_rare_to_learn_are_never_proposed(
+    inputs: OnlineInputs, name: StrategyName, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(strategies, "_GAITS", 1)
+    library = inputs.libraries[-1]
+    ranking = trained(name, library, 0)
+    told = {library.contact[k].tobytes() for x in library.features for k in ranking.ranked(x, 9)}
+    assert len(told) == 1 < len(np.unique(library.contact, axis=0))

@@ -12,6 +12,7 @@ from walk_tasks import walk_task
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.walking.check.checker import check_loop, failures
 from climbplan.walking.kernels.body import moved
+from climbplan.walking.online import tick
 from climbplan.walking.online.choice import SAFE
 from climbplan.walking.online.closed_loop import LoopWorld, Push, recovered, run_loop
 from climbplan.walking.online.library import (
@@ -158,6 +159,25 @@ def test_a_leg_without_contact_is_not_stood_on(library: Library) -> None:
     assert "LH without contact" in command.warning
     assert not command.trajectory.gait.contact[0, 2]
     assert (command.trajectory.force[0, 2] == 0).all()
+
+
+def test_where_the_plan_before_slows_down_others_are_looked_at(
+    library: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a steady walk it is enough that it goes on, if it does so as fast as is asked for."""
+    controller = OnlineController(TASK, library, OnlineSettings())
+    run_loop(controller, TASK, 0.8)
+    last, here = controller._last, controller._expected
+    assert last is not None
+    told = Situation(here.state, here.toes, last.toes[0], last.gait.contact[0])
+    tried = {}
+    for slack in (tick._STEADY, 0.0):  # no plan is as fast as that to the last digit
+        monkeypatch.setattr(tick, "_STEADY", slack)
+        controller._last, controller._expected, controller._since = last, here, 0
+        command = controller.tick(told)
+        assert command.holds
+        tried[slack] = command.tried
+    assert tried[0.0] > 1 == tried[0.03]
 
 
 @pytest.mark.parametrize("effort", [0, 200, 1400])

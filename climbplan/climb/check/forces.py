@@ -93,7 +93,7 @@ def _torques(subject: Subject) -> Iterator[Check]:
     off = np.abs(torques - plan.forces.joint_torques)
     off = np.maximum(off, np.abs(own - (0.0 if stored is None else stored)))
     yield judge_worst("torque.from_angles", off, subject.at)
-    use = np.abs(torques + own) / plan.robot.max_torque
+    use = subject.torque_use
     yield judge_worst(
         "torque.limit",
         use - 1 / plan.limits.safety_torque,

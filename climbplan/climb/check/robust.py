@@ -62,6 +62,9 @@ def robust_checks(
         inside = 1.0 - np.abs(centre / half).max(axis=-1)
         inside = np.where(np.isnan(inside), np.inf, inside)  # of a foot without pressure
         yield _toes(subject, "robust.sole", inside, margins.sole * still)
+    yield _toes(
+        subject, "robust.torque", 1 - subject.torque_use.max(axis=2), margins.torque * still
+    )
     yield _told(
         judge_worst(
             "robust.stiffness",
@@ -78,6 +81,7 @@ _WORDS = {
     "robust.slip": ("slides on a surface that lacks", 1e2, "% of its friction", 0),
     "robust.pull": ("holds a further pull of", 1.0, "N", 1),
     "robust.sole": ("is pressed inside its sole by", 1e2, "% of its half size", 0),
+    "robust.torque": ("has", 1e2, "% of a torque limit left", 0),
     "robust.depth": ("is commanded inside by", 1e3, "mm", 1),
 }
 

@@ -94,6 +94,11 @@ class Subject:
         return link_torques(self.plan.robot, self.axes, self.plan.instants.joint_angles)
 
     @property
+    def torque_use(self) -> Array:
+        """(K, N, J) parts of their limits that motors hold, of contact and links."""
+        return np.asarray(np.abs(self.torques + self.link_torques) / self.plan.robot.max_torque)
+
+    @property
     def held_moment(self) -> Array:
         """(K, N, 3) moments on limbs beside their forces, about the toes [N m].
 

@@ -96,7 +96,7 @@ def instant_cones(statement: ForceStatement, k: int) -> InstantCones:
         safety_friction=statement.safety_friction,
         torque=torque.reshape(*torque.shape[:2], -1),
         links=statement.links_share[k, limb],
-        largest_s=statement.largest_s,
+        largest_s=float(statement.largest_s[k]),
         least_pressure=float(statement.least_pressure[k]) / statement.unit,
         reserve=float(statement.reserve[k]) / statement.unit,
         inward=inward * statement.unit,

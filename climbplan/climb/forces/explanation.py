@@ -241,7 +241,10 @@ def _remedies(
             if np.ptp(limit) <= 1e-12 * limit.max() and not scene.robot.slides.any()
             else Remedy(f"torque limits {_up(factor_up):.4g} times as high")
         )
-        if (safety := statement.least_safety_torque / factor_up) * (1 - _SAFE) >= 1:
+        # Where a margin has motors keep more than S_tau does, less of that is no help
+        bounds = (statement.largest_s * statement.least_safety_torque).min() > 1 - _SAFE
+        safety = statement.least_safety_torque / factor_up
+        if bounds and safety * (1 - _SAFE) >= 1:
             out.append(
                 Remedy(f"S_tau <= {_down(safety):.4g}", "force.safety_torque", _down(safety))
             )

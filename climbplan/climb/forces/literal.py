@@ -68,7 +68,7 @@ def literal_problems(statement: ForceStatement) -> list[LiteralProblem]:
             usable_mu=statement.usable_mu[k],
             max_torque=statement.max_torque,
             contact=statement.contact[k],
-            largest_s=statement.largest_s,
+            largest_s=float(statement.largest_s[k]),
             weight=statement.normal_force_weight,
         )
         for k in range(len(stiffness))

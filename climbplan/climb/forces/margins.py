@@ -1,12 +1,13 @@
 """Margins: forces that still hold in a world that is not quite the planned one.
 
 Beside its bounds each instant is asked for margins (`margins` of a spec): pressure at every toe,
-pressure it may miss before it slips, depth of its command, stiffness that bracing leaves. Where all
-cannot be had the largest common share t of them is found first,
+pressure it may miss before it slips, depth of its command, torque that motors have left, stiffness
+that bracing leaves. Where all cannot be had the largest common share t of them is found first,
 
     maximise    t                              0 <= t <= 1
     such that   the bounds of `statement`, each moved from what forces of least cost have
-                without margins (t = 0) to its margin (t = 1), in proportion to t,
+                without margins (t = 0; that of torque: from itself) to its margin (t = 1),
+                in proportion to t,
 
 which is a convex program, since every bound enters it linearly; then forces of least cost at nearly
 that share. So there are forces wherever there are without margins, and none has less than those.
@@ -24,7 +25,13 @@ import numpy as np
 
 from climbplan.climb.forces.cones import ConicProgram, instant_cones
 from climbplan.climb.forces.solving import SolvedForces, solve_forces
-from climbplan.climb.forces.statement import ForceStatement, depths_of, free_depths_of
+from climbplan.climb.forces.statement import (
+    TORQUE_MARGIN,
+    ForceStatement,
+    depths_of,
+    free_depths_of,
+    standing_use,
+)
 from climbplan.climb.plan.climb_plan import Array, Index, Mask
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.friction import split_force
@@ -151,6 +158,7 @@ def kept_share(statement: ForceStatement, margins: MarginsSpec, force: Array) ->
             np.full(len(force), margins.depth),
             _least(free_depths_of(statement, force), statement.standing),
         ),
+        (np.full(len(force), margins.torque), 1 - standing_use(statement, force)),
         (np.full(len(force), margins.stiffness), left),
     ):
         part = np.ones(len(force))
@@ -196,12 +204,17 @@ def with_margins(statement: ForceStatement, margins: MarginsSpec) -> ForceStatem
         least_pressure=np.maximum(statement.least_pressure, margins.pressure * weight),
         reserve=np.maximum(statement.reserve, margins.friction * weight),
         least_depth=np.maximum(statement.least_depth, margins.depth),
+        largest_s=np.minimum(statement.largest_s, (1 - TORQUE_MARGIN) * (1 - margins.torque)),
         stiffness_left=np.maximum(statement.stiffness_left, margins.stiffness),
     )
 
 
 def _attained(bare: ForceStatement, asked: ForceStatement, force: Array) -> ForceStatement:
-    """The problems with bounds that forces (K, N, 3) meet: those asked, as far as they do."""
+    """The problems with bounds that forces (K, N, 3) meet: those asked, as far as they do.
+
+    Torque is left bounded as it is: those forces have the least, and a share of nothing beyond it
+    would leave none of the others either.
+    """
     contact = bare.contact
     parts = split_force(force, bare.normal)
     spare = parts.normal - parts.shear / np.maximum(bare.usable_mu, _SMOOTH)
@@ -222,7 +235,7 @@ def _least(values: Array, contact: Mask) -> Array:
     return np.asarray(np.where(contact, values, np.inf).min(axis=1))
 
 
-_MOVED = ("least_pressure", "reserve", "least_depth", "stiffness_left")
+_MOVED = ("least_pressure", "reserve", "least_depth", "largest_s", "stiffness_left")
 
 
 def _between(least: ForceStatement, asked: ForceStatement, share: Array) -> ForceStatement:

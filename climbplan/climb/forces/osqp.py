@@ -38,7 +38,7 @@ def solve_osqp(group: ReducedForces, rows: Halfspaces, active: Mask | None = Non
     A = np.zeros((b, size, m + 1))
     A[:, 0, 0] = 1.0  # the bound on s
     A[:, :, 1:] = np.swapaxes(rows.A / length[..., None], 1, 2)
-    upper = np.concatenate([np.full((b, 1), group.largest_s), rows.upper / length], axis=1)
+    upper = np.concatenate([group.largest_s[:, None], rows.upper / length], axis=1)
     lower = np.full(m + 1, -np.inf)
     lower[0] = 0.0
     x, multipliers, solved = np.zeros((b, size)), np.zeros((b, m + 1)), np.zeros(b, bool)

@@ -51,7 +51,7 @@ class ReducedForces:
     stability_upper: Array  # (B, 21 or 0)
     least_pressure: Array  # (B,) of every contact
     reserve: Array  # (B,) pressure that each may miss before it slips
-    largest_s: float
+    largest_s: Array  # (B,)
     unit: float  # [N]
 
     @property
@@ -174,7 +174,7 @@ def _reduced(
         stability_upper=np.empty((b, 0)),
         least_pressure=statement.least_pressure[rows] / statement.unit,
         reserve=statement.reserve[rows] / statement.unit,
-        largest_s=statement.largest_s,
+        largest_s=statement.largest_s[rows],
         unit=statement.unit,
     )
 

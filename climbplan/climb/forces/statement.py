@@ -71,6 +71,7 @@ class ForceStatement:
     load: Array  # (K, 6) weight and external wrench on the body [N, N m]
     safety_friction: float  # S_mu
     least_safety_torque: float  # lower bound on S_tau
+    largest_s: Array  # (K,) upper bound of s: of 1 / S_tau, or what margins leave of it
     stiffness_left: Array  # (K,) least share of the elastic stiffness left; -inf if not asked
     normal_force_weight: float  # w [1/N]
     least_pressure: Array  # (K,) of each point in contact [N]
@@ -143,11 +144,6 @@ class ForceStatement:
         """(K, N, J) torques of the links' own weight, as parts of the limits."""
         return np.asarray(self.link_torques / self.max_torque)
 
-    @property
-    def largest_s(self) -> float:
-        """Upper bound of s."""
-        return (1 - TORQUE_MARGIN) / self.least_safety_torque
-
 
 def state_forces(scene: MotionScene, instants: Instants, margin: float = 0.0) -> ForceStatement:
     """The force problems of a scene's instants; margin: part of soles that is not pressed on."""
@@ -186,6 +182,7 @@ def state_forces(scene: MotionScene, instants: Instants, margin: float = 0.0) ->
         load=load,
         safety_friction=force.safety_friction,
         least_safety_torque=force.safety_torque,
+        largest_s=np.full(count, (1 - TORQUE_MARGIN) / force.safety_torque),
         stiffness_left=np.full(count, force.stiffness_left),
         normal_force_weight=force.normal_force_weight,
         least_pressure=np.full(count, force.least_pressure / points),
@@ -205,8 +202,19 @@ def torques_of(statement: ForceStatement, force: Array) -> Array:
 
 def torque_use(statement: ForceStatement, force: Array) -> Array:
     """(K,) largest part of its limit that a motor's torque has under forces (K, C, 3)."""
+    return np.asarray(_limb_use(statement, force).max(axis=1))
+
+
+def standing_use(statement: ForceStatement, force: Array) -> Array:
+    """(K,) the same of the limbs in contact alone: no force helps those in the air."""
+    use = _limb_use(statement, force)
+    return np.asarray(np.where(statement.standing, use, 0.0).max(axis=1))
+
+
+def _limb_use(statement: ForceStatement, force: Array) -> Array:
+    """(K, N) largest part of its limit that a torque of each limb's motors has."""
     torques = torques_of(statement, force) + statement.link_torques
-    return np.asarray((np.abs(torques) / statement.max_torque).max(axis=(1, 2)))
+    return np.asarray((np.abs(torques) / statement.max_torque).max(axis=2))
 
 
 def of_limbs(values: Array, points: int) -> Array:
@@ -308,12 +316,13 @@ def check_forces(statement: ForceStatement, force: Array) -> ForceResiduals:
     excess = parts.shear - statement.usable_mu * held
     missing = statement.least_pressure[:, None] * statement.contact - parts.normal
     stray = np.abs(force).max(axis=-1) * ~statement.contact
-    use = torque_use(statement, force)
+    bounded = torque_use(statement, force) * statement.least_safety_torque
+    left = standing_use(statement, force) * (1 - TORQUE_MARGIN) / statement.largest_s
     return ForceResiduals(
         equilibrium=np.linalg.norm(unbalanced, axis=1) / statement.unit,
         friction=np.maximum(excess, 0.0).max(axis=1) / statement.unit,
         contact=np.maximum(np.maximum(missing, stray), 0.0).max(axis=1) / statement.unit,
-        torque=np.maximum(use * statement.least_safety_torque - 1.0, 0.0),
+        torque=np.maximum(np.maximum(bounded, left) - 1.0, 0.0),
         command=beyond_bounds(statement, force).max(axis=(1, 2)),
         inward=depth_missing(statement, force).max(axis=1),
         stability=_stiffness_missing(statement, force),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
@@ -28,12 +27,13 @@ from climbplan.climb.swing import SwingMeets
 from climbplan.climb.transition.clear_standing import standing_trouble
 from climbplan.climb.transition.gait import plan_instants
 from climbplan.climb.transition.mission import Tail, joined_instants, joined_rounds
-from climbplan.climb.transition.motion import plan_motion
+from climbplan.climb.transition.motion import Motion, plan_motion
+from climbplan.climb.transition.motion_numbers import JOINT_ROOM
 from climbplan.climb.transition.pose_ways import Sequence
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.stances import Laboratory
 from climbplan.climb.transition.summary import summary_lines
-from climbplan.errors import NoPlanFound, NotProved
+from climbplan.errors import NoPlanFound, NotProved, ReachFailure
 from climbplan.plans.verification import Verification
 from climbplan.robots.any_robot import assumptions
 from climbplan.spec.climb.transition_loading import LoadedTransition
@@ -47,6 +47,7 @@ _TOO_CLOSE = frozenset(
     for part in ("limbs", "body", "trajectory")
     for what in ("clearance", "capsules", "self_collision")
 )
+_ROOMS = (JOINT_ROOM, 1e-2, 3e-2)  # [rad] off joint bounds, tried in turn where one is passed
 _FIRMER = (1.0, 1.15, 1.35, 1.6)  # factors on S_tau tried in turn for one sequence
 
 
@@ -143,44 +144,91 @@ def carry_through(run: Run, lab: Laboratory, sequence: Sequence) -> Attempt:
     """The verified motion of a sequence, planned firmer where it does not hold.
 
     The program of the motion knows neither buckling nor links that hit a box: where the forces, the
-    trajectory or the verification fail it is asked for a larger S_tau, which leaves room for them.
-    It is asked for all margins first, and for less where it finds no motion with them. Where limbs
-    or body come too close to anything it is planned again with rows that keep them off.
+    trajectory or the verification fail it is asked for a larger S_tau, which leaves room for them;
+    not where the motion has that S_tau already and would stay what it is. It is asked for all
+    margins first, and for less where it finds no motion with them.
     """
-    scene, parted = run.scene, False
-    met: Rounds | None = None  # a motion without the rows
-    reason, iterations = "", 0
-    shares = (0.0,) if not scene.spec.margins.asked else _SHARES
-    beyond = 0.0  # share of the margins for which there is no motion
-    for share, factor in product(shares, _FIRMER):
-        asked = factor * scene.spec.force.safety_torque
-        if asked > sequence.safety_torque or share == beyond > 0:
-            continue
-        for with_rows in (False, True):
-            if parted and not with_rows:
+    tries = _Tries(run, lab, sequence)
+    least = run.scene.spec.force.safety_torque
+    for share in _SHARES if run.scene.spec.margins.asked else (0.0,):
+        has = 0.0  # S_tau of the motion that was found
+        for factor in _FIRMER:
+            asked = factor * least
+            if asked > sequence.safety_torque:
+                break
+            if asked <= has:
                 continue
-            with run.clock.stage("motion"):
-                motion = plan_motion(lab, sequence, asked, share, with_rows, met)
-            iterations += motion.iterations
+            done, motion = tries.carried(asked, share)
+            if done is not None:
+                return Attempt(done, tries.iterations)
+            if not motion.accepted and share > 0:
+                break
+            has = motion.safety_torque if motion.accepted else 0.0
+    return Attempt(None, tries.iterations, tries.reason or "no room for a safety margin")
+
+
+class _Tries:
+    """Motions of one sequence, and what was learnt from those that did not hold."""
+
+    def __init__(self, run: Run, lab: Laboratory, sequence: Sequence) -> None:
+        self.run, self.lab, self.sequence = run, lab, sequence
+        self.reason, self.iterations = "", 0
+        self._parted = False  # with rows that keep limbs and body off everything
+        self._met: Rounds | None = None  # a motion that came too close
+
+    def carried(self, asked: float, share: float) -> tuple[Complete | None, Motion]:
+        """A motion for an S_tau and a share of the margins, if it holds; and the last one found.
+
+        Where limbs or body come too close to anything it is planned again with rows that keep them
+        off, where a limb leaves its reach between two poses with more room to joint bounds.
+        """
+        rooms = list(_ROOMS)
+        room = rooms.pop(0)
+        last: Motion | None = None
+        while True:
+            motion = self._planned(asked, share, room)
             if not motion.accepted:
-                beyond = share
-                reason = reason or f"no motion: {motion.block} off by {motion.violation:.2g}"
-                break
-            try:
-                done, verification = verified(run, motion.rounds, sequence.moved, motion.first)
-            except NoPlanFound as error:
-                reason = " ".join(str(error).split())
-                parted |= isinstance(error, LimbsMeet | SwingMeets)
-            else:
-                if verification.passed:
-                    return Attempt(done, iterations)
-                reason = f"fails its verification: {verification.headline()}"
-                failed = {check.name for check in verification.checks if not check.passed}
-                parted |= not failed.isdisjoint(_TOO_CLOSE)
-            if not parted:
-                break
-            met = motion.rounds
-    return Attempt(None, iterations, reason or "no room for a safety margin")
+                found = f"no motion: {motion.block} off by {motion.violation:.2g}"
+                self.reason = self.reason or found
+                # More room than there is says nothing of the motion without
+                return None, last if last is not None and room > _ROOMS[0] else motion
+            last, parted = motion, self._parted
+            done, leaves_reach = self._followed(motion)
+            if done is not None:
+                return done, motion
+            if leaves_reach and rooms:
+                room = rooms.pop(0)
+            elif parted or not self._parted:
+                return None, motion
+
+    def _planned(self, asked: float, share: float, room: float) -> Motion:
+        with self.run.clock.stage("motion"):
+            motion = plan_motion(
+                self.lab, self.sequence, asked, share, self._parted, self._met, room
+            )
+        self.iterations += motion.iterations
+        return motion
+
+    def _followed(self, motion: Motion) -> tuple[Complete | None, bool]:
+        """What follows from a motion, if it holds; whether a limb leaves its reach on the way."""
+        leaves_reach = False
+        try:
+            done, verification = verified(
+                self.run, motion.rounds, self.sequence.moved, motion.first
+            )
+        except NoPlanFound as error:
+            self.reason = " ".join(str(error).split())
+            self._parted |= isinstance(error, LimbsMeet | SwingMeets)
+            leaves_reach = isinstance(error, ReachFailure)
+        else:
+            if verification.passed:
+                return done, False
+            self.reason = f"fails its verification: {verification.headline()}"
+            failed = {check.name for check in verification.checks if not check.passed}
+            self._parted |= not failed.isdisjoint(_TOO_CLOSE)
+        if self._parted:
+            self._met = motion.rounds
+        return None, leaves_reach
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,8 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import Array, Rounds
 from climbplan.climb.transition.motion_numbers import (
+    JOINT_ROOM,
+    MARGIN,
     links_beside,
     motion_numbers,
     open_footholds,
@@ -34,6 +36,7 @@ class Motion:
     iterations: int
     seconds: float
     word: str  # IPOPT's return status
+    safety_torque: float  # S_tau up to which the program has this motion whatever is asked
 
     @property
     def accepted(self) -> bool:
@@ -48,12 +51,13 @@ def plan_motion(
     share: float = 0.0,
     parted: bool = False,
     met: Rounds | None = None,
+    joint_room: float = JOINT_ROOM,
 ) -> Motion:
     """The motion of least cost near the search's way.
 
     safety_torque: S_tau asked for instead of the spec's; share: of its margins that forces keep.
     parted: with rows that keep limbs off the terrain, the body and one another; met: a motion
-    without these in which they came too close.
+    without these in which they came too close. joint_room: off joint bounds [rad].
     """
     scene = lab.scene
     begin = time.perf_counter()
@@ -62,7 +66,7 @@ def plan_motion(
     program = motion_program(shape_of(scene, rounds, parted, beside))
     stated = program.stated
     least = scene.spec.force.safety_torque if safety_torque is None else safety_torque
-    numbers = motion_numbers(lab, stated, sequence, least, share, parted, beside)
+    numbers = motion_numbers(lab, stated, sequence, least, share, parted, beside, joint_room)
     bounds, p = numbers.bounds, stated.theta(numbers.parameters)
     until = time.monotonic() + scene.spec.solver.time_limit
     point = program.solver.solve(numbers.start, p, bounds, until)
@@ -79,6 +83,7 @@ def plan_motion(
         iterations=point.iterations,
         seconds=time.perf_counter() - begin,
         word=point.word,
+        safety_torque=(1 - MARGIN) / max(float(v[stated.place("s")].max()), 1e-12),
     )
 
 

@@ -37,8 +37,8 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.stated_robot import stated_limbs
 from climbplan.terrain.surfaces import Region
 
-_JOINT_ROOM = 2e-3  # [rad] off joint bounds, so that motions between instants have room
-_MARGIN = 1e-3  # of friction and torque, taken by the pyramids of the force planner
+JOINT_ROOM = 2e-3  # [rad] off joint bounds, so that motions between instants have room
+MARGIN = 1e-3  # of friction and torque, taken by the pyramids of the force planner
 _MOST_FORCE = 10.0  # of a limb, in units of the weight
 
 
@@ -99,6 +99,7 @@ class Kept:
     reserve: float  # of it, that may go missing before a toe slips [weight]
     least_depth: float | None  # of commands, to first order [m]; None: not asked
     depth: float | None  # of commands, where free toes would be [m]; None: not asked
+    torque: float  # part of its limit that every motor has left
 
 
 def kept_by(scene: TransitionScene, share: float) -> Kept:
@@ -108,12 +109,13 @@ def kept_by(scene: TransitionScene, share: float) -> Kept:
     pressure = max(spec.search.least_load, spec.force.least_pressure / weight)
     depth = spec.force.least_depth
     if not margins.asked or share <= 0:
-        return Kept(pressure, 0.0, depth, None)
+        return Kept(pressure, 0.0, depth, None, 0.0)
     return Kept(
         max(pressure, share * margins.pressure),
         share * margins.friction,
         depth,
         share * margins.depth,
+        share * margins.torque,
     )
 
 
@@ -125,11 +127,12 @@ def motion_numbers(
     share: float = 0.0,
     parted: bool = False,
     beside: LinkPairs = (),
+    joint_room: float = JOINT_ROOM,
 ) -> MotionNumbers:
     """Numbers of a sequence; safety_torque: least S_tau, share: of the margins asked for.
 
     parted: with rows that keep limbs off the terrain and the body, and the links of `beside` off
-    one another.
+    one another. joint_room: of angles and commands off their bounds [rad].
     """
     kept = kept_by(lab.scene, share)
     scene = lab.scene
@@ -148,7 +151,7 @@ def motion_numbers(
     toe = toes_of(lab, sequence)[1:].reshape(m, -1)
     room = np.where(np.repeat(open_footholds(sequence)[1:], 3, axis=1), np.inf, 0.0)
     most = np.repeat(np.where(sequence.moved, 0.0, _MOST_FORCE), 3, axis=1)
-    largest = (1 - _MARGIN) / safety_torque
+    largest = (1 - MARGIN) * min(1 / safety_torque, 1 - kept.torque)
     start = {"pose": pose, "toe": toe, "force": force.reshape(m, -1), "s": in_use}
     lower = {"pose": pose_lower, "toe": toe - room, "force": -most, "s": np.zeros(1)}
     upper = {"pose": pose_upper, "toe": toe + room, "force": most, "s": np.array([largest])}
@@ -159,7 +162,7 @@ def motion_numbers(
         here = at_toes[name]
         ends = (np.full(here.shape[-1], -np.inf), np.full(here.shape[-1], np.inf))
         if name == "angles":
-            ends = joint_ends(scene.robot, _JOINT_ROOM)
+            ends = joint_ends(scene.robot, joint_room)
         # Where no row ties them they stay: what starts there is fixed, or nobody asks
         start[name] = here.reshape(m, -1)
         lower[name] = np.where(asked, ends[0], here).reshape(m, -1)
@@ -172,7 +175,9 @@ def motion_numbers(
         _parameters(lab, sequence, kept, given),
         stated.point(start),
         Bounds(
-            stated.point(lower), stated.point(upper), *_row_bounds(scene, stated, sequence, kept)
+            stated.point(lower),
+            stated.point(upper),
+            *_row_bounds(scene, stated, sequence, kept, joint_room),
         ),
     )
 
@@ -230,7 +235,7 @@ def _parameters(
     poses = np.array(sequence.poses)[:-1]
     com, rpy = lab.poses.com[poses], lab.poses.rpy[poses]
     shape = shape_of(scene, len(old))
-    mu = holds.mu[limb, old] / scene.spec.force.safety_friction * (1 - _MARGIN)
+    mu = holds.mu[limb, old] / scene.spec.force.safety_friction * (1 - MARGIN)
     region = holds.region[limb, new]
     edges = np.zeros((*region.shape, shape.edges, 3))
     ends, plane = np.ones((*region.shape, shape.edges)), np.empty(region.shape)
@@ -271,7 +276,7 @@ def _parameters(
 
 
 def _row_bounds(
-    scene: TransitionScene, stated: Trajectory, sequence: Sequence, kept: Kept
+    scene: TransitionScene, stated: Trajectory, sequence: Sequence, kept: Kept, joint_room: float
 ) -> tuple[Array, Array]:
     """Bounds that are numbers of the scene, and which rows hold; masks are (M, rows of a round)."""
     robot, spec = scene.robot, scene.spec
@@ -285,14 +290,14 @@ def _row_bounds(
     steps = spec.posture.steps
     turn = np.deg2rad(steps.rotation_max_deg)
     given = {
-        "force.command": joint_bounds(robot, _JOINT_ROOM),
+        "force.command": joint_bounds(robot, joint_room),
         "steps.toe": (-np.inf, (toe_step_limits(scene) - 1e-6) ** 2),
         "steps.com": (-np.inf, (steps.com_max - 1e-6) ** 2),
         "steps.rotation": (-turn, turn),
         "body.clearance": (spec.posture.body_clearance + 1e-6, np.inf),
     }
     if "transition.joints" in sizes:
-        given["transition.joints"] = joint_bounds(robot, _JOINT_ROOM, POINTS)
+        given["transition.joints"] = joint_bounds(robot, joint_room, POINTS)
     placed = moved & is_open
     ties = [name for name in TIES if name in sizes]
     holds = {

@@ -28,7 +28,7 @@ from climbplan.simulation.model import (
 )
 from climbplan.simulation.odometry import standing
 from climbplan.simulation.planned_pressure import planned_pressure
-from climbplan.simulation.regulator import SINGULAR, between_toes, zero_angles
+from climbplan.simulation.regulator import between_toes, turning_of, zero_angles
 from climbplan.simulation.start import set_up
 from climbplan.simulation.statics.run import play
 from climbplan.simulation.statics.tuples import (
@@ -84,7 +84,7 @@ def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
         plan, conditions
     )
     jacobian = jacobian_world(robot, moving.rpy[sample], angles[sample])
-    turning = np.linalg.pinv(jacobian, rcond=SINGULAR)
+    turning = turning_of(jacobian)
     most = joint_softness(robot) * robot.max_torque
     bent = np.clip((angles - moving.joint_command)[sample], -most, most)
     toes = toe_world(robot, moving.com[sample], moving.rpy[sample], angles[sample])

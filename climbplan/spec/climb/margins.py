@@ -23,8 +23,8 @@ class MarginsSpec(SpecModel):
     @property
     def asked(self) -> bool:
         """Whether there are any; `margins: none` asks for none. Of soles' own is not asked."""
-        own = (self.pressure, self.friction, self.slip, self.depth, self.stiffness, self.edge)
-        return any(value > 0 for value in own)
+        own = (self.pressure, self.friction, self.slip, self.depth, self.torque, self.stiffness)
+        return any(value > 0 for value in (*own, self.edge))
 
     @property
     def asked_of_grips(self) -> bool:
@@ -76,6 +76,14 @@ class MarginsSpec(SpecModel):
         ge=0,
         le=0.1,
     )
+    torque: Number = quantity(
+        "",
+        "part of its torque limit that every motor of a limb in contact has left: a motor at its "
+        "limit gives way like no spring, and brings nothing of what the regulator asks for",
+        default=0.1,
+        ge=0,
+        lt=1,
+    )
     stiffness: Number = quantity(
         "", "share of the body's stiffness that bracing leaves", default=0.3, ge=0, lt=1
     )
@@ -104,7 +112,15 @@ class MarginsSpec(SpecModel):
 
 
 NO_MARGINS = MarginsSpec(
-    pressure=0.0, friction=0.0, slip=0.0, pull=0.0, depth=0.0, stiffness=0.0, edge=0.0, sole=0.0
+    pressure=0.0,
+    friction=0.0,
+    slip=0.0,
+    pull=0.0,
+    depth=0.0,
+    torque=0.0,
+    stiffness=0.0,
+    edge=0.0,
+    sole=0.0,
 )
 
 

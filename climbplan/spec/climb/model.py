@@ -218,7 +218,13 @@ class PosturePlannerSpec(SpecModel):
 class TrajectorySpec(SpecModel):
     """The playable motion between the planned instants."""
 
-    speed: Number = quantity("m/s", "mean climbing speed", default=0.2 / 60, gt=0, le=1)
+    speed: Number = quantity(
+        "m/s",
+        "mean climbing speed, less where joint speeds or the body's inertia ask for it",
+        default=0.2 / 60,
+        gt=0,
+        le=1,
+    )
     rate: Number = quantity("Hz", "sample rate", default=20.0, gt=0, le=1000)
     lift: Number = quantity("m", "distance a toe is lifted along the normal", default=0.05, gt=0)
 

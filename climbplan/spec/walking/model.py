@@ -10,7 +10,7 @@ from climbplan.spec.base import Count, Fault, SpecModel, quantity, refuse
 from climbplan.spec.walking.loop import WalkLoopSpec
 from climbplan.spec.walking.solver import WalkLibrarySpec, WalkSolverSpec
 from climbplan.spec.walking.task import WalkTaskSpec, WalkWeightsSpec
-from climbplan.spec.walking.terrain import WalkTerrainSpec, plane_of
+from climbplan.spec.walking.terrain import WalkTerrainSpec
 
 
 class MpcSpec(SpecModel):
@@ -62,16 +62,11 @@ class MpcSpec(SpecModel):
         return self
 
     def _online_ground(self) -> list[Fault]:
-        """What of a ground that is not flat `online` does not know."""
+        """What `online` does not know where the ground is not flat."""
         terrain = self.terrain
         if not terrain.regions and terrain.stones is None:
             return []
-        message = "`online` walks on level regions only: `search` and `nlp` take slopes"
-        faults = [
-            Fault(f"terrain.regions.{k}", message)
-            for k, region in enumerate(terrain.regions)
-            if any(plane_of(region.corners) if region.corners else region.slope)
-        ]
+        faults = []
         if self.loop.estimation == "ekf":
             message = (
                 "with `ekf` nothing measures where the robot is among its regions, and its place "

@@ -15,7 +15,8 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.walking.footing import Footing, footing_of, toe_heights
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.walking.footing import UNKNOWN, Footing, footing_of, toe_heights
 from climbplan.walking.kernels.feet import place_toes, worst_beyond
 from climbplan.walking.kernels.footing import walk_cost
 from climbplan.walking.kernels.knots import knots_rolled
@@ -23,7 +24,7 @@ from climbplan.walking.kernels.qp import objective, stance_rows, states, swing_r
 from climbplan.walking.kernels.step import linearised
 from climbplan.walking.kernels.ways import swing_heights
 from climbplan.walking.offline.joint_rows import JointRows
-from climbplan.walking.task import STATE, Array, Gait, WalkTask
+from climbplan.walking.task import ANGLES, POSITION, STATE, Array, Gait, WalkTask
 
 FACETS = 8
 FOOT_SCALE = 0.1  # [m] unit of the foothold unknowns
@@ -118,6 +119,8 @@ class PinnedProgram:
     def toes(self, state: Array, spots: Array) -> Array:
         """All toes (N + 1, L, 3)."""
         body = self.task.body
+        if self.task.ground.slope.any():
+            self._begin_low(state)
         toes: Array = place_toes(
             body.toe_center,
             body.toe_half,
@@ -130,6 +133,18 @@ class PinnedProgram:
             self.tilt,
         )
         return toes
+
+    def _begin_low(self, state: Array) -> None:
+        """Heights that are not known yet: of the ground under the middles of toes' boxes."""
+        unknown = self.height == UNKNOWN
+        if not unknown.any():
+            return
+        body, ground = self.task.body, self.task.ground
+        under = np.stack(
+            [x[POSITION] + body.toe_center @ rotation_world_body(x[ANGLES]).T for x in state]
+        )[..., :2]
+        level = ground.level_at(ground.nearest(under), under)
+        self.height = np.where(unknown, level, self.height)
 
     def raised(self, toes: Array) -> bool:
         """Lift swinging toes (N + 1, L, 3) above what is beneath their ways; False if they are.

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import daqp
 import numpy as np
+from scipy.linalg import block_diag
 
 from climbplan.robots.leg_order import alternating
 from climbplan.robots.rotations import rotation_world_body, skew
@@ -107,7 +108,8 @@ def braced_forces(task: WalkTask, state: Array, toes: Array, stands: Flags) -> A
     angle = 2 * np.pi * (np.arange(_FACETS) + 0.5) / _FACETS
     slope = _FRICTION * task.ground.friction * np.cos(np.pi / _FACETS)
     facets = np.column_stack([np.cos(angle), np.sin(angle), np.full(_FACETS, -slope)])
-    rows = np.kron(np.eye(len(legs)), facets)
+    frames = task.ground.frame[task.ground.nearest(toes[legs, :2])]
+    rows = block_diag(*(facets @ frame for frame in frames))
     most = body.force_limit / weight
     upper = np.concatenate([np.full(3 * len(legs), most), np.zeros(len(rows))])
     lower = np.concatenate([np.tile([-most, -most, 0.0], len(legs)), np.full(len(rows), -1e30)])

@@ -18,9 +18,11 @@ from climbplan.walking.task import POSITION, Array, Whole
 
 StrategyName = Literal["knn", "forest", "boosting", "network", "reduce"]
 _TREES, _DEPTH = 60, 30
+_GAITS = 1000  # most that a classifier tells apart; most of ten thousand walks' gaits occur once
 _ROUNDS, _RATE, _LEAVES = 30, 0.15, 16
 _HIDDEN, _EPOCHS = (128, 128), 80
 _CLUSTERS = ClusterOptions()
+_COMPARED = 8000  # sections that clusters are found among, as time grows with their square
 _SAME = 1e-9  # [m], [N]
 
 
@@ -61,7 +63,7 @@ class Trained:
     """Gaits by a classifier's probability; of each the section nearest to the situation."""
 
     def __init__(self, library: Library, gait: Whole, model: _Classifier) -> None:
-        """gait (K,): class of each section."""
+        """gait (K,): class of each section, -1 of those that are never proposed."""
         self._model = model
         self._near = Neighbours(library)
         order = np.argsort(gait, kind="stable")
@@ -112,16 +114,24 @@ class Reduced:
 
 
 def clusters_of(library: Library, seed: int) -> Whole:
-    """The cluster (K,) of each section, the largest first.
+    """The cluster (K,) of each section, the largest of those compared first.
 
     Solutions are compared by what moments are products of: arms of legs that stand, and forces.
+    Of many sections some are drawn and compared, and the others are in the cluster of the nearest.
     """
     arms = library.toes - library.state[:, :, None, POSITION]
     arms = np.where(library.contact[..., None], arms, 0.0)
     both = np.concatenate([arms, library.force], axis=-1).reshape(len(library), -1)
     spread = both.std(axis=0)
     scaled = (both - both.mean(axis=0)) / np.where(spread > _SAME, spread, 1.0)
-    return clustered(scaled, _CLUSTERS, seed)
+    if len(scaled) <= _COMPARED:
+        return clustered(scaled, _CLUSTERS, seed)
+    from scipy.spatial import cKDTree
+
+    drawn = np.random.default_rng(seed).choice(len(scaled), _COMPARED, replace=False)
+    cluster = clustered(scaled[drawn], _CLUSTERS, seed)
+    nearest: Whole = cKDTree(scaled[drawn]).query(scaled)[1]
+    return cluster[nearest]
 
 
 def trained(name: StrategyName, library: Library, seed: int) -> Ranking:
@@ -136,13 +146,30 @@ def trained(name: StrategyName, library: Library, seed: int) -> Ranking:
         count = int(cluster.max()) + 1
         model = fit_forest(library.features, cluster, count, _TREES, _DEPTH, seed)
         return Reduced(library, cluster, gait, model)
+    if name == "boosting":  # knows contacts one by one, and so all gaits
+        return Trained(library, gait, fit_boosting(rows, _ROUNDS, _RATE, _LEAVES, seed))
+    gait, classes = commonest(gait, classes, _GAITS)
+    known = gait >= 0
+    features, labels = library.features[known], gait[known]
     if name == "forest":
-        model = fit_forest(library.features, gait, classes, _TREES, _DEPTH, seed)
-    elif name == "boosting":
-        model = fit_boosting(rows, _ROUNDS, _RATE, _LEAVES, seed)
+        model = fit_forest(features, labels, classes, _TREES, _DEPTH, seed)
     else:
-        model = fit_network(library.features, gait, classes, _HIDDEN, _EPOCHS, seed)
+        model = fit_network(features, labels, classes, _HIDDEN, _EPOCHS, seed)
     return Trained(library, gait, model)
+
+
+def commonest(labels: Whole, classes: int, most: int) -> tuple[Whole, int]:
+    """Labels (K,) of the commonest classes alone, others -1, and how many classes are left.
+
+    Where there are no more than `most` they stay as they are.
+    """
+    if classes <= most:
+        return labels, classes
+    size = np.bincount(labels, minlength=classes)
+    kept = np.sort(np.argsort(-size, kind="stable")[:most])
+    rank = np.full(classes, -1, np.int64)
+    rank[kept] = np.arange(most)
+    return rank[labels], most
 
 
 def _rows(library: Library) -> Rows:

@@ -60,6 +60,7 @@ _DOUBTED = 6  # ticks for which a leg that felt no ground is not stood on
 _LOOK_ROUND = 3  # ticks
 _NEAR_SPEED, _NEAR_ANGLES = 0.15, 0.06  # [m/s], [rad] from what was expected: as planned
 _AT_REFERENCE = 0.1  # [m/s]
+_STEADY = 0.03  # [m/s] off the reference that a plan may be for no other to be looked at
 _MADE_BEFORE = 200  # programs of gaits
 _BEARABLE = 60.0  # slacks that a plan may be off where none holds: better than standing still
 Form = Literal["pinned", "published"]
@@ -155,6 +156,8 @@ class OnlineController:
             choice.solving += time.perf_counter() - before
             if found is not None:
                 choice.weigh(this, found, candidate.winner)
+                if steady and found.holds and not _keeps_up(task, found.trajectory):
+                    enough, self._since = self.settings.enough, 0
                 if self._published:
                     break  # what solves is taken, as published
             if choice.held >= enough or (choice.held and candidate.elastic):
@@ -291,6 +294,15 @@ def _near(expected: Start, start: Start) -> bool:
     """Whether a measured start is as expected."""
     off = np.abs(start.state - expected.state)
     return bool(off[VELOCITY].max() < _NEAR_SPEED and off[ANGLES].max() < _NEAR_ANGLES)
+
+
+def _keeps_up(task: WalkTask, walk: WalkTrajectory) -> bool:
+    """Whether a plan keeps the velocity that is asked for.
+
+    Its rhythm may not go on: that of a section in which legs come to stand ends slowly.
+    """
+    off = np.abs(walk.state[1:, VELOCITY] - task.reference.velocity)[:, :2]
+    return bool(off.max() < _STEADY)
 
 
 def _after(task: WalkTask, walk: WalkTrajectory, state: Array) -> Start:

@@ -30,13 +30,14 @@ def walk_document(
     effort: Callable[[float, float, float], float],
     turns: bool = False,
     haste: float = 1.0,
+    slower: float = 1.0,
 ) -> str:
     """The spec: forward from rest by a walking trot, diagonals or tripods in turn; or round.
 
     effort: the share of torque limits that a swing at a speed [m/s], in an interval [s], lifted by
     so much [m], takes. Legs that are heavy for their motors swing in longer intervals, as far as
     their boxes let the body move on meanwhile. haste: times as much as usual, that the velocity
-    ahead, or the yaw, weighs against a calm body.
+    ahead, or the yaw, weighs against a calm body. slower: times as long intervals.
     """
     half, height = body.boxes.half, body.height
     speed = min(_SPEED, _FROUDE * float(np.sqrt(body.gravity * height)))
@@ -47,6 +48,7 @@ def walk_document(
         step = float(wanted)
         if effort(speed, step, lift) <= _EFFORT:
             break
+    step *= slower
     size = " x ".join(f"{2e3 * value:.0f}" for value in half)
     what, end = (f"walks forward at {speed:.2g} m/s", "walk")
     if turns:

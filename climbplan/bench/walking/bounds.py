@@ -31,7 +31,7 @@ _ASKED = {"mpc_forward": 5, "mpc_disturbance": 10, "mpc_turn": 5, "mpc_stairs": 
 # Gaps that are aimed at first: ranges are of motions cheaper by that much, and the wider they are
 # the less is proved. Where one is closed in time a smaller one follows.
 _AIMS = {"mpc_forward": 0.05, "mpc_disturbance": 0.1, "mpc_turn": 0.075, "mpc_stairs": 0.25}
-_STEP = 0.03
+_STEP = 0.005
 _LEFT = 0.4  # of the time, for another aim
 _ROOM = {"angles_deg": (1.0, 2.0, 1.0), "spin": (0.25, 0.5, 0.25)}
 

@@ -25,6 +25,7 @@ from climbplan.walking.micp.heads import (
 )
 from climbplan.walking.micp.kept import Decision, Kept
 from climbplan.walking.micp.mirror import left_first, own_image, with_images
+from climbplan.walking.micp.parts import Opened, Part
 from climbplan.walking.micp.relaxed import infeasible, linear, relaxed, solve_linear
 from climbplan.walking.micp.statement import Relaxation
 from climbplan.walking.micp.tree import Search
@@ -78,6 +79,24 @@ def test_heads_keep_cheaper_motions_and_draw_ranges_closer(cheap: Cheap) -> None
     assert lowest(stated, program) + 0.005 * cheap.cost < lowest(stated, held) <= cheap.cost
     none = replace(stated, most=0.3 * cheap.cost)
     assert drawn_by_heads(none, none.program(None), 1.0, time.process_time) is None
+
+
+def test_parts_by_a_contact_are_all_motions_together(cheap: Cheap) -> None:
+    stated, contact = cheap.stated, cheap.found.gait.contact[:-1]
+    part, box = Part(stated, images=False), cheap.drawn.box
+    for _ in range(int((box.stands_low < box.stands_high).sum())):
+        parts = part.by_contact(Opened(stated.program(box), None))
+        assert parts is not None
+        without, with_it = (one.box for one in parts)
+        assert without is not None
+        assert with_it is not None
+        decided = np.argwhere(without.stands_high < with_it.stands_low)
+        assert len(decided) == 1
+        assert (box.stands_low == without.stands_low).all()
+        assert (box.stands_high == with_it.stands_high).all()
+        box = with_it if contact[tuple(decided[0])] else without
+    assert np.array_equal(box.stands_low, contact)
+    assert part.by_contact(Opened(stated.program(box), None)) is None
 
 
 def all_decided(kept: Kept, contact: Flags) -> tuple[Decision, ...]:

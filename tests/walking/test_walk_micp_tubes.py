@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import time
+from dataclasses import replace
 
 import highspy
 import numpy as np
@@ -76,6 +78,23 @@ def test_bounds_about_several_searches_say_so() -> None:
     assert 0 < found.bound <= second.objective + 1e-6
     assert found.tubes >= 1
     assert "what 2 searches found" in found.word
+
+
+@pytest.mark.slow
+def test_several_processes_prove_what_one_does() -> None:
+    task = shorter(walk_task((0.5, 0.2, 0), least_contacts=2), 3)
+    first, second = known(task, 10), known(task, 60)
+    limits = MicpLimits(40.0, 0.3, clock=time.process_time)
+    alone = solve_micp(task, limits, first, [second])
+    abreast = solve_micp(task, replace(limits, processes=2), first, [second])
+    assert alone.bound == pytest.approx(0.7 * second.objective)
+    assert abreast.bound == pytest.approx(alone.bound)
+    assert abreast.tubes == alone.tubes
+    bounds = [step.bound for step in abreast.history]
+    assert bounds == sorted(bounds)
+    short = solve_micp(task, replace(limits, seconds=1e-3, processes=2), first, [second])
+    assert short.bound is not None
+    assert 0.0 <= short.bound <= alone.bound
 
 
 def within(value: Array, low: Array, high: Array) -> bool:

@@ -8,7 +8,7 @@ trajectories are answers.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -17,11 +17,12 @@ import numpy as np
 from climbplan.walking.answer import Improvement
 from climbplan.walking.check.checker import passes
 from climbplan.walking.footing import gait_of
-from climbplan.walking.micp.covering import Leaf, covering
+from climbplan.walking.micp.covering import Leaf, covering, narrow_first
 from climbplan.walking.micp.heads import Stated, bound_drawn, drawn_by_heads
 from climbplan.walking.micp.kept import Kept
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.mirror import own_image, with_images
+from climbplan.walking.micp.parts import Opened, Part
 from climbplan.walking.micp.relaxed import SAG, linear, relaxed
 from climbplan.walking.micp.statement import Relaxation, relaxation
 from climbplan.walking.micp.tree import Search
@@ -33,7 +34,7 @@ from climbplan.walking.task import Array, Flags, WalkTask, WalkTrajectory
 _DRAWING = 0.4  # of the time that is left, for drawing tube and ranges closer
 _BRANCHING = 0.3  # of all time, to part tubes
 _NEW_START = 0.85  # times the cost before
-TANGENTS = 3.0  # each so many times the one before; where they are wanted more come
+TANGENTS = 2.0  # each so many times the one before; where they are wanted more come
 _SHARES = (0.2, 0.35, 0.5)  # contacts of the relaxed program beyond count as such
 ROUNDS = 3  # of drawing ranges of a gait closer
 _GAIT = 0.0005  # of the cost, that a head has to raise the bound of a gait by
@@ -55,6 +56,7 @@ class Bounding:
     bounds: list[float] = field(default_factory=lambda: [0.0])  # of each tube; squares cost no less
     at: int = 0  # the tube that is looked at
     share: float = 1.0  # of all time that this tube has
+    elsewhere: float = 0.0  # [s] that other processes took meanwhile, where a clock is a process's
     word: str = "time limit"
     again: bool = False
     seen: set[bytes] = field(default_factory=set)
@@ -62,7 +64,7 @@ class Bounding:
 
     @property
     def seconds(self) -> float:
-        return self.limits.clock() - self.begin
+        return self.limits.clock() - self.begin + self.elsewhere
 
     @property
     def bound(self) -> float:
@@ -88,8 +90,8 @@ class Bounding:
         """HiGHS until the time is over: its own limit is by the wall's clock."""
         return linear(self.left if self.by_wall else np.inf)
 
-    def cover(self, motions: Array) -> None:
-        """Bound the union of tubes about motions (M, N + 1, 12)."""
+    def leaves(self, motions: Array) -> list[Leaf]:
+        """Tubes about motions (M, N + 1, 12) whose union is bounded from here on."""
         limits, begin = self.limits, self.seconds
         width = np.array(limits.angles), np.array(limits.spin)
         if len(motions) <= 2:  # the start, and what is best
@@ -107,10 +109,14 @@ class Bounding:
         self.bounds, self.again = [leaf.bound for leaf in leaves], False
         self.history = [replace(step, bound=0.0) for step in self.history]
         self.note()
+        return leaves
+
+    def cover(self, leaves: Sequence[Leaf]) -> None:
+        """Bound one tube after the other."""
         # Narrow tubes are through soon: what they leave of their time is for wider ones.
-        order = sorted(range(len(leaves)), key=lambda k: (len(leaves[k].motions), leaves[k].bound))
+        order = narrow_first(leaves)
         for done, at in enumerate(order):
-            used = self.seconds / limits.seconds
+            used = self.seconds / self.limits.seconds
             self.at, self.share = at, used + (1.0 - used) / (len(leaves) - done)
             self.bounded(leaves[at].tube)
             if self.again:
@@ -131,28 +137,43 @@ class Bounding:
 
     def bounded(self, tube: Tube) -> None:
         """The program of motions that are cheaper by the gap: if there are none, it is closed."""
+        part = self.whole(tube)
+        opened = self.opened(part)
+        if opened is not None:
+            self.search(part, opened.program)
+
+    def whole(self, tube: Tube) -> Part:
+        """All motions within a tube, and their mirror images where one of two is enough."""
         limits, most = self.limits, self.objective * (1.0 - self.limits.gap)
         width = np.array(limits.angles), np.array(limits.spin)
         both = with_images(tube, *width) if own_image(self.stated) else None
         tube = both if both is not None else tube
         stated = Stated(self.stated, tube, most, limits.arm_pieces, limits.height_pieces, TANGENTS)
-        program = stated.program(None)
-        if not self.tighten(program, most):
-            return
-        drawn = drawn_by_heads(stated, program, _DRAWING * self.left, limits.clock)
+        return Part(stated, both is not None)
+
+    def opened(self, part: Part) -> Opened | None:
+        """What linear programs alone tell of a part; None if that is all, or time is over.
+
+        Heads are of whole tubes: those of parts gain less than the search does in their time.
+        """
+        stated, most = part.stated, part.stated.most
+        program = stated.program(part.box)
+        there, x = self.tighten(program, most)
+        if not there:
+            return None
+        if part.box is not None:
+            return Opened(program, x) if self.left > 0 else None
+        drawn = drawn_by_heads(stated, program, _DRAWING * self.left, self.limits.clock)
         if drawn is None:
             self.nothing_cheaper(most)
-            return
+            return None
         program = stated.program(drawn.box)
-        if not self.tighten(program, most) or self.left <= 0:
-            return
-        self.search(stated, program, both is not None)
+        there, x = self.tighten(program, most)
+        return Opened(program, x) if there and self.left > 0 else None
 
-    def search(self, stated: Stated, program: Relaxation, images: bool) -> None:
-        """Raise the bound of a program's motions by a search over contacts.
-
-        images: whether the tube holds the mirror images of its motions, too.
-        """
+    def search(self, part: Part, program: Relaxation) -> None:
+        """Raise the bound of a part by a search over contacts; program: of all its motions."""
+        stated = part.stated
         basis, most = self.objective, stated.most
 
         def goes_on(bound: float) -> bool:
@@ -167,7 +188,7 @@ class Bounding:
                 return most
             return bound_drawn(stated, drawn.box, ROUNDS, lambda: self.left, self.limits.clock)
 
-        kept = Kept(program, _SAG * self.objective, images)
+        kept = Kept(program, _SAG * self.objective, part.images)
         found = Search(
             kept,
             goes_on,
@@ -187,10 +208,10 @@ class Bounding:
         self.raise_bound(most, most)
         self.word = "no motion is cheaper by the gap, by linear programs alone"
 
-    def tighten(self, program: Relaxation, most: float) -> bool:
+    def tighten(self, program: Relaxation, most: float) -> tuple[bool, Array | None]:
         """Tangents where the relaxed program wants to be: a first bound. False if it has no point.
 
-        most: costs that the program holds.
+        most: costs that the program holds. With a point, unless time was over before any.
         """
         x: Array | None = None
         for bound, at in self.relaxed(program):
@@ -198,12 +219,12 @@ class Bounding:
                 self.raise_bound(bound, most)
             else:
                 self.nothing_cheaper(most)
-                return False
+                return False, None
             x = at
         if x is not None:
             for share in _SHARES:
                 self.consider(program, x, share)
-        return True
+        return True, x
 
     def relaxed(self, program: Relaxation) -> Iterator[tuple[float, Array | None]]:
         """Bounds and points of the program without integers, with ever more tangents.

@@ -6,7 +6,7 @@ narrower ones about parts of the motions have better bounds they take its place.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +57,11 @@ def covering(
         else:
             whole.append(lowest)
     return whole + waiting
+
+
+def narrow_first(leaves: Sequence[Leaf]) -> list[int]:
+    """Places of tubes: those about few motions first, then those with low bounds."""
+    return sorted(range(len(leaves)), key=lambda k: (len(leaves[k].motions), leaves[k].bound))
 
 
 def halves(state: Array, angles: Array, spin: Array) -> tuple[Array, Array] | None:

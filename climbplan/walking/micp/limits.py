@@ -22,6 +22,7 @@ class MicpLimits:
     angles: tuple[float, float, float] = (0.035, 0.07, 0.035)  # [rad] half widths of the tube
     spin: tuple[float, float, float] = (0.5, 1.0, 0.5)  # [rad/s]
     clock: Callable[[], float] = time.perf_counter  # `process_time` where others share the machine
+    processes: int = 1  # that parts of tubes are bounded by; seconds are of each of them
 
 
 def limits_of(solver: WalkSolverSpec) -> MicpLimits:

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.walking.answer import WalkAnswer
+from climbplan.walking.micp.abreast import cover_abreast
 from climbplan.walking.micp.bounding import Bounding
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.task import WalkTask
@@ -33,7 +34,11 @@ def solve_micp(
     motions = [answer.trajectory.state for answer in given if answer.trajectory is not None]
     run = Bounding(task, stated, limits, known, cheapest.objective, limits.clock())
     while run.left > 0 and not run.closed:
-        run.cover(np.stack([run.best.state, *motions]))
+        leaves = run.leaves(np.stack([run.best.state, *motions]))
+        if limits.processes > 1:
+            cover_abreast(run, leaves)
+        else:
+            run.cover(leaves)
         # A much better incumbent is worth a new start: ranges depend on its cost, tubes on it.
         if not run.again:
             break

@@ -1,0 +1,126 @@
+"""Tubes by several processes: what linear programs leave of each is searched in parts.
+
+Parts share nothing but what was found before they began. Each has as much time as is left, or a
+share of it where more wait than there are processes.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass, replace
+
+import numpy as np
+from joblib.externals.loky import ProcessPoolExecutor
+
+from climbplan.walking.micp.bounding import Bounding
+from climbplan.walking.micp.covering import Leaf, narrow_first
+from climbplan.walking.micp.parts import Part
+
+_PARTINGS = 4  # of what linear programs leave of a tube, until it is searched
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a process is asked for."""
+
+    at: int  # tube
+    part: Part
+    bound: float  # that is known of it
+    partings: int  # that it has before it is searched
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What it found."""
+
+    run: Bounding
+    parts: tuple[Part, ...]  # of what is left: none if that was searched or there is nothing
+    seconds: float  # of the process
+
+
+def cover_abreast(run: Bounding, leaves: Sequence[Leaf]) -> None:
+    """Bound tubes and parts of them by `limits.processes` processes at the same time."""
+    count = run.limits.processes
+    waiting = [
+        _Asked(at, run.whole(leaves[at].tube), leaves[at].bound, _PARTINGS)
+        for at in narrow_first(leaves)
+    ]
+    open_, done = dict[Future[_Found], _Asked](), list[_Asked]()
+    slots, spent = dict[Future[_Found], int](), np.full(count, run.seconds)
+    pool = ProcessPoolExecutor(count, env=_ONE_THREAD)
+    try:
+        while waiting or open_:
+            for slot in sorted(set(range(count)) - set(slots.values()), key=spent.__getitem__):
+                spent[slot] = max(spent[slot], run.seconds) if run.by_wall else spent[slot]
+                left = run.limits.seconds - float(spent[slot])
+                if not waiting or left <= 0 or run.again:
+                    break
+                left *= min(1.0, count / (len(waiting) + len(open_)))
+                asked = waiting.pop(_next(waiting))
+                future = pool.submit(_worked, _begun(run, asked.bound, left), asked)
+                open_[future], slots[future] = asked, slot
+            if not open_:
+                break
+            for future in wait(open_, return_when=FIRST_COMPLETED).done:
+                asked, slot, found = open_.pop(future), slots.pop(future), future.result()
+                spent[slot] += found.seconds
+                _take(run, found.run, float(spent[slot]))
+                bound = found.run.bounds[0]
+                rest = [_Asked(asked.at, one, bound, asked.partings - 1) for one in found.parts]
+                waiting += rest
+                done += [] if rest else [replace(asked, bound=bound)]
+                _raise(run, [*waiting, *open_.values(), *done])
+    finally:
+        pool.shutdown(wait=True, kill_workers=bool(open_))
+    run.at = int(np.argmin(run.bounds))
+
+
+def _next(waiting: Sequence[_Asked]) -> int:
+    """What is parted comes first, then searches that are through soon: the rest is for others."""
+    return max(
+        range(len(waiting)),
+        key=lambda k: (waiting[k].partings, waiting[k].bound if not waiting[k].partings else -k),
+    )
+
+
+def _begun(run: Bounding, bound: float, seconds: float) -> Bounding:
+    """A run of one part, from what is known by now."""
+    limits = replace(run.limits, seconds=seconds)
+    return replace(run, limits=limits, bounds=[bound], at=0, elsewhere=0.0, history=[])
+
+
+_used = 0.0  # of this process's processor time, by what it was asked before
+
+
+def _worked(run: Bounding, asked: _Asked) -> _Found:
+    """Open a part, and search it if it is not to be parted any more."""
+    global _used
+    run.begin = _used if run.limits.clock is time.process_time else run.limits.clock()
+    parts: tuple[Part, ...] | None = ()
+    opened = run.opened(asked.part)
+    if opened is not None:
+        parts = asked.part.by_contact(opened) if asked.partings else None
+        if parts is None:
+            run.search(asked.part, opened.program)
+    _used = time.process_time()
+    return _Found(run, parts or (), run.seconds)
+
+
+def _take(run: Bounding, other: Bounding, now: float) -> None:
+    """What another process found, of so many seconds [s]."""
+    if not run.by_wall:
+        run.elsewhere += max(now - run.seconds, 0.0)
+    if other.objective < run.objective:
+        run.best, run.objective = other.best, other.objective
+    run.seen |= other.seen
+    run.word, run.again = other.word, run.again or other.again
+
+
+def _raise(run: Bounding, parts: Sequence[_Asked]) -> None:
+    """The bound of a tube is the least of its parts'."""
+    bounds = [min(one.bound for one in parts if one.at == at) for at in range(len(run.bounds))]
+    run.bounds = [max(pair) for pair in zip(run.bounds, bounds, strict=True)]
+    run.note()

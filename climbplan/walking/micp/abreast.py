@@ -30,6 +30,7 @@ class _Asked:
     part: Part
     bound: float  # that is known of it
     partings: int  # that it has before it is searched
+    since: float  # [s] when it could begin
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ def cover_abreast(run: Bounding, leaves: Sequence[Leaf]) -> None:
     """Bound tubes and parts of them by `limits.processes` processes at the same time."""
     count = run.limits.processes
     waiting = [
-        _Asked(at, run.whole(leaves[at].tube), leaves[at].bound, _PARTINGS)
+        _Asked(at, run.whole(leaves[at].tube), leaves[at].bound, _PARTINGS, run.seconds)
         for at in narrow_first(leaves)
     ]
     open_, done = dict[Future[_Found], _Asked](), list[_Asked]()
@@ -54,12 +55,16 @@ def cover_abreast(run: Bounding, leaves: Sequence[Leaf]) -> None:
     try:
         while waiting or open_:
             for slot in sorted(set(range(count)) - set(slots.values()), key=spent.__getitem__):
-                spent[slot] = max(spent[slot], run.seconds) if run.by_wall else spent[slot]
-                left = run.limits.seconds - float(spent[slot])
-                if not waiting or left <= 0 or run.again:
+                if not waiting or run.again:
                     break
-                left *= min(1.0, count / (len(waiting) + len(open_)))
+                share = min(1.0, count / (len(waiting) + len(open_)))
                 asked = waiting.pop(_next(waiting))
+                # A process that had nothing to do was idle until there was this.
+                spent[slot] = max(spent[slot], run.seconds if run.by_wall else asked.since)
+                left = (run.limits.seconds - float(spent[slot])) * share
+                if left <= 0:
+                    done.append(asked)
+                    continue
                 future = pool.submit(_worked, _begun(run, asked.bound, left), asked)
                 open_[future], slots[future] = asked, slot
             if not open_:
@@ -69,7 +74,10 @@ def cover_abreast(run: Bounding, leaves: Sequence[Leaf]) -> None:
                 spent[slot] += found.seconds
                 _take(run, found.run, float(spent[slot]))
                 bound = found.run.bounds[0]
-                rest = [_Asked(asked.at, one, bound, asked.partings - 1) for one in found.parts]
+                rest = [
+                    _Asked(asked.at, one, bound, asked.partings - 1, float(spent[slot]))
+                    for one in found.parts
+                ]
                 waiting += rest
                 done += [] if rest else [replace(asked, bound=bound)]
                 _raise(run, [*waiting, *open_.values(), *done])

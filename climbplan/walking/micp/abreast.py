@@ -18,7 +18,7 @@ from climbplan.walking.micp.bounding import Bounding
 from climbplan.walking.micp.covering import Leaf, narrow_first
 from climbplan.walking.micp.parts import Part
 
-_PARTINGS = 4  # of what linear programs leave of a tube, until it is searched
+_PARTINGS = 7  # of what linear programs leave of a tube, until it is searched
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
@@ -29,7 +29,7 @@ class _Asked:
     at: int  # tube
     part: Part
     bound: float  # that is known of it
-    partings: int  # that it has before it is searched
+    partings: int  # that it has before it is searched for the first time
     since: float  # [s] when it could begin
 
 
@@ -59,6 +59,8 @@ def cover_abreast(run: Bounding, leaves: Sequence[Leaf]) -> None:
                     break
                 share = min(1.0, count / (len(waiting) + len(open_)))
                 asked = waiting.pop(_next(waiting))
+                if not asked.partings and len(waiting) + len(open_) + 1 < count:
+                    asked = replace(asked, partings=1)  # work for the others
                 # A process that had nothing to do was idle until there was this.
                 spent[slot] = max(spent[slot], run.seconds if run.by_wall else asked.since)
                 left = (run.limits.seconds - float(spent[slot])) * share
@@ -104,7 +106,7 @@ _used = 0.0  # of this process's processor time, by what it was asked before
 
 
 def _worked(run: Bounding, asked: _Asked) -> _Found:
-    """Open a part, and search it if it is not to be parted any more."""
+    """Open a part, and search it if it is not to be parted yet."""
     global _used
     run.begin = _used if run.limits.clock is time.process_time else run.limits.clock()
     parts: tuple[Part, ...] | None = ()
@@ -113,6 +115,8 @@ def _worked(run: Bounding, asked: _Asked) -> _Found:
         parts = asked.part.by_contact(opened) if asked.partings else None
         if parts is None:
             run.search(asked.part, opened.program)
+            if not run.closed:  # when its share of time is over it is parted after all
+                parts = asked.part.by_contact(opened)
     _used = time.process_time()
     return _Found(run, parts or (), run.seconds)
 

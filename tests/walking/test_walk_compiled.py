@@ -10,8 +10,8 @@ from walk_tasks import LEGS, named, shorter, walk_task
 
 from climbplan.walking.check.truth import continuous_rollout, toes_in_body
 from climbplan.walking.cost import objective
-from climbplan.walking.kernels.body import rolled
 from climbplan.walking.kernels.feet import worst_beyond, worst_standing
+from climbplan.walking.kernels.rollouts import rolled
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.offline.sqp import guess, rolled_out
 from climbplan.walking.task import STATE, Gait, WalkTask
@@ -35,7 +35,10 @@ def test_rollout_is_that_of_the_checker() -> None:
     force = RNG.normal(0, 15, (5, LEGS, 3))
     body = TASK.body
     steps = np.full(5, 0.08)
-    mine = rolled(body.mass, body.gravity, body.inertia, INVERSE, steps, 16, start, toes, force)
+    mine, _ = rolled(
+        body.mass, body.gravity, body.inertia, INVERSE, body.toe_center, body.toe_half, steps, 16,
+        start, toes, force, np.ones((6, LEGS), bool),
+    )  # fmt: skip
     theirs = continuous_rollout(body, 0.08, start, toes[:-1], force, 16)
     np.testing.assert_allclose(mine, theirs, atol=1e-10)
 

@@ -169,7 +169,7 @@ def test_where_the_plan_before_slows_down_others_are_looked_at(
     run_loop(controller, TASK, 0.8)
     last, here = controller._last, controller._expected
     assert last is not None
-    told = Situation(here.state, here.toes, last.toes[0], last.gait.contact[0])
+    told = Situation(here.state, here.start.toes, last.toes[0], last.gait.contact[0])
     tried = {}
     for slack in (tick._STEADY, 0.0):  # no plan is as fast as that to the last digit
         monkeypatch.setattr(tick, "_STEADY", slack)

@@ -7,17 +7,18 @@ because the QP's pyramids are inside the cones.
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.walking.kernels.body import PARTS, rolled
-from climbplan.walking.kernels.feet import worst_between, worst_beyond
+from climbplan.walking.kernels.body import PARTS
+from climbplan.walking.kernels.rollouts import borne_out
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.offline.sqp import guess
 from climbplan.walking.published.program import PublishedProgram
-from climbplan.walking.task import ANGLES, VELOCITY, Array, Gait, WalkTask, WalkTrajectory
+from climbplan.walking.task import Array, Gait, WalkTask, WalkTrajectory
 
 SPEED_SLACK, ANGLE_SLACK = 0.05, 0.05  # [m/s], [rad] of the rollout over the horizon
 REACH_SLACK = 5e-3  # [m]
@@ -34,6 +35,7 @@ class Attempt:
 
     trajectory: WalkTrajectory
     excess: float  # <= 0 if it holds
+    cost: float  # of its states, eq. (8.30), if it holds; else infinite
 
     @property
     def holds(self) -> bool:
@@ -133,47 +135,42 @@ class GaitTrials:
     def judged(self, task: WalkTask, program: PinnedProgram, at: Iterate) -> Attempt | None:
         """The rollout of an iterate's forces in continuous time against its own states."""
         body = task.body
-        state = rolled(
-            body.mass,
-            body.gravity,
-            body.inertia,
-            self._inverse,
-            task.steps,
-            PARTS,
-            task.start.state,
-            program.toes(at.state, at.spots),
-            at.force,
-        )
-        if not np.isfinite(state).all():
-            return None
-        toes = program.toes(state, at.spots)
-        off = np.abs(state - at.state)
-        reach = worst_beyond(
-            body.toe_center, body.toe_half, task.whole_stance, program.gait.contact, state, toes
-        )
-        swung = worst_between(
+        program.find_heights(at.state)
+        state, toes, speed, angle, reach, between = borne_out(
             body.mass,
             body.gravity,
             body.inertia,
             self._inverse,
             body.toe_center,
             body.toe_half,
-            task.steps,
+            program.steps,
             PARTS,
-            state,
-            toes,
-            at.force,
+            task.whole_stance,
             program.gait.contact,
+            program.footing.foothold,
+            program.height,
+            program.start.state,
+            program.start.toes,
+            at.spots,
+            program.base,
+            program.tilt,
+            at.state,
+            at.force,
         )
+        if math.isinf(speed):
+            return None
         excess = max(
-            float(off[:, VELOCITY].max()) / SPEED_SLACK,
-            float(off[:, ANGLES].max()) / ANGLE_SLACK,
+            speed / SPEED_SLACK,
+            angle / ANGLE_SLACK,
             reach / REACH_SLACK,
-            swung / SWUNG_SLACK,
+            between / SWUNG_SLACK,
             program.joints.too_fast(state, toes, at.spots, program.tilt) / JOINT_SLACK,
         )
-        force = np.concatenate([at.force, np.zeros_like(at.force[:1])])
-        return Attempt(WalkTrajectory(state, toes, force, program.gait), excess - 1.0)
+        force = np.zeros((len(at.force) + 1, *at.force.shape[1:]))
+        force[:-1] = at.force
+        cost = program.cost(state, at.force) if excess <= 1.0 else math.inf
+        walk = WalkTrajectory(state, toes, force, program.gait)
+        return Attempt(walk, excess - 1.0, cost)
 
 
 def fitting(task: WalkTask, program: PinnedProgram, at: Iterate) -> Iterate:

@@ -235,7 +235,7 @@ def test_the_safe_stance_keeps_the_body_upright(velocity: tuple[float, float, fl
     stance = safe_stance(task)
     force = stance.force[0]
     body = task.body
-    inverse = np.linalg.inv(body.inertia)
+    inverse = body.inverse
     after = moved(
         body.mass, body.gravity, body.inertia, inverse, 0.08, 16, state, start.toes, force
     )

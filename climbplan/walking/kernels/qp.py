@@ -350,3 +350,30 @@ def assembled(
         center, half, half[2] - margin, state, height, contact, offset, by,
         rows[count:], low[count:], high[count:],
     )  # fmt: skip
+
+
+@compiled
+def force_cost(knot: Whole, legs: int, factor: float, hessian: Array) -> None:
+    """What differences of forces cost: factor (L delta - same knot) between forces, into (Z, Z).
+
+    knot (K,): of each standing leg's force.
+    """
+    for i in range(len(knot)):
+        for j in range(len(knot)):
+            value = factor * ((legs if i == j else 0) - (1.0 if knot[i] == knot[j] else 0.0))
+            for k in range(3):
+                hessian[3 * i + k, 3 * j + k] = value
+
+
+@compiled
+def in_units(z: Array, contact: Flags, force_unit: float, foot_unit: float) -> tuple[Array, Array]:
+    """Forces (N, L, 3) [N] and free footholds (F, 2) [m] of unknowns (Z,); contact (N + 1, L)."""
+    knots, legs = contact.shape[0] - 1, contact.shape[1]
+    force, column = np.zeros((knots, legs, 3)), 0
+    for n in range(knots):
+        for leg in range(legs):
+            if contact[n, leg]:
+                for k in range(3):
+                    force[n, leg, k] = z[column] * force_unit
+                    column += 1
+    return force, z[column:].copy().reshape(-1, 2) * foot_unit

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import daqp
@@ -20,7 +21,7 @@ from climbplan.walking.footing import UNKNOWN, Footing, footing_of, toe_heights
 from climbplan.walking.kernels.feet import place_toes, worst_beyond
 from climbplan.walking.kernels.footing import walk_cost
 from climbplan.walking.kernels.knots import knots_rolled
-from climbplan.walking.kernels.qp import assembled
+from climbplan.walking.kernels.qp import assembled, force_cost, in_units
 from climbplan.walking.kernels.ways import swing_heights
 from climbplan.walking.offline.joint_rows import JointRows
 from climbplan.walking.task import ANGLES, POSITION, STATE, Array, Gait, WalkTask
@@ -83,7 +84,6 @@ class PinnedProgram:
         self.size = self.foot_column + 2 * self.footing.count
         self.fixed = self.forces * FACETS + self.footing.count * ground.corners.shape[1]
         self.force_scale = task.weight / task.body.leg_count
-        self._inverse: Array = np.linalg.inv(task.body.inertia).astype(float)
         self._after = np.empty((task.knots, STATE))
         self._slopes = np.empty((task.knots, STATE + 6 * task.body.leg_count, STATE))
         self._columns = 3 * np.concatenate([[0], np.cumsum(contact.sum(axis=1))])  # by knot
@@ -111,10 +111,10 @@ class PinnedProgram:
 
     def split(self, z: Array) -> tuple[Array, Array]:
         """Forces (N, L, 3) [N] and free footholds (F, 2) [m] of the unknowns."""
-        force = np.zeros((self.task.knots, self.task.body.leg_count, 3))
-        each = z[: self.foot_column].reshape(-1, 3) * self.force_scale
-        force[self.stand_knot, self.stand_leg] = each
-        return force, z[self.foot_column :].reshape(-1, 2) * FOOT_SCALE
+        force, spots = in_units(
+            np.ascontiguousarray(z), self.gait.contact, self.force_scale, FOOT_SCALE
+        )
+        return force, spots
 
     def toes(self, state: Array, spots: Array) -> Array:
         """All toes (N + 1, L, 3)."""
@@ -172,7 +172,7 @@ class PinnedProgram:
             body.mass,
             body.gravity,
             body.inertia,
-            self._inverse,
+            body.inverse,
             self.steps,
             task.integrator == "mean",
             self.start.state,
@@ -216,7 +216,7 @@ class PinnedProgram:
             body.mass,
             body.gravity,
             body.inertia,
-            self._inverse,
+            body.inverse,
             self.steps,
             task.integrator == "mean",
             body.toe_center,
@@ -263,6 +263,8 @@ class PinnedProgram:
             qp.rows[motors], qp.lower[limits], qp.upper[limits],
         )  # fmt: skip
         used = self.motors + written
+        if used == len(qp.rows):
+            return qp
         return replace(
             qp, rows=qp.rows[:used], lower=qp.lower[: self.size + used],
             upper=qp.upper[: self.size + used],
@@ -315,7 +317,8 @@ class PinnedProgram:
         reach: how DAQP is to take the rows of the workspace.
         """
         sense = np.zeros(len(qp.lower), np.int32)
-        sense[self.size + self.fixed : self.size + self.motors] = reach
+        if reach:
+            sense[self.size + self.fixed : self.size + self.motors] = reach
         if multipliers is not None:
             # Which speeds have rows differs from one linearisation to the next
             before = multipliers[: self.size + self.motors + self.joints.torques]
@@ -349,13 +352,10 @@ class PinnedProgram:
         self.motors = self.fixed + moving  # first row of joints
         rows = np.zeros((self.motors + self.joints.count, self.size))
         # Friction, eq. (8.18), as a pyramid inside the cone about each region's normal
-        angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
-        slope = self.task.ground.friction * np.cos(np.pi / FACETS)
-        facets = np.column_stack([np.cos(angle), np.sin(angle), np.full(FACETS, -slope)])
         each = np.arange(self.forces)
         blocks = rows[:friction, : self.foot_column].reshape(self.forces, FACETS, self.forces, 3)
         stood = self.gait.region[self.stand_knot, self.stand_leg]
-        blocks[each, :, each] = facets @ self.task.ground.frame[stood]
+        blocks[each, :, each] = _facets(self.task.ground.friction) @ self.task.ground.frame[stood]
         # Force limits, eq. (8.23), and regions, eq. (8.24)
         most = self.task.body.force_limit / self.force_scale
         ground, region = self.task.ground, self.footing.region
@@ -388,11 +388,16 @@ class PinnedProgram:
         """Sum over ordered pairs of || f_s - f_t ||^2 = 2 (L sum f^2 - (sum f)^2) at each knot."""
         hessian = np.zeros((self.size, self.size))
         factor = 4.0 * self.task.weights.force_difference * self.force_scale**2
-        same = self.stand_knot[:, None] == self.stand_knot[None, :]
-        legs = factor * (self.task.body.leg_count * np.eye(self.forces) - same)
-        for k in range(3):
-            hessian[k : self.foot_column : 3, k : self.foot_column : 3] = legs
+        force_cost(self.stand_knot, self.task.body.leg_count, factor, hessian)
         return hessian
+
+
+@cache
+def _facets(friction: float) -> Array:
+    """(FACETS, 3) rows of a pyramid inside a friction cone about z."""
+    angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
+    slope = friction * np.cos(np.pi / FACETS)
+    return np.column_stack([np.cos(angle), np.sin(angle), np.full(FACETS, -slope)])
 
 
 def _daqp(

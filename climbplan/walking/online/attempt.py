@@ -68,7 +68,6 @@ class GaitTrials:
     def __init__(self, task: WalkTask, margin: float, beside: float = 0.0) -> None:
         """margin: as of `PinnedProgram`; beside: as of `PublishedProgram`."""
         self._margin, self._beside = margin, beside
-        self._inverse: Array = np.linalg.inv(task.body.inertia).astype(float)
         self._programs: OrderedDict[bytes, PinnedProgram] = OrderedDict()
         self._published: OrderedDict[bytes, PublishedProgram] = OrderedDict()
 
@@ -140,7 +139,7 @@ class GaitTrials:
             body.mass,
             body.gravity,
             body.inertia,
-            self._inverse,
+            body.inverse,
             body.toe_center,
             body.toe_half,
             program.steps,

@@ -135,7 +135,6 @@ class OnlineController:
             task.body.leg_count, np.int64
         )  # ticks for which a leg is not stood on
         self._flat: dict[int, Gait] = {}  # of sections, on ground of one region
-        self._inverse: Array = np.linalg.inv(self.task.body.inertia).astype(float)
         self._warm_up()
 
     def tick(self, situation: Situation) -> Command:
@@ -313,7 +312,7 @@ class OnlineController:
             body.mass,
             body.gravity,
             body.inertia,
-            self._inverse,
+            body.inverse,
             float(task.steps[0]),
             PARTS,
             start.state,

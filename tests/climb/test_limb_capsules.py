@@ -221,7 +221,7 @@ def test_thicker_limbs_are_planned_further_off() -> None:
         plan_climb(
             replace(loaded, robot=loaded.robot.model_copy(update={"limb_radius": radius}))
         ).objective
-        for radius in (0.01, 0.04)
+        for radius in (0.01, 0.03)
     )
     assert thin < thick
 

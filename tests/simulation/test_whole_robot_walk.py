@@ -15,9 +15,11 @@ from climbplan.errors import UsageError
 from climbplan.robots.urdf.walking_body import TO_WALKING
 from climbplan.simulation.conditions import NOMINAL, Conditions
 from climbplan.simulation.study import Asked
+from climbplan.simulation.walking.whole_reference import WholeReference
 from climbplan.simulation.walking.whole_replay import Pushed, WholeRun, simulate_whole
 from climbplan.simulation.walking.whole_robot import whole_model, whole_robot
 from climbplan.simulation.walking.whole_study import simulate_whole_plan, tell
+from climbplan.walking.ground import Ground
 from climbplan.walking.plan import WalkPlan
 
 mujoco = pytest.importorskip("mujoco")
@@ -96,6 +98,49 @@ def test_a_push_moves_it_and_it_comes_back_to_its_speed(plan: WalkPlan, run: Who
     assert not pushed.fallen
     assert np.abs(apart).max() > 0.1
     assert np.abs(apart[-1]) < 0.15  # of 0.3 m/s, four steps of its trot later
+
+
+def test_toes_step_aside_on_their_region(plan: WalkPlan) -> None:
+    """As far as the body is off; not beyond the region, and onto its plane."""
+    flat = WholeReference(plan)
+    leg, way = next((leg, ways[0]) for leg, ways in enumerate(flat.base.swings) if ways)
+    time, off = 0.5 * (way.start + way.end), np.array([0.01, 0.02, 0.0])
+
+    def landing(ground: Ground) -> np.ndarray[Any, Any]:
+        reference = WholeReference(replace(plan, task=replace(plan.task, ground=ground)))
+        reference.swing(leg, time, way.left, off)
+        return reference.aside[leg]
+
+    free = landing(plan.task.ground)
+    assert free[0] > off[0]
+    assert free[1] == pytest.approx(2 * free[0])
+    assert free[2] == 0
+    room = np.array([[-1.0, way.lands[1] - 0.4], [1.0, way.lands[1] + 0.005]])
+    none = np.zeros((1, 0, 2))
+    slope = np.array([[0.2, 0.0]])
+    ramp = Ground(("ramp",), room[:1], room[1:], np.zeros(1), 0.8, slope, none)
+    moved = landing(ramp)
+    np.testing.assert_allclose(moved, [free[0], 0.005, 0.2 * free[0]], atol=1e-9)
+
+
+def test_toes_at_a_riser_go_up_alone_first(plan: WalkPlan) -> None:
+    """Onto the step that a foot stands at; down from it alone at last; away from it at once."""
+    lower, upper = np.array([[-1.0, -1.0], [0.3, -1.0]]), np.array([[0.3, 1.0], [1.0, 1.0]])
+    stairs = Ground.level(("floor", "step"), lower, upper, np.array([0.0, 0.05]), 0.8)
+    reference = WholeReference(replace(plan, task=replace(plan.task, ground=stairs)), 0.03)
+    near, up = np.array([0.269, 0.0, 0.0]), np.array([0.6, 0.0, 0.05])
+    first, last = reference._alone(near, up, 0.03)
+    assert first > 0
+    assert last == 0
+    assert reference._alone(up, near, 0.03) == (last, first)
+    assert reference._alone(np.array([0.1, 0.0, 0.0]), up, 0.03) == (0, 0)
+    assert reference._alone(near, np.array([0.0, 0.0, 0.0]), 0.03) == (0, 0)
+    way = reference.base.swings[0][0]
+    reference.alone[0] = (0.2, 0.0)
+    reference.left[0] = way.left
+    begun = reference.swing(0, way.start + 0.2 * (way.end - way.start), way.left, np.zeros(3))
+    np.testing.assert_allclose(begun.place[:2], way.left[:2], atol=1e-9)
+    assert begun.place[2] > way.left[2] + 0.3 * way.lift
 
 
 def test_what_a_simulation_tells(plan: WalkPlan) -> None:

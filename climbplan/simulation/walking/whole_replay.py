@@ -97,7 +97,7 @@ class _Player:
         make = self.mujoco.MjModel.from_xml_string
         self.model = make(whole_model(plan, robot, conditions))
         self.data = self.mujoco.MjData(self.model)
-        self.reference = WholeReference(plan)
+        self.reference = WholeReference(plan, self.foot)
         self.there = self.legs.there
         self.at = np.full(self.there.shape, -1)
         self.dof = self.at.copy()

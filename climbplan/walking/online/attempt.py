@@ -24,6 +24,7 @@ SPEED_SLACK, ANGLE_SLACK = 0.05, 0.05  # [m/s], [rad] of the rollout over the ho
 REACH_SLACK = 5e-3  # [m]
 JOINT_SLACK = 0.01  # of speed limits that joints are beyond
 SWUNG_SLACK = 0.015  # [m] likewise between knots, where legs let go a little farther out
+HOPELESS = 20.0  # slacks that a first QP may miss by for a second one to be worth while
 ASSEMBLY = 60  # DAQP iterations that take as long as a QP's assembly and check
 _MOST_STEPS = 500  # DAQP iterations of a QP
 _KEPT = 256  # programs of gaits
@@ -56,10 +57,31 @@ class Budget:
         """Iterations that may still be made."""
         return self.most - self.done
 
+    @property
+    def spent(self) -> bool:
+        """No further QP fits."""
+        return self.left <= ASSEMBLY
+
     def book(self, iterations: int) -> None:
         """A QP was solved."""
         self.qps += 1
         self.done += iterations + ASSEMBLY
+
+
+@dataclass
+class Progress:
+    """QPs of a gait within a tick: where they led, and the best that they came to."""
+
+    here: Iterate  # to linearise about next
+    best: Attempt | None = None
+    qps: int = 0  # with an answer
+    stuck: bool = False  # none within the workspace
+    softly: bool = False  # the last one left it
+
+    @property
+    def holds(self) -> bool:
+        """The best does."""
+        return self.best is not None and self.best.holds
 
 
 class GaitTrials:
@@ -84,38 +106,45 @@ class GaitTrials:
             program.begin(task)
         return program
 
+    def begun(self, task: WalkTask, program: PinnedProgram, at: Iterate | None) -> Progress:
+        """No QP of a gait yet; at: what to linearise about, an even motion if None."""
+        return Progress(guess(task, program.gait) if at is None else fitting(task, program, at))
+
     def attempt(
         self,
         task: WalkTask,
         program: PinnedProgram,
-        at: Iterate | None,
+        progress: Progress,
         iterations: int,
         budget: Budget,
         elastic: bool = False,
     ) -> Attempt | None:
         """The gait's best trajectory after up to so many QPs, fewer if one holds; None without one.
 
-        at: what to linearise about; an even motion if None.
+        Those of `progress` count, and are not solved again. elastic: as of `PinnedProgram.step`,
+        and what is far off is given up only if it leaves the workspace, too.
         """
-        here = guess(task, program.gait) if at is None else fitting(task, program, at)
-        best: Attempt | None = None
-        softly = False
-        for _ in range(iterations):
+        if progress.stuck and not elastic:
+            return progress.best
+        while progress.qps < iterations and not progress.holds:
             most = min(_MOST_STEPS, budget.left - ASSEMBLY)
             if most <= 0:
                 break
-            found = program.step(here, elastic, softly, most)
+            found = program.step(progress.here, elastic, progress.stuck or progress.softly, most)
             budget.book(program.spent)
-            softly = program.softly
+            progress.stuck, progress.softly = found is None, program.softly
             if found is None:
                 break
-            here = found
-            judged = self.judged(task, program, here)
+            progress.qps += 1
+            progress.here = found
+            judged = self.judged(task, program, found)
+            best = progress.best
             if judged is not None and (best is None or judged.excess <= best.excess):
-                best = judged
-            if best is not None and best.holds:
+                progress.best = judged
+            far = judged is None or judged.excess > HOPELESS
+            if far and (program.softly or not elastic):
                 break
-        return best
+        return progress.best
 
     def published(
         self, task: WalkTask, program: PinnedProgram, at: Iterate, budget: Budget

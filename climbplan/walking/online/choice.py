@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 
-from climbplan.walking.online.attempt import Attempt, Budget
+from climbplan.walking.online.attempt import Attempt, Budget, Progress
 from climbplan.walking.task import WalkTrajectory
 
 LAST, FALLBACK, SAFE = -1, -2, -3  # winners that are no section of the library
@@ -38,6 +38,8 @@ class Choice:
     budget: Budget
     best: tuple[float, WalkTrajectory, int, float] | None = None
     nearest: tuple[float, WalkTrajectory, int, float] | None = None
+    # By gait, winner, and whether the first interval is shorter
+    begun: dict[tuple[bytes, int, bool], Progress] = field(default_factory=dict)
     tried: int = 0
     held: int = 0
     solving: float = 0.0  # [s] by the clock

@@ -161,6 +161,8 @@ class OnlineController:
         seen: set[tuple[bytes, bool]] = set()
         soon: tuple[WalkTask, Flags] | None = None  # with a shorter first interval, where tried
         for candidate in self._candidates(task, situation, choice, able):
+            if choice.tried and choice.budget.spent:
+                break
             this, stand = task, able
             if candidate.short:
                 if soon is None:
@@ -170,8 +172,7 @@ class OnlineController:
             gait = usable(this, candidate.gait, stand)
             # The published form has other integers, its regions, for the same gait.
             again = candidate.elastic or self._published
-            known = gait is None or (gait.key, candidate.short) in seen
-            if gait is None or (known and not again):
+            if gait is None or ((gait.key, candidate.short) in seen and not again):
                 continue
             seen.add((gait.key, candidate.short))
             at = candidate.at() if callable(candidate.at) else candidate.at
@@ -179,7 +180,7 @@ class OnlineController:
                 gait = gait_on(this, gait.contact, None if at is None else at.state)
             choice.tried += 1
             before = time.perf_counter()
-            found = self._attempt(this, gait, at, choice.budget, candidate.elastic)
+            found = self._attempt(this, gait, candidate, at, choice)
             choice.solving += time.perf_counter() - before
             if found is not None:
                 choice.weigh(found, candidate.winner, this.first)
@@ -231,7 +232,8 @@ class OnlineController:
             self._trials.program(self.task, flat_gait(row.reshape(SECTION + 1, -1)))
         stand = gait_on(self.task, cycle("stand", self.task.body.leg_count, SECTION), None)
         reachable(self.task)
-        self._attempt(self.task, stand, None, Budget(self.settings.effort), elastic=True)
+        named = _Candidate(FALLBACK, stand, None, elastic=True)
+        self._attempt(self.task, stand, named, None, Choice(Budget(self.settings.effort)))
 
     def _candidates(
         self, task: WalkTask, situation: Situation, choice: Choice, able: Flags
@@ -255,7 +257,7 @@ class OnlineController:
         named = len(self.library) and not self._published
         kept = 0 if not named else round(_FALLBACK_SHARE * self.settings.effort)
         for index in self._ranking.ranked(features, self.settings.candidates):
-            if choice.budget.left <= (0 if choice.held else kept):
+            if choice.budget.left <= kept:  # enough for one that is cheaper, too
                 break
             first.append(self._section(task, int(index), base))
             yield replace(first[-1], short=True) if falls else first[-1]
@@ -291,13 +293,20 @@ class OnlineController:
         return state
 
     def _attempt(
-        self, task: WalkTask, gait: Gait, at: Iterate | None, budget: Budget, elastic: bool
+        self, task: WalkTask, gait: Gait, candidate: _Candidate, at: Iterate | None, choice: Choice
     ) -> Attempt | None:
+        """The answer about a motion; where the tick has tried the candidate before it goes on."""
         program = self._trials.program(task, gait)
         if self._published and at is not None:
-            return self._trials.published(task, program, at, budget)
-        iterations = _ELASTIC_QPS if elastic else self.settings.iterations
-        return self._trials.attempt(task, program, at, iterations, budget, elastic)
+            return self._trials.published(task, program, at, choice.budget)
+        mark = gait.key, candidate.winner, candidate.short
+        progress = choice.begun.get(mark)
+        if progress is None:
+            progress = choice.begun[mark] = self._trials.begun(task, program, at)
+        iterations = _ELASTIC_QPS if candidate.elastic else self.settings.iterations
+        return self._trials.attempt(
+            task, program, progress, iterations, choice.budget, candidate.elastic
+        )
 
     def _safe(self, choice: Choice, word: str, start: Start, first: float = 0.0) -> Command:
         """Legs down, against motion and tilt, of the measured state or the expected one.

@@ -46,6 +46,11 @@ class RigidBody:
         """L, in pairs from front to hind as `leg_order` has them."""
         return len(self.leg_names)
 
+    @cached_property
+    def inverse(self) -> Array:
+        """(3, 3) of the inertia."""
+        return np.linalg.inv(self.inertia).astype(float)
+
 
 @dataclass(frozen=True)
 class Start:

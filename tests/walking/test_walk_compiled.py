@@ -10,8 +10,10 @@ from walk_tasks import LEGS, named, shorter, walk_task
 
 from climbplan.walking.check.truth import continuous_rollout, toes_in_body
 from climbplan.walking.cost import objective
-from climbplan.walking.kernels.body import rolled
+from climbplan.walking.footing import footing_of
 from climbplan.walking.kernels.feet import worst_beyond, worst_standing
+from climbplan.walking.kernels.footing import left_of
+from climbplan.walking.kernels.rollouts import rolled
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.offline.sqp import guess, rolled_out
 from climbplan.walking.task import STATE, Gait, WalkTask
@@ -35,7 +37,10 @@ def test_rollout_is_that_of_the_checker() -> None:
     force = RNG.normal(0, 15, (5, LEGS, 3))
     body = TASK.body
     steps = np.full(5, 0.08)
-    mine = rolled(body.mass, body.gravity, body.inertia, INVERSE, steps, 16, start, toes, force)
+    mine, _ = rolled(
+        body.mass, body.gravity, body.inertia, INVERSE, body.toe_center, body.toe_half, steps, 16,
+        start, toes, force, np.ones((6, LEGS), bool),
+    )  # fmt: skip
     theirs = continuous_rollout(body, 0.08, start, toes[:-1], force, 16)
     np.testing.assert_allclose(mine, theirs, atol=1e-10)
 
@@ -97,6 +102,25 @@ def test_states_and_stance_rows_are_slopes() -> None:
         slope = (ends[1][0] - ends[0][0]) / 2e-5
         np.testing.assert_allclose(sensitivity[:, :, k], slope, atol=2e-4)
         np.testing.assert_allclose(rows[:, k], (ends[1][1] - ends[0][1]) / 2e-5, atol=2e-4)
+
+
+def test_what_is_left_of_a_plan_goes_on_in_its_rhythm() -> None:
+    """One knot later, with a knot more: legs as in the last interval, the body as fast."""
+    gait = named("walking trot", TASK, 1)
+    state, toes = RNG.normal(0, 1, (6, STATE)), RNG.normal(0, 1, (6, LEGS, 3))
+    force = RNG.normal(0, 1, (6, LEGS, 3))
+    step = state[-1, :3] - state[-2, :3]
+    contact, states, forces, spots = left_of(gait.contact, state, force, toes)
+    np.testing.assert_array_equal(contact, gait.contact[[1, 2, 3, 4, 5, 4]])
+    np.testing.assert_array_equal(states[:-1], state[1:])
+    np.testing.assert_allclose(states[-1, :3], state[-1, :3] + step)
+    np.testing.assert_array_equal(states[-1, 3:], state[-1, 3:])
+    np.testing.assert_array_equal(forces, force[[1, 2, 3, 4, 3]])
+    footing = footing_of(Gait(contact, np.zeros(contact.shape, np.int64)))
+    later = np.concatenate([toes[1:], toes[-1:] + step])
+    assert footing.count > 1
+    assert footing.first.max() == 5  # one is in the knot that is new
+    np.testing.assert_allclose(spots, later[footing.first, footing.leg, :2])
 
 
 def test_a_program_serves_again_from_another_start() -> None:

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from walk_tasks import walk_task
+from walk_tasks import named, walk_task
 
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.walking.check.checker import check_loop, failures
 from climbplan.walking.kernels.body import moved
 from climbplan.walking.online import tick
+from climbplan.walking.online.attempt import Budget, GaitTrials
 from climbplan.walking.online.choice import SAFE
 from climbplan.walking.online.closed_loop import LoopWorld, Push, recovered, run_loop
 from climbplan.walking.online.library import (
@@ -169,7 +170,7 @@ def test_where_the_plan_before_slows_down_others_are_looked_at(
     run_loop(controller, TASK, 0.8)
     last, here = controller._last, controller._expected
     assert last is not None
-    told = Situation(here.state, here.toes, last.toes[0], last.gait.contact[0])
+    told = Situation(here.state, here.start.toes, last.toes[0], last.gait.contact[0])
     tried = {}
     for slack in (tick._STEADY, 0.0):  # no plan is as fast as that to the last digit
         monkeypatch.setattr(tick, "_STEADY", slack)
@@ -178,6 +179,30 @@ def test_where_the_plan_before_slows_down_others_are_looked_at(
         assert command.holds
         tried[slack] = command.tried
     assert tried[0.0] > 1 == tried[0.03]
+
+
+@pytest.mark.parametrize(("name", "first"), [("trot", 2), ("stand", 1)])
+def test_a_gait_goes_on_where_its_qps_led(name: str, first: int) -> None:
+    """None is solved twice; a first one that is far off has no second before others were tried."""
+    state = TASK.start.state.copy()
+    state[VELOCITY] = [-0.5, 0.0, 0.0]
+    task = replace(horizon_of(TASK), start=Start(state, TASK.start.toes))
+    trials, gait = GaitTrials(task, 8e-3), named(name, task)
+    program, budget = trials.program(task, gait), Budget(2000)
+    progress = trials.begun(task, program, None)
+    early = trials.attempt(task, program, progress, 2, budget)
+    assert early is not None
+    assert not early.holds
+    assert budget.qps == first
+    late = trials.attempt(task, program, progress, 4, budget, elastic=True)
+    assert late is not None
+    assert late.holds
+    assert not progress.softly
+    whole = Budget(2000)
+    again = trials.begun(task, program, None)
+    assert trials.attempt(task, program, again, 4, whole, elastic=True) is not None
+    assert budget.qps == whole.qps == progress.qps
+    np.testing.assert_allclose(again.here.state, progress.here.state, atol=1e-6)
 
 
 @pytest.mark.parametrize("effort", [0, 200, 1400])
@@ -235,7 +260,7 @@ def test_the_safe_stance_keeps_the_body_upright(velocity: tuple[float, float, fl
     stance = safe_stance(task)
     force = stance.force[0]
     body = task.body
-    inverse = np.linalg.inv(body.inertia)
+    inverse = body.inverse
     after = moved(
         body.mass, body.gravity, body.inertia, inverse, 0.08, 16, state, start.toes, force
     )

@@ -87,7 +87,9 @@ def test_answers_are_judged_on_the_true_dynamics() -> None:
     trials, gait = GaitTrials(own, 0.0, 1.0), named("stand", own)
     program, at = trials.program(own, gait), guess(own, gait)
     loose = trials.published(own, program, at, Budget(1000))
-    sound = trials.attempt(own, program, at, 4, Budget(1000))
+    begun = trials.begun(own, program, at)
+    sound = trials.attempt(own, program, begun, 4, Budget(1000), elastic=True)
+    assert not begun.softly
     assert sound is not None
     assert sound.holds
     assert loose is not None

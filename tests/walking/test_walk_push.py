@@ -12,7 +12,7 @@ from climbplan.spec.walking.model import MpcSpec
 from climbplan.walking.check.checker import LOOP_LIMITS
 from climbplan.walking.check.truth import knot_step, toes_in_body
 from climbplan.walking.kernels.body import moved
-from climbplan.walking.kernels.feet import worst_between
+from climbplan.walking.kernels.rollouts import rolled
 from climbplan.walking.offline.sqp import solve_gait
 from climbplan.walking.online.candidates import reachable
 from climbplan.walking.online.closed_loop import Loop, LoopWorld, Push, recovered, run_loop
@@ -179,9 +179,8 @@ def test_toes_are_in_their_boxes_between_knots_too() -> None:
     """A body that rolls out and back within an interval takes its toes along."""
     body = TASK.body
     inverse: Array = np.linalg.inv(body.inertia).astype(float)
-    state = np.zeros((2, 12))
-    state[0] = TASK.start.state
-    state[0, 9:12] = [3.0, 0, 0]
+    state = TASK.start.state.copy()
+    state[9:12] = [3.0, 0, 0]
     force = np.zeros((1, LEGS, 3))
     force[0, :, 2] = TASK.weight / LEGS
     force[0, [0, 2], 2] -= 12.0
@@ -190,11 +189,11 @@ def test_toes_are_in_their_boxes_between_knots_too() -> None:
     toes[:, :, 1] += np.sign(toes[:, :, 1]) * 0.075
     contact = np.ones((1, LEGS), bool)
     steps = np.array([0.08])
-    found = worst_between(
+    states, found = rolled(
         body.mass, body.gravity, body.inertia, inverse, body.toe_center, body.toe_half,
         steps, 4, state, toes, force, contact,
     )  # fmt: skip
-    here, worst = state[0], 0.0
+    here, worst = state, 0.0
     for _ in range(3):
         here = moved(
             body.mass, body.gravity, body.inertia, inverse, 0.02, 1, here, toes[0], force[0]
@@ -203,6 +202,8 @@ def test_toes_are_in_their_boxes_between_knots_too() -> None:
         worst = max(worst, float(off.max()))
     assert worst > 0.001
     assert found == pytest.approx(worst, abs=1e-12)
+    last = moved(body.mass, body.gravity, body.inertia, inverse, 0.02, 1, here, toes[0], force[0])
+    np.testing.assert_allclose(states, [state, last], atol=1e-12)
 
 
 def test_where_no_plan_holds_legs_come_down_earlier(library: Library) -> None:

@@ -58,28 +58,3 @@ def moved(
         for i in range(12):
             state[i] += h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
     return state
-
-
-@compiled
-def rolled(
-    mass: float,
-    gravity: float,
-    inertia: Array,
-    inverse: Array,
-    steps: Array,
-    parts: int,
-    start: Array,
-    toes: Array,
-    force: Array,
-) -> Array:
-    """States (N + 1, 12) at knots that forces (N, L, 3) at toes (>= N, L, 3) bring about.
-
-    steps (N,) [s]: of the knots.
-    """
-    states = np.empty((force.shape[0] + 1, 12))
-    states[0] = start
-    for n in range(force.shape[0]):
-        states[n + 1] = moved(
-            mass, gravity, inertia, inverse, steps[n], parts, states[n], toes[n], force[n]
-        )
-    return states

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.walking.kernels.body import moved, rotation
+from climbplan.walking.kernels.body import rotation
 from climbplan.walking.kernels.compiling import compiled
 from climbplan.walking.task import Array, Flags, Whole
 
@@ -114,41 +114,20 @@ def worst_standing(center: Array, half: Array, state: Array, toes: Array, contac
 
 
 @compiled
-def each_beyond(center: Array, half: Array, state: Array, toes: Array) -> Array:
-    """(L,) how far toes (L, 3) are out of their boxes in a state (12,) [m]; below zero inside."""
-    R, beyond = np.empty((3, 3)), np.empty(center.shape[0])
-    rotation(state[6:9], R)
-    for leg in range(center.shape[0]):
-        beyond[leg] = beyond_box(center[leg], half, R, state, toes[leg])
-    return beyond
+def each_within(
+    center: Array, half: Array, state: Array, toes: Array, slack: float, dt: float, room: float
+) -> Flags:
+    """(L,) legs whose toes (L, 3) are within `slack` of their boxes in a state (12,).
 
-
-@compiled
-def worst_between(
-    mass: float,
-    gravity: float,
-    inertia: Array,
-    inverse: Array,
-    center: Array,
-    half: Array,
-    steps: Array,
-    parts: int,
-    state: Array,
-    toes: Array,
-    force: Array,
-    contact: Flags,
-) -> float:
-    """How far standing toes leave their boxes on the way from knot to knot [m]; 0 if none does.
-
-    steps (N,) [s], each looked at in so many parts; state (N + 1, 12) of the rollout of force
-    (N, L, 3) at toes (N + 1, L, 3). Between knots a body that rolls swings out and back.
+    And within `room` [m] where its velocity takes the body in the time dt [s], if that is not 0.
     """
-    worst = 0.0
-    for n in range(force.shape[0]):
-        here = state[n]
-        for _ in range(parts - 1):
-            here = moved(
-                mass, gravity, inertia, inverse, steps[n] / parts, 1, here, toes[n], force[n]
-            )
-            worst = max(worst, worst_standing(center, half, here, toes[n], contact[n]))
-    return worst
+    legs, R = center.shape[0], np.empty((3, 3))
+    within, later = np.empty(legs, np.bool_), state.copy()
+    rotation(state[6:9], R)
+    for k in range(3):
+        later[k] += dt * state[3 + k]
+    for leg in range(legs):
+        within[leg] = beyond_box(center[leg], half, R, state, toes[leg]) <= slack
+        if within[leg] and dt > 0.0:
+            within[leg] = beyond_box(center[leg], half, R, later, toes[leg]) <= room
+    return within

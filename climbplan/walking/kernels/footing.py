@@ -63,3 +63,31 @@ def walk_cost(
                 push += f
             total += 2.0 * difference * (legs * squares - push * push)
     return total
+
+
+@compiled
+def left_of(
+    contact: Flags, state: Array, force: Array, toes: Array
+) -> tuple[Flags, Array, Array, Array]:
+    """What is left of a plan after its first knot, and one more knot of the same rhythm.
+
+    contact (N + 1, L), state (N + 1, 12), force and toes (N + 1, L, 3). Gives contact, state, force
+    (N, L, 3) and free footholds (F, 2) as of `stance_phases`.
+    """
+    last = contact.shape[0] - 1
+    onward, states, forces = np.empty_like(contact), np.empty_like(state), force[1:].copy()
+    onward[:last], onward[last] = contact[1:], contact[last - 1]
+    states[:last], states[last] = state[1:], state[last]
+    for k in range(3):
+        states[last, k] += state[last, k] - state[last - 1, k]
+    forces[last - 1] = force[last - 2]
+    _, phases = stance_phases(onward)
+    spots = np.empty((phases.shape[0], 2))
+    for index in range(phases.shape[0]):
+        leg, first = phases[index, 0], phases[index, 1]
+        at = min(first + 1, last)
+        for k in range(2):
+            spots[index, k] = toes[at, leg, k]
+            if first == last:  # in the knot that is new
+                spots[index, k] += state[last, k] - state[last - 1, k]
+    return onward, states, forces, spots

@@ -10,6 +10,7 @@ import numpy as np
 
 from climbplan.walking.kernels.body import rotation
 from climbplan.walking.kernels.compiling import compiled
+from climbplan.walking.kernels.step import linearised
 from climbplan.walking.task import Array, Flags, Whole
 
 _FAR = 1e30
@@ -17,7 +18,7 @@ _ROUNDED = 0.05  # sine of a tilt
 
 
 @compiled
-def states(
+def _states(
     after: Array,
     jacobian: Array,
     state: Array,
@@ -110,7 +111,7 @@ def _add_square(
 
 
 @compiled
-def objective(
+def _objective(
     offset: Array,
     by: Array,
     wanted: Array,
@@ -153,7 +154,7 @@ def objective(
 
 
 @compiled
-def stance_rows(
+def _stance_rows(
     center: Array,
     half: Array,
     margin: float,
@@ -174,7 +175,7 @@ def stance_rows(
 ) -> int:
     """Rows that keep standing toes in their boxes at knots 1 to N, eqs. (8.20), (8.21).
 
-    whole: also those that lift at a knot, just before they do. tilt: as of `states`. margin: of
+    whole: also those that lift at a knot, just before they do. tilt: as of `_states`. margin: of
     toes that are yet to be placed; nothing can be done about the others. Writes
     low <= rows z <= high from the first row on, and returns how many.
     """
@@ -233,7 +234,7 @@ def _turned(R: Array, angles: Array, arm: Array, turn: Array) -> None:
 
 
 @compiled
-def swing_rows(
+def _swing_rows(
     center: Array,
     half: Array,
     top: float,
@@ -250,7 +251,7 @@ def swing_rows(
 
     The height in the body is linear in where the toe is, so that the corner where it is least must
     not be too high, and that where it is most not too low. top: half the height of the boxes, less
-    the margin. Writes as `stance_rows`.
+    the margin. Writes as `_stance_rows`.
     """
     knots, legs = contact.shape
     width = by.shape[2]
@@ -287,3 +288,92 @@ def swing_rows(
                 high[count] = bound if side < 0 else _FAR
                 count += 1
     return count
+
+
+@compiled
+def assembled(
+    mass: float,
+    gravity: float,
+    inertia: Array,
+    inverse: Array,
+    steps: Array,
+    mean: bool,
+    center: Array,
+    half: Array,
+    margin: float,
+    whole: bool,
+    contact: Flags,
+    foothold: Whole,
+    tilt: Array,
+    height: Array,
+    begin: Array,
+    state: Array,
+    force: Array,
+    spots: Array,
+    toes: Array,
+    wanted: Array,
+    weight: Array,
+    motion: float,
+    base: Array,
+    ridge: float,
+    columns: Whole,
+    force_unit: float,
+    foot_unit: float,
+    foot_column: int,
+    after: Array,
+    jacobian: Array,
+    offset: Array,
+    by: Array,
+    hessian: Array,
+    gradient: Array,
+    rows: Array,
+    low: Array,
+    high: Array,
+) -> int:
+    """Dynamics, objective and workspace rows about a point; how many rows there are.
+
+    Arguments as of `linearised`, `_states`, `_objective`, `_stance_rows` and `_swing_rows`.
+    """
+    linearised(mass, gravity, inertia, inverse, steps, mean, state, toes, force, after, jacobian)
+    _states(
+        after, jacobian, state, force, spots, tilt, foothold, contact, begin, force_unit,
+        foot_unit, foot_column, offset, by,
+    )  # fmt: skip
+    _objective(
+        offset, by, wanted, weight, motion, columns, foot_column, base, ridge, hessian, gradient
+    )
+    count = _stance_rows(
+        center, half, margin, whole, state, toes, spots, tilt, foothold, contact, offset, by,
+        foot_unit, foot_column, rows, low, high,
+    )  # fmt: skip
+    return count + _swing_rows(
+        center, half, half[2] - margin, state, height, contact, offset, by,
+        rows[count:], low[count:], high[count:],
+    )  # fmt: skip
+
+
+@compiled
+def force_cost(knot: Whole, legs: int, factor: float, hessian: Array) -> None:
+    """What differences of forces cost: factor (L delta - same knot) between forces, into (Z, Z).
+
+    knot (K,): of each standing leg's force.
+    """
+    for i in range(len(knot)):
+        for j in range(len(knot)):
+            value = factor * ((legs if i == j else 0) - (1.0 if knot[i] == knot[j] else 0.0))
+            for k in range(3):
+                hessian[3 * i + k, 3 * j + k] = value
+
+
+@compiled
+def in_units(z: Array, contact: Flags, force_unit: float, foot_unit: float) -> tuple[Array, Array]:
+    """Forces (N, L, 3) [N] and free footholds (F, 2) [m] of unknowns (Z,); contact (N + 1, L)."""
+    knots, legs = contact.shape[0] - 1, contact.shape[1]
+    force, column = np.zeros((knots, legs, 3)), 0
+    for n in range(knots):
+        for leg in range(legs):
+            if contact[n, leg]:
+                for k in range(3):
+                    force[n, leg, k] = z[column] * force_unit
+                    column += 1
+    return force, z[column:].copy().reshape(-1, 2) * foot_unit

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import daqp
@@ -20,8 +21,7 @@ from climbplan.walking.footing import UNKNOWN, Footing, footing_of, toe_heights
 from climbplan.walking.kernels.feet import place_toes, worst_beyond
 from climbplan.walking.kernels.footing import walk_cost
 from climbplan.walking.kernels.knots import knots_rolled
-from climbplan.walking.kernels.qp import objective, stance_rows, states, swing_rows
-from climbplan.walking.kernels.step import linearised
+from climbplan.walking.kernels.qp import assembled, force_cost, in_units
 from climbplan.walking.kernels.ways import swing_heights
 from climbplan.walking.offline.joint_rows import JointRows
 from climbplan.walking.task import ANGLES, POSITION, STATE, Array, Gait, WalkTask
@@ -75,6 +75,7 @@ class PinnedProgram:
         self.height = toe_heights(task.ground, gait, task.lift)  # of swinging toes: at least
         ground, region = task.ground, self.footing.region
         self.tilt = ground.slope[region]  # (F, 2) rise of footholds
+        self._sloped = bool(ground.slope.any())
         self.base = ground.height[region] - (self.tilt * ground.inner[region]).sum(axis=1)
         contact = gait.contact[:-1]
         self.stand_knot, self.stand_leg = np.nonzero(contact)
@@ -83,7 +84,6 @@ class PinnedProgram:
         self.size = self.foot_column + 2 * self.footing.count
         self.fixed = self.forces * FACETS + self.footing.count * ground.corners.shape[1]
         self.force_scale = task.weight / task.body.leg_count
-        self._inverse: Array = np.linalg.inv(task.body.inertia).astype(float)
         self._after = np.empty((task.knots, STATE))
         self._slopes = np.empty((task.knots, STATE + 6 * task.body.leg_count, STATE))
         self._columns = 3 * np.concatenate([[0], np.cumsum(contact.sum(axis=1))])  # by knot
@@ -111,16 +111,15 @@ class PinnedProgram:
 
     def split(self, z: Array) -> tuple[Array, Array]:
         """Forces (N, L, 3) [N] and free footholds (F, 2) [m] of the unknowns."""
-        force = np.zeros((self.task.knots, self.task.body.leg_count, 3))
-        each = z[: self.foot_column].reshape(-1, 3) * self.force_scale
-        force[self.stand_knot, self.stand_leg] = each
-        return force, z[self.foot_column :].reshape(-1, 2) * FOOT_SCALE
+        force, spots = in_units(
+            np.ascontiguousarray(z), self.gait.contact, self.force_scale, FOOT_SCALE
+        )
+        return force, spots
 
     def toes(self, state: Array, spots: Array) -> Array:
         """All toes (N + 1, L, 3)."""
         body = self.task.body
-        if self.task.ground.slope.any():
-            self._begin_low(state)
+        self.find_heights(state)
         toes: Array = place_toes(
             body.toe_center,
             body.toe_half,
@@ -134,8 +133,10 @@ class PinnedProgram:
         )
         return toes
 
-    def _begin_low(self, state: Array) -> None:
+    def find_heights(self, state: Array) -> None:
         """Heights that are not known yet: of the ground under the middles of toes' boxes."""
+        if not self._sloped:
+            return
         unknown = self.height == UNKNOWN
         if not unknown.any():
             return
@@ -171,7 +172,7 @@ class PinnedProgram:
             body.mass,
             body.gravity,
             body.inertia,
-            self._inverse,
+            body.inverse,
             self.steps,
             task.integrator == "mean",
             self.start.state,
@@ -208,85 +209,47 @@ class PinnedProgram:
         toes = self.toes(at.state, at.spots)
         if self.raised(toes):
             toes = self.toes(at.state, at.spots)
-        # Dynamics, eqs. (8.14) to (8.19), about the iterate
-        linearised(
-            body.mass,
-            body.gravity,
-            body.inertia,
-            self._inverse,
-            self.steps,
-            task.integrator == "mean",
-            at.state,
-            toes,
-            at.force,
-            self._after,
-            self._slopes,
-        )
-        states(
-            self._after,
-            self._slopes,
-            at.state,
-            at.force,
-            at.spots,
-            self.tilt,
-            foothold,
-            contact,
-            self.start.state,
-            self.force_scale,
-            FOOT_SCALE,
-            self.foot_column,
-            qp.offset,
-            qp.sensitivity,
-        )
-        # Objective, eq. (8.30)
-        objective(
-            qp.offset,
-            qp.sensitivity,
-            self._wanted,
-            self._weight,
-            weights.motion,
-            self._columns,
-            self.foot_column,
-            self._force_hessian,
-            _RIDGE,
-            qp.hessian,
-            qp.gradient,
-        )
-        # Workspace boxes, eqs. (8.20), (8.21), at knots 1 to N
         first = self.fixed
         rows = qp.rows[first:]
         low, high = qp.lower[self.size + first :], qp.upper[self.size + first :]
-        count = stance_rows(
+        count = assembled(
+            body.mass,
+            body.gravity,
+            body.inertia,
+            body.inverse,
+            self.steps,
+            task.integrator == "mean",
             body.toe_center,
             body.toe_half,
             self.margin,
             task.whole_stance,
-            at.state,
-            toes,
-            at.spots,
-            self.tilt,
-            foothold,
             contact,
-            qp.offset,
-            qp.sensitivity,
+            foothold,
+            self.tilt,
+            self.height,
+            self.start.state,
+            at.state,
+            at.force,
+            at.spots,
+            toes,
+            self._wanted,
+            self._weight,
+            weights.motion,
+            self._force_hessian,
+            _RIDGE,
+            self._columns,
+            self.force_scale,
             FOOT_SCALE,
             self.foot_column,
+            self._after,
+            self._slopes,
+            qp.offset,
+            qp.sensitivity,
+            qp.hessian,
+            qp.gradient,
             rows,
             low,
             high,
-        )
-        count += swing_rows(
-            body.toe_center,
-            body.toe_half,
-            body.toe_half[2] - self.margin,
-            at.state,
-            self.height,
-            contact,
-            qp.offset,
-            qp.sensitivity,
-            rows[count:],
-            low[count:],
-            high[count:],
         )
         if task.goal.stated:  # of the centre of mass at the last knot
             rows[count:] = qp.sensitivity[-1, :2]
@@ -300,6 +263,8 @@ class PinnedProgram:
             qp.rows[motors], qp.lower[limits], qp.upper[limits],
         )  # fmt: skip
         used = self.motors + written
+        if used == len(qp.rows):
+            return qp
         return replace(
             qp, rows=qp.rows[:used], lower=qp.lower[: self.size + used],
             upper=qp.upper[: self.size + used],
@@ -352,23 +317,23 @@ class PinnedProgram:
         reach: how DAQP is to take the rows of the workspace.
         """
         sense = np.zeros(len(qp.lower), np.int32)
-        sense[self.size + self.fixed : self.size + self.motors] = reach
+        if reach:
+            sense[self.size + self.fixed : self.size + self.motors] = reach
         if multipliers is not None:
             # Which speeds have rows differs from one linearisation to the next
             before = multipliers[: self.size + self.motors + self.joints.torques]
             sense[: len(before)][before > 0] = _AT_UPPER
             sense[: len(before)][before < 0] = _AT_LOWER
-        unit = np.ones(self.size) if self._scale is None else self._scale
-        z, flag, info = _daqp(qp, unit, sense, most)
+        z, flag, info = _daqp(qp, self._scale, sense, most)
         if flag == _NOT_CONVEX and self._scale is None:
             # Over long horizons early forces weigh a million times what footholds do: in units of
             # their own curvature rounding leaves the Hessian what it is.
-            unit = self._scale = 1.0 / np.sqrt(np.diag(qp.hessian))
-            z, flag, info = _daqp(qp, unit, sense, most)
+            self._scale = 1.0 / np.sqrt(np.diag(qp.hessian))
+            z, flag, info = _daqp(qp, self._scale, sense, most)
         self.spent += int(info["iterations"])
         # Of QPs whose soft rows contradict others DAQP may say that it solved them, without numbers
         solved = flag in (_SOLVED, _SOLVED_SOFTLY) and bool(np.isfinite(z).all())
-        self._active = np.array(info["lam"]) if solved and flag == _SOLVED and reach == 0 else None
+        self._active = info["lam"] if solved and flag == _SOLVED and reach == 0 else None
         return z, _SOLVED if solved else min(flag, _UNSOLVED)
 
     def iterate(self, qp: PinnedQp, z: Array) -> Iterate:
@@ -387,13 +352,10 @@ class PinnedProgram:
         self.motors = self.fixed + moving  # first row of joints
         rows = np.zeros((self.motors + self.joints.count, self.size))
         # Friction, eq. (8.18), as a pyramid inside the cone about each region's normal
-        angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
-        slope = self.task.ground.friction * np.cos(np.pi / FACETS)
-        facets = np.column_stack([np.cos(angle), np.sin(angle), np.full(FACETS, -slope)])
         each = np.arange(self.forces)
         blocks = rows[:friction, : self.foot_column].reshape(self.forces, FACETS, self.forces, 3)
         stood = self.gait.region[self.stand_knot, self.stand_leg]
-        blocks[each, :, each] = facets @ self.task.ground.frame[stood]
+        blocks[each, :, each] = _facets(self.task.ground.friction) @ self.task.ground.frame[stood]
         # Force limits, eq. (8.23), and regions, eq. (8.24)
         most = self.task.body.force_limit / self.force_scale
         ground, region = self.task.ground, self.footing.region
@@ -426,19 +388,24 @@ class PinnedProgram:
         """Sum over ordered pairs of || f_s - f_t ||^2 = 2 (L sum f^2 - (sum f)^2) at each knot."""
         hessian = np.zeros((self.size, self.size))
         factor = 4.0 * self.task.weights.force_difference * self.force_scale**2
-        same = self.stand_knot[:, None] == self.stand_knot[None, :]
-        legs = factor * (self.task.body.leg_count * np.eye(self.forces) - same)
-        for k in range(3):
-            hessian[k : self.foot_column : 3, k : self.foot_column : 3] = legs
+        force_cost(self.stand_knot, self.task.body.leg_count, factor, hessian)
         return hessian
 
 
+@cache
+def _facets(friction: float) -> Array:
+    """(FACETS, 3) rows of a pyramid inside a friction cone about z."""
+    angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
+    slope = friction * np.cos(np.pi / FACETS)
+    return np.column_stack([np.cos(angle), np.sin(angle), np.full(FACETS, -slope)])
+
+
 def _daqp(
-    qp: PinnedQp, unit: Array, sense: NDArray[np.int32], most: int
+    qp: PinnedQp, unit: Array | None, sense: NDArray[np.int32], most: int
 ) -> tuple[Array, int, Mapping[str, Any]]:
-    """DAQP's answer, flag and facts; unit (Z,): of unknowns."""
+    """DAQP's answer, flag and facts; unit (Z,): of unknowns, 1 if None."""
     rows, hessian, gradient, upper, lower = qp.rows, qp.hessian, qp.gradient, qp.upper, qp.lower
-    if (unit != 1.0).any():
+    if unit is not None:
         rows, hessian, gradient = rows * unit, hessian * np.outer(unit, unit), gradient * unit
         upper, lower = upper.copy(), lower.copy()
         upper[: len(unit)] /= unit
@@ -454,5 +421,6 @@ def _daqp(
         iter_limit=max(most, 1),
         eps_prox=0.0,
     )
-    z = np.asarray(z)
-    return z * unit if np.isfinite(z).all() else z, int(flag), info
+    if unit is not None and np.isfinite(z).all():
+        z = z * unit
+    return z, int(flag), info

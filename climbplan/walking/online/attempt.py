@@ -7,22 +7,24 @@ because the QP's pyramids are inside the cones.
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.walking.kernels.body import PARTS, rolled
-from climbplan.walking.kernels.feet import worst_between, worst_beyond
+from climbplan.walking.kernels.body import PARTS
+from climbplan.walking.kernels.rollouts import borne_out
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.offline.sqp import guess
 from climbplan.walking.published.program import PublishedProgram
-from climbplan.walking.task import ANGLES, VELOCITY, Array, Gait, WalkTask, WalkTrajectory
+from climbplan.walking.task import Array, Gait, WalkTask, WalkTrajectory
 
 SPEED_SLACK, ANGLE_SLACK = 0.05, 0.05  # [m/s], [rad] of the rollout over the horizon
 REACH_SLACK = 5e-3  # [m]
 JOINT_SLACK = 0.01  # of speed limits that joints are beyond
 SWUNG_SLACK = 0.015  # [m] likewise between knots, where legs let go a little farther out
+HOPELESS = 20.0  # slacks that a first QP may miss by for a second one to be worth while
 ASSEMBLY = 60  # DAQP iterations that take as long as a QP's assembly and check
 _MOST_STEPS = 500  # DAQP iterations of a QP
 _KEPT = 256  # programs of gaits
@@ -34,6 +36,7 @@ class Attempt:
 
     trajectory: WalkTrajectory
     excess: float  # <= 0 if it holds
+    cost: float  # of its states, eq. (8.30), if it holds; else infinite
 
     @property
     def holds(self) -> bool:
@@ -54,10 +57,31 @@ class Budget:
         """Iterations that may still be made."""
         return self.most - self.done
 
+    @property
+    def spent(self) -> bool:
+        """No further QP fits."""
+        return self.left <= ASSEMBLY
+
     def book(self, iterations: int) -> None:
         """A QP was solved."""
         self.qps += 1
         self.done += iterations + ASSEMBLY
+
+
+@dataclass
+class Progress:
+    """QPs of a gait within a tick: where they led, and the best that they came to."""
+
+    here: Iterate  # to linearise about next
+    best: Attempt | None = None
+    qps: int = 0  # with an answer
+    stuck: bool = False  # none within the workspace
+    softly: bool = False  # the last one left it
+
+    @property
+    def holds(self) -> bool:
+        """The best does."""
+        return self.best is not None and self.best.holds
 
 
 class GaitTrials:
@@ -66,7 +90,6 @@ class GaitTrials:
     def __init__(self, task: WalkTask, margin: float, beside: float = 0.0) -> None:
         """margin: as of `PinnedProgram`; beside: as of `PublishedProgram`."""
         self._margin, self._beside = margin, beside
-        self._inverse: Array = np.linalg.inv(task.body.inertia).astype(float)
         self._programs: OrderedDict[bytes, PinnedProgram] = OrderedDict()
         self._published: OrderedDict[bytes, PublishedProgram] = OrderedDict()
 
@@ -83,38 +106,45 @@ class GaitTrials:
             program.begin(task)
         return program
 
+    def begun(self, task: WalkTask, program: PinnedProgram, at: Iterate | None) -> Progress:
+        """No QP of a gait yet; at: what to linearise about, an even motion if None."""
+        return Progress(guess(task, program.gait) if at is None else fitting(task, program, at))
+
     def attempt(
         self,
         task: WalkTask,
         program: PinnedProgram,
-        at: Iterate | None,
+        progress: Progress,
         iterations: int,
         budget: Budget,
         elastic: bool = False,
     ) -> Attempt | None:
         """The gait's best trajectory after up to so many QPs, fewer if one holds; None without one.
 
-        at: what to linearise about; an even motion if None.
+        Those of `progress` count, and are not solved again. elastic: as of `PinnedProgram.step`,
+        and what is far off is given up only if it leaves the workspace, too.
         """
-        here = guess(task, program.gait) if at is None else fitting(task, program, at)
-        best: Attempt | None = None
-        softly = False
-        for _ in range(iterations):
+        if progress.stuck and not elastic:
+            return progress.best
+        while progress.qps < iterations and not progress.holds:
             most = min(_MOST_STEPS, budget.left - ASSEMBLY)
             if most <= 0:
                 break
-            found = program.step(here, elastic, softly, most)
+            found = program.step(progress.here, elastic, progress.stuck or progress.softly, most)
             budget.book(program.spent)
-            softly = program.softly
+            progress.stuck, progress.softly = found is None, program.softly
             if found is None:
                 break
-            here = found
-            judged = self.judged(task, program, here)
+            progress.qps += 1
+            progress.here = found
+            judged = self.judged(task, program, found)
+            best = progress.best
             if judged is not None and (best is None or judged.excess <= best.excess):
-                best = judged
-            if best is not None and best.holds:
+                progress.best = judged
+            far = judged is None or judged.excess > HOPELESS
+            if far and (program.softly or not elastic):
                 break
-        return best
+        return progress.best
 
     def published(
         self, task: WalkTask, program: PinnedProgram, at: Iterate, budget: Budget
@@ -133,47 +163,42 @@ class GaitTrials:
     def judged(self, task: WalkTask, program: PinnedProgram, at: Iterate) -> Attempt | None:
         """The rollout of an iterate's forces in continuous time against its own states."""
         body = task.body
-        state = rolled(
+        program.find_heights(at.state)
+        state, toes, speed, angle, reach, between = borne_out(
             body.mass,
             body.gravity,
             body.inertia,
-            self._inverse,
-            task.steps,
-            PARTS,
-            task.start.state,
-            program.toes(at.state, at.spots),
-            at.force,
-        )
-        if not np.isfinite(state).all():
-            return None
-        toes = program.toes(state, at.spots)
-        off = np.abs(state - at.state)
-        reach = worst_beyond(
-            body.toe_center, body.toe_half, task.whole_stance, program.gait.contact, state, toes
-        )
-        swung = worst_between(
-            body.mass,
-            body.gravity,
-            body.inertia,
-            self._inverse,
+            body.inverse,
             body.toe_center,
             body.toe_half,
-            task.steps,
+            program.steps,
             PARTS,
-            state,
-            toes,
-            at.force,
+            task.whole_stance,
             program.gait.contact,
+            program.footing.foothold,
+            program.height,
+            program.start.state,
+            program.start.toes,
+            at.spots,
+            program.base,
+            program.tilt,
+            at.state,
+            at.force,
         )
+        if math.isinf(speed):
+            return None
         excess = max(
-            float(off[:, VELOCITY].max()) / SPEED_SLACK,
-            float(off[:, ANGLES].max()) / ANGLE_SLACK,
+            speed / SPEED_SLACK,
+            angle / ANGLE_SLACK,
             reach / REACH_SLACK,
-            swung / SWUNG_SLACK,
+            between / SWUNG_SLACK,
             program.joints.too_fast(state, toes, at.spots, program.tilt) / JOINT_SLACK,
         )
-        force = np.concatenate([at.force, np.zeros_like(at.force[:1])])
-        return Attempt(WalkTrajectory(state, toes, force, program.gait), excess - 1.0)
+        force = np.zeros((len(at.force) + 1, *at.force.shape[1:]))
+        force[:-1] = at.force
+        cost = program.cost(state, at.force) if excess <= 1.0 else math.inf
+        walk = WalkTrajectory(state, toes, force, program.gait)
+        return Attempt(walk, excess - 1.0, cost)
 
 
 def fitting(task: WalkTask, program: PinnedProgram, at: Iterate) -> Iterate:

@@ -5,16 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.walking.footing import footing_of, gait_of
-from climbplan.walking.kernels.feet import each_beyond
+from climbplan.walking.kernels.feet import each_within
+from climbplan.walking.kernels.footing import left_of
 from climbplan.walking.offline.pinned import Iterate
 from climbplan.walking.online.attempt import REACH_SLACK
 from climbplan.walking.task import (
-    POSITION,
-    VELOCITY,
-    Array,
     Flags,
     Gait,
-    RigidBody,
     WalkTask,
     WalkTrajectory,
 )
@@ -28,20 +25,12 @@ def reachable(task: WalkTask) -> Flags:
     The latter where standing toes have to: the body moves on, whatever forces do within that time.
     """
     body, start = task.body, task.start
-    able: Flags = _beyond(body, start.state, start.toes) <= REACH_SLACK
-    if task.whole_stance:
-        dt = float(task.steps[0])
-        later = start.state.copy()
-        later[POSITION] += dt * start.state[VELOCITY]
-        room = REACH_SLACK + 0.5 * _QUICKEST * dt**2
-        able &= _beyond(body, later, start.toes) <= room
+    dt = (task.first or task.step) if task.whole_stance else 0.0
+    room = REACH_SLACK + 0.5 * _QUICKEST * dt**2
+    able: Flags = each_within(
+        body.toe_center, body.toe_half, start.state, start.toes, REACH_SLACK, dt, room
+    )
     return able
-
-
-def _beyond(body: RigidBody, state: Array, toes: Array) -> Array:
-    """(L,) how far toes (L, 3) are out of their boxes in a state (12,) [m]."""
-    beyond: Array = each_beyond(body.toe_center, body.toe_half, state, toes)
-    return beyond
 
 
 def usable(task: WalkTask, gait: Gait, able: Flags) -> Gait | None:
@@ -59,17 +48,8 @@ def usable(task: WalkTask, gait: Gait, able: Flags) -> Gait | None:
 
 def continued(last: WalkTrajectory) -> tuple[Gait, Iterate]:
     """What is left of a plan after its first knot, and one more knot of the same rhythm."""
-    contact = np.vstack([last.gait.contact[1:], last.gait.contact[-2:-1]])
-    gait = flat_gait(contact)
-    extended = last.state[-1:].copy()
-    step = last.state[-1, POSITION] - last.state[-2, POSITION]
-    extended[0, POSITION] += step
-    state = np.vstack([last.state[1:], extended])
-    force = np.concatenate([last.force[1:-1], last.force[-3:-2]])
-    footing = footing_of(gait)
-    toes = np.concatenate([last.toes[1:], last.toes[-1:] + step])
-    spots = toes[np.minimum(footing.first, len(toes) - 1), footing.leg, :2]
-    return gait, Iterate(state, force, spots)
+    contact, state, force, spots = left_of(last.gait.contact, last.state, last.force, last.toes)
+    return flat_gait(contact), Iterate(state, force, spots)
 
 
 def motion_of(last: WalkTrajectory) -> Iterate:

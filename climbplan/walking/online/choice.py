@@ -5,9 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 
-from climbplan.walking.cost import objective
-from climbplan.walking.online.attempt import Attempt, Budget
-from climbplan.walking.task import WalkTask, WalkTrajectory
+from climbplan.walking.online.attempt import Attempt, Budget, Progress
+from climbplan.walking.task import WalkTrajectory
 
 LAST, FALLBACK, SAFE = -1, -2, -3  # winners that are no section of the library
 KEPT = -4  # no winner: between knots the plan before goes on
@@ -39,22 +38,23 @@ class Choice:
     budget: Budget
     best: tuple[float, WalkTrajectory, int, float] | None = None
     nearest: tuple[float, WalkTrajectory, int, float] | None = None
+    # By gait, winner, and whether the first interval is shorter
+    begun: dict[tuple[bytes, int, bool], Progress] = field(default_factory=dict)
     tried: int = 0
     held: int = 0
     solving: float = 0.0  # [s] by the clock
     begin: float = field(default_factory=time.thread_time)
     clock: float = field(default_factory=time.perf_counter)
 
-    def weigh(self, task: WalkTask, found: Attempt, winner: int) -> None:
-        """Take it if it is the cheapest that holds, or the nearest miss."""
+    def weigh(self, found: Attempt, winner: int, first: float) -> None:
+        """Take it if it is the cheapest that holds, or the nearest miss; first: as of `Command`."""
         walk = found.trajectory
         if found.holds:
             self.held += 1
-            cost = objective(task, walk.state, walk.force)
-            if self.best is None or cost < self.best[0]:
-                self.best = (cost, walk, winner, task.first)
+            if self.best is None or found.cost < self.best[0]:
+                self.best = (found.cost, walk, winner, first)
         elif self.nearest is None or found.excess < self.nearest[0]:
-            self.nearest = (found.excess, walk, winner, task.first)
+            self.nearest = (found.excess, walk, winner, first)
 
     def command(self, walk: WalkTrajectory, winner: int, first: float, warning: str) -> Command:
         """The command with what it took."""

@@ -164,7 +164,6 @@ class _Run:
     ) -> None:
         self.controller, self.task, self.world = controller, controller.task, world
         self.dt, self.whole = self.task.sample, self.task.samples
-        self.inverse: Array = np.linalg.inv(self.task.body.inertia).astype(float)
         self.state: Array = start.start.state.copy()
         self.stance = standing(self.task, start.start.toes.copy())
         # Samples of the phase: its first, the next one's first
@@ -315,7 +314,7 @@ class _Run:
                 body.mass,
                 body.gravity,
                 body.inertia,
-                self.inverse,
+                body.inverse,
                 self.dt,
                 1,
                 state,
@@ -355,7 +354,7 @@ class _Run:
             body.mass,
             body.gravity,
             body.inertia,
-            self.inverse,
+            body.inverse,
             self.dt,
             1,
             self.state,

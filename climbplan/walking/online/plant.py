@@ -17,7 +17,6 @@ class LegForces:
 
     def __init__(self, task: WalkTask, gains: AdmittanceGains | None, dt: float) -> None:
         self._task, self._dt = task, dt
-        self._inverse: Array = np.linalg.inv(task.body.inertia).astype(float)
         self._legs: AdmittanceLegs | None = None
         if gains is not None:
             self._legs = AdmittanceLegs(gains, task.body.leg_count)
@@ -48,7 +47,7 @@ class LegForces:
             body.mass,
             body.gravity,
             body.inertia,
-            self._inverse,
+            task.body.inverse,
             self._dt,
             1,
             self._plan,

@@ -8,13 +8,14 @@ QPs are solved in a tick and no more, which bounds its time.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
-from climbplan.walking.cost import objective
+from climbplan.walking.footing import footing_of
 from climbplan.walking.kernels.body import PARTS, moved
 from climbplan.walking.offline.gaits import cycle
 from climbplan.walking.offline.pinned import Iterate
@@ -80,10 +81,30 @@ class OnlineSettings:
 
 
 @dataclass(frozen=True)
+class _Expected:
+    """Where a plan's first knot leads; where no plan was, the task's start."""
+
+    task: WalkTask
+    state: Array
+    walk: WalkTrajectory | None = None
+
+    @property
+    def start(self) -> Start:
+        """Standing toes stay, others come down."""
+        walk, task = self.walk, self.task
+        if walk is None:
+            return task.start
+        down = landed(task, self.state, walk.toes[1])
+        toes = np.where(walk.gait.contact[0][:, None], walk.toes[0], down)
+        return Start(self.state, grounded(task.ground, toes))
+
+
+@dataclass(frozen=True)
 class _Candidate:
     winner: int
     gait: Gait
-    at: Iterate | None  # what to linearise about; None for an even motion
+    # What to linearise about, made where it is tried; None for an even motion
+    at: Iterate | Callable[[], Iterate] | None
     elastic: bool = False  # the workspace may be left, at a price
     short: bool = False  # the first interval is `Situation.shorter`
 
@@ -107,12 +128,13 @@ class OnlineController:
         self._ranking: Ranking = ranking if ranking is not None else Neighbours(library)
         self._trials = GaitTrials(self.task, settings.margin, settings.beside)
         self._last: WalkTrajectory | None = None
-        self._expected = task.start  # at the next tick, if nothing is measured then
+        # At the next tick, if nothing is measured then
+        self._expected = _Expected(self.task, task.start.state)
         self._since = 0  # ticks since others than the plan before were looked at
         self._doubted = np.zeros(
             task.body.leg_count, np.int64
         )  # ticks for which a leg is not stood on
-        self._inverse: Array = np.linalg.inv(self.task.body.inertia).astype(float)
+        self._flat: dict[int, Gait] = {}  # of sections, on ground of one region
         self._warm_up()
 
     def tick(self, situation: Situation) -> Command:
@@ -121,41 +143,47 @@ class OnlineController:
         self._doubted = np.maximum(self._doubted - 1, 0)
         self._doubted[list(situation.unfelt)] = _DOUBTED
         if fault := fault_of(situation, self.task.body):
-            return self._safe(choice, fault, self._expected)
+            return self._safe(choice, fault, self._expected.start)
         start = Start(situation.state, situation.toes)
         task = following(replace(self.task, start=start, first=situation.left), self._above)
-        soon = replace(task, first=situation.shorter)
         firm = self._doubted == 0
         if situation.airborne is not None:
             firm = firm & ~situation.airborne
-        able, able_soon = reachable(task) & firm, reachable(soon) & firm
+        able = reachable(task) & firm
         # Where the body walks as asked, and as planned, others are looked at now and then only.
         self._since += 1
         wanted = float(np.abs(start.state[VELOCITY] - task.reference.velocity[0]).max())
-        steady = wanted < _AT_REFERENCE and _near(self._expected, start)
+        steady = wanted < _AT_REFERENCE and _near(self._expected.state, start)
         steady = steady and self._since < _LOOK_ROUND and not self._published
         enough = 1 if steady else self.settings.enough
         if not steady:
             self._since = 0
         seen: set[tuple[bytes, bool]] = set()
+        soon: tuple[WalkTask, Flags] | None = None  # with a shorter first interval, where tried
         for candidate in self._candidates(task, situation, choice, able):
-            gait = usable(task, candidate.gait, able_soon if candidate.short else able)
+            if choice.tried and choice.budget.spent:
+                break
+            this, stand = task, able
+            if candidate.short:
+                if soon is None:
+                    early = replace(task, first=situation.shorter)
+                    soon = early, reachable(early) & firm
+                this, stand = soon
+            gait = usable(this, candidate.gait, stand)
             # The published form has other integers, its regions, for the same gait.
             again = candidate.elastic or self._published
-            known = gait is None or (gait.key, candidate.short) in seen
-            if gait is None or (known and not again):
+            if gait is None or ((gait.key, candidate.short) in seen and not again):
                 continue
             seen.add((gait.key, candidate.short))
-            this = soon if candidate.short else task
+            at = candidate.at() if callable(candidate.at) else candidate.at
             if gait is not candidate.gait:  # a leg that cannot stand now goes elsewhere
-                motion = None if candidate.at is None else candidate.at.state
-                gait = gait_on(this, gait.contact, motion)
+                gait = gait_on(this, gait.contact, None if at is None else at.state)
             choice.tried += 1
             before = time.perf_counter()
-            found = self._attempt(this, gait, candidate, choice.budget)
+            found = self._attempt(this, gait, candidate, at, choice)
             choice.solving += time.perf_counter() - before
             if found is not None:
-                choice.weigh(this, found, candidate.winner)
+                choice.weigh(found, candidate.winner, this.first)
                 if steady and found.holds and not _keeps_up(task, found.trajectory):
                     enough, self._since = self.settings.enough, 0
                 if self._published:
@@ -181,13 +209,13 @@ class OnlineController:
             taken = choice.nearest
             words[-1] += ", the nearest is taken"
         self._last = taken[1]
-        self._expected = _after(task, taken[1], taken[1].state[1])
+        self._expected = _Expected(task, taken[1].state[1], taken[1])
         return choice.command(*taken[1:], ", and ".join(words))
 
     def forget(self) -> None:
         """The next tick stands alone: no plan before it, no leg that is doubted."""
         self._last, self._since = None, 0
-        self._expected = self.task.start
+        self._expected = _Expected(self.task, self.task.start.state)
         self._doubted[:] = 0
 
     @property
@@ -203,11 +231,9 @@ class OnlineController:
         for row in gaits[np.argsort(-count)[:made]]:
             self._trials.program(self.task, flat_gait(row.reshape(SECTION + 1, -1)))
         stand = gait_on(self.task, cycle("stand", self.task.body.leg_count, SECTION), None)
-        named = _Candidate(FALLBACK, stand, None, elastic=True)
         reachable(self.task)
-        found = self._attempt(self.task, named.gait, named, Budget(self.settings.effort))
-        if found is not None:
-            objective(self.task, found.trajectory.state, found.trajectory.force)
+        named = _Candidate(FALLBACK, stand, None, elastic=True)
+        self._attempt(self.task, stand, named, None, Choice(Budget(self.settings.effort)))
 
     def _candidates(
         self, task: WalkTask, situation: Situation, choice: Choice, able: Flags
@@ -223,7 +249,7 @@ class OnlineController:
             gait, at = (last.gait, motion_of(last)) if between else continued(last)
             gait = gone_on(task, gait, at, last, SECTION + between)
             first.append(_Candidate(LAST, gait, at))
-            yield replace(first[-1], short=falls)
+            yield replace(first[-1], short=True) if falls else first[-1]
         reference = task.reference
         features = features_of(situation, float(reference.height[0]), reference.velocity[0])
         below = 0.0 if task.ground.endless else task.reference.height[0] - self._above
@@ -231,10 +257,10 @@ class OnlineController:
         named = len(self.library) and not self._published
         kept = 0 if not named else round(_FALLBACK_SHARE * self.settings.effort)
         for index in self._ranking.ranked(features, self.settings.candidates):
-            if choice.budget.left <= (0 if choice.held else kept):
+            if choice.budget.left <= kept:  # enough for one that is cheaper, too
                 break
             first.append(self._section(task, int(index), base))
-            yield replace(first[-1], short=falls)
+            yield replace(first[-1], short=True) if falls else first[-1]
         if choice.held or self._published:
             return
         # What is nearly right may leave the workspace a little, legs come down earlier, and the
@@ -247,23 +273,40 @@ class OnlineController:
 
     def _section(self, task: WalkTask, index: int, base: Array) -> _Candidate:
         """A section of the library and its motion, moved to where the body is."""
-        library = self.library
-        state = library.state[index].copy()
-        state[:, POSITION] += base
-        gait = gait_on(task, library.contact[index], state)
-        footing = self._trials.program(self.task, gait).footing
+        state = None if task.ground.endless else self._moved(index, base)
+        gait = None if state is not None else self._flat.get(index)
+        if gait is None:
+            gait = gait_on(task, self.library.contact[index], state)
+            if state is None:
+                self._flat[index] = gait
+        return _Candidate(index, gait, partial(self._motion, gait, index, base))
+
+    def _motion(self, gait: Gait, index: int, base: Array) -> Iterate:
+        """A section's motion to linearise about."""
+        footing, library = footing_of(gait), self.library
         spots = library.toes[index][footing.first, footing.leg, :2] + base[:2]
-        return _Candidate(index, gait, Iterate(state, library.force[index, :-1], spots))
+        return Iterate(self._moved(index, base), library.force[index, :-1], spots)
+
+    def _moved(self, index: int, base: Array) -> Array:
+        state = self.library.state[index].copy()
+        state[:, POSITION] += base
+        return state
 
     def _attempt(
-        self, task: WalkTask, gait: Gait, candidate: _Candidate, budget: Budget
+        self, task: WalkTask, gait: Gait, candidate: _Candidate, at: Iterate | None, choice: Choice
     ) -> Attempt | None:
+        """The answer about a motion; where the tick has tried the candidate before it goes on."""
         program = self._trials.program(task, gait)
-        if self._published and candidate.at is not None:
-            return self._trials.published(task, program, candidate.at, budget)
-        elastic = candidate.elastic
-        iterations = _ELASTIC_QPS if elastic else self.settings.iterations
-        return self._trials.attempt(task, program, candidate.at, iterations, budget, elastic)
+        if self._published and at is not None:
+            return self._trials.published(task, program, at, choice.budget)
+        mark = gait.key, candidate.winner, candidate.short
+        progress = choice.begun.get(mark)
+        if progress is None:
+            progress = choice.begun[mark] = self._trials.begun(task, program, at)
+        iterations = _ELASTIC_QPS if candidate.elastic else self.settings.iterations
+        return self._trials.attempt(
+            task, program, progress, iterations, choice.budget, candidate.elastic
+        )
 
     def _safe(self, choice: Choice, word: str, start: Start, first: float = 0.0) -> Command:
         """Legs down, against motion and tilt, of the measured state or the expected one.
@@ -278,7 +321,7 @@ class OnlineController:
             body.mass,
             body.gravity,
             body.inertia,
-            self._inverse,
+            body.inverse,
             float(task.steps[0]),
             PARTS,
             start.state,
@@ -286,13 +329,13 @@ class OnlineController:
             walk.force[0],
         )
         if np.isfinite(after).all():
-            self._expected = _after(task, walk, after)
+            self._expected = _Expected(task, after, walk)
         return choice.command(walk, SAFE, first, f"safe stance: {word}")
 
 
-def _near(expected: Start, start: Start) -> bool:
+def _near(expected: Array, start: Start) -> bool:
     """Whether a measured start is as expected."""
-    off = np.abs(start.state - expected.state)
+    off = np.abs(start.state - expected)
     return bool(off[VELOCITY].max() < _NEAR_SPEED and off[ANGLES].max() < _NEAR_ANGLES)
 
 
@@ -303,13 +346,6 @@ def _keeps_up(task: WalkTask, walk: WalkTrajectory) -> bool:
     """
     off = np.abs(walk.state[1:, VELOCITY] - task.reference.velocity)[:, :2]
     return bool(off.max() < _STEADY)
-
-
-def _after(task: WalkTask, walk: WalkTrajectory, state: Array) -> Start:
-    """Where a plan's first knot leads: standing toes stay, others come down."""
-    down = landed(task, state, walk.toes[1])
-    toes = np.where(walk.gait.contact[0][:, None], walk.toes[0], down)
-    return Start(state, grounded(task.ground, toes))
 
 
 def horizon_of(task: WalkTask) -> WalkTask:

@@ -31,7 +31,7 @@ _LONGEST = 600.0  # of a search, by the wall's clock: its QPs end it
 _ASKED = {"mpc_forward": 5, "mpc_disturbance": 10, "mpc_turn": 5, "mpc_stairs": 25}  # [%]
 # Gaps that are aimed at first: ranges are of motions cheaper by that much, and the wider they are
 # the less is proved. Where one is closed in time a smaller one follows.
-_AIMS = {"mpc_forward": 0.05, "mpc_disturbance": 0.1, "mpc_turn": 0.075, "mpc_stairs": 0.25}
+_AIMS = {"mpc_forward": 0.05, "mpc_disturbance": 0.1, "mpc_turn": 0.07, "mpc_stairs": 0.25}
 _STEP = 0.005
 _LEFT = 0.4  # of the time, for another aim
 _ROOM = {"angles_deg": (1.0, 2.0, 1.0), "spin": (0.25, 0.5, 0.25)}
@@ -100,22 +100,22 @@ def _row(known: _Known, seconds: float, name: str) -> str:
 def _bounded(
     task: WalkTask, limits: MicpLimits, name: str, found: list[WalkAnswer]
 ) -> tuple[WalkAnswer, float]:
-    """The best bound of ever smaller gaps until one is not closed, and the time it took [s]."""
-    aim, spent = _AIMS[name], 0.0
+    """The best bound of ever smaller gaps until one is not closed, and when it was known [s]."""
+    aim, spent, known = _AIMS[name], 0.0, 0.0
     best: WalkAnswer | None = None
     while True:
         aimed = replace(limits, seconds=limits.seconds - spent, gap=aim)
         proved = solve_micp(task, aimed, found[0], found[1:])
         spent += proved.seconds
         if best is None or (proved.bound or 0.0) > (best.bound or 0.0):
-            best = proved
+            best, known = proved, spent
         closed = (proved.bound or 0.0) >= proved.objective * (1.0 - aim) * (1.0 - 1e-9)
         if (
             not closed
             or 100 * aim <= _ASKED[name]
             or limits.seconds - spent < _LEFT * limits.seconds
         ):
-            return best, spent
+            return best, known
         aim = max(_ASKED[name] / 100, aim - _STEP)
 
 

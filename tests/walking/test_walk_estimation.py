@@ -222,7 +222,7 @@ def test_a_foot_that_slips_is_taken_anew() -> None:
 
 @pytest.mark.parametrize("toe_rate", [0.0, QUALITY.toe_rate])
 def test_a_blow_beyond_the_accelerometers_range_is_caught_by_the_legs(toe_rate: float) -> None:
-    """By where toes are within 200 ms; by joint velocities with the next sample."""
+    """By where toes are within 200 ms; by joint velocities with the next sample: along its axis."""
     quality = SensorQuality(toe_rate=toe_rate)
     rng = np.random.default_rng(2)
     sensors = SimulatedSensors(quality, GRAVITY, rng)
@@ -242,6 +242,10 @@ def test_a_blow_beyond_the_accelerometers_range_is_caught_by_the_legs(toe_rate: 
             off = abs(filter_.v[0] + 1.5)
             assert off < 0.2 if toe_rate else off > 0.2  # half of it was beyond the range
             assert (filter_.speed_error < 0.1) == (toe_rate > 0)
+            # Along the other axes the accelerometer was within its range, and is believed
+            spread = np.sqrt(np.diag(filter_.P[VELOCITY, VELOCITY]))
+            assert (spread[1:] < 0.03).all()  # 0.05 or 0.6 if they were not
+            assert np.abs(filter_.v[1:]).max() < 0.03
     assert abs(filter_.v[0] + 1.5) < 0.1
 
 

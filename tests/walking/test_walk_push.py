@@ -20,7 +20,7 @@ from climbplan.walking.online.estimation import SensorQuality
 from climbplan.walking.online.legs import EDGE, Phase, Stance, landed, standing
 from climbplan.walking.online.library import Library, build_library
 from climbplan.walking.online.recovery import Study, run_study
-from climbplan.walking.online.run import world_of
+from climbplan.walking.online.run import settings_of, world_of
 from climbplan.walking.online.tick import OnlineController, OnlineSettings
 from climbplan.walking.task import POSITION, VELOCITY, Array, Start
 
@@ -252,3 +252,12 @@ def test_what_a_spec_says_of_pushes() -> None:
     assert (world.at_push, world.dropped, world.letting_go) == (False, 0.1, False)
     plain = world_of(MpcSpec.model_validate({"kind": "mpc"}).loop, TASK)
     assert (plain.at_push, plain.dropped, plain.letting_go) == (True, 0.0, True)
+
+
+def test_a_tick_may_weigh_the_height_more_than_the_task(library: Library) -> None:
+    loop = {"height_weight": 250.0}
+    spec = MpcSpec.model_validate({"kind": "mpc", "solver": {"method": "online"}, "loop": loop})
+    heavy = OnlineController(TASK, library, settings_of(spec)).task.weights
+    plain = OnlineController(TASK, library, OnlineSettings()).task.weights
+    assert (heavy.height, plain.height) == (250.0, TASK.weights.height)
+    np.testing.assert_array_equal(heavy.velocity, TASK.weights.velocity)

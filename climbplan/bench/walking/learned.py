@@ -69,7 +69,8 @@ def strategy_table(
             for k in range(count)
         ]
         for name, ranking in ranked.items():
-            commands = list(_planned(tasks, library, inputs.settings, ranking))
+            settings = replace(inputs.settings, height_weight=None)  # costs are the tasks'
+            commands = list(_planned(tasks, library, settings, ranking))
             rows.append(_row(title, name, tasks, commands, stream))
     return rows
 

@@ -103,6 +103,13 @@ class WalkLoopSpec(SpecModel):
         "", "answers that hold, of which the cheapest is taken", default=2, ge=1, le=1000
     )
     iterations: Count = quantity("", "QPs for each gait at most", default=2, ge=1, le=100)
+    height_weight: Number | None = quantity(
+        "1/m^2",
+        "w_h of ticks in place of `weights.height`: a body that is let fall while it brakes has to "
+        "be caught by legs that bear little more than its weight; none: as of `weights`",
+        default=None,
+        ge=0,
+    )
     effort: Count = quantity(
         "",
         "steps of the QP solver in a tick at most, named gaits included; assembling a QP counts "

@@ -159,16 +159,16 @@ class ContactFilter:
 
     def _noise(self, sensed: Sensed, dt: float) -> Array:
         quality, R = self.quality, self.R
-        accel = quality.accel
-        if np.abs(sensed.accel).max() >= quality.accel_range:
-            accel = quality.accel_range  # what was beyond is not known
+        # What was beyond the range is not known, along the axes where it was.
+        beyond = np.abs(sensed.accel) >= quality.accel_range
+        accel = np.where(beyond, quality.accel_range, quality.accel)
         by = np.zeros((self.size, 6))  # of the noise of both sensors, invariant as the errors
         by[TURN, :3], by[VELOCITY, :3] = R, skew(self.v) @ R
         by[POSITION, :3], by[VELOCITY, 3:] = skew(self.p) @ R, R
         by[POSITION, 3:] = 0.5 * dt * R
         for leg in _legs(self.standing):
             by[foot(leg), :3] = skew(self.d[leg]) @ R
-        strength = np.repeat([quality.gyro**2, accel**2], 3) * dt**2
+        strength = np.concatenate([np.full(3, quality.gyro), accel]) ** 2 * dt**2
         noise = (by * strength) @ by.T
         for leg in _legs(self.standing):
             noise[foot(leg), foot(leg)] += quality.slip**2 * dt * np.eye(3)

@@ -98,6 +98,7 @@ def settings_of(spec: MpcSpec) -> OnlineSettings:
         spec.loop.effort,
         form=spec.solver.form,
         beside=spec.solver.regions_beside,
+        height_weight=spec.loop.height_weight,
     )
 
 

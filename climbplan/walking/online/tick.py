@@ -77,6 +77,7 @@ class OnlineSettings:
     effort: int = 1400  # DAQP iterations in a tick, named gaits included; a QP's assembly counts
     margin: float = 8e-3  # [m] kept inside the workspace boxes by toes yet to be placed
     form: Form = "pinned"  # what is solved: `published.py` says what the other is
+    height_weight: float | None = None  # [1/m^2] in place of the task's
     beside: float = 0.0  # share of regions beside the neighbour's that the published form allows
 
 
@@ -123,7 +124,10 @@ class OnlineController:
 
         ranking: of the library's sections; their nearest neighbours if None.
         """
-        self.task, self._above = horizon_of(task), height_above(task)
+        ahead, self._above = horizon_of(task), height_above(task)
+        if settings.height_weight is not None:
+            ahead = replace(ahead, weights=replace(ahead.weights, height=settings.height_weight))
+        self.task = ahead
         self.library, self.settings = library, settings
         self._ranking: Ranking = ranking if ranking is not None else Neighbours(library)
         self._trials = GaitTrials(self.task, settings.margin, settings.beside)

@@ -6,10 +6,10 @@ import os
 from collections.abc import Callable
 from ctypes.util import find_library
 
-import numpy as np
 import pytest
 from hypothesis import settings
 
+import climbplan.cli.app  # noqa: F401  # one thread in BLAS, as commands have it: before NumPy
 from climbplan.spec.robots.robot import RobotSpec
 
 # Before any test loads MuJoCo, which looks at this once: pictures are drawn off screen
@@ -25,6 +25,8 @@ def braced_robot(limbs: int, seed: int = 0) -> RobotSpec:
 
     The seed varies lengths, stiffnesses, torque limits, mass and shares within some 20 %.
     """
+    import numpy as np
+
     rng = np.random.default_rng(seed)
 
     def about(value: float) -> float:

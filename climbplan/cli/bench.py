@@ -112,7 +112,7 @@ def bench(
             metavar="N",
             min=0,
             help="Scenes [40]; 0: only --published. Of modules: random throws, jumps, rooms [30]. "
-            "Of mpc: walks under each push [40]. Of refusals: climbs [60]. Of judge: worlds of "
+            "Of mpc: walks under each push [20]. Of refusals: climbs [60]. Of judge: worlds of "
             "each scene [16]. Of instances: of each family and class [9].",
             rich_help_panel=_PANEL,
         ),

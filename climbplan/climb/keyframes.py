@@ -61,6 +61,7 @@ class Keyframes:
     held: Array  # (F, N, 10) likewise
     weight: Array  # (F, 3) likewise
     contact: Mask  # (F-1, N) toes on their surface during each segment
+    region: Index  # (F-1, N) of these surfaces
     share: Array  # (F-1,) nominal part of one limb step's time
     label: tuple[str, ...]  # (F-1,) where each segment stands in the gait
 
@@ -213,13 +214,20 @@ def keyframes(
     normal = [instants.normal[0]]
     load = [_start_load(scene, rounds, instants)]
     contact: list[Mask] = []
+    region: list[Index] = []
     share: list[float] = []
     label: list[str] = []
     ways_left = iter(paths)
     everyone = np.ones(len(names), bool)
 
     def to(
-        where: Array, under: Array, pressing: Load, touching: Mask, part: float, name: str
+        where: Array,
+        under: Array,
+        pressing: Load,
+        touching: Mask,
+        part: float,
+        name: str,
+        ground: int,
     ) -> None:
         com.append(com[-1])
         rpy.append(rpy[-1])
@@ -227,12 +235,13 @@ def keyframes(
         normal.append(under)
         load.append(pressing)
         contact.append(touching)
+        region.append(instants.region[ground])
         share.append(part)
         label.append(name)
 
     if (instants.com[0] != rounds.com[0]).any():  # over the limbs that stay at the first lift
         ready = _ready_load(scene, rounds, instants)
-        to(toes[0], normal[0], ready, everyone, _PUSH, "first shift")
+        to(toes[0], normal[0], ready, everyone, _PUSH, "first shift", 0)
         com[-1], rpy[-1] = instants.com[0], instants.rpy[0]
     for k in range(0, instants.count, 2):
         limbs = np.flatnonzero(instants.lifted[k])
@@ -247,16 +256,16 @@ def keyframes(
             out[limbs] = points
             return out
 
-        to(old, was, held[k], everyone, _UNLOAD, name)
+        to(old, was, held[k], everyone, _UNLOAD, name, k)
         turned = _turned(scene, was, under, len(ways))
-        to(swung(ways[0]), turned[0], held[k], others, _LIFT, name)
+        to(swung(ways[0]), turned[0], held[k], others, _LIFT, name, k)
         shares = way_shares(len(ways)).tolist()
         for share_of, points, normals in zip(shares[1:], ways[1:], turned[1:], strict=True):
             load_there = held[k].toward(arrived[k // 2], share_of)
-            to(swung(points), normals, load_there, others, _SWING / (len(ways) - 1), name)
-        to(new, under, arrived[k // 2], others, _LOWER, name)
-        to(new, under, placed[k // 2], everyone, _PRESS, name)
-        to(new, under, held[k + 1], everyone, _PUSH, instants.label(k + 1, names))
+            to(swung(points), normals, load_there, others, _SWING / (len(ways) - 1), name, k)
+        to(new, under, arrived[k // 2], others, _LOWER, name, k)
+        to(new, under, placed[k // 2], everyone, _PRESS, name, k + 1)
+        to(new, under, held[k + 1], everyone, _PUSH, instants.label(k + 1, names), k + 1)
         com[-1], rpy[-1] = instants.com[k + 1], instants.rpy[k + 1]
     return Keyframes(
         np.array(com),
@@ -268,6 +277,7 @@ def keyframes(
         np.array([one.held for one in load]),
         np.array([one.weight for one in load]),
         np.array(contact),
+        np.array(region),
         np.array(share),
         tuple(label),
     )

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.climb.grips.plan import may_grip_firmly
+from climbplan.climb.grips.sharing import more_of_parts
 from climbplan.climb.keyframes import PACKED, Keyframes, keyframes
 from climbplan.climb.plan.climb_plan import Forces, Index, Instants, Mask, Rounds, Trajectory
 from climbplan.climb.plan.grips import GripForces
@@ -22,10 +23,8 @@ from climbplan.climb.scene import MotionScene
 from climbplan.climb.swing import swing_paths
 from climbplan.errors import ReachFailure, UsageError
 from climbplan.mechanics.equilibrium import grasp_matrix, link_torques, weight_moment
-from climbplan.mechanics.stiffness import (
-    joint_softness,
-    joint_turns,
-)
+from climbplan.mechanics.grip import Grippers
+from climbplan.mechanics.stiffness import joint_softness, joint_turns
 from climbplan.robots.joint_units import place_words
 from climbplan.robots.kinematics import (
     contact_jacobian,
@@ -89,7 +88,7 @@ def play(
     steps = instants.count // 2
     nominal = travel / scene.spec.trajectory.speed / steps  # [s] one limb step
     rate = scene.spec.trajectory.rate
-    least = np.ceil(_least_durations(robot, frames) * rate)
+    least = np.ceil(_least_durations(scene, frames) * rate)
     count = np.maximum(np.rint(frames.share * nominal * rate), least)  # samples of each segment
     if count.sum() >= _MOST_SAMPLES:
         raise UsageError(
@@ -102,13 +101,13 @@ def play(
     segment = np.clip(np.searchsorted(ends, sample, side="right") - 1, 0, len(count) - 1)
     share = (sample - ends[segment]) / count[segment]
     moving = _between(frames, segment, _ease(share))
-    driven = _driven(robot, moving, [frames.label[s] for s in segment])
+    driven = _driven(scene, moving, [frames.label[s] for s in segment])
     contact = frames.contact[segment]
     motion = Trajectory(sample / rate, moving.com, moving.rpy, driven.command, contact)
     use = float((np.abs(driven.torque) / robot.max_torque).max())
     if robot.gripper is None:
         return Played(motion, use)
-    grips = GripForces.unpacked(moving.held[..., :PACKED])
+    grips = GripForces.unpacked(driven.held[..., :PACKED])
     assert scene.grippers is not None
     firm = _gripped_firmly(grips.grip, motion.contact, may_grip_firmly(scene.grippers, instants))
     return Played(replace(motion, grips=replace(grips, grip=firm), force=driven.force), use)
@@ -144,6 +143,7 @@ class _Moving:
     normal: Array  # (S, N, 3) under toes that press
     held: Array  # (S, N, 10)
     contact: Mask  # (S, N)
+    region: Index  # (S, N) that toes stand on
     weight: Array  # (S, 3) moment of the weight that the forces balance [N m]
 
 
@@ -163,17 +163,18 @@ def _between(frames: Keyframes, segment: Index, share: Array) -> _Moving:
         mix(frames.normal),
         mix(frames.held),
         frames.contact[segment],
+        frames.region[segment],
         mix(frames.weight),
     )
 
 
-def _least_durations(robot: Robot, frames: Keyframes) -> Array:
+def _least_durations(scene: MotionScene, frames: Keyframes) -> Array:
     """Time (F-1,) each segment needs for the joints to stay within their speeds [s]."""
-    count = len(frames.share)
+    robot, count = scene.robot, len(frames.share)
     segment = np.repeat(np.arange(count), _PROBES)
     share = np.tile(np.linspace(0.0, 1.0, _PROBES), count)
     moving = _between(frames, segment, _ease(share))
-    angles = _driven(robot, moving, [frames.label[s] for s in segment]).command
+    angles = _driven(scene, moving, [frames.label[s] for s in segment]).command
     turned = np.abs(np.diff(angles.reshape(count, _PROBES, *angles.shape[1:]), axis=1))
     fastest = (turned * (_PROBES - 1) / robot.max_joint_speed).max(axis=(1, 2, 3))
     return np.maximum(_SPEED_MARGIN * fastest + 1e-3, _balanced_durations(robot, frames))
@@ -199,18 +200,19 @@ def _balanced_durations(robot: Robot, frames: Keyframes) -> Array:
     return np.asarray(np.sqrt(6.0 * way * height / (robot.gravity * moved)))
 
 
-def _weighed(robot: Robot, moving: _Moving, angles: Array) -> _Moving:
+def _weighed(scene: MotionScene, moving: _Moving, angles: Array) -> _Moving:
     """Forces that balance the weight where it acts at angles (S, N, J).
 
     The moment that is missing is brought by what stands, the more the harder it presses: by moments
-    on soles, or else by forces of toes.
+    on soles, by forces of palms and fingers, or else of toes.
     """
+    robot = scene.robot
     if robot.links is None:
         return moving
     off = moving.weight - weight_moment(robot, moving.rpy, angles)
+    if scene.grippers is not None:
+        return _weighed_by_grips(scene.grippers, moving, off)
     pressure = np.maximum((moving.force * moving.normal).sum(axis=-1), 0.0) * moving.contact
-    if robot.gripper is not None:
-        pressure = moving.contact.astype(float)
     if robot.sole is not None:
         held = moving.held.copy()
         part = pressure / np.maximum(pressure.sum(axis=1, keepdims=True), 1e-300)
@@ -224,6 +226,24 @@ def _weighed(robot: Robot, moving: _Moving, angles: Array) -> _Moving:
     return replace(moving, force=moving.force + more.reshape(moving.force.shape))
 
 
+def _weighed_by_grips(grippers: Grippers, moving: _Moving, off: Array) -> _Moving:
+    """Grips that bring a moment off (S, 3) too, and the moments at wrists that go with them."""
+    arm = -grippers.gripper.length * moving.normal
+    force, grips = more_of_parts(
+        grippers,
+        moving.normal,
+        moving.region,
+        moving.contact,
+        moving.toes + arm - moving.com[:, None],
+        moving.force,
+        GripForces.unpacked(moving.held[..., :PACKED]),
+        off,
+        _IN_LINE,
+    )
+    held = np.concatenate([grips.packed, grips.moment + np.cross(arm, force)], axis=-1)
+    return replace(moving, force=force, held=held)
+
+
 @dataclass(frozen=True)
 class _Driven:
     """What joints do at S states."""
@@ -231,17 +251,19 @@ class _Driven:
     command: Array  # (S, N, J)
     torque: Array  # (S, N, J) of motors, which hold the links' own weight too
     force: Array  # (S, N, 3) that balance the weight
+    held: Array  # (S, N, 10) likewise
 
 
-def _driven(robot: Robot, moving: _Moving, where: list[str]) -> _Driven:
+def _driven(scene: MotionScene, moving: _Moving, where: list[str]) -> _Driven:
     """Joint commands that hold toes and forces; raises ReachFailure."""
+    robot = scene.robot
     toes_body = to_body(moving.com, moving.rpy, moving.toes)
     turns = sole_turns(robot, moving.rpy, moving.normal)
     solution = inverse(robot, toes_body, turns)
     for s in np.flatnonzero(~solution.valid.all(axis=1)):
         require_reachable(robot, toes_body[s], where[s], None if turns is None else turns[s])
     angles = solution.best()
-    moving = _weighed(robot, moving, angles)
+    moving = _weighed(scene, moving, angles)
     jacobian = contact_jacobian(robot, moving.rpy, angles, moving.normal)
     torques = np.einsum("snij,sni->snj", jacobian, moving.force)
     if robot.gripper is not None or robot.sole is not None:
@@ -260,4 +282,6 @@ def _driven(robot: Robot, moving: _Moving, where: list[str]) -> _Driven:
         name = robot.joint_name(int(limb), int(joint))
         reason = f"toe with the planned force: commanded {name} {over}"
         raise ReachFailure(robot.limb_names[limb], reason, 0.0, where[s])
-    return _Driven(command, torques + link_torques(robot, moving.rpy, angles), moving.force)
+    return _Driven(
+        command, torques + link_torques(robot, moving.rpy, angles), moving.force, moving.held
+    )

@@ -161,6 +161,8 @@ def nearest_triangles(
 
 def segment_distances(starts: Array, ends: Array, corners: Array, enough: float) -> Array:
     """The distances of `nearest_triangles`."""
+    # For arrays that must not be written all would be compiled anew
+    starts, ends, corners = (np.require(a, float, ["C", "W"]) for a in (starts, ends, corners))
     return nearest_triangles(starts, ends, corners, enough)[0]
 
 

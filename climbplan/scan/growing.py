@@ -170,7 +170,7 @@ def grow_patches(
     members = np.empty(4 * count, np.int64)
     used = 0
     patches = 0
-    stamp = 0
+    stamp = int(np.int64(0))  # as a literal it would be compiled for anew
     for s in range(count):
         seed = order[s]
         if taken[seed] >= 0:
@@ -182,7 +182,8 @@ def grow_patches(
         plane[1] = edge[2] * other[0] - edge[0] * other[2]
         plane[2] = edge[0] * other[1] - edge[1] * other[0]
         length = np.sqrt(plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
-        plane[:3] /= length
+        for j in range(3):
+            plane[j] /= length
         plane[3] = (
             plane[0] * corners[seed, 0, 0]
             + plane[1] * corners[seed, 0, 1]
@@ -222,7 +223,8 @@ def grow_patches(
             most, best_count = total, found
             for i in range(found):
                 best[i] = queue[i]
-            planes[patches] = plane
+            for j in range(4):
+                planes[patches, j] = plane[j]
             if found == 1 and attempt > 0:
                 break
             plane = _fit(queue, found, corners, area, plane)

@@ -73,7 +73,9 @@ def clipped(corners: Array, low: float, high: float) -> tuple[Array, Index]:
     used, kept = 0, 0
     for t in range(len(corners)):
         piece = np.empty((5, 3))
-        piece[:3] = corners[t]
+        for c in range(3):
+            for j in range(3):
+                piece[c, j] = corners[t, c, j]
         size = 3
         for side in range(2):
             sign = 1.0 if side == 0 else -1.0
@@ -84,15 +86,17 @@ def clipped(corners: Array, low: float, high: float) -> tuple[Array, Index]:
                 here, there = piece[k], piece[(k + 1) % size]
                 a, b = sign * here[2] - least, sign * there[2] - least
                 if a >= 0:
-                    after[count] = here
+                    for j in range(3):
+                        after[count, j] = here[j]
                     count += 1
                 if a * b < 0:
-                    after[count] = here + a / (a - b) * (there - here)
+                    for j in range(3):
+                        after[count, j] = here[j] + a / (a - b) * (there[j] - here[j])
                     count += 1
             piece, size = after, count
         if size >= 3:
             for k in range(size):
-                points[used + k] = piece[k, :2]
+                points[used + k, 0], points[used + k, 1] = piece[k, 0], piece[k, 1]
             used += size
             counts[kept] = size
             kept += 1

@@ -10,11 +10,16 @@ from urdf_walkers import Walker
 
 from climbplan.climb.check.anew.kinematics import limbs_at
 from climbplan.climb.check.verification import verification_of
+from climbplan.climb.grips.sharing import more_of_parts
 from climbplan.climb.plan.file import read_climb, write_climb
+from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.planner import plan_climb
 from climbplan.errors import SpecError
+from climbplan.mechanics.grip import Grippers, grip_cones, parts_of
+from climbplan.mechanics.gripper_model import load_model
 from climbplan.plans.check import GRIP_LIMITS
 from climbplan.robots.any_robot import build_robot
+from climbplan.robots.gripper import Gripper
 from climbplan.robots.kinematics import toe_body
 from climbplan.robots.last_link import joint_axes_body, last_link_body
 from climbplan.robots.model import Robot
@@ -111,3 +116,44 @@ def test_a_robot_from_a_urdf_hangs_on_its_grippers(tmp_path: Path) -> None:
     front = [plan.robot.limb_names.index(leg) for leg in ("L1", "R1")]
     onto = np.einsum("kni,kni->kn", plan.forces.force, plan.instants.normal)
     assert (onto[:, front] < 0).any()  # someone above pulls
+
+
+def test_a_missing_moment_is_shared_by_parts_that_press() -> None:
+    """Balance, and nothing but what presses already: not idle fingers, not limbs in the air."""
+    rng = np.random.default_rng(3)
+    gripper = Gripper(0.1, 0.05, 80.0, np.full(3, 4.0), np.full(3, -1.0), np.full(3, 1.0))
+    up = np.array([0.0, 0.0, 1.0])
+    undercut = np.deg2rad([0.0, 20.0, -90.0])
+    grippers = Grippers(
+        gripper=gripper,
+        model=load_model("spine_synthetic"),
+        risk=0.05,
+        axis=np.tile([1.0, 0.0, 0.0], (3, 1)),
+        undercut=undercut,
+        orientation=np.zeros((3, 3)),
+        friction=np.full(3, 0.5),
+        spines=np.full(3, 4.0),
+    )
+    region, contact = np.array([[0, 1, 2, 0]]), np.array([[True, True, True, False]])
+    normal = np.broadcast_to(up, (1, 4, 3))
+    arms = rng.normal(size=(1, 4, 3)) * 0.3
+    force = np.where(contact[..., None], rng.normal(size=(1, 4, 3)) + 5 * up, 0.0)
+    # The first gripper stands on its palm alone, the others hold with palm and fingers
+    grip = np.array([[0.0, 9.0, 1.0, 0.0]])
+    palm = np.where(np.arange(4)[:, None] == 0, force, force / 3)
+    grips = GripForces(grip, palm, np.zeros((1, 4, 3)))
+    off = np.array([[0.02, -0.03, 0.04]])
+    more, shared = more_of_parts(
+        grippers, normal, region, contact, arms, force, grips, off, in_line=1e-6
+    )
+    change = more - force
+    moment = np.cross(arms, change) + shared.moment
+    np.testing.assert_allclose(change.sum(axis=1), 0.0, atol=1e-12)
+    np.testing.assert_allclose(moment.sum(axis=1), off, atol=1e-12)
+    assert not change[0, 3].any()
+    assert not shared.packed[0, 3].any()
+    axis = grippers.axis[region]
+    parts = parts_of(more, shared.grip, shared.moment, shared.palm, axis, gripper.finger_span)
+    cones = grip_cones(normal, axis, undercut[region], np.full((1, 4), 0.5), np.full((1, 4), 4.0))
+    assert cones.pressure(parts).min() > -1e-12
+    assert cones.excess(parts, 1.0).max() < 1e-12

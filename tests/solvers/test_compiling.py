@@ -22,15 +22,42 @@ from climbplan.solvers.mixed_integer.compiling import SOURCES
 
 PACKAGE = Path(climbplan.__file__).parent
 ROOM = """
+import sys
 from pathlib import Path
+import numpy as np
 from climbplan.solvers.compiling import compiler
 
-@compiler(Path(__file__).parent, "compiled_*.py")
-def one(x: float) -> float:
-    return x + 1.0
+compiled = compiler(Path(__file__).parent, "compiled_*.py")
+STEPS = np.array([1.0, 2.0])
 
-one(1.0)
-print(sum(one.stats.cache_hits.values()))
+@compiled
+def _stepped(x: float, i: int) -> float:
+    if i >= len(STEPS):
+        raise ValueError("no such step")
+    return x + STEPS[i]
+
+@compiled
+def _twice(x: float, i: int) -> float:
+    return _stepped(_stepped(x, i), i)
+
+@compiled
+def one(x: float, i: int) -> float:
+    return _stepped(x, i)
+
+@compiled
+def other(x: float, i: int) -> float:
+    return _twice(x, i)
+
+if "other" not in sys.argv:
+    assert one(1.0, 0) == 2.0
+    print(sum(one.stats.cache_hits.values()))
+else:
+    assert other(1.0, 1) == 5.0
+    try:
+        other(1.0, 2)
+    except ValueError as error:
+        print(error)
+    print(*[sum(f.stats.cache_hits.values()) for f in (other, _twice, _stepped)])
 """
 _PRIVILEGES = (1, 2, 3)  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH, CAP_FOWNER
 _DROP = 24  # prctl's PR_CAPBSET_DROP
@@ -83,6 +110,13 @@ def test_beside_the_byte_code_where_that_can_be_written(room: Path, tmp_path: Pa
     assert hits == ["0\n", "1\n"]
     assert kept_in(room / "__pycache__")
     assert not (tmp_path / "home").exists()
+
+
+def test_functions_for_others_are_kept_for_those_to_come(room: Path) -> None:
+    run(room, "compiled_one.py")
+    told = [run(room, "compiled_one.py", "other").stdout.splitlines() for _ in range(2)]
+    assert told[0] == ["no such step", "0 0 1"]
+    assert told[1] == ["no such step", "1 0 0"]
 
 
 @pytest.mark.parametrize(

@@ -205,6 +205,19 @@ def test_a_gait_goes_on_where_its_qps_led(name: str, first: int) -> None:
     np.testing.assert_allclose(again.here.state, progress.here.state, atol=1e-6)
 
 
+@pytest.mark.parametrize(("step", "qps"), [(0.08, 1), (0.12, 2)])
+def test_longer_intervals_may_miss_by_more_at_first(step: float, qps: int) -> None:
+    """First QPs of heavy robots, whose intervals are long, are far off and mended by a second."""
+    state = TASK.start.state.copy()
+    state[VELOCITY] = [-0.5, 0.0, 0.0]
+    task = replace(horizon_of(TASK), step=step, start=Start(state, TASK.start.toes))
+    trials, budget = GaitTrials(task, 8e-3), Budget(2000)
+    program = trials.program(task, named("stand", task))
+    found = trials.attempt(task, program, trials.begun(task, program, None), 2, budget)
+    assert found is not None
+    assert budget.qps == qps
+
+
 @pytest.mark.parametrize("effort", [0, 200, 1400])
 def test_effort_bounds_the_qps_of_a_tick(library: Library, effort: int) -> None:
     """From a state that no gait can answer, every candidate is tried until the effort is spent."""

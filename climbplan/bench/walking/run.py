@@ -16,6 +16,7 @@ from climbplan.bench.walking.online_options import OnlineOptions, online_inputs
 from climbplan.bench.walking.pushes import push_table
 from climbplan.bench.walking.recovery import recovery_table
 from climbplan.bench.walking.stones import stones_table
+from climbplan.bench.walking.workers import end_workers
 from climbplan.errors import UsageError
 
 Section = Callable[[int, bool, int, TextIO], None]  # seed, quick, processes, where to print
@@ -56,6 +57,8 @@ def run_mpc(
             found[name] = push_table(inputs, options, stream, report)
         elif inputs is not None:
             found[name] = recovery_table(inputs, options, stream, report)
+        if options.jobs > 1:
+            end_workers()
         spent[name] = time.perf_counter() - begin
         print(
             f"{name}: {spent[name]:.0f} s, {_processor_time() - used:.0f} s of processor time\n",

@@ -20,11 +20,14 @@ def in_order(
         yield from map(work, items)
         return
     from joblib import Parallel, delayed
-    from joblib.externals.loky import get_reusable_executor
 
     # Arrays are passed as they are: mapped ones are read-only, which would be compiled anew.
     parallel = Parallel(n_jobs=jobs, return_as="generator", max_nbytes=None)
-    try:
-        yield from parallel(delayed(work)(item) for item in items)
-    finally:  # their processor time counts once they have ended
-        get_reusable_executor().shutdown(wait=True)
+    yield from parallel(delayed(work)(item) for item in items)
+
+
+def end_workers() -> None:
+    """End the processes of tables: their processor time counts once they have ended."""
+    from joblib.externals.loky import get_reusable_executor
+
+    get_reusable_executor().shutdown(wait=True)

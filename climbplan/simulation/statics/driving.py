@@ -68,11 +68,11 @@ def _commanded(
         for j in range(wanted.shape[1]):
             carrying = plan.carrying[before, i, j]
             known.lag[i, j] = known.reading[i, j] - known.told[i, j] + carrying
+    place = machine.regulator == BY_JOINTS or machine.regulator == BY_POSE
     if machine.regulator == BY_JOINTS:
         _estimate(plan, before, known, pad)
-        _regulated(plan, s, done, span, True, known.com, known.rotation, known, pad)
+        _regulated(plan, s, done, span, place, known.com, known.rotation, known, pad)
     else:
-        place = machine.regulator == BY_POSE
         _regulated(plan, s, done, span, place, body.com, body.rotation, known, pad)
     if machine.delay > 0.0:
         _arrived(clock + span - machine.delay, clock + span, known)

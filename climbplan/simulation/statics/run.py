@@ -105,7 +105,7 @@ def play(plan: Playback, machine: Machine, ground: Ground, path: Array) -> Array
     row = np.zeros(COLUMNS)
     row[CAUSE_LIMB] = -1
     for i in range(n):
-        g, f, _ = _landed(stand.anchor[i], stand.anchor[i], ground, _THERE, -1)
+        g, f, _ = _landed(stand.anchor[i], stand.anchor[i], ground, _THERE, int(np.int64(-1)))
         if g >= 0:
             stand.touching[i], stand.solid[i], stand.face[i] = 1, g, f
             _onto(stand.anchor[i], g, f, ground, touch.normal[i])
@@ -265,7 +265,7 @@ def _finish(
                     feet.set_down[i, a] = place[a]
             stand.touching[i], stand.solid[i], stand.face[i] = 1, g, f
             if _beyond(place, g, f, ground):
-                g, f, _ = _landed(place, place, ground, BESIDE, -1)
+                g, f, _ = _landed(place, place, ground, BESIDE, int(np.int64(-1)))
                 if g < 0:
                     stand.touching[i] = 0
                 else:

@@ -67,7 +67,7 @@ def _wrench(
             _times(body.rotation, local, place)
             for a in range(3):
                 place[a] += body.com[a]
-            g, f, part = _landed(stand.anchor[i], place, ground, 0.0, -1)
+            g, f, part = _landed(stand.anchor[i], place, ground, 0.0, int(np.int64(-1)))
             if g < 0:
                 touch.state[i] = AIR
                 touch.force[i] = 0.0

@@ -24,9 +24,10 @@ BODY_STIFF = 12.0  # [rad/s] of the body's way back to its path, critically damp
 SWING_STIFF = 60.0  # [rad/s] of a swinging toe's, critically damped
 _BEND_STIFF = 8.0  # [rad/s] of joints that no toe needs, likewise
 _STAND_DAMPING = 60.0  # [1/s] of what speed a standing toe has
-# Weights of squared accelerations: on two legs a body that is pushed aside can be slowed down by
-# leaning alone, and rather keeps upright until a leg has stepped aside.
-_LEVEL, _UP, _TURN, _SWING, _STAND = 5.0, 50.0, 50.0, 5.0, 50.0
+# Weights of squared accelerations. On two legs a body that is off its path aside can only be slowed
+# down by leaning: it leans a little. Where it was to keep upright first twice as many toes
+# slid, and bodies were further off their paths.
+_LEVEL, _UP, _TURN, _SWING, _STAND = 10.0, 50.0, 20.0, 5.0, 50.0
 _BEND = 1e-3  # of joints that no toe needs: their masses move the body
 _FORCE = 20.0  # of squared departures from planned forces, in robot's weights
 _CALM = 1e-4  # of squared joint accelerations

@@ -60,14 +60,17 @@ def place_toes(
         for leg in range(legs):
             index = foothold[n, leg]
             if n == 0 or index == -1:
-                toes[n, leg] = start[leg]
+                for k in range(3):
+                    toes[n, leg, k] = start[leg, k]
             elif index >= 0:
                 toes[n, leg, 0], toes[n, leg, 1] = spots[index, 0], spots[index, 1]
                 toes[n, leg, 2] = base[index]
                 for k in range(2):
                     toes[n, leg, 2] += tilt[index, k] * spots[index, k]
             else:
-                toes[n, leg] = _swinging(center[leg], half, R, state[n], height[n, leg])
+                toe = _swinging(center[leg], half, R, state[n], height[n, leg])
+                for k in range(3):
+                    toes[n, leg, k] = toe[k]
     return toes
 
 

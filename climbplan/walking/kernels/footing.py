@@ -75,12 +75,19 @@ def left_of(
     (N, L, 3) and free footholds (F, 2) as of `stance_phases`.
     """
     last = contact.shape[0] - 1
-    onward, states, forces = np.empty_like(contact), np.empty_like(state), force[1:].copy()
-    onward[:last], onward[last] = contact[1:], contact[last - 1]
-    states[:last], states[last] = state[1:], state[last]
+    legs = contact.shape[1]
+    onward, states, forces = np.empty_like(contact), np.empty_like(state), np.empty((last, legs, 3))
+    for n in range(last + 1):
+        for leg in range(legs):
+            onward[n, leg] = contact[n + 1 if n < last else last - 1, leg]
+        for k in range(12):
+            states[n, k] = state[min(n + 1, last), k]
+    for n in range(last):
+        for leg in range(legs):
+            for k in range(3):
+                forces[n, leg, k] = force[n + 1 if n < last - 1 else last - 2, leg, k]
     for k in range(3):
         states[last, k] += state[last, k] - state[last - 1, k]
-    forces[last - 1] = force[last - 2]
     _, phases = stance_phases(onward)
     spots = np.empty((phases.shape[0], 2))
     for index in range(phases.shape[0]):

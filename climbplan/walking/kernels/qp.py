@@ -42,7 +42,8 @@ def _states(
     """
     knots, legs = force.shape[0], force.shape[1]
     width = by.shape[2]
-    offset[0] = begin
+    for i in range(12):
+        offset[0, i] = begin[i]
     by[0] = 0.0
     done = 0  # columns of forces so far
     for n in range(knots):

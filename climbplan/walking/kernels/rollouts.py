@@ -32,17 +32,19 @@ def rolled(
     many parts.
     """
     states = np.empty((force.shape[0] + 1, 12))
-    states[0] = start
-    worst = 0.0
+    for k in range(12):
+        states[0, k] = start[k]
+    worst, once = 0.0, int(np.int64(1))  # as a literal it would be compiled for anew
     for n in range(force.shape[0]):
         here = states[n]
         for part in range(parts):
             here = moved(
-                mass, gravity, inertia, inverse, steps[n] / parts, 1, here, toes[n], force[n]
+                mass, gravity, inertia, inverse, steps[n] / parts, once, here, toes[n], force[n]
             )
             if part < parts - 1:
                 worst = max(worst, worst_standing(center, half, here, toes[n], contact[n]))
-        states[n + 1] = here
+        for k in range(12):
+            states[n + 1, k] = here[k]
     return states, worst
 
 

@@ -74,7 +74,9 @@ def _by_legs(toes: Array, force: Array, slopes: Array, by: Array) -> None:
     A toe moves the moment alone: by e x f for a unit e; a force adds itself, and toe x e.
     """
     legs = force.shape[0]
-    by[:12] = slopes[:12]
+    for i in range(12):
+        for j in range(12):
+            by[i, j] = slopes[i, j]
     for leg in range(legs):
         at, pushed = 12 + 3 * leg, 12 + 3 * (legs + leg)
         x, y, z = toes[leg]
@@ -113,7 +115,8 @@ def linearised(
     inertia, inverse = inertia.copy(), inverse.copy()
     x, push, about_origin, slopes = np.empty(12), np.empty(3), np.empty(3), np.empty((18, 12))
     for n in range(force.shape[0]):
-        x[:] = state[n]
+        for k in range(12):
+            x[k] = state[n, k]
         net_load(toes[n], force[n], push, about_origin)
         given = (mass, gravity, inertia, inverse, x, push, about_origin, steps[n])
         if mean:

@@ -24,7 +24,9 @@ SPEED_SLACK, ANGLE_SLACK = 0.05, 0.05  # [m/s], [rad] of the rollout over the ho
 REACH_SLACK = 5e-3  # [m]
 JOINT_SLACK = 0.01  # of speed limits that joints are beyond
 SWUNG_SLACK = 0.015  # [m] likewise between knots, where legs let go a little farther out
-HOPELESS = 20.0  # slacks that a first QP may miss by for a second one to be worth while
+# Slacks that body and toes may miss by after a first QP for a second one to be worth while, with
+# intervals of 0.08 s: what a linearised interval neglects grows by its square.
+HOPELESS = 20.0 / 0.08**2  # [1/s^2]
 ASSEMBLY = 60  # DAQP iterations that take as long as a QP's assembly and check
 _MOST_STEPS = 500  # DAQP iterations of a QP
 _KEPT = 256  # programs of gaits
@@ -37,6 +39,7 @@ class Attempt:
     trajectory: WalkTrajectory
     excess: float  # <= 0 if it holds
     cost: float  # of its states, eq. (8.30), if it holds; else infinite
+    far: bool  # body or toes are so far off that a further QP does not mend it
 
     @property
     def holds(self) -> bool:
@@ -141,7 +144,7 @@ class GaitTrials:
             best = progress.best
             if judged is not None and (best is None or judged.excess <= best.excess):
                 progress.best = judged
-            far = judged is None or judged.excess > HOPELESS
+            far = judged is None or judged.far
             if far and (program.softly or not elastic):
                 break
         return progress.best
@@ -187,18 +190,19 @@ class GaitTrials:
         )
         if math.isinf(speed):
             return None
-        excess = max(
+        off = max(
             speed / SPEED_SLACK,
             angle / ANGLE_SLACK,
             reach / REACH_SLACK,
             between / SWUNG_SLACK,
-            program.joints.too_fast(state, toes, at.spots, program.tilt) / JOINT_SLACK,
         )
+        hasty = program.joints.too_fast(state, toes, at.spots, program.tilt) / JOINT_SLACK
+        excess = max(off, hasty)
         force = np.zeros((len(at.force) + 1, *at.force.shape[1:]))
         force[:-1] = at.force
         cost = program.cost(state, at.force) if excess <= 1.0 else math.inf
         walk = WalkTrajectory(state, toes, force, program.gait)
-        return Attempt(walk, excess - 1.0, cost)
+        return Attempt(walk, excess - 1.0, cost, off - 1.0 > HOPELESS * task.step**2)
 
 
 def fitting(task: WalkTask, program: PinnedProgram, at: Iterate) -> Iterate:

@@ -19,6 +19,7 @@ _HIGHEST = 0.05  # [m]
 _EFFORT = 0.28  # of torque limits, that swinging a leg takes at most where longer intervals do
 _FINER = 20  # intervals that are looked at
 _KNOTS = 16
+_TRIED = 6000  # steps of the QP solver in a tick: programs with joints take 100 to 200 each
 _FRICTION = 0.8
 _AHEAD, _ROUND = 100.0, 10.0  # weights of the velocity ahead, and of the yaw
 _TURN = 45.0  # [deg] on the spot
@@ -81,5 +82,6 @@ task:
 
 weights: {{velocity: [{ahead:g}, 100, 1000], angles: [100, 100, {about:g}], height: 1000}}  # {calm}
 solver: {{method: nlp, guess: walking trot}}
+loop: {{effort: {_TRIED}}}  # of `--method online`: intervals leave time to try more gaits
 seed: 0
 """

@@ -15,19 +15,26 @@ from walk_tasks import shorter, stairs_task, walk_task
 from climbplan.solvers.highs.model import highs, rows_model, run_highs
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.cost import objective
+from climbplan.walking.micp import parts as parts_of_tubes
 from climbplan.walking.micp import relaxed as relaxed_programs
+from climbplan.walking.micp.bounding import Bounding
 from climbplan.walking.micp.heads import (
     Drawn,
     Stated,
     bound_drawn,
+    drawn_by_head,
     drawn_by_heads,
     first_intervals,
+    later_than,
+    least_of_head,
 )
 from climbplan.walking.micp.kept import Decision, Kept
+from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.mirror import left_first, own_image, with_images
-from climbplan.walking.micp.parts import Opened, Part
+from climbplan.walking.micp.parts import Part, by_contacts, halves
 from climbplan.walking.micp.relaxed import infeasible, linear, relaxed, solve_linear
 from climbplan.walking.micp.statement import Relaxation
+from climbplan.walking.micp.steps import step
 from climbplan.walking.micp.tree import Search
 from climbplan.walking.micp.tube import tube_about
 from climbplan.walking.offline.search import SearchLimits, search
@@ -81,22 +88,78 @@ def test_heads_keep_cheaper_motions_and_draw_ranges_closer(cheap: Cheap) -> None
     assert drawn_by_heads(none, none.program(None), 1.0, time.process_time) is None
 
 
-def test_parts_by_a_contact_are_all_motions_together(cheap: Cheap) -> None:
-    stated, contact = cheap.stated, cheap.found.gait.contact[:-1]
-    part, box = Part(stated, images=False), cheap.drawn.box
-    for _ in range(int((box.stands_low < box.stands_high).sum())):
-        parts = part.by_contact(Opened(stated.program(box), None))
+def held_by(part: Part, found: WalkTrajectory) -> bool:
+    """Whether a motion is in a part: its states, contacts, and arms of legs that stand."""
+    box = part.box
+    if box is None:
+        return part.stated.tube.holds(found.state)
+    contact, program = found.gait.contact[:-1], part.stated.program(box)
+    arms = ((found.toes - found.state[:, None, :3])[:-1] @ program.facing)[:, :, :2]
+    inside = (found.state >= box.low - 1e-6) & (found.state <= box.high + 1e-6)
+    reached = (arms >= box.arm_low - 1e-6) & (arms <= box.arm_high + 1e-6)
+    stands = (contact >= box.stands_low) & (contact <= box.stands_high)
+    return bool(inside[:-1].all() and reached[contact].all() and stands.all())
+
+
+def test_parts_by_contacts_and_halves_are_all_motions_together(
+    cheap: Cheap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stated, found, box = cheap.stated, cheap.found, cheap.drawn.box
+    contact = found.gait.contact[:-1]
+    after = cheap.cost - objective(
+        first_intervals(stated.task, 3), found.state[:4], found.force[:4]
+    )
+    part, program = Part(stated, images=False, box=box), stated.program(box)
+    monkeypatch.setattr(parts_of_tubes, "_FEW", 1)
+    assert by_contacts(part, program, 1e-4 * stated.most, lambda: True) is None
+    monkeypatch.setattr(parts_of_tubes, "_FEW", 100)
+    for decided in (2, 3):  # of four intervals the first three are early ones
+        parts = by_contacts(part, program, 1e-4 * stated.most, lambda: True)
         assert parts is not None
-        without, with_it = (one.box for one in parts)
-        assert without is not None
-        assert with_it is not None
-        decided = np.argwhere(without.stands_high < with_it.stands_low)
-        assert len(decided) == 1
-        assert (box.stands_low == without.stands_low).all()
-        assert (box.stands_high == with_it.stands_high).all()
-        box = with_it if contact[tuple(decided[0])] else without
-    assert np.array_equal(box.stands_low, contact)
-    assert part.by_contact(Opened(stated.program(box), None)) is None
+        assert {one.decided for one in parts} == {decided}
+        begun = [one.box.stands_low[:decided] for one in parts if one.box is not None]
+        assert len({one.tobytes() for one in begun}) == len(parts)
+        (part,) = (
+            one
+            for one, stands in zip(parts, begun, strict=True)
+            if np.array_equal(stands, contact[:decided])
+        )
+        assert part.bound <= cheap.cost
+        assert part.box is not None
+        program = stated.program(part.box)
+        later = later_than(program, 3)
+        assert later is not None
+        assert later <= after + 1e-9
+        drawn = drawn_by_head(stated, part.box, 3, {3: later}, 0)
+        assert drawn is not None
+        part = replace(part, box=drawn, later=later)
+    assert part.box is not None
+    assert least_of_head(stated, part.box, 3, 0.0) <= cheap.cost
+    for _ in range(3):
+        two = halves(part)
+        assert two is not None
+        held = [one for one in two.parts if held_by(one, found)]
+        assert held
+        assert held[0].bound <= cheap.cost
+        part = held[0]
+        assert part.box is not None
+        assert program_cost(stated.program(part.box), found) <= cheap.cost * (1 + 1e-6)
+    undecided = by_contacts(Part(stated, False, box), program, 1e-4, lambda: False)
+    assert undecided is not None
+    assert [one.decided for one in undecided] == [0]  # out of time: nothing is left out
+
+
+def test_turning_of_late_knots_is_left_out_of_a_relaxation(cheap: Cheap) -> None:
+    stated, box = cheap.stated, cheap.drawn.box
+    bounds, rows = [], []
+    for knots in (None, 3, 2):
+        less = replace(stated, turned=knots)
+        program = less.program(box)
+        bounds.append(lowest(less, program))
+        rows.append(len(program.model))
+        assert program_cost(program, cheap.found) <= cheap.cost * (1 + 1e-6)
+    assert bounds[0] + 1e-3 >= bounds[1] >= bounds[2] - 1e-3
+    assert rows[0] > rows[1] > rows[2] > 0
 
 
 def all_decided(kept: Kept, contact: Flags) -> tuple[Decision, ...]:
@@ -266,6 +329,37 @@ def test_heads_keep_what_other_seeds_find(disturbed: bool) -> None:
         assert (one.gait.contact[:-1] >= drawn.box.stands_low).all()
         assert (one.gait.contact[:-1] <= drawn.box.stands_high).all()
         assert program_cost(held, one) <= cost * (1 + 1e-6)
+
+
+@pytest.mark.slow
+def test_steps_on_parts_keep_what_other_seeds_find(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parts_of_tubes, "_FEW", 100)  # parted in any case
+    task = shorter(walk_task((1.0, 0, 0)), 5)
+    answers = [search(task, SearchLimits(60.0, seed=k, qps=100)) for k in range(3)]
+    best = min(answers, key=lambda one: one.objective)
+    assert best.trajectory is not None
+    motions = np.stack([a.trajectory.state for a in answers if a.trajectory is not None])
+    # Dearer motions than the best, too; so many seconds for each step.
+    limits = MicpLimits(8.0, -0.03, clock=time.process_time)
+    run = Bounding(task, task, limits, best.trajectory, best.objective, time.process_time())
+    width = np.deg2rad([1.0, 2.0, 1.0]), np.array([0.25, 0.5, 0.25])
+    whole = run.whole(tube_about(task, motions, *width))
+    cheaper = [a for a in answers if a.objective <= 1.02 * best.objective]
+    steps = list[int]()
+    for answer in cheaper:
+        found, parts = answer.trajectory, [whole]
+        assert found is not None
+        for k in range(4):
+            held = [one for one in parts if held_by(one, found)]
+            assert held
+            assert all(one.bound <= answer.objective for one in held)
+            begun = replace(run, bounds=[held[0].bound], begin=time.process_time())
+            parts = step(begun, held[0])
+            assert begun.bounds[0] <= answer.objective
+            steps.append(k)
+            if not parts:  # searched to its end
+                break
+    assert max(steps) >= 2
 
 
 def test_a_program_that_comes_to_no_end_is_solved_from_scratch(

@@ -29,11 +29,6 @@ _PROCESSES = 2  # that share a bound's tubes and parts of them
 _SEEDS, _QUICK_SEEDS = 10, 2
 _LONGEST = 600.0  # of a search, by the wall's clock: its QPs end it
 _ASKED = {"mpc_forward": 5, "mpc_disturbance": 10, "mpc_turn": 5, "mpc_stairs": 25}  # [%]
-# Gaps that are aimed at first: ranges are of motions cheaper by that much, and the wider they are
-# the less is proved. Where one is closed in time a smaller one follows.
-_AIMS = {"mpc_forward": 0.05, "mpc_disturbance": 0.1, "mpc_turn": 0.07, "mpc_stairs": 0.25}
-_STEP = 0.005
-_LEFT = 0.4  # of the time, for another aim
 _ROOM = {"angles_deg": (1.0, 2.0, 1.0), "spin": (0.25, 0.5, 0.25)}
 
 
@@ -86,37 +81,15 @@ def _known(seed: int, quick: bool, name: str) -> _Known:
 
 def _row(known: _Known, seconds: float, name: str) -> str:
     """The line of a task."""
-    limits = replace(known.limits, seconds=seconds, processes=_PROCESSES)
-    proved, spent = _bounded(known.task, limits, name, known.found)
+    limits = replace(known.limits, seconds=seconds, processes=_PROCESSES, gap=_ASKED[name] / 100)
+    proved = solve_micp(known.task, limits, known.found[0], known.found[1:])
     bound = proved.bound or 0.0
     gap = 100.0 * (1.0 - bound / proved.objective)
     return (
         f"{name:<16} {proved.objective:7.2f} {bound:7.2f} {gap:4.1f} %  ({_ASKED[name]:2d} %)  "
-        f"{spent:7.0f}  {proved.tubes:5d}  {known.own:14.1f} %  {known.seconds:7.0f}  "
+        f"{proved.seconds:7.0f}  {proved.tubes:5d}  {known.own:14.1f} %  {known.seconds:7.0f}  "
         f"{_apart(known.found)}"
     )
-
-
-def _bounded(
-    task: WalkTask, limits: MicpLimits, name: str, found: list[WalkAnswer]
-) -> tuple[WalkAnswer, float]:
-    """The best bound of ever smaller gaps until one is not closed, and when it was known [s]."""
-    aim, spent, known = _AIMS[name], 0.0, 0.0
-    best: WalkAnswer | None = None
-    while True:
-        aimed = replace(limits, seconds=limits.seconds - spent, gap=aim)
-        proved = solve_micp(task, aimed, found[0], found[1:])
-        spent += proved.seconds
-        if best is None or (proved.bound or 0.0) > (best.bound or 0.0):
-            best, known = proved, spent
-        closed = (proved.bound or 0.0) >= proved.objective * (1.0 - aim) * (1.0 - 1e-9)
-        if (
-            not closed
-            or 100 * aim <= _ASKED[name]
-            or limits.seconds - spent < _LEFT * limits.seconds
-        ):
-            return best, known
-        aim = max(_ASKED[name] / 100, aim - _STEP)
 
 
 def _apart(found: list[WalkAnswer]) -> str:

@@ -1,7 +1,7 @@
-"""Tubes by several processes: what linear programs leave of each is searched in parts.
+"""Tubes by several processes, in parts: of those that wait the one with the lowest bound is next.
 
-Parts share nothing but what was found before they began. Each has as much time as is left, or a
-share of it where more wait than there are processes.
+Parts share nothing but what was found before they began. What a process does with one before it
+hands back what is left is bounded by work, not by the clock.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from joblib.externals.loky import ProcessPoolExecutor
 from climbplan.walking.micp.bounding import Bounding
 from climbplan.walking.micp.covering import Leaf, narrow_first
 from climbplan.walking.micp.parts import Part
+from climbplan.walking.micp.steps import step
 
-_PARTINGS = 7  # of what linear programs leave of a tube, until it is searched
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
@@ -28,8 +28,6 @@ class _Asked:
 
     at: int  # tube
     part: Part
-    bound: float  # that is known of it
-    partings: int  # that it has before it is searched for the first time
     since: float  # [s] when it could begin
 
 
@@ -38,7 +36,7 @@ class _Found:
     """What it found."""
 
     run: Bounding
-    parts: tuple[Part, ...]  # of what is left: none if that was searched or there is nothing
+    parts: tuple[Part, ...]  # of what is left: none if it is proved, or cannot be parted
     seconds: float  # of the process
 
 
@@ -46,7 +44,7 @@ def cover_abreast(run: Bounding, leaves: Sequence[Leaf]) -> None:
     """Bound tubes and parts of them by `limits.processes` processes at the same time."""
     count = run.limits.processes
     waiting = [
-        _Asked(at, run.whole(leaves[at].tube), leaves[at].bound, _PARTINGS, run.seconds)
+        _Asked(at, replace(run.whole(leaves[at].tube), bound=leaves[at].bound), run.seconds)
         for at in narrow_first(leaves)
     ]
     open_, done = dict[Future[_Found], _Asked](), list[_Asked]()
@@ -57,17 +55,14 @@ def cover_abreast(run: Bounding, leaves: Sequence[Leaf]) -> None:
             for slot in sorted(set(range(count)) - set(slots.values()), key=spent.__getitem__):
                 if not waiting or run.again:
                     break
-                share = min(1.0, count / (len(waiting) + len(open_)))
-                asked = waiting.pop(_next(waiting))
-                if not asked.partings and len(waiting) + len(open_) + 1 < count:
-                    asked = replace(asked, partings=1)  # work for the others
+                asked = waiting.pop(int(np.argmin([one.part.bound for one in waiting])))
                 # A process that had nothing to do was idle until there was this.
                 spent[slot] = max(spent[slot], run.seconds if run.by_wall else asked.since)
-                left = (run.limits.seconds - float(spent[slot])) * share
+                left = run.limits.seconds - float(spent[slot])
                 if left <= 0:
                     done.append(asked)
                     continue
-                future = pool.submit(_worked, _begun(run, asked.bound, left), asked)
+                future = pool.submit(_worked, _begun(run, asked.part.bound, left), asked.part)
                 open_[future], slots[future] = asked, slot
             if not open_:
                 break
@@ -75,25 +70,14 @@ def cover_abreast(run: Bounding, leaves: Sequence[Leaf]) -> None:
                 asked, slot, found = open_.pop(future), slots.pop(future), future.result()
                 spent[slot] += found.seconds
                 _take(run, found.run, float(spent[slot]))
-                bound = found.run.bounds[0]
-                rest = [
-                    _Asked(asked.at, one, bound, asked.partings - 1, float(spent[slot]))
-                    for one in found.parts
-                ]
-                waiting += rest
-                done += [] if rest else [replace(asked, bound=bound)]
+                waiting += [_Asked(asked.at, one, float(spent[slot])) for one in found.parts]
+                if not found.parts:
+                    part = replace(asked.part, bound=found.run.bounds[0])
+                    done.append(replace(asked, part=part))
                 _raise(run, [*waiting, *open_.values(), *done])
     finally:
         pool.shutdown(wait=True, kill_workers=bool(open_))
     run.at = int(np.argmin(run.bounds))
-
-
-def _next(waiting: Sequence[_Asked]) -> int:
-    """What is parted comes first, then searches that are through soon: the rest is for others."""
-    return max(
-        range(len(waiting)),
-        key=lambda k: (waiting[k].partings, waiting[k].bound if not waiting[k].partings else -k),
-    )
 
 
 def _begun(run: Bounding, bound: float, seconds: float) -> Bounding:
@@ -105,20 +89,13 @@ def _begun(run: Bounding, bound: float, seconds: float) -> Bounding:
 _used = 0.0  # of this process's processor time, by what it was asked before
 
 
-def _worked(run: Bounding, asked: _Asked) -> _Found:
-    """Open a part, and search it if it is not to be parted yet."""
+def _worked(run: Bounding, part: Part) -> _Found:
+    """One step on a part."""
     global _used
     run.begin = _used if run.limits.clock is time.process_time else run.limits.clock()
-    parts: tuple[Part, ...] | None = ()
-    opened = run.opened(asked.part)
-    if opened is not None:
-        parts = asked.part.by_contact(opened) if asked.partings else None
-        if parts is None:
-            run.search(asked.part, opened.program)
-            if not run.closed:  # when its share of time is over it is parted after all
-                parts = asked.part.by_contact(opened)
+    parts = step(run, part)
     _used = time.process_time()
-    return _Found(run, parts or (), run.seconds)
+    return _Found(run, tuple(parts), run.seconds)
 
 
 def _take(run: Bounding, other: Bounding, now: float) -> None:
@@ -133,6 +110,6 @@ def _take(run: Bounding, other: Bounding, now: float) -> None:
 
 def _raise(run: Bounding, parts: Sequence[_Asked]) -> None:
     """The bound of a tube is the least of its parts'."""
-    bounds = [min(one.bound for one in parts if one.at == at) for at in range(len(run.bounds))]
+    bounds = [min(one.part.bound for one in parts if one.at == at) for at in range(len(run.bounds))]
     run.bounds = [max(pair) for pair in zip(run.bounds, bounds, strict=True)]
     run.note()

@@ -18,11 +18,16 @@ from climbplan.walking.answer import Improvement
 from climbplan.walking.check.checker import passes
 from climbplan.walking.footing import gait_of
 from climbplan.walking.micp.covering import Leaf, covering, narrow_first
-from climbplan.walking.micp.heads import Stated, bound_drawn, drawn_by_heads
+from climbplan.walking.micp.heads import (
+    SHORTEST,
+    Stated,
+    bound_drawn,
+    drawn_by_heads,
+)
 from climbplan.walking.micp.kept import Kept
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.mirror import own_image, with_images
-from climbplan.walking.micp.parts import Opened, Part
+from climbplan.walking.micp.parts import Opened, Part, early_of
 from climbplan.walking.micp.relaxed import SAG, linear, relaxed
 from climbplan.walking.micp.statement import Relaxation, relaxation
 from climbplan.walking.micp.tree import Search
@@ -38,7 +43,9 @@ TANGENTS = 2.0  # each so many times the one before; where they are wanted more 
 _SHARES = (0.2, 0.35, 0.5)  # contacts of the relaxed program beyond count as such
 ROUNDS = 3  # of drawing ranges of a gait closer
 _GAIT = 0.0005  # of the cost, that a head has to raise the bound of a gait by
-_SAG = 5.0 * SAG  # of the cost, that squares of a search may be too small
+SAG_SEARCHED = 5.0 * SAG  # of the cost, that squares of a search may be too small
+_NODES = 60  # of a search, that have to raise the bound
+_SPARED = 2e-4  # of the cost, that bounds may lose for smaller programs
 _PRICING = 8  # QPs for a gait of the program, and once more to settle
 _POLISH = 40
 
@@ -140,7 +147,7 @@ class Bounding:
         part = self.whole(tube)
         opened = self.opened(part)
         if opened is not None:
-            self.search(part, opened.program)
+            self.search(opened.part, opened.program)
 
     def whole(self, tube: Tube) -> Part:
         """All motions within a tube, and their mirror images where one of two is enough."""
@@ -149,36 +156,52 @@ class Bounding:
         both = with_images(tube, *width) if own_image(self.stated) else None
         tube = both if both is not None else tube
         stated = Stated(self.stated, tube, most, limits.arm_pieces, limits.height_pieces, TANGENTS)
-        return Part(stated, both is not None)
+        return Part(stated, both is not None, head=min(SHORTEST, early_of(stated)))
 
     def opened(self, part: Part) -> Opened | None:
-        """What linear programs alone tell of a part; None if that is all, or time is over.
-
-        Heads are of whole tubes: those of parts gain less than the search does in their time.
-        """
-        stated, most = part.stated, part.stated.most
-        program = stated.program(part.box)
-        there, x = self.tighten(program, most)
-        if not there:
+        """What linear programs alone tell of a whole tube; None if that is all, or time is over."""
+        most = part.stated.most
+        there, _ = self.tighten(part.stated.program(None), most)
+        if not there or self.left <= 0:
             return None
-        if part.box is not None:
-            return Opened(program, x) if self.left > 0 else None
+        stated = self.spared(part.stated)
+        program = stated.program(None)
         drawn = drawn_by_heads(stated, program, _DRAWING * self.left, self.limits.clock)
         if drawn is None:
             self.nothing_cheaper(most)
             return None
         program = stated.program(drawn.box)
-        there, x = self.tighten(program, most)
-        return Opened(program, x) if there and self.left > 0 else None
+        there, _ = self.tighten(program, most)
+        part = replace(part, stated=stated, bound=self.bounds[self.at])
+        return Opened(part, program) if there and self.left > 0 else None
 
-    def search(self, part: Part, program: Relaxation) -> None:
-        """Raise the bound of a part by a search over contacts; program: of all its motions."""
+    def spared(self, stated: Stated) -> Stated:
+        """The same without the turning of late knots, where that tells nothing of the cost."""
+        known = self.bounds[self.at] - _SPARED * self.objective
+        for knots in range(early_of(stated) + 1, stated.task.knots):
+            less = replace(stated, turned=knots)
+            if max((bound for bound, _ in self.relaxed(less.program(None))), default=0.0) >= known:
+                return less
+        return stated
+
+    def search(self, part: Part, program: Relaxation, worth: float | None = None) -> None:
+        """Raise the bound of a part by a search over contacts; program: of all its motions.
+
+        worth: of the cost, that so many nodes have to raise the bound by for it to go on; none if
+        it goes on to the end, and draws ranges of gaits.
+        """
         stated = part.stated
         basis, most = self.objective, stated.most
+        asked, before = _NODES, 0.0
 
         def goes_on(bound: float) -> bool:
+            nonlocal asked, before
             self.raise_bound(bound, most)
             self.again = self.objective < _NEW_START * basis
+            if worth is not None and found.nodes >= asked:
+                if bound < before + max(worth, 1e-9) * basis or worth == 0.0:
+                    return False
+                asked, before = found.nodes + _NODES, bound
             return self.left > 0 and not self.closed and not self.again
 
         def settled(contacts: Flags) -> float:
@@ -188,12 +211,12 @@ class Bounding:
                 return most
             return bound_drawn(stated, drawn.box, ROUNDS, lambda: self.left, self.limits.clock)
 
-        kept = Kept(program, _SAG * self.objective, part.images)
+        kept = Kept(program, SAG_SEARCHED * self.objective, part.images)
         found = Search(
             kept,
             goes_on,
             lambda: self.left if self.by_wall else np.inf,
-            settled,
+            settled if worth is None else lambda contacts: 0.0,
             lambda x: self.consider(program, x),
         )
         found.run()
@@ -208,7 +231,9 @@ class Bounding:
         self.raise_bound(most, most)
         self.word = "no motion is cheaper by the gap, by linear programs alone"
 
-    def tighten(self, program: Relaxation, most: float) -> tuple[bool, Array | None]:
+    def tighten(
+        self, program: Relaxation, most: float, shares: tuple[float, ...] = _SHARES
+    ) -> tuple[bool, Array | None]:
         """Tangents where the relaxed program wants to be: a first bound. False if it has no point.
 
         most: costs that the program holds. With a point, unless time was over before any.
@@ -222,7 +247,7 @@ class Bounding:
                 return False, None
             x = at
         if x is not None:
-            for share in _SHARES:
+            for share in shares:
                 self.consider(program, x, share)
         return True, x
 

@@ -30,9 +30,14 @@ class Frame:
         ratio: float,
         box: Box | None,
         plain: bool = False,
+        turned: int | None = None,
     ) -> None:
-        """plain: inertia is linear about the middle of the tube, in fewer columns."""
+        """plain: inertia is linear about the middle of the tube, in fewer columns.
+
+        turned: knots whose turning is stated; from there on a body only moves. None: all of them.
+        """
         self.plain = plain
+        self.turned = task.knots if turned is None else min(turned, task.knots)
         self.task, self.tube, self.cost = task, tube, cost
         self.aside: tuple[list[int], list[int]] = ([], [])
         self.given = np.zeros(2)

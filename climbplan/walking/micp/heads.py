@@ -9,7 +9,7 @@ given: each head that is one interval longer begins from what the one before has
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -26,7 +26,7 @@ from climbplan.walking.task import Goal, WalkTask
 
 _T = TypeVar("_T", Tube, Box)
 _WHOLE = ("low", "high", "off")  # of a box: states are of one knot more than intervals
-_SHORTEST = 3  # intervals of a head: the first step is the start's
+SHORTEST = 3  # intervals of a head: the first step is the start's
 WORTH = 0.003  # of the cost, that a head has to raise the bound by
 _PAD = 1e-4  # of the cost, that later intervals may cost less than the solver says
 
@@ -41,12 +41,13 @@ class Stated:
     arm_pieces: int
     height_pieces: int
     ratio: float  # of tangents
+    turned: int | None = None  # as of `Frame`; heads have all of their own
 
     def program(self, box: Box | None, plain: bool = False) -> Relaxation:
         """Of all motions that a box holds; plain: as of `Frame`."""
         pieces = self.arm_pieces, self.height_pieces
         tube = self.tube if box is None else box.tube(self.tube)
-        return relaxation(self.task, tube, self.most, *pieces, self.ratio, box, plain)
+        return relaxation(self.task, tube, self.most, *pieces, self.ratio, box, plain, self.turned)
 
     def head(self, box: Box, knots: int, later: float) -> Relaxation:
         """Of the first intervals of such motions, where later ones cost so much at least.
@@ -85,17 +86,17 @@ def drawn_by_heads(
     """
     end, box, whole, before = clock() + seconds, program.box, program, -np.inf
     later = np.zeros(stated.task.knots + 1)
-    for knots in range(_SHORTEST, stated.task.knots):
+    for knots in range(SHORTEST, stated.task.knots):
         known = max((k for k, _ in relaxed(whole.model, SAG * stated.most, linear())), default=0.0)
         if np.isinf(known):
             return None
         if clock() >= end or known < before + worth * stated.most:
             break
         before = known
-        least = least_after(whole, knots)
+        least = later_than(whole, knots)
         if least is None:
             return None
-        later[knots] = max(least - _PAD * stated.most, 0.0)
+        later[knots] = least
         found = drawn_by_head(stated, box, knots, tuple(later), 0, max(end - clock(), 0.0), clock)
         if found is None:
             return None
@@ -108,7 +109,7 @@ def drawn_by_head(
     stated: Stated,
     box: Box,
     knots: int,
-    later: Sequence[float],
+    later: Sequence[float] | Mapping[int, float],
     first: int,
     seconds: float = np.inf,
     clock: Callable[[], float] = time.perf_counter,
@@ -120,6 +121,16 @@ def drawn_by_head(
             return None
     found = shrunk(head, seconds, clock, first)
     return with_head(box, found) if found is not None else None
+
+
+def least_of_head(stated: Stated, box: Box, knots: int, later: float) -> float:
+    """What motions of a box cost at least, by the head of so many intervals alone.
+
+    later: what intervals after it cost at least. Infinite if there are no such motions.
+    """
+    head = stated.head(box, knots, later)
+    found = (value for value, _ in relaxed(head.model, SAG * stated.most, linear()))
+    return later + max(found, default=0.0)
 
 
 def bound_drawn(
@@ -145,6 +156,12 @@ def bound_drawn(
             return stated.most
         box = drawn
     return bound
+
+
+def later_than(program: Relaxation, knots: int) -> float | None:
+    """As of `least_after`, with room for what the solver is off."""
+    least = least_after(program, knots)
+    return None if least is None else max(least - _PAD * program.most, 0.0)
 
 
 def least_after(program: Relaxation, knots: int) -> float | None:

@@ -37,7 +37,7 @@ class Legs(Spinning):
                 for a, b in itertools.pairwise(knots)
             ]
         forces = self.box.force_low[n, leg], self.box.force_high[n, leg]
-        pieces = tuple(self.piece(*end, forces) for end in ends)
+        pieces = tuple(self.piece(*end, forces, n < self.turned) for end in ends)
         standing = total(q.chosen for q in pieces)
         self.rows[n, leg] = len(model)
         stands = float(self.box.stands_low[n, leg]), float(self.box.stands_high[n, leg])
@@ -59,7 +59,8 @@ class Legs(Spinning):
         toe = model.variable(level.min(), clear[1])
         model.add("swing.height", toe - height + standing * clear[0], clear[0], np.inf)
         model.add("swing.height", toe - height + standing * clear[1], -np.inf, clear[1])
-        self.workspace(n, leg, (arm[0], arm[1], toe - self.p[n][2]))
+        if n < self.turned:
+            self.workspace(n, leg, (arm[0], arm[1], toe - self.p[n][2]))
         for q in pieces:
             self.in_region(n, q, arm)
         return pieces
@@ -81,7 +82,10 @@ class Legs(Spinning):
         for k in range(3):
             model.add("workspace.toe", found[k], float(least[k]), float(most[k]))
 
-    def piece(self, region: int, low: Array, high: Array, forces: tuple[Array, Array]) -> Piece:
+    def piece(
+        self, region: int, low: Array, high: Array, forces: tuple[Array, Array], turns: bool
+    ) -> Piece:
+        """turns: there are products of its arm with its force."""
         model = self.model
         friction = self.task.ground.friction
         chosen = model.variable(0.0, 1.0, whole=True)
@@ -98,6 +102,9 @@ class Legs(Spinning):
             model.least("force.friction", force[2] * friction - pull)
         products = []
         for k in range(2):
+            if not turns:
+                products.append((Lin(), Lin()))
+                continue
             ends = float(low[k]), float(high[k])
             with_z = self.product(arm[k], ends, z, (float(least[2]), float(most[2])), chosen)
             across = self.sideways(ends, force[1 - k], z, with_z, friction)

@@ -21,6 +21,9 @@ class Motion(Counts):
         """p_z F_x and p_z F_y, eq. (8.26) on parts of the height."""
         model = self.model
         low, high = float(self.p_low[n, 2]), float(self.p_high[n, 2])
+        if n >= self.turned:
+            all_of_it = np.array([low]), np.array([high])
+            return Height(*all_of_it, (model.variable(1.0, 1.0),)), (Lin(), Lin())
         parts = self.height_pieces if high - low > 1e-9 else 1
         knots = np.linspace(low, high, parts + 1)
         chosen, height = [], []
@@ -70,6 +73,8 @@ class Motion(Counts):
             fall = dt * task.body.gravity if k == 2 else 0.0
             gain = pushed[k] * (dt * self.unit / task.body.mass)
             model.add("dynamics.velocity", self.v[n + 1][k] - self.v[n][k] - gain + fall, 0.0, 0.0)
+        if n >= self.turned:
+            return
         pieces = [q for leg in legs for q in leg]
         along = [
             total(q.by_y[1] - q.force[1] * float(level[q.region]) for q in pieces) + raised[1],

@@ -19,7 +19,7 @@ from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.ranges import Box
 from climbplan.walking.micp.relaxed import infeasible, linear, solve_linear
 from climbplan.walking.micp.statement import Relaxation
-from climbplan.walking.task import POSITION, Array
+from climbplan.walking.task import ANGLES, POSITION, Array
 
 _PAD = 1e-5  # beyond what the solver says: more than its tolerance
 _WORTH = 0.02  # of a range, that a question has to be able to draw it closer by
@@ -150,7 +150,7 @@ class _Asked:
         """Ranges of states but positions along x and y, after a knot."""
         low, high = self.box.low, self.box.high
         for n in range(first + 1, len(low)):
-            for k in range(low.shape[1]):
+            for k in range(low.shape[1] if n <= self.program.turned else ANGLES.start):
                 if high[n, k] - low[n, k] < _FIXED or k in range(12)[POSITION][:2]:
                     continue
                 column = int(self.columns[n, k])

@@ -43,6 +43,7 @@ class Relaxation:
     rows: Whole  # (N, L) of whether legs stand
     known: int  # the row of what motions cost
     box: Box  # what is known already
+    turned: int  # knots whose turning is stated
     paid: tuple[tuple[int, float], ...]  # (N) of each interval: its first cost, and what is given
     facing: Array  # (N, 3, 3) axes that arms and forces are about, columns
 
@@ -112,13 +113,15 @@ def relaxation(
     ratio: float,
     box: Box | None = None,
     plain: bool = False,
+    turned: int | None = None,
 ) -> Relaxation:
     """The program of all motions within a tube that cost no more than so much.
 
-    ratio: of tangents, as of `LinearModel.square`; box: what is known of such motions; plain: as of
-    `Frame`.
+    ratio: of tangents, as of `LinearModel.square`; box: what is known of such motions; plain
+    and turned: as of `Frame`.
     """
-    return _Statement(task, tube, cost, arm_pieces, height_pieces, ratio, box, plain).done()
+    pieces = arm_pieces, height_pieces
+    return _Statement(task, tube, cost, *pieces, ratio, box, plain, turned).done()
 
 
 class _Statement(Motion):
@@ -158,6 +161,7 @@ class _Statement(Motion):
             np.array([[self.rows[n, leg] for leg in range(self.legs)] for n in range(knots)]),
             known,
             self.box,
+            self.turned,
             tuple(self.paid),
             np.stack([t.facing for t in self.turns]),
         )

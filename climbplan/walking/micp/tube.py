@@ -107,8 +107,28 @@ class Turning:
     bent_high: Array  # and largest
 
 
+_KEPT = 256
+_kept: dict[bytes, Turning] = {}  # what was asked last: parts of a tube differ at few knots
+
+
 def turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     """What turns at knot n."""
+    body = task.body
+    numbers = [
+        body.inertia,
+        body.toe_center,
+        body.toe_half,
+        *(row[n] for row in vars(tube).values()),
+    ]
+    key = np.concatenate([np.ravel(one) for one in numbers]).tobytes()
+    if key not in _kept:
+        if len(_kept) >= _KEPT:
+            _kept.clear()
+        _kept[key] = _turning(task, tube, n)
+    return _kept[key]
+
+
+def _turning(task: WalkTask, tube: Tube, n: int) -> Turning:
     middle, half = tube.angles[n], tube.angles_half[n]
     axes = [
         np.linspace(m - h, m + h, _GRID) if h > 0 else np.array([m])

@@ -22,12 +22,11 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar, cast
 
 import numba
-from numba.core import event
-
-from climbplan.solvers.joined_code import INNER, OUTER
+from numba.core import compiler, event
 
 config: Any = numba.config
 
+_JOINED = (0, 68)  # the last version of Numba whose inner parts `joined_code` was tried with
 LONG = 1.0  # [s] of compilation that is worth a word
 _WORD = "compiling functions, which a machine does once; this takes up to a minute"
 _log = logging.getLogger(__name__)
@@ -72,13 +71,14 @@ def compiler(
 
     def compiled(function: Function) -> Function:
         place = _directory(room, sources, generated_from)
+        inner, outer = pipelines(numba.version_info.short)
         options: dict[str, Any] = {
             "cache": place is not None,
             "error_model": "numpy",  # division by zero gives infinity, as in NumPy
             "no_cfunc_wrapper": True,
             "nogil": lets_go,
             "no_cpython_wrapper": function.__name__.startswith("_"),
-            "pipeline_class": INNER if function.__name__.startswith("_") else OUTER,
+            "pipeline_class": inner if function.__name__.startswith("_") else outer,
         }
         if borrows and function.__name__.startswith("_"):
             options["_nrt"] = False
@@ -90,6 +90,20 @@ def compiler(
             config.CACHE_DIR = users
 
     return compiled
+
+
+@cache
+def pipelines(version: tuple[int, int]) -> tuple[type[Any], type[Any]]:
+    """Numba's passes over functions that only compiled ones call, and over all others.
+
+    Numba's own, for both, with versions later than those that `joined_code` was tried with, as it
+    builds on what these do not promise: the same results, compiled in twice the time.
+    """
+    if version > _JOINED:
+        return compiler.Compiler, compiler.Compiler
+    from climbplan.solvers.joined_code import INNER, OUTER
+
+    return INNER, OUTER
 
 
 @cache

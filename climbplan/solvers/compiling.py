@@ -22,7 +22,8 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar, cast
 
 import numba
-from numba.core import compiler, event
+from numba.core import compiler as numbas_own
+from numba.core import event
 
 config: Any = numba.config
 
@@ -100,7 +101,7 @@ def pipelines(version: tuple[int, int]) -> tuple[type[Any], type[Any]]:
     builds on what these do not promise: the same results, compiled in twice the time.
     """
     if version > _JOINED:
-        return compiler.Compiler, compiler.Compiler
+        return numbas_own.Compiler, numbas_own.Compiler
     from climbplan.solvers.joined_code import INNER, OUTER
 
     return INNER, OUTER

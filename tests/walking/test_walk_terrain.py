@@ -174,6 +174,22 @@ def test_toes_clear_what_lies_between() -> None:
     np.testing.assert_allclose(to_clear(ground, toes, contact)[1:3, 0], [0.06, 0.06])
 
 
+def test_toes_clear_what_they_stood_on_the_edge_of() -> None:
+    """Whatever rounding says of a toe on an edge: whether it is on the ground, or just beside."""
+    regions = [
+        {"name": "step", "x": [-1, 0.3], "y": [-1, 1], "height": 0.05},
+        {"name": "floor", "x": [0.4, 2], "y": [-1, 1]},
+    ]
+    spec = MpcSpec.model_validate({"kind": "mpc", "terrain": {"regions": regions}})
+    ground = build_ground(spec.terrain)
+    contact = np.ones((3, 4), bool)
+    contact[1, 0] = False
+    for edge in (0.3, np.nextafter(0.3, 1.0)):
+        toes = np.zeros((3, 4, 3))
+        toes[:, 0, 0], toes[0, 0, 2] = [edge, 0.35, 0.45], 0.05
+        np.testing.assert_allclose(to_clear(ground, toes, contact)[1, 0], 0.05)
+
+
 def test_kernel_and_check_agree_on_what_there_is_to_clear() -> None:
     task, found = across_stones()
     rng, ground = np.random.default_rng(2), task.ground

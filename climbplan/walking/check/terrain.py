@@ -9,6 +9,7 @@ from climbplan.walking.ground import Ground
 from climbplan.walking.task import Array, Flags, Whole
 
 _NOWHERE = -np.inf
+_ROUNDING = 1e-9  # [m]
 
 
 def outlines(ground: Ground) -> list[Array]:
@@ -91,7 +92,9 @@ def to_clear(ground: Ground, toes: Array, contact: Flags) -> Array:
     if not ways:
         return needed
     lines = shapely.linestrings(np.array(ways))
-    shapes = shapely.polygons([_ring(corners) for corners in outlines(ground)])
+    # A toe that stands at an edge, but for rounding, leaves the ground that it stands on
+    rings = [_ring(corners) for corners in outlines(ground)]
+    shapes = shapely.buffer(shapely.polygons(rings), _ROUNDING, join_style="mitre")
     line, shape = shapely.STRtree(shapes).query(lines)
     pieces = shapely.intersection(lines[line], shapes[shape])
     points, piece = shapely.get_coordinates(pieces, return_index=True)

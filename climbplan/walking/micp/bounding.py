@@ -44,7 +44,7 @@ _SHARES = (0.2, 0.35, 0.5)  # contacts of the relaxed program beyond count as su
 ROUNDS = 3  # of drawing ranges of a gait closer
 _GAIT = 0.0005  # of the cost, that a head has to raise the bound of a gait by
 SAG_SEARCHED = 5.0 * SAG  # of the cost, that squares of a search may be too small
-_NODES = 60  # of a search, that have to raise the bound
+_NODES = 60  # of a brief search
 _SPARED = 2e-4  # of the cost, that bounds may lose for smaller programs
 _PRICING = 8  # QPs for a gait of the program, and once more to settle
 _POLISH = 40
@@ -184,25 +184,19 @@ class Bounding:
                 return less
         return stated
 
-    def search(self, part: Part, program: Relaxation, worth: float | None = None) -> None:
+    def search(self, part: Part, program: Relaxation, briefly: bool = False) -> None:
         """Raise the bound of a part by a search over contacts; program: of all its motions.
 
-        worth: of the cost, that so many nodes have to raise the bound by for it to go on; none if
-        it goes on to the end, and draws ranges of gaits.
+        briefly: a few nodes alone, for what halves of ranges do not tell; no gaits are drawn.
         """
         stated = part.stated
         basis, most = self.objective, stated.most
-        asked, before = _NODES, 0.0
 
         def goes_on(bound: float) -> bool:
-            nonlocal asked, before
             self.raise_bound(bound, most)
             self.again = self.objective < _NEW_START * basis
-            if worth is not None and found.nodes >= asked:
-                if bound < before + max(worth, 1e-9) * basis or worth == 0.0:
-                    return False
-                asked, before = found.nodes + _NODES, bound
-            return self.left > 0 and not self.closed and not self.again
+            ended = briefly and found.nodes >= _NODES
+            return not ended and self.left > 0 and not self.closed and not self.again
 
         def settled(contacts: Flags) -> float:
             program_of = stated.program(program.box.standing(contacts))
@@ -216,7 +210,7 @@ class Bounding:
             kept,
             goes_on,
             lambda: self.left if self.by_wall else np.inf,
-            settled if worth is None else lambda contacts: 0.0,
+            (lambda contacts: 0.0) if briefly else settled,
             lambda x: self.consider(program, x),
         )
         found.run()

@@ -68,7 +68,7 @@ def _drawn(run: Bounding, part: Part, box: Box) -> list[Part]:
     else:
         two, missing = halves(part), most - part.bound
         if two is None or missing <= _NEAR * basis or two.gain < _LITTLE * basis:
-            run.search(part, program, None if two is None else 0.0)
+            run.search(part, program, briefly=two is not None)
             if two is None or run.closed:
                 return []
         known = run.bounds[run.at]

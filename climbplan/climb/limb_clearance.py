@@ -1,4 +1,16 @@
-"""Room between links and obstacles: standing limbs along the whole motion, exact kinematics."""
+"""Room between links and solids: standing limbs along the whole motion, exact kinematics.
+
+Links keep their radius from obstacles, from the material behind surfaces and from the walls of
+tubes. Near what its limb may stand on, a last link keeps less: a point of its axis at distance d
+from the toe keeps
+
+    min(r, f + d / 4),
+
+where r is the radius of the link and f that of a spherical foot, so that a limb is a cone of 14
+degrees there. Without such a foot, the last 5 cm are left out. The checks measure it again
+(`climbplan/climb/check/clearance.py`); scans have a rule of their own
+(`climbplan/terrain/raw_surface.py`).
+"""
 
 from __future__ import annotations
 
@@ -16,14 +28,19 @@ from climbplan.robots.kinematics import (
     standing_inverse,
     to_body,
 )
+from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.terrain.raw_surface import NARROW, SLENDER
 from climbplan.terrain.solids import Solid
+from climbplan.terrain.surfaces import Tube
 
 BETWEEN = (
     1e-3  # [m] that links, as thick as they are, keep: what one may lose between checked poses
 )
-NARROW = 0.05  # [m] last part of a limb, which narrows to its toe where it stands
 _STEPS = 6  # poses checked along a push
+_CONE = 6  # pieces of a last link, each as thick as at its thinner end
+_SAME_SPHERE = 1e-3  # [m] by which the capsule of a foot may reach beyond its sphere
+_ON_SOLID = 1e-3  # [m] within which a toe stands on a solid
 _TOUCHING = 1e-9  # [m] a corner this close to a face belongs to it
 
 
@@ -42,7 +59,8 @@ class LimbShortfall:
     link: int
     radius: float  # [m]
     obstacle: str
-    solids: tuple[Solid, ...] = ()  # of a scan, that links come too close to
+    solids: tuple[Solid, ...] = ()  # that links come too close to
+    toe: Array | None = None  # (3,) of that limb where it stands on another surface [m]
 
     def words(self, scene: MotionScene) -> str:
         """Limb, link, obstacle and missing room in the robot's terms."""
@@ -55,11 +73,11 @@ class LimbShortfall:
 
 
 def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> LimbShortfall | None:
-    """Where standing limbs come closest to an obstacle or a scan, None where there is neither.
+    """Where standing limbs come closest to a solid or a scan, None where there is neither.
 
     Looked at along every push, from the placing of a limb to the next lift, and at the start.
     """
-    if not scene.terrain.obstacles and scene.terrain.scan is None:
+    if not scene.terrain.link_solids and scene.terrain.scan is None:
         return None
     lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
     share = np.linspace(0.0, 1.0, _STEPS)[:, None]
@@ -73,8 +91,9 @@ def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> Li
     start = instants.com[:1], instants.rpy[:1], rounds.toes[:1], first
     flat_toes, flat_normals = (v.reshape(-1, *v.shape[2:]) for v in (toes, normals))
     flat = (com.reshape(-1, 3), rpy.reshape(-1, 3), flat_toes, flat_normals)
+    stood = np.concatenate([start[2], flat_toes])
     links = world_capsules(scene, *(np.concatenate(both) for both in zip(start, flat, strict=True)))
-    obstacles = scene.terrain.obstacles
+    solids = scene.terrain.link_solids
 
     def shortfall(
         missing: float, index: tuple[int, ...], link: int, radius: float, name: str
@@ -86,11 +105,19 @@ def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> Li
         return LimbShortfall(missing, where, limb, link, radius, name)
 
     short = []
-    if obstacles:
-        found = closest_link(obstacles, links, BETWEEN, scene.terrain.stood_upon)
-        name = obstacles[found.obstacle].name
+    if solids:
+        found = closest_link(scene, links)
+        solid = solids[found.solid]
         missing = BETWEEN - found.distance
-        short.append(shortfall(missing, found.index, found.link, found.radius, name))
+        nearest = shortfall(missing, found.index, found.link, found.radius, solid.name)
+        if isinstance(solid, Solid):
+            pose, limb = found.index
+            toe = stood[pose, limb]
+            # One that it stands on is as near to its toe as feet are large
+            on_it = solid.face_distance(toe) < scene.robot.standoff + _ON_SOLID
+            toe = None if on_it else toe
+            nearest = replace(nearest, solids=(solid,), toe=toe)
+        short.append(nearest)
     if scene.terrain.scan is not None:
         contacts = Contacts(
             np.concatenate([start[2], flat_toes])[..., None, :],
@@ -124,69 +151,142 @@ def world_capsules(
     return limb_capsules(scene.robot, angles).moved(com, rotation_world_body(rpy))
 
 
-def narrowed(links: Capsules) -> Array:
-    """Ends (..., N, C, 3) of links where they narrow to toes; NaN for what is all narrow."""
-    back = np.maximum(NARROW - links.to_toe, 0.0)[..., None]
+def foot_radius(robot: Robot) -> float:
+    """Radius of spherical feet [m]; zero for points, for soles and for grippers."""
+    return 0.0 if robot.foot is None or robot.foot.sole is not None else robot.foot.radius
+
+
+def tapered(links: Capsules, foot: float) -> Capsules:
+    """Return links as they keep off what they may stand on: last ones narrow to their toes.
+
+    Args:
+        links: (..., N, C) links.
+        foot: Radius of spherical feet [m], else zero.
+
+    Returns:
+        (..., N, C + 6 C) links, whose radius is the room that they keep; NaN for what is left out.
+    """
+    last = np.isfinite(links.to_toe)  # (N, C)
+    first = 0.0 if foot > 0 else NARROW
+    whole = np.maximum((links.radius + BETWEEN - foot) / SLENDER, first)  # (N, C) from the toe on
     along = links.starts - links.ends
-    length = np.linalg.norm(along, axis=-1, keepdims=True)
-    shorter = links.ends + along * np.minimum(back / np.maximum(length, 1e-9), 1.0)
-    return np.where((back > 0) & (back >= length), np.nan, shorter)
+    length = np.linalg.norm(along, axis=-1)  # (..., N, C)
+    unit = along / np.maximum(length, 1e-9)[..., None]
+    beyond = links.to_toe + np.nan_to_num(_largest(length))  # (N, C) from the toe to the start
+    foot_itself = last & (beyond + links.radius <= foot + _SAME_SPHERE)
+
+    def cut(far: Array) -> Array:
+        """Places (..., N, C, 3) of last links so far (N, C) from their toes, on their axes."""
+        way = np.clip(far - np.where(last, links.to_toe, 0.0), 0.0, length)
+        return np.asarray(links.ends + way[..., None] * unit)
+
+    # From the knee on to where a link begins to narrow, then piece by piece to the toe
+    gone = last & (whole >= beyond)
+    starts = [np.where((gone | foot_itself)[..., None], np.nan, links.starts)]
+    ends, room = [np.where(last[..., None], cut(whole), links.ends)], [links.radius]
+    for piece in range(_CONE):
+        far = first + (whole - first) * np.array([piece + 1, piece])[:, None, None] / _CONE
+        left_out = ~last | foot_itself | (far[0] <= links.to_toe) | (far[1] >= beyond)
+        left_out |= far[0] <= far[1]
+        starts.append(np.where(left_out[..., None], np.nan, cut(far[0])))
+        ends.append(cut(far[1]))
+        room.append(np.minimum(links.radius, foot + SLENDER * far[1] - BETWEEN))
+    return Capsules(
+        np.concatenate(starts, axis=-2),
+        np.concatenate(ends, axis=-2),
+        np.concatenate(room, axis=-1),
+        np.tile(links.link, 1 + _CONE),
+        np.tile(links.to_toe, 1 + _CONE),
+    )
+
+
+def _largest(length: Array) -> Array:
+    """The length (N, C) of links (..., N, C), the same in all poses; zero where none is known."""
+    flat = length.reshape(-1, *length.shape[-2:])
+    return np.asarray(np.where(np.isnan(flat), 0.0, flat).max(axis=0, initial=0.0))
 
 
 @dataclass(frozen=True)
 class Closest:
-    """The link closest to an obstacle among many."""
+    """The link closest to a solid among many."""
 
     distance: float  # [m] of its surface
     index: tuple[int, ...]  # of pose and limb
     link: int
     radius: float  # [m]
-    obstacle: int
+    solid: int  # of `Terrain.link_solids`
 
 
-def closest_link(
-    obstacles: tuple[Solid, ...], links: Capsules, enough: float, stood_upon: Mask
-) -> Closest:
-    """The least distance of links, as thick as they are, from obstacles; those with NaN left out.
+def closest_link(scene: MotionScene, links: Capsules, limb: int | None = None) -> Closest:
+    """Return the link that comes closest to a solid, as thick as links are; NaN are left out.
 
-    Distances beyond `enough` [m] are lower bounds. stood_upon: (N, O) obstacles that limbs may
-    stand on, to which the last part of a tibia, that narrows to its toe, may come close.
+    Args:
+        scene: Robot and terrain, which has solids.
+        links: (..., N, C) links in the world; of one limb alone where `limb` is given.
+        limb: Number of that limb.
+
+    Distances beyond `BETWEEN` are lower bounds.
     """
-    shorter = narrowed(links)
-    axes_apart = float(links.radius.max()) + enough
-    distance = np.stack(
-        [
-            link_distances(
-                solid,
-                links.starts,
-                np.where(stood_upon[..., o, None, None], shorter, links.ends),
-                axes_apart,
-            )
-            - links.radius
-            for o, solid in enumerate(obstacles)
-        ],
-        axis=-1,
-    )
-    distance = np.where(np.isnan(distance), np.inf, distance)
-    *index, own, obstacle = (
-        int(i) for i in np.unravel_index(int(np.argmin(distance)), distance.shape)
-    )
-    which = index[-1], own
+    room = links_room(scene, links, BETWEEN, limb)
+    least = int(np.argmin(np.where(np.isnan(room), np.inf, room)))
+    *index, solid, link = (int(i) for i in np.unravel_index(least, room.shape))
+    which = index[-1], link
     return Closest(
-        float(distance.min()),
-        tuple(index),
+        float(room.flat[least]),
+        tuple(index) if limb is None else (*index[:-1], limb),
         int(links.link[which]),
         float(links.radius[which]),
-        obstacle,
+        solid,
     )
 
 
-def link_distances(solid: Solid, starts: Array, ends: Array, enough: float = np.inf) -> Array:
+def links_room(
+    scene: MotionScene, links: Capsules, enough: float, limb: int | None = None
+) -> Array:
+    """Room (..., N, S, C) [m] of links beside each of `Terrain.link_solids`, as thick as they are.
+
+    Args:
+        scene: Robot and terrain.
+        links: (..., N, C) links in the world; of one limb alone where `limb` is given.
+        enough: Room up to which it is measured [m]; beyond it values are lower bounds.
+        limb: Number of that limb.
+
+    NaN where links are; infinite for the sphere of a foot on what it may stand on.
+    """
+    terrain = scene.terrain
+    count = links.radius.shape[-1]
+    near = tapered(links, foot_radius(scene.robot))
+    stood = terrain.stood_solids if limb is None else terrain.stood_solids[limb : limb + 1]
+    every = np.empty((*links.starts.shape[:-2], len(terrain.link_solids), count))
+    for number, solid in enumerate(terrain.link_solids):
+        on = stood[:, number]
+        for chosen, rows in ((links, np.flatnonzero(~on)), (near, np.flatnonzero(on))):
+            if not len(rows):
+                continue
+            radius = chosen.radius[rows]
+            starts, ends = (v[..., rows, :, :] for v in (chosen.starts, chosen.ends))
+            room = link_distances(solid, starts, ends, float(radius.max()) + enough) - radius
+            # All pieces of a link; what is left out has no places
+            pieces = room.reshape(*room.shape[:-1], -1, count)
+            room = np.where(np.isnan(pieces), np.inf, pieces).min(axis=-2)
+            every[..., rows, number, :] = room
+    unknown = np.isnan(links.starts).any(axis=-1)[..., None, :]
+    return np.where(unknown, np.nan, every)
+
+
+def link_distances(
+    solid: Solid | Tube, starts: Array, ends: Array, enough: float = np.inf
+) -> Array:
     """Distances (...) of segments (..., 3) from a convex solid, negative where they meet it.
+
+    From the wall of a tube the distance is that from inside.
 
     A segment that a face parts from the solid by `enough` [m] gets that lower bound instead. Where
     they meet, the value is minus the way out across a face.
     """
+    if isinstance(solid, Tube):
+        radial = np.linalg.norm(np.stack([starts, ends])[..., :2] - solid.center, axis=-1)
+        return np.asarray(solid.wall - radial.max(axis=0))  # the inside is convex
     flat = np.stack([starts.reshape(-1, 3), ends.reshape(-1, 3)])
     faces = flat @ solid.A.T - solid.b  # (2, S, F)
     distance = faces.min(axis=0).max(axis=1)

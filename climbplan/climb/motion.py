@@ -31,12 +31,15 @@ from climbplan.climb.swing import SwingBlocked, SwingMeets, swing_paths
 from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure, UsageError
 from climbplan.progress import Progress
 from climbplan.robots.rotations import Array
+from climbplan.terrain.soles import shrunk
 from climbplan.terrain.solids import Solid
 
 _Failure = ReachFailure | SwingBlocked | SwingMeets
 _OF_SCANS = 8  # more times, for parts of a scan that limbs come too close to
-_TIGHTENINGS = 6  # times a posture problem is tightened after an exact check failed
+_TIGHTENINGS = 8  # times a posture problem is tightened after an exact check failed
 _LEAST_WIDENING = 2e-3  # [m] by which limbs are asked to stay further off at least
+_ASIDE = 4.0  # [m] that toes step aside for each metre that a last link is too close
+_LEAST_ASIDE = 5e-3  # [m] the same at least
 _STANCE_SHRINK = 0.9  # factor on a limb's stance radius when its inverse kinematics failed
 _LEAST_TURN = np.deg2rad(0.3)  # by which first joints are asked to stay within their bounds
 _LEAST_TIME = 0.05  # [s] that a solver is given at least
@@ -215,6 +218,11 @@ def _plan_motion(
                         words, because="method nlp is local", stage="posture"
                     ) from None
                 failure = near.blocked
+                apart = _stepping_aside(planned, near.short)
+                if apart is not None:
+                    planned, posture = apart, None
+                    notes.append(f"toes kept farther from {near.short.obstacle!r}: {near}")
+                    continue
                 wary = _with_solids(planned, near.short.solids)
                 if wary is not None:
                     planned, posture = wary, None
@@ -235,14 +243,38 @@ def _method(scene: ClimbScene) -> str:
 
 
 def _with_solids(scene: ClimbScene, solids: tuple[Solid, ...]) -> ClimbScene | None:
-    """The scene with parts of its scan as obstacles, which postures keep knees off; None if they
-    were that already."""
+    """The scene with solids as obstacles, which postures keep knees off; None if they are already.
+
+    They are parts of a scan, or the material behind surfaces.
+    """
     known = {solid.name for solid in scene.terrain.obstacles}
     new = tuple(solid for solid in solids if solid.name not in known)
     if not new:
         return None
     obstacles = (*scene.terrain.obstacles, *new)
     return replace(scene, terrain=replace(scene.terrain, obstacles=obstacles))
+
+
+def _stepping_aside(scene: ClimbScene, short: LimbShortfall) -> ClimbScene | None:
+    """Return the scene with the contact region under a last link that comes too close to a solid
+    beside it ending earlier there; None where that is not so, or nothing would be left of it."""
+    last = scene.robot.joint_count - 1
+    if short.toe is None or short.link < last or not short.solids:
+        return None
+    allowed = np.flatnonzero(scene.terrain.allowed[short.limb])
+    number = int(min(allowed, key=lambda r: scene.terrain.regions[r].distance(short.toe)))
+    region = scene.standing[number]
+    away = short.solids[0].vertices.mean(axis=0) - short.toe
+    edge = int(np.argmax(region.A @ away))
+    room = float(region.b[edge] - region.A[edge] @ short.toe)
+    strip = np.zeros(len(region.b))
+    strip[edge] = max(room, 0.0) + max(_ASIDE * short.missing, _LEAST_ASIDE)
+    vertices = shrunk(region, strip)
+    if len(vertices) < 3:
+        return None
+    standing = list(scene.standing)
+    standing[number] = replace(region, vertices=vertices, b=region.b - strip)
+    return replace(scene, footing=tuple(standing))
 
 
 def _widened(margins: PostureMargins, near: _LimbsTooNear) -> tuple[PostureMargins, str]:

@@ -234,7 +234,6 @@ def _links_too_near(
     scene: MotionScene, swing: Swing, links: Capsules | None
 ) -> LimbShortfall | None:
     """The link that comes closest to an obstacle, if that is closer than links may come."""
-    obstacles = scene.terrain.obstacles
     if links is None:
         return None
     if scene.terrain.scan is not None:
@@ -244,15 +243,22 @@ def _links_too_near(
             return LimbShortfall(
                 raw.missing, swing.where, swing.limb, raw.link, raw.radius, THE_SCAN, raw.solids
             )
-    if not obstacles:
+    solids = scene.terrain.link_solids
+    if not solids:
         return None
-    own = slice(swing.limb, swing.limb + 1)
-    found = closest_link(obstacles, links, BETWEEN, scene.terrain.stood_upon[own])
+    found = closest_link(scene, links, swing.limb)
     if found.distance >= BETWEEN - 1e-9:
         return None
-    name = obstacles[found.obstacle].name
-    missing = BETWEEN - found.distance
-    return LimbShortfall(missing, swing.where, swing.limb, found.link, found.radius, name)
+    solid = solids[found.solid]
+    return LimbShortfall(
+        BETWEEN - found.distance,
+        swing.where,
+        swing.limb,
+        found.link,
+        found.radius,
+        solid.name,
+        (solid,) if isinstance(solid, Solid) else (),
+    )
 
 
 def _roomiest_first(scene: MotionScene, paths: Iterator[Array]) -> Iterator[Array]:

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.climb.limb_clearance import NARROW
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import UsageError
 from climbplan.robots.five_bar import FiveBar
@@ -45,7 +44,7 @@ from climbplan.simulation.terrain_geoms import (
 from climbplan.simulation.toe import TOE_RADIUS, sole_plate, toe_radius
 from climbplan.simulation.worlds.ground import moved_terrain
 from climbplan.terrain.model import STATED
-from climbplan.terrain.raw_surface import SLENDER
+from climbplan.terrain.raw_surface import NARROW, SLENDER
 
 TIME_STEP = 1e-3  # [s]
 # [kg m^2] rotor inertia behind the gears of a paired MX-106, assumed; of joints that slide as much

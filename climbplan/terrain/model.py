@@ -66,22 +66,46 @@ class Terrain:
         # Regions of a scan lie as near to what was scanned as they were asked to
         near = _ON_FACE if self.scan is None else self.scan.flatness
         lies = [
-            [_lies_on(surface, solid, near) for solid in self.obstacles]
-            for surface in self.surfaces
+            [lies_on(surface, solid, near) for solid in self.obstacles] for surface in self.surfaces
         ]
         return self.allowed @ np.array(lies, bool).reshape(len(self.surfaces), len(self.obstacles))
 
     @property
-    def solids(self) -> tuple[Solid, ...]:
-        """Obstacles and the material behind flat regions, for collision checks.
+    def _backed(self) -> tuple[Region, ...]:
+        """Flat regions with material behind them.
 
         Of regions found in a scan that is the scan itself: what is behind one may be before the
         next.
         """
-        stated = self.regions
-        if self.scan is not None:
-            stated = tuple(r for r in stated if r.name in STATED)
-        return (*self.obstacles, *(region.slab() for region in stated))
+        if self.scan is None:
+            return self.regions
+        return tuple(r for r in self.regions if r.name in STATED)
+
+    @property
+    def solids(self) -> tuple[Solid, ...]:
+        """Obstacles and the material behind flat regions, for collision checks."""
+        return (*self.obstacles, *(region.slab() for region in self._backed))
+
+    @cached_property
+    def link_solids(self) -> tuple[Solid | Tube, ...]:
+        """What links keep off: `solids`, and the walls of tubes, from inside."""
+        return (*self.solids, *(s for s in self.surfaces if isinstance(s, Tube)))
+
+    @cached_property
+    def stood_solids(self) -> NDArray[np.bool_]:
+        """(N, S) whether limb i may stand on a face of each of `link_solids`.
+
+        The material behind a surface has its plane in common with others that lie beside it.
+        """
+        if self.curved:
+            same = np.ones((len(self.surfaces), 1), bool)
+        else:
+            normals = np.array([region.normal for region in self._backed]).reshape(-1, 3)
+            offsets = np.array([region.offset - region.standoff for region in self._backed])
+            off = [np.abs(r.material @ normals.T - offsets).max(axis=0) for r in self.regions]
+            along = np.array([r.normal for r in self.regions]) @ normals.T
+            same = (np.array(off) < _ON_FACE) & (along > 0)
+        return np.asarray(np.hstack([self.stood_upon, self.allowed @ same]))
 
     def moved(self, standoff: float) -> Terrain:
         """The terrain with surfaces that far into free space, for where else toes are [m]."""
@@ -97,7 +121,7 @@ class Terrain:
         return nearest_region(self.regions, self.bounds, candidates, point)
 
 
-def _lies_on(surface: Surface, solid: Solid, near: float) -> bool:
+def lies_on(surface: Surface, solid: Solid, near: float = _ON_FACE) -> bool:
     """Whether a flat surface covers part of a face of a solid, within `near` [m]."""
     if not isinstance(surface, Region):
         return False

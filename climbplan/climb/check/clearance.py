@@ -18,6 +18,7 @@ from climbplan.climb.check.distances import chain_distance
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import Mask
 from climbplan.plans.check import Array, Check, judge_worst
+from climbplan.terrain.raw_surface import SLENDER
 from climbplan.terrain.surfaces import Region, Tube
 
 _IN_SCAN = "all that is solid is in the scan"
@@ -25,6 +26,9 @@ _MEASURED = 0.05  # [m] link distances below this are measured, beyond it a boun
 _TOLD = 5e-3  # [m] room beside links up to which it is measured, not bounded
 _ON_FACE = 1e-6  # [m] a surface this close to an obstacle's face lies on it
 _TOE_STRETCH = 0.05  # [m] last part of a limb, which has to come close to its surface
+_PIECES = 6  # of a last link up to where it has its whole radius
+_FOOT_ITSELF = 1e-3  # [m] by which the capsule of a foot may reach beyond its sphere
+_FAR = 1e3  # [m] of links of which no part is looked at
 
 
 def clearance_checks(subject: Subject) -> Iterator[Check]:
@@ -157,28 +161,48 @@ def judge_link_depths(
 def judge_capsules(
     name: str, subject: Subject, capsules: Sequence[Capsule], moment: Callable[[int], str]
 ) -> Check:
-    """A check that links, as thick as they are, miss all obstacles.
+    """Return a check that links, as thick as they are, miss all solids and surfaces.
 
-    `moment` describes a pose of the capsules. Walls are left out: a last link comes as close to its
-    wall as its toe. So it does to an obstacle whose face the limb may stand on: there it counts as
-    a capsule up to where it narrows to its toe.
+    Args:
+        name: Of the check.
+        subject: The plan under verification.
+        capsules: Of all limbs, in P poses.
+        moment: Describes a pose.
+
+    A last link may come close to what its limb may stand on. There a point of its axis at
+    distance d from the toe keeps min(r, f + d / 4), where r is the radius of the link and f that of
+    a spherical foot; without such a foot the last 5 cm are left out. The foot itself is looked at
+    by `trajectory.feet`.
     """
-    solids = subject.solids[: len(subject.plan.terrain.obstacles)]
-    if not solids:
-        return judge_worst(name, np.zeros(1), lambda _: "", margin="no obstacles")
+    solids = subject.solids
+    tubes = [s for s in subject.plan.terrain.surfaces if isinstance(s, Tube)]
+    if not solids and not tubes:
+        return judge_worst(name, np.zeros(1), lambda _: "", margin=_IN_SCAN)
+    foot = subject.plan.robot.foot
+    near = [_standing_parts(c, 0.0 if foot is None or foot.sole else foot.radius) for c in capsules]
+    axes = np.stack([capsule.axis for capsule in capsules], axis=1)  # (P, C, 2, 3)
     rows: list[Array] = []
-    for solid, stands in zip(solids, _stood_upon(subject), strict=False):
-        own = [
-            _up_to_narrow(capsule) if stands[capsule.limb] else capsule.axis for capsule in capsules
-        ]
-        rows.append(_axis_distances(own, solid, [c.radius + _TOLD for c in capsules]))
+    for solid, stands in zip((*solids, *tubes), _stood_upon(subject), strict=True):
+        apart = _face_distances(axes, solid)
+        for number, capsule in enumerate(capsules):
+            close = np.flatnonzero(~(apart[:, number] >= capsule.radius + _TOLD))  # NaN stays
+            if not len(close):
+                continue
+            parts = near[number] if stands[capsule.limb] else [(capsule.axis, capsule.radius)]
+            room = np.full(len(close), _FAR)
+            for axis, own in parts:
+                beyond = _distances(axis[close], solid, own + _TOLD) - own
+                room = np.minimum(room, beyond)
+            apart[close, number] = room + capsule.radius
+        rows.append(apart)
     clear = np.stack(rows, axis=-1)  # (P, C, S)
     radius = np.array([capsule.radius for capsule in capsules])[:, None]
+    names = [solid.name for solid in solids] + [tube.name for tube in tubes]
 
     def where(p: int, number: int, solid: int) -> str:
         capsule = capsules[number]
         link_name = subject.limb(capsule.limb, capsule.link)
-        return f"{moment(p)}, {link_name} and {solids[solid].name}"
+        return f"{moment(p)}, {link_name} and {names[solid]}"
 
     used = radius / np.maximum(clear, 1e-9)
     margin = told_room(clear - radius, radius)
@@ -195,34 +219,63 @@ def told_room(room: Array, radius: Array) -> str:
     return f"links of radius {span} {words}"
 
 
-def _up_to_narrow(capsule: Capsule) -> Array:
-    """Axis (P, 2, 3) up to where a last link narrows to its toe; infinitely far if it is all so."""
-    back = _TOE_STRETCH - capsule.to_toe
-    if not back > 0:
-        return capsule.axis
+def _standing_parts(capsule: Capsule, foot: float) -> list[tuple[Array, float]]:
+    """Parts of a link beside what its limb stands on: axes (P, 2, 3), and the room that they keep.
+
+    A last link is cut into pieces, each as thick as at its thinner end.
+    """
+    axis, radius = capsule.axis, capsule.radius
+    if not np.isfinite(capsule.to_toe):
+        return [(axis, radius)]
     along = capsule.starts - capsule.ends
-    length = np.linalg.norm(along, axis=-1, keepdims=True)
-    if float(np.median(length)) <= back:
-        return np.full((len(along), 2, 3), np.inf)
-    return np.stack([capsule.starts, capsule.ends + along * (back / length)], axis=1)
+    lengths = np.linalg.norm(along, axis=-1)
+    length = float(np.max(lengths, initial=0.0, where=np.isfinite(lengths)))
+    to_start = capsule.to_toe + length
+    if to_start + radius <= foot + _FOOT_ITSELF:
+        return []
+    first = 0.0 if foot > 0 else _TOE_STRETCH
+    whole = max((radius - foot) / SLENDER, first)
+    cuts = [*np.linspace(first, whole, _PIECES + 1)] if whole > first else [first]
+    cuts = [cut for cut in (*cuts, to_start) if capsule.to_toe < cut <= to_start]
+    begin = capsule.to_toe if first <= capsule.to_toe else first
+    parts = []
+    for far in cuts:
+        if far <= begin:
+            continue
+        share = (np.array([far, begin]) - capsule.to_toe) / max(length, 1e-9)
+        piece = capsule.ends[:, None] + share[:, None] * along[:, None]
+        parts.append((piece, min(radius, foot + SLENDER * begin)))
+        begin = far
+    if not parts and begin <= to_start:  # a sphere
+        parts.append((axis, min(radius, foot + SLENDER * begin)))
+    return parts
 
 
-def _axis_distances(axes: Sequence[Array], solid: ConvexBody, enough: Sequence[float]) -> Array:
-    """Distances (P, C) of axes (P, 2, 3) from a solid, each measured up to its `enough` [m]."""
-    out = np.full((len(axes[0]), len(axes)), np.inf)
-    for limit in sorted(set(enough)):
-        own = [n for n, asked in enumerate(enough) if asked == limit]
-        own = [n for n in own if not np.isinf(axes[n]).any()]
-        if own:
-            stacked = np.stack([axes[n] for n in own], axis=1)  # (P, C, 2, 3)
-            out[:, own] = chain_distance(stacked, solid, limit)[..., 0]
-    return out
+def _face_distances(axes: Array, solid: ConvexBody | Tube) -> Array:
+    """Room (...) that a face of a solid leaves to axes (..., 2, 3): at most their distances."""
+    if isinstance(solid, Tube):
+        # The inside is convex: a segment is as far from the wall as the nearer of its ends
+        radial = np.linalg.norm(axes[..., :2] - solid.center, axis=-1)
+        return np.asarray(solid.wall - radial.max(axis=-1))
+    return np.asarray(solid.face_distances(axes).min(axis=-2).max(axis=-1))
+
+
+def _distances(axis: Array, solid: ConvexBody | Tube, enough: float) -> Array:
+    """Distances (P,) of an axis (P, 2, 3) from a solid, measured up to `enough` [m]."""
+    if isinstance(solid, Tube):
+        return _face_distances(axis, solid)
+    return chain_distance(axis, solid, enough)[..., 0]
 
 
 def _stood_upon(subject: Subject) -> Iterator[Mask]:
-    """(N,) for every obstacle whether limbs may stand on a surface that lies on its face."""
+    """Yield for every solid and tube (N,) whether limbs may stand on it.
+
+    They may stand on a solid if they may on a surface that lies on its face: the obstacle is behind
+    all of that, and the material behind another surface in one plane with it.
+    """
     terrain = subject.plan.terrain
-    for solid in subject.solids[: len(terrain.obstacles)]:
+    obstacles = len(terrain.obstacles)
+    for number, solid in enumerate(subject.solids):
         stands = np.zeros(subject.plan.robot.limb_count, bool)
         for index, surface in enumerate(terrain.surfaces):
             if isinstance(surface, Region):
@@ -230,6 +283,9 @@ def _stood_upon(subject: Subject) -> Iterator[Mask]:
                 touched = surface.vertices - surface.standoff * normal
                 away = solid.face_distances(touched)  # (V, F)
                 face = (np.abs(away).max(axis=0) < _ON_FACE) & (solid.normals @ normal > 0)
-                if face.any() and away.max() < _ON_FACE:
+                if face.any() and (number >= obstacles or away.max() < _ON_FACE):
                     stands |= terrain.allowed[:, index]
         yield stands
+    for index, surface in enumerate(terrain.surfaces):
+        if isinstance(surface, Tube):
+            yield terrain.allowed[:, index]

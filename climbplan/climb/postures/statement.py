@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.climb.limb_clearance import standing_room
+from climbplan.climb.plan.climb_plan import Mask
 from climbplan.climb.postures.limb_shape import LimbShape, limb_shape
 from climbplan.climb.postures.turning import state_turns
 from climbplan.climb.scene import ClimbScene
@@ -25,11 +26,12 @@ from climbplan.program.affine_array import AffineArray
 from climbplan.program.polytope import Array
 from climbplan.program.statement import Expression
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.terrain.model import FreeRegion
+from climbplan.terrain.model import FreeRegion, lies_on
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region
 
 Entries = Any  # an AffineArray, which NumPy's signatures do not know
+_SAME_WAY = 1 - 1e-9  # cosine between normals that are one
 _KNEE_ERROR = 3e-3  # [m] room for what the knee to first order is off, some mm at most
 
 
@@ -126,13 +128,19 @@ def body_polytope(
 
 
 def limb_polytopes(
-    solid: Solid, limb: LimbShape, keep: float, knee_keep: float, rotation: LinearRotation
+    solid: Solid,
+    limb: LimbShape,
+    keep: float,
+    knee_keep: float,
+    rotation: LinearRotation,
+    stood: Mask | None = None,
 ) -> list[Polytope]:
     """Toes and body poses before and after a round for which a limb stays beyond one face.
 
     Points are (toe, com, Theta) of both postures, in R^18. Toe, shoulder and knee are beyond the
     face, the knee to first order about the nominal stance and lifted too. Below a level face there
-    is room for the knee anywhere, at most a femur above the shoulder.
+    is room for the knee anywhere, at most a femur above the shoulder. stood: (F,) faces that the
+    toe may stand on, which it need not be beyond.
     """
     faces = []
     zero = np.zeros(3)
@@ -154,6 +162,8 @@ def limb_polytopes(
             rows.append([*-with_toe, *(with_toe - normal), *-arm])
             still = knee.at @ turned - knee.stance @ follow
             bounds.append(still - arm @ rotation.level - knee_keep + lifted)
+        if stood is not None and stood[k]:
+            rows, bounds = rows[1:], bounds[1:]
         both = np.asarray(np.kron(np.eye(2), np.array(rows)), np.float64)
         name = f"{solid.name} face {k}"
         bound = np.array(bounds) - offset
@@ -180,9 +190,25 @@ def _limb_free(p: Program, scene: ClimbScene, postures: Entries, margins: Postur
                 [terrain.regions[r].vertices for r in np.flatnonzero(terrain.allowed[i])]
             )
             beyond = (corners @ solid.A.T - solid.b).max(axis=0) >= keep  # a toe may stand there
-            faces = limb_polytopes(solid, shapes[i], keep, knee_keep, rotation)
+            stood = _stood_faces(scene, i, index)
+            beyond |= stood
+            faces = limb_polytopes(solid, shapes[i], keep, knee_keep, rotation, stood)
             per_limb.append([f for f, usable in zip(faces, beyond, strict=True) if usable])
         p.one_of(f"limbs.clearance_{index}", postures, per_limb * len(postures), unit="m")
+
+
+def _stood_faces(scene: ClimbScene, limb: int, obstacle: int) -> Mask:
+    """(F,) faces of an obstacle with a surface on them that a limb may stand on."""
+    terrain = scene.terrain
+    solid = terrain.obstacles[obstacle]
+    stood = np.zeros(len(solid.b), bool)
+    if not terrain.stood_upon[limb, obstacle]:
+        return stood
+    for r in np.flatnonzero(terrain.allowed[limb]):
+        region = terrain.regions[r]
+        if lies_on(region, solid):
+            stood |= (solid.A @ region.normal) > _SAME_WAY
+    return stood
 
 
 def sum_of_squares(expression: Expression | AffineArray) -> Any:

@@ -1,7 +1,7 @@
 """Where limbs may stand without meeting the terrain, the body or one another, for the search.
 
-Of every limb on every foothold from every body pose: its link axes out of all solids, its capsules
-off obstacles and off the body. Of every two of them: their capsules apart. What is compared is as
+Of every limb on every foothold from every body pose: its links, as thick as they are, off all
+solids and off the body. Of every two of them: their capsules apart. What is compared is as
 in the checks `limbs.clearance`, `limbs.capsules` and `limbs.self_collision`.
 """
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from climbplan.climb.limb_clearance import link_distances, narrowed
+from climbplan.climb.limb_clearance import closest_link, links_room, world_capsules
 from climbplan.climb.plan.climb_plan import Array, Instants, Mask
 from climbplan.climb.self_clearance import body_room, standing_overlap
 from climbplan.climb.transition.scene import TransitionScene
@@ -20,8 +20,8 @@ from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.touching_parts import Pairs, limbs_room, parts_beside
 
-_DEEP = 5e-4  # [m] that link axes may be inside a solid: toes lie on its face
-_APART = 1e-3  # [m] that capsules keep from one another, from the body and from obstacles
+_OVERLAP = 1e-6  # [m] that counts
+_APART = 1e-3  # [m] that capsules keep from one another, from the body and from solids
 
 
 @dataclass
@@ -73,21 +73,9 @@ def clear_standing(scene: TransitionScene, com: Array, rpy: Array, angles: Array
     links = tuple(limb_capsules(robot, angles[:, :, c]) for c in range(angles.shape[2]))
     pairs, between = parts_beside(robot, links[0])
     alone = []
-    for c, own in enumerate(links):
-        points = robot.limbs.joint_points(angles[:, :, c]) @ np.swapaxes(rotation, -1, -2)[:, None]
-        points = points + com[:, None, None]
-        clear = np.ones(angles.shape[:2], bool)
-        for solid in scene.terrain.solids:
-            away = link_distances(solid, points[..., :-1, :], points[..., 1:, :], 0.0)
-            clear &= _kept(away.min(axis=-1), -_DEEP)
-        for o, solid in enumerate(scene.terrain.obstacles):
-            placed = own.moved(com, rotation)
-            stands = scene.terrain.stood_upon[:, o, None, None]
-            ends = np.where(stands, narrowed(placed), placed.ends)
-            away = link_distances(solid, placed.starts, ends, float(own.radius.max()) + _APART)
-            # A link that is all narrow has no ends there, and keeps all room
-            room = np.where(np.isnan(ends).any(axis=-1), np.inf, away - own.radius)
-            clear &= _kept(room.min(axis=-1), _APART)
+    for own in links:
+        room = links_room(scene, own.moved(com, rotation), _APART)
+        clear = _kept(room.min(axis=(-2, -1), initial=np.inf), _APART)
         off = body_room(robot, own, pairs)  # (B, P)
         for limb in range(robot.limb_count):
             rows = pairs[:, 0] == limb
@@ -98,18 +86,15 @@ def clear_standing(scene: TransitionScene, com: Array, rpy: Array, angles: Array
 
 def standing_trouble(scene: TransitionScene, instants: Instants) -> str | None:
     """Where limbs meet the terrain, the body or one another at instants, in words; None if not."""
-    robot, rotation = scene.robot, rotation_world_body(instants.rpy)
-    points = (
-        robot.limbs.joint_points(instants.joint_angles) @ np.swapaxes(rotation, -1, -2)[:, None]
-    )
-    points = points + instants.com[:, None, None]
-    for solid in scene.terrain.solids:
-        away = link_distances(solid, points[..., :-1, :], points[..., 1:, :], 0.0)
-        if away.min() < -2 * _DEEP:
-            k, limb, link = np.unravel_index(int(np.argmin(away)), away.shape)
-            where = instants.label(int(k), robot.limb_names)
-            one = f"{robot.limb_names[limb]}'s {robot.joint_name(int(limb), int(link))}"
-            return f"{where}, {one} would be {-1e3 * away.min():.1f} mm deep in {solid.name!r}"
+    robot = scene.robot
+    pose = instants.com, instants.rpy, instants.toes, instants.normal
+    nearest = closest_link(scene, world_capsules(scene, *pose))
+    if nearest.distance < -_OVERLAP:
+        k, limb = nearest.index
+        where = instants.label(k, robot.limb_names)
+        one = f"{robot.limb_names[limb]}'s {robot.joint_name(limb, nearest.link)}"
+        name = scene.terrain.link_solids[nearest.solid].name
+        return f"{where}, {one} would be {-1e3 * nearest.distance:.1f} mm deep in {name!r}"
     meets = standing_overlap(scene, instants)
     return None if meets is None else f"{meets[1]}, {meets[0].words(robot)}"
 

@@ -15,12 +15,13 @@ from climbplan.climb.self_clearance import body_solids
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.kinematics import inverse
+from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.touching_parts import limbs_room, limbs_ways, parts_beside
 
 LinkPairs = tuple[tuple[int, int, int, int], ...]  # limb and capsule, and limb and capsule
 
-_ROOM = 0.01  # [m] of joints beside solids
+_ROOM = 0.01  # [m] of joints beside solids, at least
 _APART = 2e-3  # [m] of links beside the body and beside one another
 _NEAR = 0.03  # [m] room between links of two limbs up to which rows part them
 _CROSSED = 1e-9  # [m] a shorter way has no direction
@@ -39,12 +40,13 @@ def parting_faces(
     points = com[:, None, None, None] + robot.limbs.joint_points(angles)[..., 1:-1, :] @ turn
     m = len(com)
     faces, ends = [], []
+    keep_off = np.maximum(_ROOM, _thickness(robot) + _APART)  # (N, J - 1)
     for solid in scene.terrain.solids:
         room = points @ solid.A.T - solid.b  # (M, P, N, J - 1, F)
         best = room.argmax(axis=-1)
         on = asked[..., None]
         # No more is asked of a joint than it has where the search has it
-        most = np.minimum(_ROOM, np.maximum(room.max(axis=-1), 0.0))
+        most = np.minimum(keep_off, np.maximum(room.max(axis=-1), 0.0))
         faces.append(np.where(on[..., None], solid.A[best], 0.0))
         ends.append(np.where(on, solid.b[best] + most, -1.0))
     links = limb_capsules(robot, angles)
@@ -126,6 +128,17 @@ def _angles_at(scene: TransitionScene, toes: Array) -> Array:
 def _staying(angles: Array, moved: Mask) -> Array:
     """Angles (M, P, N, J), of limbs that do not move those of the first point."""
     return np.where(moved[:, None, :, None], angles, angles[:, :1])
+
+
+def _thickness(robot: Robot) -> Array:
+    """(N, J - 1) radius [m] of what is about each joint but the first: links to it and from it."""
+    shape = robot.limb_count, robot.joint_count - 1
+    if robot.capsules is None:
+        return np.full(shape, robot.limb_radius)
+    thick = np.zeros((robot.limb_count, robot.joint_count))
+    limb = np.broadcast_to(np.arange(robot.limb_count)[:, None], robot.capsules.joint.shape)
+    np.maximum.at(thick, (limb, robot.capsules.joint), robot.capsules.radius)
+    return np.maximum(thick[:, :-1], thick[:, 1:])
 
 
 def _picked(values: list[Array], which: Index) -> Array:

@@ -141,16 +141,15 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
 
 def _limbs_free(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Iterator[Violation]:
     """Room of links beside obstacles: standing and lifted, then on the ways of the swings."""
-    obstacles = scene.terrain.obstacles
     standing = limb_shortfall(scene, rounds, instants)
     if standing is None:
-        yield Violation("limbs.clearance", -np.inf, "m", "no obstacles")
+        yield Violation("limbs.clearance", -np.inf, "m", "no solids")
         return
     links = world_capsules(scene, instants.com, instants.rpy, instants.toes, instants.normal)
     name, where, amount = standing.limb, standing.where, standing.missing
     near = []
-    if obstacles:
-        found = closest_link(obstacles, links, BETWEEN, scene.terrain.stood_upon)
+    if scene.terrain.link_solids:
+        found = closest_link(scene, links)
         near.append((BETWEEN - found.distance, found.index))
     if scene.terrain.scan is not None:
         lifted = instants.lifted[..., None] * scene.spec.trajectory.lift

@@ -7,6 +7,7 @@ it lies beyond the one before and turns about its axis at zero angles.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,9 +20,11 @@ from climbplan.robots.model import MountedCapsules, Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.attributes import inertial_of, numbers
+from climbplan.terrain.raw_surface import SLENDER
 
 _SHORTEST = 0.01  # [m] of a link that is drawn and touches
 _THINNEST = 0.005  # [m] radius of a link
+_FOOT = 1e-3  # [m] by which the capsule of a foot may reach beyond its sphere
 _POINT = 1e-6  # [m] an axis this short is none
 _STIFF = 'solref="0.002 1" solimp="0.9999 0.9999 0.001"'
 _NO_MASS = 1e-4  # [kg] of a body where a limb has no joint
@@ -35,6 +38,7 @@ class Narrow:
 
     length: float  # [m] of the last link that is not as thick as its others
     cone: tuple[tuple[float, float], ...]  # what of it touches: distances from the toe, radii [m]
+    foot: float = 0.0  # [m] radius of the spherical foot that it narrows to
 
     def geoms(self, toe: Array, contype: int) -> list[str]:
         """Capsules from each place to the next, as thick as at the thinner end; toe: (3,)."""
@@ -197,7 +201,11 @@ def _own_capsules(
         length = float(np.linalg.norm(along))
         back = 0.0
         if joint == robot.joint_count - 1:
-            back = max(narrow.length - float(np.linalg.norm(end - points[-1])), 0.0)
+            toe = points[-1]
+            if max(math.dist(start, toe), math.dist(end, toe)) + radius <= narrow.foot + _FOOT:
+                continue  # the foot, which is the toe
+            begins = narrow.length if narrow.foot == 0 else (radius - narrow.foot) / SLENDER
+            back = max(begins - math.dist(end, toe), 0.0)
         if 0 < length <= back or length < back:
             continue
         tip = end + along * (back / length) if back > 0 else end

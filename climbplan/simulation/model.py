@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.climb.limb_clearance import foot_radius
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import UsageError
 from climbplan.robots.five_bar import FiveBar
@@ -136,7 +137,7 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
             world += surface_geoms(index, surface, conditions.friction, assets)
     for index, solid in enumerate(terrain.obstacles):
         mesh = mesh_shape(f"obstacle{index}", solid, assets)
-        world.append(terrain_geom(f"obstacle{index}", mesh, friction, links=True, color="obstacle"))
+        world.append(terrain_geom(f"obstacle{index}", mesh, friction, color="obstacle"))
     actuators = [
         line for limb in range(robot.limb_count) for line in _motors(robot, limb, conditions)
     ]
@@ -184,15 +185,25 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
 
 
 def _narrow_part(plan: ClimbPlan) -> Narrow:
-    """How limbs narrow to their toes: on a scan as `climbplan/terrain/raw_surface.py` has it."""
+    """How limbs narrow to their toes: as the planner keeps them off what they stand on.
+
+    That is stated in `climbplan/climb/limb_clearance.py`, and for scans in
+    `climbplan/terrain/raw_surface.py`.
+    """
     scan = plan.terrain.scan
-    if scan is None:
-        return Narrow(NARROW, ())
+    flatness = 0.0 if scan is None else scan.flatness
+    foot = foot_radius(plan.robot) if scan is None else 0.0
     radius = thickness_of(plan.robot)
-    whole = max((radius + scan.flatness) / SLENDER, NARROW)
-    far = np.linspace(whole, scan.flatness / SLENDER, _CONE + 1)[1:-1]
-    thick = SLENDER * far - scan.flatness
-    return Narrow(whole, tuple((float(d), float(r)) for d, r in zip(far, thick, strict=True)))
+    first = NARROW if foot == 0.0 else 0.0
+    whole = max((radius + flatness - foot) / SLENDER, first)
+    if whole <= first and scan is None:
+        return Narrow(whole, (), foot)
+    ends = flatness / SLENDER if scan is not None else first
+    far = np.linspace(whole, ends, _CONE + 1)
+    far = far[1:-1] if scan is not None else far[1:]
+    thick = np.minimum(foot + SLENDER * far - flatness, radius)
+    cone = tuple((float(d), float(r)) for d, r in zip(far, thick, strict=True))
+    return Narrow(whole, cone, foot)
 
 
 def _robot(

@@ -21,17 +21,14 @@ _AROUND = 0.15  # [m] about toes in which raw triangles of a scan are simulated
 _PRISM = 0.02  # [m] of material behind them
 _STAVES = 96  # flat pieces of a tube
 
-# Collision classes: toes meet everything, links meet obstacles, the body meets everything.
+# Collision classes: toes, links and the body meet all terrain.
 TOE, LINK, BODY = 1, 2, 4
 
 
-def terrain_geom(
-    name: str, shape: str, friction: float, *, links: bool = False, color: str = "wall"
-) -> str:
-    meets = TOE | BODY | (LINK if links else 0)
+def terrain_geom(name: str, shape: str, friction: float, *, color: str = "wall") -> str:
     return (
         f'<geom name={quoteattr(name)} {shape} friction="{max(friction, 1e-5):.6g} 0 0"'
-        f' contype="0" conaffinity="{meets}" material="{color}"/>'
+        f' contype="0" conaffinity="{TOE | LINK | BODY}" material="{color}"/>'
     )
 
 
@@ -83,7 +80,7 @@ def raw_geoms(
         name = f"scan{t}"
         assets.append(_prism(name, np.vstack([front, front - _PRISM * normal])))
         shape = f'type="mesh" mesh="{name}" pos="{numbers(front.mean(axis=0))}"'
-        out.append(terrain_geom(name, shape, friction, links=True))
+        out.append(terrain_geom(name, shape, friction))
     return out
 
 

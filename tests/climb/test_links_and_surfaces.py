@@ -1,0 +1,125 @@
+"""Links keep off every surface, by their own collision geometry as coal measures it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from coal_oracle import UrdfGeometry
+
+from climbplan.climb.check.clearance import clearance_checks
+from climbplan.climb.check.motion_state import motion_of
+from climbplan.climb.check.subject import subject_of
+from climbplan.climb.check.verification import verification_of
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.planner import plan_climb
+from climbplan.robots.any_robot import build_robot
+from climbplan.robots.capsules import limb_capsules
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.robots.urdf.proposal.packaged import package_urdf
+from climbplan.spec.loading import load_climb
+from climbplan.spec.robots.source import load_any_robot
+
+SPECS = Path(__file__).parents[2] / "specs"
+SHIPPED = ("hexapod", "walker", "telescope")  # soles are looked at corner by corner
+TOLERATED = 5e-4  # [m]
+A1 = """kind: robot
+urdf: {urdf}
+forward: x
+up: z
+joint_stiffness: 200
+structural_compliance_share: 0.1
+foot: {{radius: 0.02}}
+legs:
+  RF: {{toe: FR_foot, posture_deg: {{FR_hip_joint: -11, FR_thigh_joint: 51, FR_calf_joint: -102}}}}
+  RR: {{toe: RR_foot, posture_deg: {{RR_hip_joint: -11, RR_thigh_joint: 51, RR_calf_joint: -102}}}}
+  LR: {{toe: RL_foot, posture_deg: {{RL_hip_joint: 11, RL_thigh_joint: 51, RL_calf_joint: -102}}}}
+  LF: {{toe: FL_foot, posture_deg: {{FL_hip_joint: 11, FL_thigh_joint: 51, FL_calf_joint: -102}}}}
+"""
+CLIMB = """kind: climb
+robot: a1.yaml
+terrain:
+  friction: 1
+  walls: {gap: 0.4144, along: [-1.0, 1.0], up: [-1.0, 1.0]}
+task:
+  rounds: 1
+  start: {com: [0, 0, 0]}
+  goal: {com: [0, 0, 0.03]}
+  gait: [LR, LF, RR, RF]
+  stance:
+    RF: [0.1872, 0.0426, -0.1459]
+    RR: [0.1872, -0.1219, -0.2367]
+    LR: [-0.1872, -0.1219, -0.2367]
+    LF: [-0.1872, 0.0426, -0.1459]
+posture:
+  steps: {shift_max: 0.157}
+force: {safety_friction: 1.2}
+trajectory: {lift: 0.0298}
+"""
+
+
+def a1_urdf() -> Path:
+    return package_urdf("example-robot-data:a1_description/urdf/a1")
+
+
+def geometry_of(name: str, folder: Path) -> UrdfGeometry:
+    if name == "a1":
+        (folder / "a1.yaml").write_text(A1.format(urdf=a1_urdf()))
+        return UrdfGeometry.of(build_robot(load_any_robot("a1.yaml", folder)), a1_urdf())
+    robot = build_robot(load_any_robot(f"robot_{name}.yaml", SPECS))
+    return UrdfGeometry.of(robot, SPECS / f"{name}.urdf")
+
+
+@pytest.mark.parametrize("name", ["a1", *SHIPPED])
+def test_links_hold_their_geometry_in_random_postures(name: str, tmp_path: Path) -> None:
+    geometry = geometry_of(name, tmp_path)
+    robot, rng = geometry.robot, np.random.default_rng(0)
+    lower, upper = np.maximum(robot.joint_lower, -np.pi), np.minimum(robot.joint_upper, np.pi)
+    for _ in range(100):
+        angles = rng.uniform(lower, upper)
+        normal = rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        links = limb_capsules(robot, angles)
+        ours = np.minimum(links.starts @ normal, links.ends @ normal) - links.radius
+        # What links keep from a plane is never more than what their geometry keeps from it
+        assert (ours.min(axis=-1) <= geometry.heights(angles, normal) + 1e-6).all()
+
+
+@pytest.fixture(scope="module", name="climb")
+def _climb(tmp_path_factory: pytest.TempPathFactory) -> ClimbPlan:
+    folder = tmp_path_factory.mktemp("a1")
+    (folder / "a1.yaml").write_text(A1.format(urdf=a1_urdf()))
+    (folder / "climb.yaml").write_text(CLIMB)
+    return plan_climb(load_climb(folder / "climb.yaml"))
+
+
+def test_no_part_of_a_urdf_is_inside_a_wall(climb: ClimbPlan) -> None:
+    assert verification_of(climb).passed
+    subject, moving = subject_of(climb), climb.trajectory
+    motion = motion_of(subject)
+    angles = np.where(motion.lifted[..., None], moving.joint_command, motion.standing.angles)
+    geometry = UrdfGeometry.of(climb.robot, a1_urdf())
+    deepest = max(
+        depth
+        for k in range(0, len(angles), 5)
+        for solid in subject.solids
+        for depth, _, _ in geometry.depths(
+            pin.SE3(rotation_world_body(moving.rpy[k]), moving.com[k]), angles[k], solid.corners
+        )
+    )
+    assert -TOLERATED < deepest < TOLERATED  # feet touch
+
+
+def test_a_link_in_the_wall_that_its_toe_stands_on_fails(climb: ClimbPlan) -> None:
+    capsules = climb.robot.capsules
+    assert capsules is not None
+    hips = capsules.joint == 0
+    thick = replace(capsules, radius=np.where(hips, 0.12, capsules.radius))
+    plan = replace(climb, robot=replace(climb.robot, capsules=thick))
+    check = next(c for c in clearance_checks(subject_of(plan)) if c.name == "limbs.capsules")
+    assert not check.passed
+    assert "hip_joint and " in check.worst_at
+    assert check.worst_at.endswith(("left", "right"))

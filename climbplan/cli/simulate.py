@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -76,6 +77,24 @@ def simulate(
             help="Part of the mass that is in the limbs [default: as the URDF says, else 0.02].",
         ),
     ] = None,
+    armature: Annotated[
+        str,
+        typer.Option(
+            "--armature",
+            metavar="FACTOR|=VALUE",
+            help="Factor on the rotor inertia of all joints, or =VALUE of each "
+            "[kg m^2; default 1, of what the robot file says].",
+        ),
+    ] = "1",
+    damping: Annotated[
+        str,
+        typer.Option(
+            "--damping",
+            metavar="FACTOR|=VALUE",
+            help="Factor on the derivative gain and viscous friction of all joints, or =VALUE of "
+            "each gain [N m s/rad; default 1, of what the robot file says].",
+        ),
+    ] = "1",
     limb_weights: Annotated[
         bool,
         typer.Option(
@@ -207,12 +226,17 @@ def simulate(
     from climbplan.simulation.report_files import RESULT, write_simulation
     from climbplan.simulation.study import Asked
 
+    rotors, gains = scaled("--armature", armature), scaled("--damping", damping)
     asked = Asked(
         conditions=Conditions(
             friction=friction,
             payload=payload,
             gain=gain,
             limb_mass_share=limb_mass_share,
+            armature=rotors.factor,
+            armature_value=rotors.value,
+            damping=gains.factor,
+            damping_value=gains.value,
             backlash=math.radians(backlash_deg),
             limb_weights=limb_weights,
             speed=speed,
@@ -268,6 +292,27 @@ def parsed_push(text: str) -> tuple[float, tuple[float, float, float]]:
     if not mark or len(parts) != 3 or not all(map(math.isfinite, (time, *parts))):
         raise UsageError(f"--push {text}: expected TIME:VX,VY,VZ with numbers, such as 1.5:0,0.5,0")
     return time, (parts[0], parts[1], parts[2])
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A factor on robot data, or a value in their place."""
+
+    factor: float = 1.0
+    value: float | None = None
+
+
+def scaled(option: str, text: str) -> Scaled:
+    """Read FACTOR or =VALUE of a command line; raises UsageError for what is no number >= 0."""
+    try:
+        number = float(text.removeprefix("="))
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number) or number < 0:
+        raise UsageError(
+            f"{option} {text}: expected a factor >= 0, such as 0.5, or = and a value, such as =0.02"
+        )
+    return Scaled(value=number) if text.startswith("=") else Scaled(factor=number)
 
 
 def _swept(text: str | None) -> tuple[str, tuple[float, ...]]:

@@ -11,6 +11,7 @@ from climbplan.reports.page_template import fill, frame_fields
 from climbplan.reports.robot_picture import robot_picture
 from climbplan.reports.sheet import png
 from climbplan.robots.facts import robot_facts
+from climbplan.robots.joint_dynamics import dynamics_of
 from climbplan.robots.looks import Looks
 from climbplan.robots.model import Robot
 from climbplan.robots.task_robot import with_stance
@@ -51,6 +52,10 @@ def robot_page(
         Card("Reach", f"{robot.reach:.3f} m", "of the leg that reaches least"),
         Card("Stiffness", f"{proposal.motors.stiffness:g} N m/rad", "of most joints, proposed"),
     ]
+    inertia = dynamics_of(robot).rotor_inertia[robot.has_joint]
+    cards.append(
+        Card("Rotors", f"{np.median(inertia):.2g} kg m^2", "behind gears, median, for `simulate`")
+    )
     if (sole := robot.sole) is not None:
         size = f"{1e3 * sole.length:g} x {1e3 * sole.width:g} mm"
         cards.append(Card("Feet", size, "soles, by collision geometry"))

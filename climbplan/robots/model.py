@@ -14,6 +14,7 @@ from climbplan.robots.coxa_femur_tibia import CoxaFemurTibia
 from climbplan.robots.five_bar import FiveBar, Linkage
 from climbplan.robots.foot import Foot, Sole
 from climbplan.robots.gripper import Gripper
+from climbplan.robots.joint_dynamics import JointDynamics, default_damping, default_rotor_inertia
 from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.rotations import Array
@@ -84,6 +85,7 @@ class Robot:
     # (T, 4) limb and capsule, and limb and capsule or -1 and 0 for the body: parts that touch
     # however the robot stands, by the capsules that hold them, and that nothing is said of
     touching: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 4), np.int64))
+    dynamics: JointDynamics | None = None  # of the joints; None: by their limits (`dynamics_of`)
 
     @property
     def limb_count(self) -> int:
@@ -166,7 +168,7 @@ class Robot:
             rows["capsules"] = self.capsules.only(keep)
         if self.foot is not None:
             rows["foot"] = self.foot.only(keep)
-        return replace(self, **rows, links=None)
+        return replace(self, **rows, links=None, dynamics=None)
 
     @property
     def weight(self) -> float:
@@ -215,4 +217,22 @@ class Robot:
             limb_radius=spec.limb_radius,
             mechanism=mechanism,
             gripper=None if spec.gripper is None else Gripper.from_spec(spec.gripper),
+            dynamics=_stated_dynamics(spec),
         )
+
+
+def _stated_dynamics(spec: RobotSpec) -> JointDynamics:
+    """What a robot file says of its joints, of each limb or of all; else by their limits."""
+    rows = {
+        key: np.array([getattr(limb, key) for limb in spec.limbs], dtype=float)
+        for key in ("max_torque", "max_joint_speed", "joint_stiffness")
+    }
+    inertia = default_rotor_inertia(rows["max_torque"], rows["max_joint_speed"])
+    if spec.joint_rotor_inertia is not None:
+        inertia = np.full_like(inertia, spec.joint_rotor_inertia)
+    motor = rows["joint_stiffness"] * (1 - spec.structural_compliance_share)
+    damping = default_damping(motor, inertia)
+    if spec.joint_damping is not None:
+        damping = np.full_like(damping, spec.joint_damping)
+    none = np.zeros_like(inertia)
+    return JointDynamics(inertia, damping, none, none)

@@ -36,6 +36,10 @@ class Conditions:
     # Part of the robot's mass that is in its links, evenly; None: what its URDF says of each, or
     # of robots without one LIMB_MASS_SHARE
     limb_mass_share: float | None = None
+    armature: float = 1.0  # factor on the rotors' inertia, or
+    armature_value: float | None = None  # that of all joints [kg m^2], [kg]
+    damping: float = 1.0  # factor on the joints' derivative gains and viscous friction, or
+    damping_value: float | None = None  # the gain of all joints [N m s/rad], [N s/m]
     backlash: float = 0.0  # play of every joint [rad]
     limb_weights: bool = True  # motors are told to carry the links' weight
     losses: tuple[ContactLoss, ...] = field(default=())

@@ -16,6 +16,7 @@ from climbplan.climb.limb_clearance import foot_radius
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import UsageError
 from climbplan.robots.five_bar import FiveBar
+from climbplan.robots.joint_dynamics import dynamics_of
 from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
@@ -48,10 +49,6 @@ from climbplan.terrain.model import STATED
 from climbplan.terrain.raw_surface import NARROW, SLENDER
 
 TIME_STEP = 1e-3  # [s]
-# [kg m^2] rotor inertia behind the gears of a paired MX-106, assumed; of joints that slide as much
-# over `RADIAN`^2, 0.8 kg
-ARMATURE = 0.05
-DAMPING_RATIO = 1.0  # of motor and rotor inertia
 _CENTRED = 1e-6  # [m] off the centre of mass, up to which the body's box is about it
 _CONE = 6  # capsules of a limb's cone beside a scan
 _LEAST_MASS = 1e-3  # [kg] of a link; smaller ones make the equations stiff
@@ -60,6 +57,7 @@ _LEAST_MASS = 1e-3  # [kg] of a link; smaller ones make the equations stiff
 # them a robot falls of a play of a ten-thousandth of a degree. Contacts are as stiff as what meets
 # in them is heavy: what moves within the play must weigh something.
 _BEYOND = 0.01  # [kg m^2] beyond the play, a link of 0.3 kg at 0.18 m
+_BEYOND_DAMPING = 0.02  # [N m s/rad]
 _HARD_STOP = 'solreflimit="0.002 1" solimplimit="0.999 0.9999 0.0001"'
 
 _SOLVER = (
@@ -92,10 +90,33 @@ def believed_stiffness(robot: Robot, conditions: Conditions) -> Array:
     return motor_stiffness(robot, replace(conditions, gain=1.0, world=None))
 
 
+def rotor_inertia(robot: Robot, conditions: Conditions) -> Array:
+    """(N, J) of motors behind their gears, as the joints feel it [kg m^2], [kg]."""
+    own = dynamics_of(robot).rotor_inertia
+    if conditions.armature_value is not None:
+        return np.full_like(own, conditions.armature_value)
+    return np.asarray(conditions.armature * own)
+
+
 def motor_damping(robot: Robot, conditions: Conditions) -> Array:
-    """(N, J) of the joints' servos [N m s/rad]; of joints that slide [N s/m] times `RADIAN`."""
-    stiffness = motor_stiffness(robot, conditions)
-    return np.asarray(2 * DAMPING_RATIO * np.sqrt(stiffness * ARMATURE) / robot.joint_unit)
+    """(N, J) derivative gains of the joints' servos [N m s/rad], [N s/m].
+
+    Gains are a controller's: another rotor inertia does not change them.
+    """
+    own = dynamics_of(robot).damping
+    if conditions.damping_value is not None:
+        return np.full_like(own, conditions.damping_value)
+    return np.asarray(conditions.damping * own)
+
+
+def joint_damping(robot: Robot, conditions: Conditions) -> Array:
+    """(N, J) of servos and of what turns in them [N m s/rad], [N s/m]."""
+    return motor_damping(robot, conditions) + viscous_friction(robot, conditions)
+
+
+def viscous_friction(robot: Robot, conditions: Conditions) -> Array:
+    """(N, J) of bearings and gears [N m s/rad], [N s/m]."""
+    return np.asarray(conditions.damping * dynamics_of(robot).viscous_friction)
 
 
 def plays(robot: Robot, conditions: Conditions) -> Array:
@@ -310,11 +331,23 @@ def _end(robot: Robot, limb: int) -> str:
 def _joints(robot: Robot, limb: int, conditions: Conditions) -> list[str]:
     """Joints of a limb with their play, each with {name} and {axis}."""
     joints = []
-    own = zip(plays(robot, conditions)[limb] / 2, robot.joint_unit[limb], strict=True)
-    for play, unit in own:
+    own = zip(
+        plays(robot, conditions)[limb] / 2,
+        robot.joint_unit[limb],
+        rotor_inertia(robot, conditions)[limb],
+        viscous_friction(robot, conditions)[limb],
+        dynamics_of(robot).dry_friction[limb],
+        strict=True,
+    )
+    for play, unit, rotor, viscous, dry in own:
         kind = ' type="slide"' if unit != 1.0 else ""
-        rotor, beyond, damping = (x / unit**2 for x in (ARMATURE, _BEYOND, 0.02))
-        joint = f'<joint name="{{name}}"{kind} axis="{{axis}}" armature="{rotor:.9g}"/>'
+        beyond, damping = (x / unit**2 for x in (_BEYOND, _BEYOND_DAMPING))
+        resists = f' armature="{rotor:.9g}"'
+        if viscous > 0:
+            resists += f' damping="{viscous:.9g}"'
+        if dry > 0:
+            resists += f' frictionloss="{dry:.9g}"'
+        joint = f'<joint name="{{name}}"{kind} axis="{{axis}}"{resists}/>'
         if play > 0:
             joint += (
                 f'<joint name="{{name}}play"{kind} axis="{{axis}}" range="{-play:.6g} {play:.6g}"'

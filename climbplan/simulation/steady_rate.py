@@ -24,7 +24,7 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.conditions import NOMINAL
-from climbplan.simulation.model import motor_damping
+from climbplan.simulation.model import joint_damping
 
 _PART = 0.6  # of the rate at which the slowest mode would swing up
 _STABLE = 1e-3  # share of the stiffness left, below which no mode is at rest
@@ -51,7 +51,7 @@ def _at_instants(plan: ClimbPlan) -> Array:
     normal = by_point(robot, instants.normal, 1)
     body = braced_body(robot, *pose, jacobian, arms, contact, normal)
     change = relative_stiffness(body, plan.forces.force)
-    damping = motor_damping(robot, NOMINAL)
+    damping = joint_damping(robot, NOMINAL)
     turn = body.turn.reshape(len(arms), -1, 6)
     damped = np.swapaxes(turn, 1, 2) @ (body.turn * damping[..., None]).reshape(turn.shape)
     mass = _mass_matrices(robot, *pose)

@@ -50,6 +50,14 @@ LINKS = {
     "body_inertia": Layout((3, 3), "kg m^2", "body"),
 }
 
+# Of the group `robot/joint_dynamics`; plans without it have what torque and speed limits say
+JOINT_DYNAMICS = {
+    "rotor_inertia": Layout(("N", "J"), "kg m^2"),
+    "damping": Layout(("N", "J"), "N m s/rad"),
+    "viscous_friction": Layout(("N", "J"), "N m s/rad"),
+    "dry_friction": Layout(("N", "J"), "N m"),
+}
+
 # Stored in the group `robot/capsules`, where links are not all straight and alike; C of each limb.
 CAPSULES = {
     "joint": Layout(("N", "*"), kind="int"),

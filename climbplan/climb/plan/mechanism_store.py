@@ -9,11 +9,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.climb.plan.layout import BODY_PART, CAPSULES, LINKS, TOUCHING
+from climbplan.climb.plan.layout import BODY_PART, CAPSULES, JOINT_DYNAMICS, LINKS, TOUCHING
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader
 from climbplan.plans.hdf5_writing import write_dataset
 from climbplan.robots.five_bar import FiveBar, Linkage
+from climbplan.robots.joint_dynamics import JointDynamics
 from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.model import MountedCapsules, Robot
@@ -195,3 +196,31 @@ def _read_five_bar(reader: Reader) -> FiveBar:
         reader.array("robot/mount_yaw", Layout(("N",), "rad", "body")),
         Linkage(**numbers),
     )
+
+
+def write_joint_dynamics(group: h5py.Group, dynamics: JointDynamics | None) -> None:
+    """Add the group `joint_dynamics`; nothing where they follow from the limits of joints."""
+    if dynamics is None:
+        return
+    own = group.create_group("joint_dynamics")
+    for name, layout in JOINT_DYNAMICS.items():
+        write_dataset(own, name, vars(dynamics)[name], layout)
+
+
+def read_joint_dynamics(reader: Reader) -> JointDynamics | None:
+    """Read what joints resist motion with; None in plan files without it.
+
+    Raises PlanFileError for numbers below zero, and rotors without inertia.
+    """
+    if not reader.has("robot/joint_dynamics"):
+        return None
+    arrays = {
+        name: reader.array(f"robot/joint_dynamics/{name}", layout)
+        for name, layout in JOINT_DYNAMICS.items()
+    }
+    for name, values in arrays.items():
+        least = float(values.min(initial=np.inf))
+        if least < 0 or (name == "rotor_inertia" and least == 0):
+            expected = "> 0" if name == "rotor_inertia" else ">= 0"
+            raise reader.refuse(f"robot/joint_dynamics/{name}: expected {expected}, got {least:g}")
+    return JointDynamics(**arrays)

@@ -11,10 +11,12 @@ from climbplan.climb.plan.grip_store import read_gripper, write_gripper
 from climbplan.climb.plan.mechanism_store import (
     read_body_parts,
     read_capsules,
+    read_joint_dynamics,
     read_links,
     read_mechanism,
     write_body_parts,
     write_capsules,
+    write_joint_dynamics,
     write_links,
     write_mechanism,
 )
@@ -37,6 +39,7 @@ def write_robot(group: h5py.Group, robot: Robot, texts: RobotTexts) -> None:
     write_mechanism(group, robot.mechanism)
     write_capsules(group, robot.capsules)
     write_links(group, robot.links)
+    write_joint_dynamics(group, robot.dynamics)
     write_body_parts(group, robot)
     write_gripper(group, robot.gripper)
     if robot.foot is not None:
@@ -61,6 +64,7 @@ def read_robot(reader: Reader) -> Robot:
     fields["mechanism"] = read_mechanism(reader)
     fields["capsules"] = read_capsules(reader)
     fields["links"] = read_links(reader)
+    fields["dynamics"] = read_joint_dynamics(reader)
     fields |= read_body_parts(reader)
     fields["gripper"] = read_gripper(reader)
     if reader.has("robot/foot"):

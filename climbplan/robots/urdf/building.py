@@ -18,6 +18,7 @@ from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.touching_parts import always_touching
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS, leg_capsules
+from climbplan.robots.urdf.drives import by_leg, joint_dynamics_of, joint_limits, joint_stiffness_of
 from climbplan.robots.urdf.flat_feet import sole_capsules, sole_of, with_soles
 from climbplan.robots.urdf.link_masses import link_masses_of
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
@@ -46,7 +47,8 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
         raise robot.refused([Finding(("urdf",), f"expected a mass > 0, got {mass:g} kg")])
     names = robot.limb_names
     legs = [found.leg(name) for name in names]
-    width = max(len(leg.names) for leg in legs)
+    names_by_leg = [leg.names for leg in legs]
+    width = max(map(len, names_by_leg))
     lower, upper, posture = (
         by_leg(width, [[values[j] for j in leg.names] for leg in legs], empty)
         for values, empty in zip(joint_angles_of(robot), (-1.0, 1.0, 0.0), strict=True)
@@ -122,11 +124,11 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
         shoulder_body=first,
         mount_yaw=np.arctan2(toward[:, 1], toward[:, 0]),
         link_lengths=np.linalg.norm(np.diff(points, axis=1), axis=-1),
-        max_torque=joint_limits(robot, legs, width, "max_torque", "effort"),
-        joint_stiffness=_stiffness(robot, legs, width),
+        max_torque=joint_limits(robot, names_by_leg, width, "max_torque", "effort"),
+        joint_stiffness=joint_stiffness_of(robot, names_by_leg, width),
         joint_lower=lower,
         joint_upper=upper,
-        max_joint_speed=joint_limits(robot, legs, width, "max_speed", "velocity"),
+        max_joint_speed=joint_limits(robot, names_by_leg, width, "max_speed", "velocity"),
         stance_body=stance,
         body_hull=_hull(robot, first, body_box(shapes), centre),
         reach=reach,
@@ -139,6 +141,7 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
         links=links,
         capsules=capsules,
         body_parts=() if spec.body_half_size is not None else parts,
+        dynamics=joint_dynamics_of(robot, names_by_leg, width),
     )
     if capsules is None:
         return made
@@ -168,11 +171,6 @@ def joint_angles_of(
             lower[joint.name], upper[joint.name] = low, high
             posture[joint.name] = min(max(given.get(joint.name, rest), low), high)
     return lower, upper, posture
-
-
-def by_leg(width: int, rows: list[list[float]], empty: float) -> Array:
-    """(N, J) of rows that may be shorter, whose first joints are then none."""
-    return np.array([[empty] * (width - len(row)) + row for row in rows])
 
 
 def chain_at_zero(legs: list[LegAtZero], width: int, centre: Array, posture: Array) -> SerialChain:
@@ -265,33 +263,6 @@ def _side(side: str, x: float) -> str:
     if abs(x) < _ON_MIDDLE:
         return "any"
     return "right" if x > 0 else "left"
-
-
-def joint_limits(
-    robot: UrdfRobot, legs: list[LegAtZero], width: int, key: str, attribute: str
-) -> Array:
-    """(N, J) limits: the section's, else the URDF's."""
-    own = robot.spec.joints
-
-    def limit(joint: str) -> float:
-        if robot.tree.joints[joint].mimic is not None:  # its motor is that of another joint
-            return 1.0
-        given = vars(own[joint])[key] if joint in own else None
-        return float(given or vars(robot.tree.joints[joint])[attribute])
-
-    return by_leg(width, [[limit(joint) for joint in leg.names] for leg in legs], 1.0)
-
-
-def _stiffness(robot: UrdfRobot, legs: list[LegAtZero], width: int) -> Array:
-    own, spec = robot.spec.joints, robot.spec
-
-    def stiffness(joint: str) -> float:
-        given = own[joint].stiffness if joint in own else None
-        slides = robot.tree.joints[joint].slides
-        return given or (spec.slide_stiffness if slides else spec.joint_stiffness)
-
-    rows = [[stiffness(joint) for joint in leg.names] for leg in legs]
-    return by_leg(width, rows, spec.joint_stiffness)
 
 
 def _hull(robot: UrdfRobot, first: Array, box: tuple[Array, Array] | None, centre: Array) -> Array:

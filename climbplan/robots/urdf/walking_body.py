@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.robots.rotations import Array
-from climbplan.robots.urdf.building import by_leg, chain_at_zero, joint_angles_of, joint_limits
+from climbplan.robots.urdf.building import chain_at_zero, joint_angles_of
+from climbplan.robots.urdf.drives import by_leg, joint_limits
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.toe_boxes import ToeBoxes, toe_boxes
 from climbplan.robots.walking_legs import WalkingLegs
@@ -75,12 +76,13 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
         raise robot.refused([Finding(("legs",), message)])
     chain = chain.ordered(order)
     toes, names = toes[order], tuple(names[i] for i in order)
+    ordered = [at_zero[i].names for i in order]
     legs = WalkingLegs(
         chain,
         lower[order],
         upper[order],
-        joint_limits(robot, [at_zero[i] for i in order], joints, "max_torque", "effort"),
-        joint_limits(robot, [at_zero[i] for i in order], joints, "max_speed", "velocity"),
+        joint_limits(robot, ordered, joints, "max_torque", "effort"),
+        joint_limits(robot, ordered, joints, "max_speed", "velocity"),
     )
     boxes = toe_boxes(
         chain, toes, legs.lower, legs.upper, legs.max_torque, mass * robot.spec.gravity

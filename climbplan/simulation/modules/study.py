@@ -157,6 +157,8 @@ def _refuse(plan: LimmsPlan, asked: Asked) -> None:
         ("--random-backlash-deg", asked.most_backlash > 0),
         ("--limb-mass-share", given.limb_mass_share != base.limb_mass_share),
         ("--no-limb-weights", not given.limb_weights),
+        ("--armature", (given.armature, given.armature_value) != (1.0, None)),
+        ("--damping", (given.damping, given.damping_value) != (1.0, None)),
         ("--regulate", given.regulator != base.regulator),
         ("--speed", given.speed != base.speed),
     ):

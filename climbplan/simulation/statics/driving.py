@@ -98,7 +98,7 @@ def _sprung(
         touch.saturated[i] = 0
         for j in range(wanted.shape[1]):
             k, c = machine.stiffness[i, j], machine.damping[i, j] / span
-            m = machine.armature / span**2
+            m = machine.armature[i, j] / span**2
             firm = k + c + m
             # A motor pushes with its largest torque at most, by where it was last
             most = machine.strongest[i, j] / k

@@ -20,11 +20,11 @@ from climbplan.simulation.comparison import LEAST_HELD, held_toes
 from climbplan.simulation.conditions import Conditions, regulated
 from climbplan.simulation.feedforward import limb_weight_torques, limb_weight_wrench
 from climbplan.simulation.model import (
-    ARMATURE,
-    DAMPING_RATIO,
     believed_stiffness,
+    joint_damping,
     motor_stiffness,
     plays,
+    rotor_inertia,
 )
 from climbplan.simulation.odometry import standing
 from climbplan.simulation.planned_pressure import planned_pressure
@@ -154,8 +154,8 @@ def machine_of(plan: ClimbPlan, terrain: Terrain, steps: Steps, conditions: Cond
         gravity=float(robot.gravity),
         offset=world.com.copy(),
         stiffness=np.ascontiguousarray(stiffness),
-        damping=2 * DAMPING_RATIO * np.sqrt(stiffness * ARMATURE),
-        armature=ARMATURE,
+        damping=np.ascontiguousarray(joint_damping(robot, conditions) * unit**2),
+        armature=np.ascontiguousarray(rotor_inertia(robot, conditions) * unit**2),
         play=plays(robot, conditions) / unit,
         strongest=np.ascontiguousarray(robot.max_torque * unit),
         placement=np.ascontiguousarray(world.placement),

@@ -164,7 +164,7 @@ class Machine(NamedTuple):
     offset: Array  # (3,) of the mass [m]
     stiffness: Array  # (N, J) [N m/rad]
     damping: Array  # (N, J) of motors [N m s/rad]
-    armature: float  # [kg m^2]
+    armature: Array  # (N, J) rotor inertia behind the gears [kg m^2]
     play: Array  # (N, J) [rad]
     strongest: Array  # (N, J) [N m]
     placement: Array  # (N, P, 3) error of each foothold, world [m]

@@ -69,6 +69,8 @@ def simulate_walk_plan(
     Raises UsageError for what only climbs have, MissingSolver without MuJoCo.
     """
     refuse_flags(asked, "a walk is simulated as one rigid body without joints")
+    if (asked.conditions.armature, asked.conditions.armature_value) != (1.0, None):
+        raise UsageError("--armature: a walk of one rigid body has no joints")
     if asked.pushes:
         raise UsageError("--push: a walk of one rigid body is pushed by its spec (`loop.pushes`)")
     require_possible(asked.conditions, plan.task.body.mass)
@@ -119,6 +121,7 @@ def refuse_flags(asked: Asked, why: str) -> None:
         ("--random-backlash-deg", asked.most_backlash > 0),
         ("--limb-mass-share", given.limb_mass_share != base.limb_mass_share),
         ("--no-limb-weights", not given.limb_weights),
+        ("--damping", (given.damping, given.damping_value) != (1.0, None)),
         ("--regulate", given.regulator != base.regulator),
         ("--speed", given.speed != base.speed),
     ):

@@ -93,7 +93,8 @@ class _Player:
         robot: WholeRobot = whole_robot(plan, conditions)
         self.centre, self.mass = robot.centre, robot.mass
         self.foot = robot.found.robot.spec.foot_radius
-        known = robot if conditions.payload == 0 else whole_robot(plan, NOMINAL)
+        as_known = vars(conditions) | {"payload": 0.0, "armature": 1.0, "armature_value": None}
+        known = robot if as_known == vars(conditions) else whole_robot(plan, NOMINAL)
         make = self.mujoco.MjModel.from_xml_string
         self.model = make(whole_model(plan, robot, conditions))
         self.data = self.mujoco.MjData(self.model)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.errors import UsageError
+from climbplan.robots.urdf.drives import joint_dynamics_of
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.walking_body import TO_WALKING
 from climbplan.robots.walking_legs import WalkingLegs
@@ -66,7 +67,7 @@ def whole_robot(plan: WalkPlan, conditions: Conditions) -> WholeRobot:
     }
     pin, model = found.library, found.model
     centre = turn @ np.array(pin.centerOfMass(model, model.createData(), found.angles(angles)))
-    tree = _Tree(found, plan, turn, conditions.payload, centre)
+    tree = _Tree(found, plan, turn, conditions, centre)
     return WholeRobot(found, centre, tree.body(), ties_of(legs), found.mass())
 
 
@@ -102,14 +103,39 @@ def robot_of_plan(plan: WalkPlan) -> UrdfRobot:
     return robot
 
 
+def _resistance(found: UrdfModel, conditions: Conditions) -> dict[str, str]:
+    """Attributes of each leg's joints, by name: rotor inertia and friction.
+
+    Joints that mimic others have no motor, and so no rotor.
+    """
+    robot = found.robot
+    names = [tuple(joint.name for joint in joints) for joints in robot.joints.values()]
+    width = max(map(len, names))
+    own, out = joint_dynamics_of(robot, names, width), {}
+    for leg, joints in enumerate(names):
+        for number, name in enumerate(joints, start=width - len(joints)):
+            rotor = conditions.armature * own.rotor_inertia[leg, number]
+            if conditions.armature_value is not None:
+                rotor = conditions.armature_value
+            if robot.tree.joints[name].mimic is not None:
+                rotor = 0.0
+            out[name] = (
+                f' armature="{rotor:.9g}" damping="{own.viscous_friction[leg, number]:.9g}"'
+                f' frictionloss="{own.dry_friction[leg, number]:.9g}"'
+            )
+    return out
+
+
 class _Tree:
     """Bodies of the model, from the root on."""
 
     def __init__(
-        self, found: UrdfModel, plan: WalkPlan, turn: Array, payload: float, centre: Array
+        self, found: UrdfModel, plan: WalkPlan, turn: Array, conditions: Conditions, centre: Array
     ) -> None:
         assert plan.task.legs is not None
-        self.found, self.turn, self.payload, self.centre = found, turn, payload, centre
+        self.found, self.turn, self.centre = found, turn, centre
+        self.payload = conditions.payload
+        self.resistance = _resistance(found, conditions)
         self.legs = plan.task.legs
         self.half = np.abs(plan.task.body.toe_center).max(axis=0)
         pin, model = found.library, found.model
@@ -164,7 +190,10 @@ class _Tree:
             bounds = f' range="{low:.9g} {high:.9g}" limited="true"'
             if self.legs.mimics[leg, number]:
                 bounds = ""  # those of the joint that it follows
-            hinge = f'<joint name="{leg}_{number}" type="{kind}" axis="{numbers(column)}"{bounds}/>'
+            hinge = (
+                f'<joint name="{leg}_{number}" type="{kind}" axis="{numbers(column)}"{bounds}'
+                f"{self.resistance[name]}/>"
+            )
             toe = self._toe(leg, joint) if number == self.legs.chain.joint_count - 1 else ""
         below = "".join(self._link(child, np.eye(3)) for child in self.children.get(joint, []))
         drawn = "".join(

@@ -32,6 +32,8 @@ MASS = Range(1e-3, 1e6, "kg")
 GRAVITY = Range(0.0, 1000.0, "m/s^2")
 TORQUE = Range(1e-4, 1e7, "N m")
 STIFFNESS = Range(1e-2, 1e8, "N m/rad")
+ROTOR_INERTIA = Range(1e-7, 1e5, "kg m^2")
+DAMPING = Range(0.0, 1e7, "N m s/rad")
 SPEED = Range(1e-3, 1e4, "rad/s")
 ANGLE = Range(-1000.0, 1000.0, "rad")
 

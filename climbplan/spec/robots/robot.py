@@ -11,10 +11,12 @@ from climbplan.spec.climb.uncertainty import RobotUncertaintySpec
 from climbplan.spec.robots.gripper import GripperSpec
 from climbplan.spec.robots.linkage import FiveBarSpec
 from climbplan.spec.robots.ranges import (
+    DAMPING,
     GRAVITY,
     LENGTH,
     MASS,
     PLACE,
+    ROTOR_INERTIA,
     SPEED,
     STIFFNESS,
     THICKNESS,
@@ -96,6 +98,20 @@ class RobotSpec(SpecModel):
     structural_compliance_share: Number = quantity(
         "", "share of the limb compliance that comes from the structure", default=0.0, ge=0, lt=1
     )
+    joint_rotor_inertia: Number | None = quantity(
+        "kg m^2",
+        "inertia of rotors behind their gears, as joints feel it, in simulation; left out: by "
+        "torque and speed limits, 0.006 s * max_torque / max_joint_speed",
+        default=None,
+        gt=0,
+    )
+    joint_damping: Number | None = quantity(
+        "N m s/rad",
+        "derivative gain of joints under position control, in simulation; left out: what damps "
+        "the rotor critically on the joint's stiffness",
+        default=None,
+        ge=0,
+    )
     body_half_size: Vector = quantity("m", "half extents of the body's box hull (x, y, z)")
     limb_radius: Number = quantity(
         "m", "radius of the capsules round the links", default=0.02, ge=0
@@ -139,6 +155,8 @@ class RobotSpec(SpecModel):
                     "gravity": (self.gravity, GRAVITY),
                     "body_half_size": (self.body_half_size, LENGTH),
                     "limb_radius": (self.limb_radius, THICKNESS),
+                    "joint_rotor_inertia": (self.joint_rotor_inertia, ROTOR_INERTIA),
+                    "joint_damping": (self.joint_damping, DAMPING),
                     "workspace.reach": (self.workspace.reach, LENGTH),
                     "workspace.stance_radius": (self.workspace.stance_radius, LENGTH),
                 }

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.bench.zoo.second.stances import Limbs
-from climbplan.robots.urdf.building import joint_angles_of, joint_limits
+from climbplan.robots.urdf.building import joint_angles_of
+from climbplan.robots.urdf.drives import joint_limits
 from climbplan.robots.urdf.pinocchio_model import urdf_model
 from climbplan.robots.urdf.proposal.touching import Parts, parts_of
 from climbplan.spec.robots.source import load_any_robot
@@ -54,7 +55,7 @@ def subject_of_robot(robot: UrdfRobot) -> Subject:
     lower, upper, standing = joint_angles_of(robot)
     legs = [model.leg(name) for name in robot.limb_names]
     width = max(len(leg.names) for leg in legs)
-    torque = joint_limits(robot, legs, width, "max_torque", "effort")
+    torque = joint_limits(robot, [leg.names for leg in legs], width, "max_torque", "effort")
     limits = {
         joint: float(limit)
         for leg, row in zip(legs, torque, strict=True)

@@ -74,6 +74,8 @@ def _robot_check(plan: ClimbPlan, robot: Robot, stored: StoredRobot) -> Check:
         models.append("links without mass")
         share = 100 * robot.links.share
         lacks.append(f"the weight of links, {share:.0f} % of all, which it counts to the body")
+    if plan.robot.dynamics is None:  # plan files without rotors: they do not enter planning
+        unknown.append("dynamics")
     worst = largest(parts_apart("robot", plan.robot, robot, unknown))
     check = judge("robot.spec", worst.size, _told(worst, plan.robot))
     if stored.unknown:

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.robots.joint_dynamics import dynamics_of
 from climbplan.robots.model import Robot
+from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.proposal.settled import SHARE, Proposal
 from climbplan.robots.urdf.proposal.yaml_words import mapping, scalar
 
@@ -43,6 +45,7 @@ def robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
         "# Measure it: `climbplan fit-stiffness`.",
         f"joint_stiffness: {motors.stiffness:g}",
         f"structural_compliance_share: {SHARE:g}  # ASSUMED: part of the give that is in links",
+        *_rotors(robot),
     ]
     if draft.joints:
         lines += ["", "# Where the URDF says nothing that a motor can be, or joints are not alike"]
@@ -81,6 +84,24 @@ def robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
             lines.append(f"    toe_offset: {json.dumps(list(toe.offset))}  # [m] in its frame")
         lines.append(f"    posture_deg: {mapping(own['posture_deg'])}")
     return "\n".join(lines) + "\n"
+
+
+def _rotors(robot: Robot) -> list[str]:
+    """What `simulate` takes joints to resist motion with, as comments."""
+    own = dynamics_of(robot)
+    inertia, gain = own.rotor_inertia[robot.has_joint], own.damping[robot.has_joint]
+    return [
+        "# For `simulate`: rotors behind gears and derivative gains, of all joints that turn. Left",
+        "# out: 0.006 s * torque limit / speed limit, and the gain that damps that critically.",
+        f"# joint_rotor_inertia: {np.median(inertia):.2g}  # [kg m^2] {_span(inertia)}",
+        f"# joint_damping: {np.median(gain):.2g}  # [N m s/rad] {_span(gain)}",
+    ]
+
+
+def _span(values: Array) -> str:
+    """ASSUMED, and from where to where."""
+    low, high = f"{values.min():.2g}", f"{values.max():.2g}"
+    return f"ASSUMED {low}" if low == high else f"ASSUMED {low} to {high}"
 
 
 def _feet(robot: Robot) -> list[str]:

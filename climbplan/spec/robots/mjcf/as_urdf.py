@@ -161,11 +161,17 @@ class _Writer:
             limit = f' lower="{low!r}" upper="{high!r}"'
         if joint in self.efforts:
             limit += f' effort="{self.efforts[joint]!r}"'
+        own = int(model.jnt_dofadr[joint])
+        dynamics = (
+            f'<dynamics damping="{float(model.dof_damping[own])!r}" '
+            f'friction="{float(model.dof_frictionloss[own])!r}" '
+            f'armature="{float(model.dof_armature[own])!r}"/>'
+        )
         axis = words(model.jnt_axis[joint])
         ends = f"<parent link={quoteattr(above)}/><child link={quoteattr(below)}/>"
         return (
             f'<joint name={quoteattr(name)} type="{written}"{line_attribute(line)}>{ends}'
-            f'{origin_element(step, turn)}<axis xyz="{axis}"/><limit{limit}/>'
+            f'{origin_element(step, turn)}<axis xyz="{axis}"/><limit{limit}/>{dynamics}'
             f"{self.follows.get(joint, '')}</joint>"
         )
 

@@ -13,10 +13,12 @@ from climbplan.spec.fields import FILE_TAG, MAPPING_TAG
 from climbplan.spec.robots.foot import FootSpec
 from climbplan.spec.robots.gripper import GripperSpec
 from climbplan.spec.robots.ranges import (
+    DAMPING,
     GRAVITY,
     LENGTH,
     MASS,
     PLACE,
+    ROTOR_INERTIA,
     SPEED,
     STIFFNESS,
     THICKNESS,
@@ -50,6 +52,19 @@ class UrdfJointSpec(SpecModel):
         "stiffness under position control; left out: the robot's",
         default=None,
         gt=0,
+    )
+    rotor_inertia: Number | None = quantity(
+        "kg m^2 or kg",
+        "inertia of its rotor behind the gear, as the joint feels it, in simulation; left out: "
+        "the robot's",
+        default=None,
+        gt=0,
+    )
+    damping: Number | None = quantity(
+        "N m s/rad or N s/m",
+        "derivative gain under position control, in simulation; left out: the robot's",
+        default=None,
+        ge=0,
     )
 
 
@@ -142,6 +157,20 @@ class UrdfRobotSpec(SpecModel):
         "stiffness of joints that slide under position control (their P gain); assumed if left out",
         default=5000.0,
         gt=0,
+    )
+    joint_rotor_inertia: Number | None = quantity(
+        "kg m^2",
+        "inertia of rotors behind their gears, as joints that turn feel it, in simulation; left "
+        "out: `armature` of an MJCF file, else 0.006 s * torque limit / speed limit",
+        default=None,
+        gt=0,
+    )
+    joint_damping: Number | None = quantity(
+        "N m s/rad",
+        "derivative gain of joints that turn under position control, in simulation; left out: "
+        "what damps the rotor critically on the joint's stiffness",
+        default=None,
+        ge=0,
     )
     structural_compliance_share: Number = quantity(
         "", "share of the limb compliance that comes from the structure", default=0.0, ge=0, lt=1
@@ -240,6 +269,8 @@ class UrdfRobotSpec(SpecModel):
             "gravity": (self.gravity, GRAVITY),
             "joint_stiffness": (self.joint_stiffness, STIFFNESS),
             "slide_stiffness": (self.slide_stiffness, STIFFNESS),
+            "joint_rotor_inertia": (self.joint_rotor_inertia, ROTOR_INERTIA),
+            "joint_damping": (self.joint_damping, DAMPING),
             "body_half_size": (self.body_half_size, LENGTH),
             "limb_radius": (self.limb_radius, THICKNESS),
             **{f"limb_radii.{name}": (r, THICKNESS) for name, r in self.limb_radii.items()},
@@ -254,6 +285,8 @@ class UrdfRobotSpec(SpecModel):
             own[f"joints.{name}.max_torque"] = (joint.max_torque, TORQUE)
             own[f"joints.{name}.max_speed"] = (joint.max_speed, SPEED)
             own[f"joints.{name}.stiffness"] = (joint.stiffness, STIFFNESS)
+            own[f"joints.{name}.rotor_inertia"] = (joint.rotor_inertia, ROTOR_INERTIA)
+            own[f"joints.{name}.damping"] = (joint.damping, DAMPING)
         for name, leg in self.legs.items():
             own[f"legs.{name}.toe_offset"] = (leg.toe_offset, PLACE)
             own[f"legs.{name}.stance"] = (leg.stance, PLACE)

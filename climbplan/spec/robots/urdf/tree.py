@@ -36,6 +36,7 @@ _NO_SDF = (
 )
 _SHORTEST = 1e-6  # of an axis
 _LARGEST_SCALE = 1e6  # of a mesh
+_LARGEST_DYNAMICS = 1e7  # of damping, friction and armature
 # Sizes that each shape has to have
 _SHAPES = {
     "box": ("size",),
@@ -69,6 +70,9 @@ class UrdfJoint:
     effort: float | None  # [N m], [N]; None if not given
     velocity: float | None  # [rad/s], [m/s]
     mimic: Mimic | None
+    damping: float = 0.0  # [N m s/rad], [N s/m], viscous
+    friction: float = 0.0  # [N m], [N], dry
+    armature: float | None = None  # [kg m^2], [kg], of an MJCF file; None if not given
 
     @property
     def mimics(self) -> str | None:
@@ -322,6 +326,13 @@ def _joint(element: Element) -> UrdfJoint:
     lower, upper = -math.inf, math.inf
     if kind in ("revolute", SLIDING):
         lower, upper = number_of(limit, "lower") or 0.0, number_of(limit, "upper") or 0.0
+    dynamics = element.first("dynamics")
+    for attribute in ("damping", "friction", "armature"):
+        stated = number_of(dynamics, attribute) or 0.0
+        if not 0 <= stated <= _LARGEST_DYNAMICS:
+            message = f"<dynamics {attribute}> of joint {name!r}: expected 0 to "
+            line = element.line if dynamics is None else dynamics.line
+            raise UrdfFault(f"{message}{_LARGEST_DYNAMICS:g}, got {stated:g}", line)
     return UrdfJoint(
         name=name,
         line=element.line,
@@ -334,6 +345,9 @@ def _joint(element: Element) -> UrdfJoint:
         velocity=number_of(limit, "velocity"),
         # A joint that does not move follows nothing: reduced models leave the element behind
         mimic=None if mimic is None or kind == "fixed" else _mimic(mimic),
+        damping=number_of(dynamics, "damping") or 0.0,
+        friction=number_of(dynamics, "friction") or 0.0,
+        armature=number_of(dynamics, "armature") or None,
     )
 
 

@@ -50,6 +50,7 @@ class Walker:
     link_mass: float = 0.2  # [kg] of each link of a leg
     half_width: float = 0.12  # [m] of the first joints off the middle
     mesh: str = ""  # collision mesh of the base, a box if left out
+    pins: bool = False  # whether legs end in pins with round tips, 3 mm in radius
 
     def names(self) -> list[str]:
         """Legs: L1, R1, L2, ..."""
@@ -106,7 +107,9 @@ class Walker:
             middle = f"0 0 {-length / 2}" if down else f"{length / 2} 0 0"
             tilt = "0 0 0" if down else f"0 {math.pi / 2} 0"
             out += [f'  <link name="{child}">', f"    {_inertial(self.link_mass, middle)}"]
-            if length > 0:
+            if self.pins and kind == "ankle":
+                out += _PIN
+            elif length > 0:
                 out.append(
                     f'    <collision><origin xyz="{middle}" rpy="{tilt}"/><geometry>'
                     f'<cylinder radius="0.02" length="{length}"/></geometry></collision>'
@@ -121,6 +124,17 @@ class Walker:
             f'  <link name="{name}_toe"/>',
         ]
         return out
+
+
+_PIN = [
+    f'    <collision><origin xyz="0 0 {at}" rpy="0 0 0"/>'
+    f"<geometry><{shape}/></geometry></collision>"
+    for at, shape in (
+        (-0.025, 'cylinder radius="0.02" length="0.05"'),
+        (-0.0735, 'cylinder radius="0.003" length="0.047"'),
+        (-0.097, 'sphere radius="0.003"'),
+    )
+]
 
 
 def _inertial(mass: float, at: str = "0 0 0") -> str:

@@ -23,6 +23,7 @@ from climbplan.robots.urdf.flat_feet import sole_capsules, sole_of, with_soles
 from climbplan.robots.urdf.link_masses import link_masses_of
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
 from climbplan.robots.urdf.shapes import body_box, body_parts, collision_shapes
+from climbplan.robots.urdf.toe_surface import buried_toes
 from climbplan.robots.urdf.workspace import common_reach, farthest_toes, stance_balls
 from climbplan.spec.document import Finding
 from climbplan.spec.robots.ranges import LENGTH, THICKNESS
@@ -89,6 +90,10 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
     shapes = []
     if robot.needs_shapes:
         shapes = collision_shapes(found)
+    if not robot.is_stored and spec.gripper is None:
+        toes = chain.toe_zero + centre
+        if buried := buried_toes(found, legs, toes, shapes):
+            raise robot.refused(buried)
     capsules = leg_capsules(
         chain,
         legs,

@@ -26,6 +26,12 @@ class Shape:
     # of a box or a cylinder: middle (3,) and half (3,) of its long axis [m], and the square of how
     # far its edges lie from that [m^2]
     axis: tuple[Array, Array, float] | None = None
+    body: str = ""  # the joint that moves it, held ones included
+
+    @property
+    def is_cylinder(self) -> bool:
+        """Whether it is a cylinder, of which `points` are corners of a prism round it."""
+        return self.axis is not None and len(self.points) == 2 * _RIM
 
 
 def collision_shapes(found: UrdfModel) -> list[Shape]:
@@ -58,7 +64,8 @@ def collision_shapes(found: UrdfModel) -> list[Shape]:
         if (long := _axis_of(item.geometry)) is not None:
             middle = at(np.zeros(3))
             axis = middle, at(long[0]) - middle, long[1]
-        shapes.append(Shape(name, at(points), radius, axis))
+        body = str(model.names[item.parentJoint])
+        shapes.append(Shape(name, at(points), radius, axis, body))
     return shapes
 
 

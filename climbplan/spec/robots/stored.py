@@ -6,7 +6,7 @@ its name; of any other the plan carries the text.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from climbplan.errors import SpecError, SpecMistake
@@ -103,7 +103,8 @@ def _of_urdf(document: Document, path: KeyPath, text: str) -> StoredRobot:
     if robot is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
     return StoredRobot(
-        robot, tuple(dict.fromkeys(part for name in unknown for part in _BY_MESHES[name]))
+        replace(robot, is_stored=True),
+        tuple(dict.fromkeys(part for name in unknown for part in _BY_MESHES[name])),
     )
 
 

@@ -66,7 +66,12 @@ def nearer_end(
     kept, beyond = limb.joints[:keep], limb.joints[keep:]
     return Nearer(
         FoundLimb(kept, (*beyond, *limb.locked)),
-        toe_at(found, kept[-1].child, leg.joints[keep], f"where {beyond[0].name} begins: {words}"),
+        replace(
+            toe_at(
+                found, kept[-1].child, leg.joints[keep], f"where {beyond[0].name} begins: {words}"
+            ),
+            is_cut=True,
+        ),
         _turned_back(leg, keep, limb, shapes),
     )
 

@@ -15,6 +15,7 @@ from climbplan.errors import SpecError, UsageError
 from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.pinocchio_model import LegAtZero
 from climbplan.robots.urdf.proposal.draft import Draft
+from climbplan.robots.urdf.proposal.ends import ends_of
 from climbplan.robots.urdf.proposal.limbs import (
     FoundLimb,
     FoundLimbs,
@@ -153,6 +154,8 @@ def legs_of(
         own, draft.sole = list(soles.toes), (soles.length, soles.width)
     else:
         own, draft.foot = spherical(draft.model(), names.names, own, shapes)
+        if not draft.foot:
+            own, draft.foot = ends_of(draft.model(), names.names, own, shapes)
     for name, toe in zip(names.names, own, strict=True):
         draft.legs[name]["toe_offset"] = list(toe.offset)
     return FoundLegs(draft, tree, tuple(own), names, shapes, unread, soles)

@@ -14,8 +14,9 @@ from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
 from climbplan.robots.touching_parts import limbs_room, parts_beside
-from climbplan.robots.urdf.building import by_leg, chain_at_zero, joint_angles_of, robot_of_urdf
+from climbplan.robots.urdf.building import chain_at_zero, joint_angles_of, robot_of_urdf
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
+from climbplan.robots.urdf.drives import by_leg
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel, urdf_model
 from climbplan.robots.urdf.proposal.braces import (
     braces_of,
@@ -270,7 +271,10 @@ def _masses(tree: UrdfTree) -> list[str]:
 def _buried(
     toes: Sequence[Toe], legs: Sequence[LegAtZero], shapes: list[Shape], foot: float
 ) -> list[str]:
-    """Toes deeper inside the collision geometry of their last link than feet are thick [m]."""
+    """Toes beyond which the collision geometry of all that they move with reaches.
+
+    foot: [m] radius of spherical feet, which reach so far.
+    """
     depth: dict[str, float] = {}
     for toe, leg in zip(toes, legs, strict=True):
         own = [shape for shape in shapes if shape.joint == leg.names[-1]]
@@ -287,5 +291,5 @@ def _buried(
         return []
     least, most = f"{min(depth.values()):.0f}", f"{max(depth.values()):.0f}"
     span = most if least == most else f"{least} to {most}"
-    where = f"toes {', '.join(depth)} lie {span} mm inside their own feet"
-    return [f"{where}, which touch that much earlier; `toe_offset` moves them"]
+    where = f"beyond toes {', '.join(depth)} their limbs go on for {span} mm along their direction"
+    return [f"{where}, and touch that much earlier; `toe_offset` moves them"]

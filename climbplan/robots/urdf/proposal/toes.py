@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.pinocchio_model import UrdfModel
 from climbplan.robots.urdf.shapes import Shape
+from climbplan.robots.urdf.toe_surface import offset_in_link
 
 _FEET = re.compile(r"foot|feet|toe|sole|tip|contact", re.IGNORECASE)
 _OFF_JOINT = 0.01  # [m] a frame this close to the joint is no toe
@@ -28,6 +28,7 @@ class Toe:
     link: str
     offset: tuple[float, float, float]  # in the link's frame [m]
     why: str
+    is_cut: bool = False  # whether the limb ends there before motors too weak for it
 
 
 def toe_of(found: UrdfModel, joint: str, end: str, shapes: list[Shape]) -> Toe:
@@ -63,10 +64,7 @@ def toe_of(found: UrdfModel, joint: str, end: str, shapes: list[Shape]) -> Toe:
 
 def toe_at(found: UrdfModel, link: str, point: Array, why: str) -> Toe:
     """A toe at a point (3,) of a link, at zero angles, base frame turned to x right, y forward."""
-    place = _frame_of(found, link)
-    there = point @ found.turn + found.origin  # back into the root's frame
-    x, y, z = (round(float(value), 4) for value in place.rotation.T @ (there - place.translation))
-    return Toe(link, (x, y, z), why)
+    return Toe(link, offset_in_link(found, link, point), why)
 
 
 def spherical(
@@ -103,15 +101,6 @@ def spherical(
     if max(radii) - min(radii) > _SAME:
         return toes, 0.0
     return centred, round(float(np.mean(radii)), 4)
-
-
-def _frame_of(found: UrdfModel, link: str) -> Any:
-    """Where a link is at zero angles, in the root's frame."""
-    pin, model = found.library, found.model
-    data = model.createData()
-    pin.forwardKinematics(model, data, found.angles({}))
-    pin.updateFramePlacements(model, data)
-    return data.oMf[int(model.getFrameId(link, pin.FrameType.BODY))]
 
 
 def _end_of_shapes(

@@ -32,6 +32,7 @@ class UrdfRobot:
     document: Document = field(repr=False, compare=False)
     path: KeyPath  # of the section in the document
     directory: Path = field(default=Path(), repr=False, compare=False)  # that paths start from
+    is_stored: bool = False  # whether it is from a plan file, whose robot is what it was
 
     @property
     def needs_shapes(self) -> bool:

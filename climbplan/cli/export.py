@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -14,6 +15,18 @@ from climbplan.errors import UsageError
 
 if TYPE_CHECKING:
     from climbplan.api.kinds import PlanKind
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Options of motions as they were given."""
+
+    rate: float | None = None
+    gains: str | None = None
+    feedforward: bool = False
+    gravity: bool | None = None
+    ramp: float | None = None
+
 
 # Names of `climbplan.exports.formats.FORMATS` and the regulator's, not imported for --help
 FormatName = Literal["csv", "npz", "mcap", "ros2", "jtc", "usd", "regulator"]
@@ -50,9 +63,9 @@ def export(
     gains: Annotated[
         str | None,
         typer.Option(
-            metavar="NUMBER|FILE",
-            help="P gains of the controller [N m/rad]: one number, or a YAML file of `joint: gain` "
-            "[default: the robot's joint_stiffness].",
+            metavar="NUMBER|FILE|rigid",
+            help="P gains of the controller [N m/rad]: a number, a YAML file of `joint: gain`, or "
+            "rigid for simulators whose links do not bend [default: the robot's joint_stiffness].",
         ),
     ] = None,
     feedforward: Annotated[
@@ -62,6 +75,21 @@ def export(
             help="Tell torques apart: commands are the angles, whatever the gains are.",
         ),
     ] = False,
+    gravity: Annotated[
+        bool | None,
+        typer.Option(
+            "--gravity/--no-gravity",
+            help="Effort contains what holds the links' own weight [default: with jtc].",
+        ),
+    ] = None,
+    ramp: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            min=0,
+            help="Load ramps before and after the plan [s] [default: 3 with jtc, otherwise 0].",
+        ),
+    ] = None,
     instances: Annotated[
         Path | None,
         typer.Option(
@@ -99,9 +127,9 @@ def export(
     places of all books (placements.csv), of a walk its samples (walk.csv). With another format, a
     rate or gains: the motion with velocities, accelerations and torques.
     """
-    motion = (rate, gains, feedforward)
+    asked = Asked(rate, gains, feedforward, gravity, ramp)
     if instances is not None:
-        if plan is not None or out is not None or format_ != "csv" or any(motion):
+        if plan is not None or out is not None or format_ != "csv" or asked != Asked():
             raise UsageError("--instances DIR: no plan and no option of motions goes with it")
         print_result(str(_instances(context, instances, seed, count, force)))
         return
@@ -116,10 +144,10 @@ def export(
     kind = plan_kind(path)
     warn_of_failure(kind, path)
     if format_ == "regulator":
-        print_result(str(_regulator(context, path, out, (rate, gains, feedforward), force)))
+        print_result(str(_regulator(context, path, out, asked, force)))
         return
-    if format_ != "csv" or rate is not None or gains is not None or feedforward:
-        print_result(str(_motion(kind, path, out, format_, (rate, gains, feedforward), force)))
+    if format_ != "csv" or asked != Asked():
+        print_result(str(_motion(kind, path, out, format_, asked, force)))
         return
     if out == "-":
         with standard_output() as stream:
@@ -153,21 +181,20 @@ def _regulator(
     context: typer.Context,
     path: Path,
     out: str | None,
-    asked: tuple[float | None, str | None, bool],
+    asked: Asked,
     force: bool,
 ) -> Path:
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.exports.regulator_files import write_regulator
 
-    rate, gains, feedforward = asked
-    if out == "-" or rate is not None or feedforward:
+    if out == "-" or asked != Asked(gains=asked.gains):
         raise UsageError(
-            "--format regulator: a directory of code and tables, for any rate; -o -, --rate and "
-            "--feedforward do not go with it"
+            "--format regulator: a directory of code and tables, for any rate; expected no option "
+            "but --gains, and no -o -"
         )
     target = Path(out) if out is not None else path.parent / "regulator"
     with OutputDirectory(target, force) as output:
-        took = write_regulator(path, gains, output.path)
+        took = write_regulator(path, asked.gains, output.path)
         output.publish()
     context.ensure_object(Session).note(
         f"a tick takes {1e6 * took.median:.0f} us here (median; 99 %: {1e6 * took.most:.0f} us)"
@@ -180,11 +207,11 @@ def _motion(
     path: Path,
     out: str | None,
     format_: FormatName,
-    asked: tuple[float | None, str | None, bool],
+    asked: Asked,
     force: bool,
 ) -> Path:
     from climbplan.cli.output_directory import OutputDirectory
-    from climbplan.exports.formats import FORMATS, Told, told
+    from climbplan.exports.formats import FORMATS, Told, for_controller, told
 
     if out == "-":
         raise UsageError("-o -: only the plain CSV goes to standard output")
@@ -192,8 +219,15 @@ def _motion(
     target = Path(out) if out is not None else path.parent / chosen.name
     if not chosen.directory:
         _require_free(target, force)
-    rate, gains, feedforward = asked
-    motion = told(kind.motion(path), Told(rate, gains, feedforward))
+    plan = kind.motion(path)
+    how = Told(asked.rate, asked.gains, asked.feedforward)
+    if format_ == "jtc":
+        how = for_controller(plan, how)
+    if asked.gravity is not None:
+        how = replace(how, gravity=asked.gravity)
+    if asked.ramp is not None:
+        how = replace(how, ramp=asked.ramp)
+    motion = told(plan, how)
     for word in motion.words:
         warn(word)
     if chosen.directory:

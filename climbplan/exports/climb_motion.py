@@ -9,15 +9,21 @@ from scipy.spatial.transform import Rotation
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
+from climbplan.errors import ClimbplanError
+from climbplan.exports.base_link import BaseLink, base_link, urdf_facts
+from climbplan.exports.damping import critical_damping, joint_inertia
 from climbplan.exports.motion import (
     BodyMotion,
     ContactMotion,
+    JointLimits,
     JointMotion,
     LimbShape,
     RobotMotion,
+    continuous_quaternions,
     differentiated,
     gain_words,
 )
+from climbplan.mechanics.equilibrium import link_torques
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.plans.check import Array
 from climbplan.reports.replay import sample_instants, true_angles
@@ -28,15 +34,21 @@ from climbplan.robots.kinematics import (
     joint_points_body,
     toe_world,
 )
-from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
+from climbplan.spec.robots.stored import NotKept, stored_robot
+from climbplan.spec.robots.urdf.source import UrdfRobot
+from climbplan.spec.yaml_source import parse_yaml
 from climbplan.terrain.surfaces import Region
 
 
 def climb_motion(path: Path) -> RobotMotion:
     """Read a plan file; raises PlanFileError where it is no climb or damaged."""
-    plan = read_climb(path)
+    return motion_of_climb(read_climb(path))
+
+
+def motion_of_climb(plan: ClimbPlan) -> RobotMotion:
+    """Return what controllers and other simulators have to know of a plan's motion."""
     moving, robot = plan.trajectory, plan.robot
     there = robot.has_joint
     angle = true_angles(plan, sample_instants(plan))
@@ -44,44 +56,86 @@ def climb_motion(path: Path) -> RobotMotion:
     torque = (moving.joint_command - angle) / joint_softness(robot)
     torque = np.where(moving.contact[..., None], torque, 0.0)
     seen = moving.joint_command - torque / robot.joint_stiffness
-    names, slides = joint_names(robot), tuple(robot.slides[there].tolist())
+    slides = tuple(robot.slides[there].tolist())
     velocity, acceleration = differentiated(moving.time, moving.joint_command[:, there])
-    quaternion = Rotation.from_matrix(rotation_world_body(moving.rpy)).as_quat(canonical=False)
+    rotation = rotation_world_body(moving.rpy)
+    quaternion = Rotation.from_matrix(rotation).as_quat(canonical=False)
+    link, facts, words = _of_urdf(plan)
     return RobotMotion(
         name=plan.name,
         robot=robot.name,
         time=moving.time,
-        bodies=(BodyMotion("body", moving.com, _continuous(quaternion)),),
+        bodies=(BodyMotion("body", moving.com, continuous_quaternions(quaternion)),),
+        base=None if link is None else link.motion(moving.com, rotation),
         joints=JointMotion(
-            names=names,
+            names=robot.motor_names,
             command=moving.joint_command[:, there],
             velocity=velocity,
             acceleration=acceleration,
             angle=seen[:, there],
             torque=torque[:, there],
             feedforward=np.zeros_like(torque[:, there]),
+            gravity=-link_torques(robot, moving.rpy, angle)[:, there],
             gain=robot.joint_stiffness[there],
             slides=slides,
+            limits=_limits(plan, angle),
+            link_angle=moving.joint_command[:, there] - (torque * joint_softness(robot))[:, there],
         ),
         contacts=_contacts(plan, angle, torque),
         limbs=_limbs(plan, angle),
         body_size=np.abs(robot.body_hull).max(axis=0),
         surfaces=tuple(s.material for s in plan.terrain.regions if isinstance(s, Region)),
-        words=(gain_words(robot.joint_stiffness[there], slides=slides),),
+        words=(gain_words(robot.joint_stiffness[there], slides=slides), *words),
+        facts={
+            "structural_compliance_share": robot.structural_compliance_share,
+            "foot_radius": 0.0 if robot.foot is None else robot.foot.radius,
+            "surfaces": _surfaces(plan),
+            **facts,
+        },
     )
 
 
-def joint_names(robot: Robot) -> tuple[str, ...]:
-    """Of all joints, limb by limb: those of the URDF, or limb and joint, "RF_femur"."""
-    own = robot.limbs.joint_names
-    if isinstance(robot.mechanism, SerialChain):  # those that mimic others have no motor
-        return tuple(name for names in own for name in names if name)
-    return tuple(
-        f"{limb}_{name}"
-        for limb, names in zip(robot.limb_names, own, strict=True)
-        for name in names
-        if name
+def _limits(plan: ClimbPlan, angle: Array) -> JointLimits:
+    robot = plan.robot
+    there, shape = robot.has_joint, robot.has_joint.shape
+    names = np.broadcast_to(np.array(robot.limb_names)[:, None], shape)
+    damping = critical_damping(joint_inertia(robot, angle), robot.joint_stiffness)
+    return JointLimits(
+        limb=tuple(names[there].tolist()),
+        rigid_gain=robot.joint_stiffness[there] * (1 - robot.structural_compliance_share),
+        damping=damping[there],
+        max_torque=robot.max_torque[there],
     )
+
+
+def _of_urdf(plan: ClimbPlan) -> tuple[BaseLink | None, dict[str, object], tuple[str, ...]]:
+    """Root link and facts of the URDF that a plan carries, and words where they cannot be read."""
+    chain = plan.robot.mechanism
+    if not plan.robot_texts.urdf or not isinstance(chain, SerialChain):
+        return None, {}, ()
+    try:
+        robot = stored_robot(parse_yaml(plan.spec_text, "spec"), plan.robot_texts).robot
+        if not isinstance(robot, UrdfRobot):
+            return None, {}, ()
+        facts = dict(urdf_facts(robot))
+        return base_link(robot, chain, np.eye(3)), facts, ()
+    except (NotKept, ClimbplanError, ValueError) as reason:
+        why = str(reason).splitlines()[0]
+        return None, {}, (f"the pose of the URDF's root link is not exported: {why}",)
+
+
+def _surfaces(plan: ClimbPlan) -> list[dict[str, object]]:
+    """Flat surfaces of the terrain, where their material is."""
+    return [
+        {
+            "name": region.name,
+            "kind": "flat",
+            "corners": region.material.tolist(),
+            "normal": region.normal.tolist(),
+            "friction": region.friction,
+        }
+        for region in plan.terrain.regions
+    ]
 
 
 def _contacts(plan: ClimbPlan, angle: Array, torque: Array) -> ContactMotion:
@@ -111,10 +165,3 @@ def _limbs(plan: ClimbPlan, angle: Array) -> tuple[LimbShape, ...]:
     return tuple(
         LimbShape(name, points[:, n], robot.limb_radius) for n, name in enumerate(robot.limb_names)
     )
-
-
-def _continuous(quaternion: Array) -> Array:
-    """The same rotations, each on the side of the one before: readers may interpolate."""
-    flips = (quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0
-    sign = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
-    return np.asarray(quaternion * sign[:, None])

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from climbplan.errors import UsageError
-from climbplan.exports.gains import read_gains
-from climbplan.exports.motion import RobotMotion, at_rate, for_gains, gain_words
+from climbplan.exports.gains import RIGID, read_gains
+from climbplan.exports.motion import (
+    JointMotion,
+    RobotMotion,
+    for_gains,
+    for_rigid_links,
+    gain_words,
+    rigid_words,
+)
 from climbplan.exports.ros2_control import write_controller
 from climbplan.exports.ros_files import write_bag, write_mcap
+from climbplan.exports.sampling import at_rate, with_ramps
+from climbplan.exports.sidecar import write_facts
 from climbplan.exports.tables import write_arrays, write_table
 from climbplan.exports.usd_file import write_usd
 
 FACTS = "export.json"  # in directories: what was exported how
+_JTC_RAMP = 3.0  # [s]
 
 
 @dataclass(frozen=True)
@@ -32,54 +41,72 @@ class Told:
     """What a controller is told: how often, for which gains, with torques or without."""
 
     rate: float | None = None  # [Hz], the plan's own samples if left out
-    gains: str | None = None  # a number [N m/rad] or a file
+    gains: str | None = None  # a number [N m/rad], a file, or "rigid"
     feedforward: bool = False
+    gravity: bool = False  # the weight of links is part of `effort`
+    ramp: float = 0.0  # [s] of load ramps before and after the plan; 0: none
 
 
 def told(motion: RobotMotion, how: Told) -> RobotMotion:
     """The motion as a controller is told it.
 
-    Raises UsageError for rates and gains that cannot be, and gains of a motion without torques.
+    Raises UsageError for rates, gains and ramps that cannot be, and gains of a motion without
+    torques.
     """
-    joints = motion.joints
+    if motion.sampler is not None and how.rate is not None:
+        motion = at_rate(motion, how.rate)
     if how.gains is not None or how.feedforward:
-        if joints is None or not (joints.gain > 0).all():
+        if motion.joints is None or not (motion.joints.gain > 0).all():
             raise UsageError(f"--gains, --feedforward: {'; '.join(motion.words)}")
+        motion = _for_gains(motion, motion.joints, how)
+    if how.gravity:
+        if motion.joints is None or motion.joints.limits is None:
+            raise UsageError(f"--gravity: {'; '.join(motion.words)}")
+        motion = replace(motion, joints=replace(motion.joints, has_gravity_effort=True))
+    if motion.sampler is None and how.rate is not None:
+        motion = at_rate(motion, how.rate)
+    return with_ramps(motion, how.ramp) if how.ramp else motion
+
+
+def _for_gains(motion: RobotMotion, joints: JointMotion, how: Told) -> RobotMotion:
+    """The motion under another controller's gains, the first of its words about them."""
+    if how.gains == RIGID:
+        own = for_rigid_links(joints, how.feedforward, motion.time)
+        said = rigid_words(own.gain, joints.slides)
+    else:
         gain = (
             joints.gain if how.gains is None else read_gains(how.gains, joints.names, joints.slides)
         )
-        joints = for_gains(joints, gain, how.feedforward, motion.time)
-        motion = replace(
-            motion, joints=joints, words=(gain_words(gain, how.feedforward, joints.slides),)
-        )
-    return motion if how.rate is None else at_rate(motion, how.rate)
+        own = for_gains(joints, gain, how.feedforward, motion.time)
+        said = gain_words(gain, how.feedforward, joints.slides)
+    return replace(motion, joints=own, words=(said, *motion.words[1:]))
+
+
+def for_controller(motion: RobotMotion, how: Told) -> Told:
+    """What a trajectory controller is told where nobody says: ramps, and the weight of links."""
+    joints = motion.joints
+    if joints is None or joints.limits is None:
+        return how
+    return replace(how, gravity=True, ramp=_JTC_RAMP)
+
+
+def _table(motion: RobotMotion, out: Path) -> None:
+    write_table(motion, out)
+    write_facts(motion, out.with_name(f"{out.name}.json"))
 
 
 def _bag(motion: RobotMotion, directory: Path) -> None:
     write_bag(motion, directory / "bag")
-    _facts(motion, directory)
+    write_facts(motion, directory / FACTS)
 
 
 def _controller(motion: RobotMotion, directory: Path) -> None:
-    span = float(motion.time[-1] - motion.time[0])
-    rate = (len(motion.time) - 1) / span if span > 0 else 1.0
-    write_controller(motion, directory, max(rate, 1.0))
-    _facts(motion, directory)
-
-
-def _facts(motion: RobotMotion, directory: Path) -> None:
-    facts = {
-        "name": motion.name,
-        "robot": motion.robot,
-        "samples": len(motion.time),
-        "seconds": float(motion.time[-1] - motion.time[0]),
-        "words": list(motion.words),
-    }
-    (directory / FACTS).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+    write_controller(motion, directory)
+    write_facts(motion, directory / FACTS)
 
 
 FORMATS: dict[str, Format] = {
-    "csv": Format("motion.csv", write_table),
+    "csv": Format("motion.csv", _table),
     "npz": Format("motion.npz", write_arrays),
     "mcap": Format("motion.mcap", write_mcap),
     "ros2": Format("ros2_bag", _bag, directory=True),

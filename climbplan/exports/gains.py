@@ -11,6 +11,7 @@ import yaml
 from climbplan.errors import UsageError
 from climbplan.plans.check import Array
 
+RIGID = "rigid"  # in place of a number: gains of simulators whose links do not bend
 _MOST_BYTES = 1_000_000
 
 

@@ -1,24 +1,24 @@
-"""What a robot is told: bodies, joints and contacts over time, at any rate and for any gains.
+"""What a robot is commanded: bodies, joints and contacts over time, for any gains.
 
 A plan's joints are springs: a command is the angle plus what the contact forces bend the joint by,
 for motors whose P gain is the robot's `joint_stiffness`. Another controller needs other commands
 for the same torques, or the torques themselves.
+
+All torques are those of motors: positive ones turn a joint in the positive direction of its axis. A
+motor brings `gain (command - angle) + feedforward + gravity`. Contact forces act on the robot.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, Slerp
 
 from climbplan.errors import UsageError
 from climbplan.plans.check import Array
-
-_MOST_RATE = 2000.0  # [Hz]
-_MOST_SAMPLES = 2_000_000
 
 
 @dataclass(frozen=True)
@@ -35,18 +35,37 @@ class JointMotion:
     """J joints, T samples; of joints that slide in m for rad and N for N m."""
 
     names: tuple[str, ...]
-    command: Array  # (T, J) what controllers are to be told [rad]
+    command: Array  # (T, J) for P controllers [rad]
     velocity: Array  # (T, J) of the command [rad/s]
     acceleration: Array  # (T, J) [rad/s^2]
-    angle: Array  # (T, J) as encoders will see it [rad]
-    torque: Array  # (T, J) that motors bring [N m]
-    feedforward: Array  # (T, J) of it what controllers are told beside the command [N m]
-    gain: Array  # (J,) P gains that the commands are right for [N m/rad]; none: position control
+    angle: Array  # (T, J) as encoders will read it [rad]
+    torque: Array  # (T, J) that motors bring against contact forces [N m]
+    feedforward: Array  # (T, J) of `torque` what controllers add to their P part [N m]
+    gravity: Array  # (T, J) what motors add to hold the links' own weight [N m]
+    gain: Array  # (J,) P gains that the commands are right for [N m/rad]; zero: position control
     slides: tuple[bool, ...] = ()  # (J,) which do; none if left out
+    limits: JointLimits | None = None  # None: nothing is known of motors
+    link_angle: Array | None = None  # (T, J) without the structure's give; None: as `angle`
+    has_gravity_effort: bool = False  # `effort` in files contains `gravity`
 
     def is_sliding(self, joint: int) -> bool:
         """Whether a joint slides."""
         return bool(self.slides and self.slides[joint])
+
+    @property
+    def effort(self) -> Array:
+        """(T, J) what controllers add to their P part [N m]."""
+        return self.feedforward + self.gravity if self.has_gravity_effort else self.feedforward
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """What controllers and simulators have to know of J motors."""
+
+    limb: tuple[str, ...]  # (J,) that each joint belongs to
+    rigid_gain: Array  # (J,) P gains of simulators whose links do not bend [N m/rad]
+    damping: Array  # (J,) D gains that settle a joint under `gain` [N m s/rad]
+    max_torque: Array  # (J,) [N m]
 
 
 @dataclass(frozen=True)
@@ -54,7 +73,7 @@ class ContactMotion:
     """C points that may touch, T samples, world frame."""
 
     names: tuple[str, ...]
-    point: Array  # (T, C, 3) [m]
+    point: Array  # (T, C, 3) where they touch, beside the centres of spherical feet [m]
     force: Array  # (T, C, 3) on the robot [N]
     touching: NDArray[np.bool_]  # (T, C)
 
@@ -78,10 +97,20 @@ class RobotMotion:
     bodies: tuple[BodyMotion, ...]
     joints: JointMotion | None
     contacts: ContactMotion | None
+    base: BodyMotion | None = None  # root link of the URDF; None: the robot has none
     limbs: tuple[LimbShape, ...] = ()
     body_size: Array | None = None  # (3,) half lengths of the first body's box [m]
     surfaces: tuple[Array, ...] = ()  # (V, 3) corners of each [m]
     words: tuple[str, ...] = ()  # what users of the file have to know
+    facts: Mapping[str, object] = field(default_factory=dict)  # what files tell beside the samples
+    # Of a motion that is known at all times, not at samples alone: the motion at times (M,)
+    sampler: Callable[[Array], RobotMotion] | None = None
+    ramp: float = 0.0  # [s] before and after the plan in which contacts take load and give it up
+
+    @property
+    def placed(self) -> tuple[BodyMotion, ...]:
+        """All bodies, and the root link of the URDF after them."""
+        return self.bodies if self.base is None else (*self.bodies, self.base)
 
 
 def gain_words(gain: Array, feedforward: bool = False, slides: tuple[bool, ...] = ()) -> str:
@@ -91,13 +120,24 @@ def gain_words(gain: Array, feedforward: bool = False, slides: tuple[bool, ...] 
             "commands are the angles at which joints come to rest; controllers have to add the "
             "torques told beside them, or the robot sags"
         )
+    return (
+        f"commands hold for controllers whose P gains are {_spans(gain, slides)}; for others give "
+        "--gains or --feedforward"
+    )
+
+
+def rigid_words(gain: Array, slides: tuple[bool, ...] = ()) -> str:
+    """Return what a user of `--gains rigid` has to know; gain: (J,) as `gain_words`."""
+    return (
+        "commands and angles hold for simulators whose links do not bend, with P gains of "
+        f"{_spans(gain, slides)}; the robot itself needs a file without --gains rigid"
+    )
+
+
+def _spans(gain: Array, slides: tuple[bool, ...]) -> str:
     sliding = np.array(slides or (False,) * len(gain))
     kinds = ((gain[~sliding], "N m/rad"), (gain[sliding], "N/m"))
-    spans = " and ".join(f"{_span(own)} {unit}" for own, unit in kinds if len(own))
-    return (
-        f"commands hold for controllers whose P gains are {spans}; for others give --gains "
-        "or --feedforward"
-    )
+    return " and ".join(f"{_span(own)} {unit}" for own, unit in kinds if len(own))
 
 
 def _span(values: Array) -> str:
@@ -117,44 +157,14 @@ def differentiated(time: Array, values: Array) -> tuple[Array, Array]:
     return spline(time, 1), spline(time, 2)
 
 
-def at_rate(motion: RobotMotion, rate: float) -> RobotMotion:
-    """The motion at `rate` [Hz], on the cubic splines through its samples.
+def continuous_quaternions(quaternion: Array) -> Array:
+    """Return the same rotations (T, 4), each on the side of the one before.
 
-    What the plan has a sample of is kept exactly. Contacts are those of the sample before. Raises
-    UsageError for rates that cannot be.
+    Readers may interpolate between them.
     """
-    if not 0 < rate <= _MOST_RATE:
-        raise UsageError(f"--rate {rate:g}: expected more than 0 and at most {_MOST_RATE:g} Hz")
-    begin, end = float(motion.time[0]), float(motion.time[-1])
-    count = int(np.floor((end - begin) * rate * (1 + 1e-12))) + 1
-    if count > _MOST_SAMPLES:
-        raise UsageError(f"--rate {rate:g}: {count} samples, at most {_MOST_SAMPLES}")
-    time = begin + np.arange(count) / rate
-    if end - time[-1] > 1e-9:
-        time = np.append(time, end)  # the plan's last sample ends it
-    near = np.clip(np.searchsorted(motion.time, time), 1, max(len(motion.time) - 1, 1))
-    if len(motion.time) > 1:
-        for side in (near - 1, near):
-            time = np.where(np.abs(motion.time[side] - time) < 1e-9, motion.time[side], time)
-    before = np.searchsorted(motion.time, time, side="right") - 1
-    bodies = tuple(
-        BodyMotion(
-            body.name,
-            _smooth(motion.time, body.position, time),
-            Slerp(motion.time, Rotation.from_quat(body.quaternion))(time).as_quat(),
-        )
-        for body in motion.bodies
-    )
-    return replace(
-        motion,
-        time=time,
-        bodies=bodies,
-        joints=None if motion.joints is None else _joints_at(motion.time, motion.joints, time),
-        contacts=None if motion.contacts is None else _contacts_at(motion, before, time),
-        limbs=tuple(
-            replace(limb, points=_smooth(motion.time, limb.points, time)) for limb in motion.limbs
-        ),
-    )
+    flips = (quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0
+    sign = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
+    return np.asarray(quaternion * sign[:, None])
 
 
 def for_gains(joints: JointMotion, gain: Array, feedforward: bool, time: Array) -> JointMotion:
@@ -171,6 +181,10 @@ def for_gains(joints: JointMotion, gain: Array, feedforward: bool, time: Array) 
         raise UsageError(f"P gains must be positive: {', '.join(low)}; or use --feedforward")
     command = joints.angle + np.divide(asked, gain, out=np.zeros_like(asked), where=gain > 0)
     velocity, acceleration = differentiated(time, command)
+    limits = joints.limits
+    if limits is not None:  # critical damping grows with the square root of stiffness
+        stiffer = np.divide(gain, joints.gain, out=np.ones_like(gain), where=joints.gain > 0)
+        limits = replace(limits, damping=limits.damping * np.sqrt(stiffer))
     return replace(
         joints,
         command=command,
@@ -178,53 +192,18 @@ def for_gains(joints: JointMotion, gain: Array, feedforward: bool, time: Array) 
         acceleration=acceleration,
         feedforward=told,
         gain=gain,
+        limits=limits,
     )
 
 
-def _smooth(time: Array, values: Array, wanted: Array, order: int = 0) -> Array:
-    if len(time) < 3 and order > 0:
-        return np.zeros((len(wanted), *values.shape[1:]))
-    if len(time) < 3:
-        flat = [np.interp(wanted, time, column) for column in values.reshape(len(time), -1).T]
-        return np.stack(flat, axis=1).reshape(len(wanted), *values.shape[1:])
-    found = CubicSpline(time, values, axis=0, bc_type="clamped")(wanted, order)
-    if order == 0:  # the plan's own samples to the last bit
-        own = np.minimum(np.searchsorted(time, wanted), len(time) - 1)
-        same = time[own] == wanted
-        found[same] = values[own[same]]
-    return np.asarray(found)
+def for_rigid_links(joints: JointMotion, feedforward: bool, time: Array) -> JointMotion:
+    """The motion for simulators whose links do not bend: gains K (1 - share), angles of the links.
 
-
-def _joints_at(time: Array, joints: JointMotion, wanted: Array) -> JointMotion:
-    return replace(
-        joints,
-        command=_smooth(time, joints.command, wanted),
-        velocity=_smooth(time, joints.command, wanted, 1),
-        acceleration=_smooth(time, joints.command, wanted, 2),
-        angle=_smooth(time, joints.angle, wanted),
-        torque=_linear(time, joints.torque, wanted),
-        feedforward=_linear(time, joints.feedforward, wanted),
-    )
-
-
-def _linear(time: Array, values: Array, wanted: Array) -> Array:
-    """Torques and forces begin and end within a sample: a spline would swing about them."""
-    at = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, max(len(time) - 2, 0))
-    after = np.minimum(at + 1, len(time) - 1)
-    span = np.where(after > at, time[after] - time[at], 1.0)
-    share = np.clip((wanted - time[at]) / span, 0.0, 1.0)
-    share = share.reshape(-1, *[1] * (values.ndim - 1))
-    return np.asarray((1 - share) * values[at] + share * values[after])
-
-
-def _contacts_at(motion: RobotMotion, before: NDArray[np.int64], wanted: Array) -> ContactMotion:
-    contacts = motion.contacts
-    assert contacts is not None
-    touching = contacts.touching[before]
-    force = _linear(motion.time, contacts.force, wanted)
-    return replace(
-        contacts,
-        point=_linear(motion.time, contacts.point, wanted),
-        force=np.where(touching[..., None], force, 0.0),
-        touching=touching,
-    )
+    The structure's part of the give is counted to the joints, so that the same commands press with
+    the same forces. Raises UsageError where nothing is known of motors.
+    """
+    if joints.limits is None:
+        raise UsageError("--gains rigid: nothing is known of the robot's motors")
+    angle = joints.angle if joints.link_angle is None else joints.link_angle
+    own = replace(joints, angle=angle, link_angle=angle)
+    return for_gains(own, joints.limits.rigid_gain, feedforward, time)

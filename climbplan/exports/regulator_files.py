@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,10 @@ from climbplan.climb.plan.file import read_climb
 from climbplan.control import joint_regulator
 from climbplan.control.joint_regulator import JointRegulator, RegulatorTables
 from climbplan.errors import UsageError
-from climbplan.exports.climb_motion import joint_names
-from climbplan.exports.gains import read_gains
+from climbplan.exports.climb_motion import motion_of_climb
+from climbplan.exports.formats import FACTS, Told, told
+from climbplan.exports.gains import RIGID
+from climbplan.exports.sidecar import write_facts
 from climbplan.simulation.regulator import regulator_tables, zero_angles
 
 TABLES, CODE = "regulator.npz", "joint_regulator.py"
@@ -32,8 +34,9 @@ class TickTime(NamedTuple):
 def write_regulator(path: Path, gains: str | None, directory: Path) -> TickTime:
     """Write code and tables of a climb's regulator into a directory, and time it.
 
-    gains: a number [N m/rad] or a file, the robot's if None. Raises UsageError for gains that
-    cannot be and robots with five-bar legs or grippers, PlanFileError for what is no climb's plan.
+    gains: a number [N m/rad], a file, or "rigid", the robot's if None. Raises UsageError for gains
+    that cannot be and robots with five-bar legs or grippers, PlanFileError for what is no climb's
+    plan.
     """
     plan = read_climb(path)
     robot = plan.robot
@@ -43,16 +46,33 @@ def write_regulator(path: Path, gains: str | None, directory: Path) -> TickTime:
             "regulator knows "
             "limbs whose joints move one after the other and toes that press"
         )
-    names = joint_names(robot)
-    gain = None
-    if gains is not None:
-        gain = np.broadcast_to(robot.joint_stiffness, robot.has_joint.shape).copy()
-        gain[robot.has_joint] = read_gains(
-            gains, names, tuple(robot.slides[robot.has_joint].tolist())
-        )
+    motion = told(motion_of_climb(plan), Told(gains=gains))
+    joints = motion.joints
+    assert joints is not None
+    there, gain = robot.has_joint, None
+    if gains == RIGID:  # what gives beyond the motors is in the joints, where encoders see it
+        firm = robot.joint_stiffness * (1 - robot.structural_compliance_share)
+        own = replace(robot, joint_stiffness=firm, structural_compliance_share=0.0)
+        plan = replace(plan, robot=own)
+    elif gains is not None:
+        gain = _placed(joints.gain, there, robot.joint_stiffness)
     tables = regulator_tables(plan, gain)
     table = {f.name: getattr(tables, f.name) for f in fields(RegulatorTables)}
-    np.savez_compressed(directory / TABLES, joint_names=_placed(names, robot.has_joint), **table)
+    names = np.array(joints.names)
+    more = {
+        "joint_names": _placed(names, there, np.full(there.shape, "", names.dtype)),
+        "gain": _placed(joints.gain, there, np.zeros(there.shape)),
+        "gravity": _placed(joints.gravity, there, np.zeros((len(motion.time), *there.shape))),
+    }
+    if joints.limits is not None:
+        more["damping"] = _placed(joints.limits.damping, there, np.zeros(there.shape))
+    if motion.base is not None:
+        more["base_position"] = motion.base.position
+        more["base_quaternion"] = motion.base.quaternion
+        more["base_link"] = np.array(motion.base.name)
+    arrays: dict[str, NDArray[Any]] = {**more, **table}
+    np.savez_compressed(directory / TABLES, allow_pickle=False, **arrays)
+    write_facts(motion, directory / FACTS)
     code = Path(joint_regulator.__file__).read_text(encoding="utf-8")
     (directory / CODE).write_text(code, encoding="utf-8")
     return tick_time(tables)
@@ -73,8 +93,8 @@ def tick_time(tables: RegulatorTables) -> TickTime:
     return TickTime(float(np.median(taken)), float(np.percentile(taken, 99)))
 
 
-def _placed(names: tuple[str, ...], there: NDArray[np.bool_]) -> NDArray[np.str_]:
-    """(N, J) names, empty where a limb has no such joint."""
-    placed = np.full(there.shape, "", dtype=f"<U{max(map(len, names))}")
-    placed[there] = names
+def _placed(values: NDArray[Any], there: NDArray[np.bool_], empty: NDArray[Any]) -> NDArray[Any]:
+    """(..., N, J) values (..., count) of the joints that there are, beside those of `empty`."""
+    placed = np.broadcast_to(empty, (*empty.shape[:-2], *there.shape)).copy()
+    placed[..., there] = values
     return placed

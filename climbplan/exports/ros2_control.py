@@ -9,24 +9,23 @@ import numpy as np
 import yaml
 
 from climbplan.errors import UsageError
+from climbplan.exports.damping import update_rate
 from climbplan.exports.motion import JointMotion, RobotMotion
 from climbplan.exports.ros_messages import nanoseconds
 from climbplan.plans.check import Array
 
 CONTROLLER = "joint_trajectory_controller"
 _GOAL = "/joint_trajectory_controller/follow_joint_trajectory"
+POSITION_RATE = 100.0  # [Hz] of motors that control positions by themselves
 _ROOM = 0.1  # [rad] of tracking errors beside what contacts bend joints by
 
 
-def write_controller(motion: RobotMotion, directory: Path, rate: float) -> None:
-    """`controllers.yaml` and `goal.yaml`; raises UsageError for a motion without joints.
-
-    rate: [Hz] of the controller manager.
-    """
+def write_controller(motion: RobotMotion, directory: Path) -> None:
+    """`controllers.yaml` and `goal.yaml`; raises UsageError for a motion without joints."""
     joints = motion.joints
     if joints is None:
         raise UsageError(f"{motion.name}: no joints to control: {'; '.join(motion.words)}")
-    text = _head(motion) + yaml.safe_dump(_parameters(joints, rate), sort_keys=False)
+    text = _head(motion) + yaml.safe_dump(_parameters(joints), sort_keys=False)
     (directory / "controllers.yaml").write_text(text, encoding="utf-8")
     with (directory / "goal.yaml").open("w", encoding="utf-8") as stream:
         for line in _goal(motion, joints):
@@ -34,12 +33,21 @@ def write_controller(motion: RobotMotion, directory: Path, rate: float) -> None:
 
 
 def _head(motion: RobotMotion) -> str:
-    told = [*motion.words, "d is not planned: give it what your motors need"]
+    told = [*motion.words]
+    if motion.joints is not None and motion.joints.limits is not None:
+        told += [
+            "p and d act on torques: a controller of 20 Hz throws a robot over that 500 Hz holds",
+            "d damps a limb in the air critically; motors with damping of their own need less",
+        ]
+    if motion.joints is not None and motion.joints.has_gravity_effort:
+        told.append("effort holds the weight of links; without it in the controller they sag")
     return "".join(f"# {line}\n" for line in told)
 
 
-def _parameters(joints: JointMotion, rate: float) -> dict[str, object]:
+def _parameters(joints: JointMotion) -> dict[str, object]:
     by_torque = bool((joints.gain > 0).all())
+    damping = np.zeros_like(joints.gain) if joints.limits is None else joints.limits.damping
+    rate = update_rate(damping, joints.gain) if by_torque else POSITION_RATE
     bent = np.abs(joints.command - joints.angle).max(axis=0) + _ROOM
     own: dict[str, object] = {
         "joints": list(joints.names),
@@ -56,8 +64,8 @@ def _parameters(joints: JointMotion, rate: float) -> dict[str, object]:
     }
     if by_torque:
         own["gains"] = {
-            name: {"p": float(gain), "i": 0.0, "d": 0.0, "ff_velocity_scale": 0.0}
-            for name, gain in zip(joints.names, joints.gain, strict=True)
+            name: {"p": float(p), "i": 0.0, "d": float(f"{d:.4g}"), "ff_velocity_scale": 0.0}
+            for name, p, d in zip(joints.names, joints.gain, damping, strict=True)
         }
     return {
         "controller_manager": {
@@ -86,8 +94,8 @@ def _goal(motion: RobotMotion, joints: JointMotion) -> Iterator[str]:
             f"accelerations: {_numbers(joints.acceleration[k])}",
             f"time_from_start: {{sec: {seconds}, nanosec: {rest}}}",
         ]
-        if joints.feedforward.any():
-            parts.insert(3, f"effort: {_numbers(joints.feedforward[k])}")
+        if joints.effort.any():
+            parts.insert(3, f"effort: {_numbers(joints.effort[k])}")
         yield f"  - {{{', '.join(parts)}}}"
 
 

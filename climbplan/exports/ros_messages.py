@@ -60,7 +60,7 @@ class Messages:
             yield Stamped("/surfaces", kind, begin, self._surfaces())
         for k, time in enumerate(motion.time):
             at = nanoseconds(float(time))
-            transforms = [self._transform(body, k, at) for body in motion.bodies]
+            transforms = [self._transform(body, k, at) for body in motion.placed]
             yield Stamped(
                 "/tf", "tf2_msgs/msg/TFMessage", at, self._new("tf2_msgs/msg/TFMessage", transforms)
             )
@@ -83,7 +83,7 @@ class Messages:
                 joints.command[k],
                 joints.velocity[k],
                 joints.acceleration[k],
-                joints.feedforward[k],
+                joints.effort[k],
                 self._duration(nanoseconds(float(time) - begin)),
             )
             for k, time in enumerate(self._motion.time)

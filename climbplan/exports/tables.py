@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from climbplan.exports.motion import RobotMotion
+from climbplan.exports.sidecar import facts_of
 from climbplan.plans.atomic_file import written_aside
 from climbplan.plans.check import Array
 from climbplan.plans.csv_file import write_csv
 
+BASE = "base"  # in names of columns: the root link of the URDF, whatever its name
 _POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 
 
 def write_table(motion: RobotMotion, out: Path) -> None:
-    """One row a sample: time, poses of bodies, what each joint is told, forces at contacts.
+    """One row a sample: time, poses of bodies, what each joint is told, toes, forces, contacts.
 
     Raises UsageError if the file cannot be written.
     """
@@ -24,14 +27,19 @@ def write_table(motion: RobotMotion, out: Path) -> None:
     for body in motion.bodies:
         header += [f"{body.name}_{part}" for part in _POSE]
         columns += [body.position, body.quaternion]
+    if motion.base is not None:
+        header += [f"{BASE}_{part}" for part in _POSE]
+        columns += [motion.base.position, motion.base.quaternion]
     if motion.joints is not None:
         joints = motion.joints
         told: list[tuple[str, str, Array]] = [
             ("position_rad", "position_m", joints.command),
             ("velocity_rad_s", "velocity_m_s", joints.velocity),
             ("acceleration_rad_s2", "acceleration_m_s2", joints.acceleration),
-            ("effort_Nm", "effort_N", joints.feedforward),
+            ("angle_rad", "angle_m", joints.angle),
+            ("effort_Nm", "effort_N", joints.effort),
             ("torque_Nm", "force_N", joints.torque),
+            ("gravity_Nm", "gravity_N", joints.gravity),
         ]
         for turning, sliding, values in told:
             header += [
@@ -41,9 +49,14 @@ def write_table(motion: RobotMotion, out: Path) -> None:
             columns.append(values)
     if motion.contacts is not None:
         contacts = motion.contacts
+        header += [f"{name}_point_{axis}_m" for name in contacts.names for axis in "xyz"]
         header += [f"{name}_force_{axis}_N" for name in contacts.names for axis in "xyz"]
         header += [f"{name}_contact" for name in contacts.names]
-        columns += [contacts.force.reshape(len(motion.time), -1), contacts.touching.astype(float)]
+        columns += [
+            contacts.point.reshape(len(motion.time), -1),
+            contacts.force.reshape(len(motion.time), -1),
+            contacts.touching.astype(float),
+        ]
     write_csv(out, header, _rows(np.hstack(columns)))
 
 
@@ -57,20 +70,32 @@ def write_arrays(motion: RobotMotion, out: Path) -> None:
 
     Raises UsageError if the file cannot be written.
     """
-    arrays: dict[str, np.ndarray] = {"time": motion.time, "words": np.array(motion.words)}
+    arrays: dict[str, np.ndarray] = {
+        "time": motion.time,
+        "words": np.array(motion.words),
+        "facts": np.array(json.dumps(facts_of(motion))),
+    }
     for body in motion.bodies:
         arrays[f"body/{body.name}/position"] = body.position
         arrays[f"body/{body.name}/quaternion_xyzw"] = body.quaternion
+    if motion.base is not None:
+        arrays["base/position"] = motion.base.position
+        arrays["base/quaternion_xyzw"] = motion.base.quaternion
+        arrays["base/link"] = np.array(motion.base.name)
     if motion.joints is not None:
         joints = motion.joints
         arrays["joint/names"] = np.array(joints.names)
         arrays["joint/position"] = joints.command
         arrays["joint/velocity"] = joints.velocity
         arrays["joint/acceleration"] = joints.acceleration
-        arrays["joint/effort"] = joints.feedforward
+        arrays["joint/effort"] = joints.effort
+        arrays["joint/gravity"] = joints.gravity
         arrays["joint/torque"] = joints.torque
         arrays["joint/angle"] = joints.angle
         arrays["joint/gain"] = joints.gain
+        if joints.limits is not None:
+            arrays["joint/gain_rigid"] = joints.limits.rigid_gain
+            arrays["joint/damping"] = joints.limits.damping
         if any(joints.slides):
             arrays["joint/slides"] = np.array(joints.slides)
     if motion.contacts is not None:

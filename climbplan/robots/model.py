@@ -128,6 +128,22 @@ class Robot:
         return np.array([[bool(name) for name in own] for own in self.limbs.joint_names])
 
     @property
+    def motor_names(self) -> tuple[str, ...]:
+        """Names of all joints that have motors, limb by limb, as every export has them.
+
+        Those of the URDF where the robot is from one, else limb and joint: "RF_femur".
+        """
+        own = self.limbs.joint_names
+        if isinstance(self.mechanism, SerialChain):  # joints that mimic others have no motor
+            return tuple(name for names in own for name in names if name)
+        return tuple(
+            f"{limb}_{name}"
+            for limb, names in zip(self.limb_names, own, strict=True)
+            for name in names
+            if name
+        )
+
+    @property
     def slides(self) -> NDArray[np.bool_]:
         """(N, J): joints whose angles are lengths, torques forces, and so on."""
         if isinstance(self.mechanism, SerialChain):

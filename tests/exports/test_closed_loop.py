@@ -22,7 +22,6 @@ import climbplan
 from climbplan.cli.app import run
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
-from climbplan.exports.climb_motion import joint_names
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.chain_limb import motor_names
@@ -151,7 +150,7 @@ def under_pd(plan_file: Path, place: Path, *more: str, told: float | None = None
         Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader),
     )["trajectory"]
     plan = read_climb(plan_file)
-    names = list(joint_names(plan.robot))
+    names = list(plan.robot.motor_names)
     assert goal["joint_names"] == names
     points = goal["points"]
     at = np.array(

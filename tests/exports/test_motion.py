@@ -10,7 +10,7 @@ import pytest
 
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.errors import UsageError
-from climbplan.exports.climb_motion import climb_motion, joint_names
+from climbplan.exports.climb_motion import climb_motion
 from climbplan.exports.formats import Told, told
 from climbplan.exports.limms_motion import limms_motion
 from climbplan.exports.motion import JointMotion, RobotMotion
@@ -107,7 +107,7 @@ def test_joints_of_a_urdf_have_its_names() -> None:
     loaded = load_spec(SPECS / "climb_walker.yaml")
     robot = build_robot(loaded.robot)
     text = (SPECS / "walker.urdf").read_text(encoding="utf-8")
-    names = joint_names(robot)
+    names = robot.motor_names
     assert len(names) == len(set(names)) == int(robot.has_joint.sum())
     assert all(f'<joint name="{name}"' in text for name in names)
 

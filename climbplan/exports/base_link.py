@@ -1,0 +1,106 @@
+"""The root link of the URDF that a plan's robot comes from: where it is, and what a URDF adds.
+
+Plans move a body frame of their own, with its origin in the centre of mass and axes by which the
+robot walks or climbs. Other simulators place the root link of the URDF, from which all else hangs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from climbplan.exports.motion import BodyMotion, continuous_quaternions
+from climbplan.robots.rotations import Array
+from climbplan.robots.serial_chain import SerialChain
+from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
+from climbplan.spec.robots.urdf.mimics import follows
+from climbplan.spec.robots.urdf.source import UrdfRobot
+
+_AGREE = 1e-6  # [m] by which joints of the plan and of its URDF may be apart
+
+
+@dataclass(frozen=True)
+class BaseLink:
+    """The root link of a URDF in the body frame of a plan."""
+
+    name: str
+    position: Array  # (3,) of its frame's origin, body frame [m]
+    rotation: Array  # (3, 3) root link to body
+
+    def motion(self, position: Array, rotation: Array) -> BodyMotion:
+        """The link's motion, of a body at `position` (T, 3) turned by `rotation` (T, 3, 3)."""
+        quaternion = Rotation.from_matrix(rotation @ self.rotation).as_quat()
+        return BodyMotion(
+            self.name, position + rotation @ self.position, continuous_quaternions(quaternion)
+        )
+
+
+def base_link(robot: UrdfRobot, chain: SerialChain, axes: Array) -> BaseLink:
+    """Return the root link of a robot's URDF in the body frame of a plan.
+
+    Args:
+        robot: The robot section with its URDF.
+        chain: The limbs as the plan has them, body frame.
+        axes: (3, 3) from climbing's body axes (x right, y forward) to those of `chain`.
+
+    Raises:
+        MissingSolver: Pinocchio is not installed.
+        ValueError: The limbs of the plan are not those of its URDF.
+    """
+    model = urdf_model(robot)
+    offset = _origin_in_body(model, chain, axes)
+    turn = axes @ model.turn
+    return BaseLink(
+        name=robot.tree.roots[0],
+        position=offset - turn @ model.origin,
+        rotation=turn,
+    )
+
+
+def _origin_in_body(model: UrdfModel, chain: SerialChain, axes: Array) -> Array:
+    """(3,) origin of the link that is the body, in the body frame: from where its joints are."""
+    places = {
+        name: point
+        for limb in model.robot.limb_names
+        for leg in (model.leg(limb),)
+        for name, point in zip(leg.names, leg.joints, strict=True)
+    }
+    offsets = np.array(
+        [
+            chain.joint_zero[limb, j] - axes @ places[name]
+            for limb, names in enumerate(chain.names)
+            for j, name in enumerate(names)
+            if name
+        ]
+    )
+    if np.ptp(offsets, axis=0).max() > _AGREE:
+        raise ValueError(
+            f"joints of {model.robot.name} in the plan are not where its URDF has them, "
+            f"{1e3 * np.ptp(offsets, axis=0).max():.3g} mm off"
+        )
+    return np.asarray(offsets.mean(axis=0))
+
+
+def urdf_facts(robot: UrdfRobot) -> Mapping[str, object]:
+    """What a simulator of the URDF has to know of the robot file: held and mimic joints, toes."""
+    mimics = {}
+    for joint in robot.tree.joints.values():
+        by = follows(robot.tree, joint)
+        if by is not None and joint.name not in robot.spec.held:
+            mimics[joint.name] = {
+                "joint": by.leader,
+                "multiplier": by.ratio,
+                "offset": by.offset,
+            }
+    return {
+        "base_link": robot.tree.roots[0],
+        "held_joints": dict(robot.spec.held),
+        "mimic_joints": mimics,
+        "toes": {
+            name: {"link": leg.toe, "offset": [float(x) for x in leg.toe_offset]}
+            for name, leg in robot.spec.legs.items()
+        },
+    }

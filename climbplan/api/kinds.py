@@ -80,7 +80,7 @@ _CLIMB = PlanKind(
     csv_name="trajectory.csv",
     verification="climbplan.climb.check.verification",
     report="climbplan.reports.climb.report",
-    csv="climbplan.climb.plan.trajectory_csv",
+    csv="climbplan.exports.climb_csv",
     scene_function="climbplan.reports.viewer.climb_scene:climb_scene",
     motion_function="climbplan.exports.climb_motion:climb_motion",
 )

@@ -189,8 +189,8 @@ def _regulator(
 
     if out == "-" or asked != Asked(gains=asked.gains):
         raise UsageError(
-            "--format regulator: a directory of code and tables, for any rate; expected no option "
-            "but --gains, and no -o -"
+            "--format regulator: code and tables for any rate; expected --gains or nothing, no "
+            "--rate, no other option and no -o -"
         )
     target = Path(out) if out is not None else path.parent / "regulator"
     with OutputDirectory(target, force) as output:

@@ -15,11 +15,12 @@ from climbplan.exports.motion import (
     for_rigid_links,
     gain_words,
     rigid_words,
+    with_gain,
 )
 from climbplan.exports.ros2_control import write_controller
 from climbplan.exports.ros_files import write_bag, write_mcap
 from climbplan.exports.sampling import at_rate, with_ramps
-from climbplan.exports.sidecar import write_facts
+from climbplan.exports.sidecar import write_facts, write_sidecar
 from climbplan.exports.tables import write_arrays, write_table
 from climbplan.exports.usd_file import write_usd
 
@@ -70,6 +71,13 @@ def told(motion: RobotMotion, how: Told) -> RobotMotion:
 
 def _for_gains(motion: RobotMotion, joints: JointMotion, how: Told) -> RobotMotion:
     """The motion under another controller's gains, the first of its words about them."""
+    if motion.sampler is not None:  # torques of a walk jump: they are always told apart
+        gain = joints.gain
+        if how.gains == RIGID and joints.limits is not None:
+            gain = joints.limits.rigid_gain
+        elif how.gains is not None:
+            gain = read_gains(how.gains, joints.names, joints.slides)
+        return replace(motion, joints=with_gain(joints, gain))
     if how.gains == RIGID:
         own = for_rigid_links(joints, how.feedforward, motion.time)
         said = rigid_words(own.gain, joints.slides)
@@ -87,12 +95,12 @@ def for_controller(motion: RobotMotion, how: Told) -> Told:
     joints = motion.joints
     if joints is None or joints.limits is None:
         return how
-    return replace(how, gravity=True, ramp=_JTC_RAMP)
+    return replace(how, gravity=True, ramp=0.0 if motion.sampler is not None else _JTC_RAMP)
 
 
 def _table(motion: RobotMotion, out: Path) -> None:
     write_table(motion, out)
-    write_facts(motion, out.with_name(f"{out.name}.json"))
+    write_sidecar(motion, out)
 
 
 def _bag(motion: RobotMotion, directory: Path) -> None:

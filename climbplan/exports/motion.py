@@ -79,6 +79,20 @@ class ContactMotion:
 
 
 @dataclass(frozen=True)
+class LatchMotion:
+    """What the E ends of modules hold on to, T samples; A anchors on boxes and terrain."""
+
+    ends: tuple[str, ...]  # (E,) "A_first"
+    anchor: NDArray[np.int64]  # (T, E) number in `anchor_names`, -1 of nothing, -2 of the ground
+    anchor_names: tuple[str, ...]  # (A + E,): anchors, then the ends themselves
+    anchor_position: Array  # (T, A, 3) world frame [m]
+
+    def name_of(self, anchor: int) -> str:
+        """What a number in `anchor` stands for."""
+        return {-1: "nothing", -2: "the ground"}.get(anchor) or self.anchor_names[anchor]
+
+
+@dataclass(frozen=True)
 class LimbShape:
     """A limb as links between points, T samples, world frame."""
 
@@ -97,6 +111,7 @@ class RobotMotion:
     bodies: tuple[BodyMotion, ...]
     joints: JointMotion | None
     contacts: ContactMotion | None
+    latches: LatchMotion | None = None  # of modules
     base: BodyMotion | None = None  # root link of the URDF; None: the robot has none
     limbs: tuple[LimbShape, ...] = ()
     body_size: Array | None = None  # (3,) half lengths of the first body's box [m]
@@ -181,19 +196,25 @@ def for_gains(joints: JointMotion, gain: Array, feedforward: bool, time: Array) 
         raise UsageError(f"P gains must be positive: {', '.join(low)}; or use --feedforward")
     command = joints.angle + np.divide(asked, gain, out=np.zeros_like(asked), where=gain > 0)
     velocity, acceleration = differentiated(time, command)
-    limits = joints.limits
-    if limits is not None:  # critical damping grows with the square root of stiffness
-        stiffer = np.divide(gain, joints.gain, out=np.ones_like(gain), where=joints.gain > 0)
-        limits = replace(limits, damping=limits.damping * np.sqrt(stiffer))
     return replace(
-        joints,
+        with_gain(joints, gain),
         command=command,
         velocity=velocity,
         acceleration=acceleration,
         feedforward=told,
-        gain=gain,
-        limits=limits,
     )
+
+
+def with_gain(joints: JointMotion, gain: Array) -> JointMotion:
+    """Return joints whose controllers have P gains (J,) [N m/rad], and D gains that go with them.
+
+    Commands are left as they are.
+    """
+    limits = joints.limits
+    if limits is not None:  # critical damping grows with the square root of stiffness
+        stiffer = np.divide(gain, joints.gain, out=np.ones_like(gain), where=joints.gain > 0)
+        limits = replace(limits, damping=limits.damping * np.sqrt(stiffer))
+    return replace(joints, gain=gain, limits=limits)
 
 
 def for_rigid_links(joints: JointMotion, feedforward: bool, time: Array) -> JointMotion:

@@ -66,6 +66,8 @@ class Messages:
             )
             if motion.joints is not None:
                 yield Stamped("/joint_states", "sensor_msgs/msg/JointState", at, self._state(k, at))
+            if motion.latches is not None:
+                yield Stamped("/latches", "sensor_msgs/msg/JointState", at, self._latches(k, at))
             if motion.contacts is not None:
                 for c in range(len(self._topics)):
                     force = motion.contacts.force[k, c]
@@ -102,6 +104,20 @@ class Messages:
             joints.angle[k],
             joints.velocity[k],
             joints.torque[k],
+        )
+
+    def _latches(self, k: int, at: int) -> Any:
+        """Ends of modules with the numbers of what they hold, for want of a message of latches."""
+        latches = self._motion.latches
+        assert latches is not None
+        nothing = np.zeros(0)
+        return self._new(
+            "sensor_msgs/msg/JointState",
+            self._header(at, ""),
+            list(latches.ends),
+            latches.anchor[k].astype(float),
+            nothing,
+            nothing,
         )
 
     def _transform(self, body: BodyMotion, k: int, at: int) -> Any:

@@ -46,6 +46,13 @@ def at_rate(motion: RobotMotion, rate: float) -> RobotMotion:
         base=None if motion.base is None else _body_at(motion.time, motion.base, time),
         joints=None if motion.joints is None else _joints_at(motion.time, motion.joints, time),
         contacts=None if motion.contacts is None else _contacts_at(motion, before, time),
+        latches=None
+        if motion.latches is None
+        else replace(
+            motion.latches,
+            anchor=motion.latches.anchor[before],
+            anchor_position=_linear(motion.time, motion.latches.anchor_position, time),
+        ),
         limbs=tuple(
             replace(limb, points=_smooth(motion.time, limb.points, time)) for limb in motion.limbs
         ),

@@ -79,6 +79,11 @@ def _joints(joints: JointMotion) -> list[dict[str, object]]:
     return rows
 
 
+def write_sidecar(motion: RobotMotion, out: Path) -> None:
+    """Write the JSON file of a file: `motion.csv.json` of `motion.csv`."""
+    write_facts(motion, out.with_name(f"{out.name}.json"))
+
+
 def write_facts(motion: RobotMotion, out: Path) -> None:
     """Write a JSON file; raises UsageError if it cannot be written."""
     text = json.dumps(facts_of(motion), indent=2, allow_nan=False) + "\n"

@@ -15,20 +15,20 @@ from climbplan.plans.check import Array
 from climbplan.plans.csv_file import write_csv
 
 BASE = "base"  # in names of columns: the root link of the URDF, whatever its name
-_POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 
 
 def write_table(motion: RobotMotion, out: Path) -> None:
-    """One row a sample: time, poses of bodies, what each joint is told, toes, forces, contacts.
+    """One row a sample: time, poses of bodies, what each joint is told, what touches and holds.
 
     Raises UsageError if the file cannot be written.
     """
     header, columns = ["time_s"], [motion.time[:, None]]
     for body in motion.bodies:
-        header += [f"{body.name}_{part}" for part in _POSE]
+        header += [f"{body.name}_{part}" for part in POSE]
         columns += [body.position, body.quaternion]
     if motion.base is not None:
-        header += [f"{BASE}_{part}" for part in _POSE]
+        header += [f"{BASE}_{part}" for part in POSE]
         columns += [motion.base.position, motion.base.quaternion]
     if motion.joints is not None:
         joints = motion.joints
@@ -56,6 +56,15 @@ def write_table(motion: RobotMotion, out: Path) -> None:
             contacts.point.reshape(len(motion.time), -1),
             contacts.force.reshape(len(motion.time), -1),
             contacts.touching.astype(float),
+        ]
+    if motion.latches is not None:
+        latches = motion.latches
+        header += [f"{end}_anchor" for end in latches.ends]
+        places = latches.anchor_names[: latches.anchor_position.shape[1]]
+        header += [f"{name}_{axis}_m" for name in places for axis in "xyz"]
+        columns += [
+            latches.anchor.astype(float),
+            latches.anchor_position.reshape(len(motion.time), -1),
         ]
     write_csv(out, header, _rows(np.hstack(columns)))
 
@@ -104,5 +113,11 @@ def write_arrays(motion: RobotMotion, out: Path) -> None:
         arrays["contact/point"] = contacts.point
         arrays["contact/force"] = contacts.force
         arrays["contact/touching"] = contacts.touching
+    if motion.latches is not None:
+        latches = motion.latches
+        arrays["latch/ends"] = np.array(latches.ends)
+        arrays["latch/anchor"] = latches.anchor
+        arrays["latch/anchor_names"] = np.array(latches.anchor_names)
+        arrays["latch/anchor_position"] = latches.anchor_position
     with written_aside(out) as aside, aside.open("wb") as stream:
         np.savez_compressed(stream, allow_pickle=False, **arrays)

@@ -30,6 +30,7 @@ class Ground:
     slope: Array  # (S, 2) rise along x and y
     corners: Array  # (S, C, 2) counterclockwise, the last ones repeated; C = 0: all are rectangles
     edge: float = 0.0  # [m] from edges within which no toe is set down
+    standoff: float = 0.0  # [m] radius of spherical feet, whose centres stand on these planes
 
     @classmethod
     def level(

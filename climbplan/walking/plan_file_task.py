@@ -93,8 +93,9 @@ def write_task(file: h5py.File, task: WalkTask) -> None:
     ground = file.create_group("ground")
     for name, layout in GROUND.items():
         write_dataset(ground, name, vars(task.ground)[name], layout)
-    if task.ground.edge:
-        ground.attrs["edge"] = task.ground.edge
+    for name in ("edge", "standoff"):
+        if vars(task.ground)[name]:
+            ground.attrs[name] = vars(task.ground)[name]
     if task.ground.slope.any() or task.ground.corners.size:
         for name, layout in SHAPES.items():
             write_dataset(ground, name, vars(task.ground)[name], layout)
@@ -154,7 +155,11 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
         ground=Ground(
             names=reader.texts("ground/names", GROUND["names"]),
             friction=reader.number("robot", "friction"),
-            edge=reader.number("ground", "edge") if reader.has_attribute("ground", "edge") else 0.0,
+            **{
+                name: reader.number("ground", name)
+                for name in ("edge", "standoff")
+                if reader.has_attribute("ground", name)
+            },
             **ground,
         ),
         knots=len(parts["time"]) - 1,

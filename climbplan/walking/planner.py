@@ -14,6 +14,7 @@ from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.cost import cost_terms
 from climbplan.walking.fast_joints import too_fast
+from climbplan.walking.foot_centres import raised
 from climbplan.walking.gaps import Gap, widest_gap
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.problem import build_task
@@ -87,7 +88,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
             if told
         ),
     )
-    return replace(plan, summary=summary_lines(plan))
+    return raised(replace(plan, summary=summary_lines(plan)))
 
 
 def _conflict(gap: Gap) -> Conflict:

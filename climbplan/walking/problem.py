@@ -16,6 +16,7 @@ from climbplan.spec.walking.model import MpcSpec
 from climbplan.spec.walking.task import WalkGoalSpec
 from climbplan.spec.walking.terrain import LevelRegionSpec, WalkTerrainSpec, plane_of
 from climbplan.walking.feet import too_near
+from climbplan.walking.foot_centres import on_centres
 from climbplan.walking.ground import Ground
 from climbplan.walking.stones import drawn_stones
 from climbplan.walking.task import (
@@ -127,8 +128,12 @@ def _padded(outline: Array, count: int) -> Array:
     return outline[np.minimum(np.arange(count), len(outline) - 1)]
 
 
-def build_task(spec: MpcSpec, robot: WalkingRobot, source: str = "spec") -> WalkTask:
-    """The task of a spec.
+def build_task(
+    spec: MpcSpec, robot: WalkingRobot, source: str = "spec", centres: bool = True
+) -> WalkTask:
+    """The task of a spec, by centres of spherical feet before they are raised (`foot_centres.py`).
+
+    centres: False of plans that have centres of feet on the ground itself.
 
     Raises:
         SpecError: a force limit that cannot carry the robot, stated toes off the ground.
@@ -136,6 +141,8 @@ def build_task(spec: MpcSpec, robot: WalkingRobot, source: str = "spec") -> Walk
     """
     walker, mistakes = build_walker(robot), []
     body, ground = walker.body, build_ground(spec.terrain, walker.foot)
+    if centres and walker.foot:
+        ground = on_centres(ground, walker.foot)
     mistakes += [SpecMistake("terrain.edge", word) for word in too_near(ground, walker.foot)]
     if 4 * body.force_limit <= body.mass * body.gravity:
         message = (

@@ -41,8 +41,9 @@ def facts_of(task: WalkTask) -> dict[str, Any]:
     if not task.ground.slope.any() and not task.ground.corners.size:
         for name in _SHAPES:  # level rectangles say nothing of slopes and corners
             del facts["ground"][name]
-    if not task.ground.edge:
-        del facts["ground"]["edge"]
+    for name in ("edge", "standoff"):
+        if not vars(task.ground)[name]:
+            del facts["ground"][name]
     if task.goal.stated:
         facts["goal"] = [task.goal.lower.tolist(), task.goal.upper.tolist()]
     return facts

@@ -255,7 +255,7 @@ def plan_directory(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for module, members in {
         "climbplan.plans.plan_format": {"plan_format": lambda path: "climbplan/climb"},
         "climbplan.climb.check.verification": {"verify": fake_verify},
-        "climbplan.climb.plan.trajectory_csv": {"export_csv": fake_export},
+        "climbplan.exports.climb_csv": {"export_csv": fake_export},
         "climbplan.reports.climb.report": {
             "write_report": fake_report,
             "report_dict": lambda plan: {"size": len(plan.name)},

@@ -15,7 +15,7 @@ import pytest
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found, read_climb, write_climb
-from climbplan.climb.plan.trajectory_csv import export_csv
+from climbplan.exports.climb_csv import export_csv
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.summary import least_safety
 from climbplan.control.joint_regulator import chains_of
@@ -163,7 +163,7 @@ def test_units_are_told(plan: ClimbPlan, stored: Path, tmp_path: Path) -> None:
         assert "ankle" not in header  # what mimics another joint is told nothing
         assert len(motion.joints.names) == 12
         return
-    assert "L1_L1_lift_rad,L1_L1_extend_m" in header
+    assert "L1_lift_rad,L1_extend_m" in header
     assert "150 N m/rad and 8000 N/m" in motion.words[0]
     with pytest.raises(UsageError, match="joints that slide"):
         read_gains("150", motion.joints.names, motion.joints.slides)

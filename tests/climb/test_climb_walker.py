@@ -16,7 +16,7 @@ from climbplan.climb.chaining import started
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found, read_climb, write_climb
-from climbplan.climb.plan.trajectory_csv import export_csv
+from climbplan.exports.climb_csv import export_csv
 from climbplan.climb.planner import plan_climb
 from climbplan.errors import SpecError
 from climbplan.plans.verification import mark_verified
@@ -73,8 +73,8 @@ def test_the_file_holds_the_chains(plan: ClimbPlan, stored: Path) -> None:
 def test_export_names_the_joints_of_the_urdf(stored: Path, tmp_path: Path) -> None:
     export_csv(stored, tmp_path / "motion.csv")
     header, first = (tmp_path / "motion.csv").read_text().splitlines()[:2]
-    assert "L1_L1_yaw_rad,L1_L1_lift_rad,L1_L1_knee_rad,L1_L1_ankle_rad,R1_R1_yaw_rad" in header
-    assert len(header.split(",")) == len(first.split(",")) == 1 + 6 + 16 + 4
+    assert "L1_yaw_rad,L1_lift_rad,L1_knee_rad,L1_ankle_rad,R1_yaw_rad" in header
+    assert len(header.split(",")) == len(first.split(",")) == 1 + 6 + 16 + 4 + 7 + 16 + 16 + 12
 
 
 def shifted(file: h5py.File) -> None:

@@ -19,7 +19,11 @@ def test_command_writes_the_regulator_and_says_what_a_tick_takes(
     told = capsys.readouterr()
     assert told.out.strip() == str(target)
     assert "a tick takes" in told.err
-    assert {path.name for path in target.iterdir()} == {"regulator.npz", "joint_regulator.py"}
+    assert {path.name for path in target.iterdir()} == {
+        "regulator.npz",
+        "joint_regulator.py",
+        "export.json",
+    }
     with np.load(target / "regulator.npz") as stored:
         assert stored["joint_names"][0, 0] == "RF_coxa"
     assert run(asked) == 2

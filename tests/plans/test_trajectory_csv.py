@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from example_climb import Climb
 
-from climbplan.climb.plan.trajectory_csv import export_csv
+from climbplan.exports.climb_csv import export_csv
 from climbplan.errors import PlanFileError, UsageError
 
 
@@ -29,15 +29,18 @@ def test_every_number_survives(climb: Climb, original: Path, tmp_path: Path) -> 
         "yaw_rad",
     ]
     assert header[7:10] == ["RF_coxa_rad", "RF_femur_rad", "RF_tibia_rad"]
-    assert header[-6:] == [f"{limb}_contact" for limb in ("RF", "RM", "RR", "LR", "LM", "LF")]
+    assert header[25:31] == [f"{limb}_contact" for limb in ("RF", "RM", "RR", "LR", "LM", "LF")]
+    assert header[31] == "RF_coxa_torque_Nm"
+    assert header[49] == "RF_coxa_gravity_Nm"
+    assert header[-1] == "LF_force_z_N"
     table = np.array(rows, float)
     motion = climb.plan.trajectory
     assert np.array_equal(table[:, 0], motion.time)
     assert np.array_equal(table[:, 1:4], motion.com)
     assert np.array_equal(table[:, 4:7], motion.rpy)
     assert np.array_equal(table[:, 7:25].reshape(-1, 6, 3), motion.joint_command)
-    assert np.array_equal(table[:, 25:].astype(bool), motion.contact)
-    assert set(np.unique([row[25:] for row in rows])) == {"0", "1"}
+    assert np.array_equal(table[:, 25:31].astype(bool), motion.contact)
+    assert set(np.unique([row[25:31] for row in rows])) == {"0", "1"}
 
 
 def test_a_stream_gets_the_same(original: Path, tmp_path: Path) -> None:

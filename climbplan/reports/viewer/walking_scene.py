@@ -9,6 +9,7 @@ import numpy as np
 from climbplan.reports import palette
 from climbplan.reports.viewer.scene import Array, Boxes, Forces, Path, Rods, Scene, Shape, polygons
 from climbplan.robots.rotations import rotation_world_body
+from climbplan.walking.foot_centres import material
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.plan_file import read_walk_plan
 from climbplan.walking.task import ANGLES, VELOCITY
@@ -89,7 +90,7 @@ def _captions(plan: WalkPlan) -> tuple[str, ...]:
 
 
 def _ground(plan: WalkPlan, lower: Array, upper: Array) -> tuple[Shape, ...]:
-    ground, shapes = plan.task.ground, []
+    ground, shapes = material(plan.task.ground), []
     low, high = lower[:2] - _AROUND, upper[:2] + _AROUND
     for region, name in enumerate(ground.names):
         corners = ground.outline(region, low, high)

@@ -13,6 +13,7 @@ import numpy as np
 
 from climbplan.simulation.attributes import numbers
 from climbplan.simulation.conditions import Conditions
+from climbplan.walking.foot_centres import steepness
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.task import POSITION, Array
 
@@ -84,7 +85,7 @@ def ground_of(plan: WalkPlan, conditions: Conditions, sunk: float = 0.0) -> Grou
         corners = task.ground.outline(index, low, high)
         if not len(corners):
             continue
-        corners = corners - [0, 0, sunk]
+        corners = corners - [0, 0, sunk * float(steepness(task.ground.slope[index]))]
         if level:
             lower, upper = corners.min(axis=0), corners.max(axis=0)
             center = 0.5 * (lower + upper) - [0, 0, _THICK / 2]

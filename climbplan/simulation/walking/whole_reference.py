@@ -12,31 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.walking.reference import walk_reference
+from climbplan.walking.body_way import Moving, body_within
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.swing_way import along, arch
-from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, Array, Whole
+from climbplan.walking.swing_way import SwingWay, held_back
+from climbplan.walking.task import Array, Whole
 
 _STEP_ASIDE = 2.0  # of a box's half extents, that a toe lands off its plan at most
 _BEYOND = 1.1  # times as far as the capture point, so that the body comes back
 _SETTLED = 0.9  # share of a swing after which its landing stays
-_HELD_BACK = (0.0, 0.1, 0.2, 0.3)  # shares of a swing in which a toe goes up or down alone
-_GLANCES = 33  # at a way, for what it has to clear
-_BESIDE = 0.003  # [m] that feet may be nearer to what is higher than they are thick
 _TOUCHDOWN = 0.01  # [m] below the ground that swings aim for, so that toes do land
-
-
-@dataclass(frozen=True)
-class Moving:
-    """The body at a time, as planned; world frame."""
-
-    position: Array  # (3,) of the centre of mass as it stands
-    velocity: Array  # (3,)
-    acceleration: Array  # (3,)
-    rotation: Array  # (3, 3)
-    spin: Array  # (3,)
-    turning: Array  # (3,) angular acceleration
 
 
 @dataclass(frozen=True)
@@ -61,7 +46,8 @@ class WholeReference:
         self.time, self.contact = self.base.time, self.base.contact
         self.region: Whole = plan.trajectory.gait.region  # (T, L) in the air: where toes will land
         self.normal: Array = self.task.ground.frame[self.region][..., 2, :]  # (T, L, 3)
-        self.pendulum = float(np.sqrt(self.task.reference.height[0] / self.task.body.gravity))
+        height = self.task.reference.height[0] - self.task.ground.standoff
+        self.pendulum = float(np.sqrt(height / self.task.body.gravity))
         self.left: list[Array | None] = [
             None
         ] * self.task.body.leg_count  # where swinging toes came from
@@ -76,23 +62,7 @@ class WholeReference:
     def body(self, time: float) -> Moving:
         """Between samples velocities go straight, and positions so that they meet both."""
         n = self.sample(time)
-        span = self.time[n + 1] - self.time[n]
-        s = float(np.clip(time - self.time[n], 0.0, span))
-        one, other = self.base.state[n], self.base.state[n + 1]
-        push = self.plan.loop.push[n + 1] if self.plan.loop is not None else np.zeros(3)
-        # What a push adds comes at once, not by planned forces
-        acceleration = (other[VELOCITY] - push - one[VELOCITY]) / span
-        curve = one[POSITION] + s * one[VELOCITY] + 0.5 * s**2 * acceleration
-        end = one[POSITION] + span * one[VELOCITY] + 0.5 * span**2 * acceleration
-        share = s / span
-        return Moving(
-            position=curve + share * (other[POSITION] - end),
-            velocity=one[VELOCITY] + s * acceleration,
-            acceleration=acceleration,
-            rotation=rotation_world_body(one[ANGLES] + share * (other[ANGLES] - one[ANGLES])),
-            spin=one[SPIN] + share * (other[SPIN] - one[SPIN]),
-            turning=(other[SPIN] - one[SPIN]) / span,
-        )
+        return body_within(self.plan, n, float(np.clip(time, self.time[n], self.time[n + 1])))
 
     def swing(self, leg: int, time: float, toe: Array, off: Array) -> OnItsWay:
         """Where a swinging toe is to be.
@@ -107,7 +77,9 @@ class WholeReference:
         if left is None:
             left = self.left[leg] = toe.copy()
             self.aside[leg] = 0.0
-            self.alone[leg] = self._alone(left, way.lands, way.lift)
+            self.alone[leg] = held_back(
+                self.task.ground, left, way.lands, _top(way.lift, left, way.lands), self.foot
+            )
         if share < _SETTLED:
             most = _STEP_ASIDE * self.task.body.toe_half
             later = _BEYOND * np.exp((1.0 - share) * span / self.pendulum)  # by when it lands
@@ -115,43 +87,9 @@ class WholeReference:
             self.aside[leg] = self._on_region(self.sample(time), leg, way.lands, aside)
         lands = way.lands + self.aside[leg] - [0.0, 0.0, _TOUCHDOWN]
         first, last = self.alone[leg]
-        rate = 1.0 / (1.0 - first - last)
-        part, speed, more = along(float(np.clip(rate * (share - first), 0.0, 1.0)))
-        upward, climbing, faster = along(share)
-        up, rising, bent = arch(share)
-        lift = _top(way.lift, left, lands)
-        level, rise = np.array([1.0, 1.0, 0.0]) * (lands - left), lands[2] - left[2]
-        high = np.array([0.0, 0.0, 1.0])
-        place = left + (part * level + upward * rise * high) + up * lift * high
-        velocity = (rate * speed * level + (climbing * rise + rising * lift) * high) / span
-        acceleration = rate**2 * more * level + (faster * rise + bent * lift) * high
-        return OnItsWay(place, velocity, acceleration / span**2, share)
-
-    def _alone(self, left: Array, lands: Array, lift: float) -> tuple[float, float]:
-        """Shares of a swing, at its begin and its end, in which its toe goes up or down alone.
-
-        The least with which it is above all ground that its foot passes; the largest if none is.
-        """
-        ground = self.task.ground
-        if ground.count == 1:
-            return 0.0, 0.0
-        share = np.linspace(0.0, 1.0, _GLANCES)
-        height = left[2] + along(share)[0] * (lands[2] - left[2])
-        height = height + arch(share)[0] * _top(lift, left, lands)
-        every = np.arange(ground.count)
-        found = [_HELD_BACK[-1], _HELD_BACK[-1]]
-        for end, half in enumerate((share <= 0.5, share >= 0.5)):
-            for alone in _HELD_BACK:
-                first, last = (alone, 0.0) if end == 0 else (0.0, alone)
-                part = along(np.clip((share[half] - first) / (1.0 - first - last), 0.0, 1.0))[0]
-                spots = left[:2] + part[:, None] * (lands - left)[:2]
-                off = ground.outside(every, spots[:, None])  # (K, S)
-                level = ground.level_at(every, spots[:, None])
-                beneath = np.where(off < self.foot - _BESIDE, level, -np.inf).max(axis=1)
-                if (height[half] >= beneath - _BESIDE).all():
-                    found[end] = alone
-                    break
-        return found[0], found[1]
+        curve = SwingWay(left, lands, _top(way.lift, left, lands), first, last)
+        place, velocity, acceleration = curve.at(share)
+        return OnItsWay(place, velocity / span, acceleration / span**2, share)
 
     def _on_region(self, sample: int, leg: int, planned: Array, aside: Array) -> Array:
         """(3,) as far aside of where it was to land as the leg's region goes, and on its plane."""

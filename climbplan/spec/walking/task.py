@@ -17,7 +17,8 @@ class WalkStartSpec(SpecModel):
     position: Pair = quantity("m", "x and y of the centre of mass", default=(0.0, 0.0))
     height: Number | None = quantity(
         "m",
-        "of the centre of mass above the ground under it; left out: as the robot stands",
+        "of the centre of mass above the ground under it, of spherical feet above their centres; "
+        "left out: as the robot stands",
         default=None,
         gt=0,
         lt=2,
@@ -42,7 +43,8 @@ class WalkReferenceSpec(SpecModel):
     rpy_deg: Vector = quantity("deg", "roll, pitch, yaw", default=(0.0, 0.0, 0.0))
     height: Number | None = quantity(
         "m",
-        "of the centre of mass above the ground; left out: as the robot stands",
+        "of the centre of mass above the ground, of spherical feet above their centres; left out: "
+        "as the robot stands",
         default=None,
         gt=0,
         lt=2,

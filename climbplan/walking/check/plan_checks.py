@@ -20,6 +20,7 @@ from climbplan.spec.walking.model import MpcSpec
 from climbplan.spec.yaml_source import parse_yaml
 from climbplan.walking.check.checker import check_loop, check_trajectory
 from climbplan.walking.check.objective import objective_terms
+from climbplan.walking.foot_centres import raised_task
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.problem import build_task, sampled_task
 from climbplan.walking.task import WalkTask
@@ -91,7 +92,10 @@ def _spec_values(plan: WalkPlan) -> Check:
     if spec is None:
         return _judge("file.spec_values", math.inf, findings[0].message)
     try:
-        asked = build_task(spec, stored_body(spec, plan.robot_text, plan.robot_urdf))
+        robot = stored_body(spec, plan.robot_text, plan.robot_urdf)
+        # Plan files without it have the centres of feet on the ground itself
+        standoff = plan.task.ground.standoff
+        asked = raised_task(build_task(spec, robot, centres=standoff > 0), standoff)
     except MissingSolver as reason:
         taken = f"{reason}: robot and task are taken from the plan file"
         return not_compared(_judge("file.spec_values", 0.0), taken, "robot as stored", taken)

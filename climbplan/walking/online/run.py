@@ -18,6 +18,7 @@ from climbplan.spec.walking.loop import WalkLoopSpec
 from climbplan.spec.walking.model import MpcSpec
 from climbplan.spec.walking.solver import WalkLibrarySpec
 from climbplan.walking.cost import cost_terms
+from climbplan.walking.foot_centres import raised
 from climbplan.walking.online.admittance import AdmittanceGains
 from climbplan.walking.online.closed_loop import (
     Loop,
@@ -85,7 +86,7 @@ def run_online(loaded: LoadedMpc, report: Progress | None = None) -> OnlineRun:
             deadline,
         )
     walked = time.perf_counter()
-    plan = _plan(loaded, task, library, loop, ready - begin, walked - ready)
+    plan = raised(_plan(loaded, task, library, loop, ready - begin, walked - ready))
     return OnlineRun(plan, library, key)
 
 
@@ -165,7 +166,7 @@ def library_key(task: WalkTask) -> str:
     for holder in (ahead.body, ahead.ground, ahead.reference, ahead.weights):
         for field in fields(holder):
             value = getattr(holder, field.name)
-            if holder is ahead.ground and field.name in ("slope", "corners", "edge"):
+            if holder is ahead.ground and field.name in ("slope", "corners", "edge", "standoff"):
                 continue  # of flat ground, where all libraries are made
             digest.update(repr(value.tolist() if isinstance(value, np.ndarray) else value).encode())
     rest = (task.step, task.integrator, task.lift, task.least_contacts, task.whole_stance)

@@ -120,6 +120,7 @@ class RobotMotion:
     facts: Mapping[str, object] = field(default_factory=dict)  # what files tell beside the samples
     # Of a motion that is known at all times, not at samples alone: the motion at times (M,)
     sampler: Callable[[Array], RobotMotion] | None = None
+    changes: Array | None = None  # (K,) times at which forces that are held change [s]
     ramp: float = 0.0  # [s] before and after the plan in which contacts take load and give it up
 
     @property

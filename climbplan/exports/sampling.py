@@ -21,6 +21,7 @@ from climbplan.plans.check import Array
 
 _MOST_RATE = 2000.0  # [Hz]
 _MOST_SAMPLES = 2_000_000
+_SAME = 1e-9  # [s] within which two times are one
 _LONGEST_RAMP = 60.0  # [s]
 RAMP_WORDS = (
     "the first and the last {seconds:g} s are load ramps: hold the robot, or let it stand by "
@@ -31,13 +32,14 @@ RAMP_WORDS = (
 def at_rate(motion: RobotMotion, rate: float) -> RobotMotion:
     """The motion at `rate` [Hz], on the cubic splines through its samples.
 
-    A motion with a sampler of its own (a walk's) is what that one says. What the plan has a sample
+    A motion with a sampler of its own (a walk's) is what that one says, with more samples where
+    forces change between two.  What the plan has a sample
     of is kept exactly. Contacts are those of the sample before. Raises UsageError for rates that
     cannot be.
     """
     time = _times(motion, rate)
     if motion.sampler is not None:
-        return motion.sampler(time)
+        return motion.sampler(_with_changes(motion, time))
     before = np.searchsorted(motion.time, time, side="right") - 1
     return replace(
         motion,
@@ -75,6 +77,16 @@ def _times(motion: RobotMotion, rate: float) -> Array:
         for side in (near - 1, near):
             time = np.where(np.abs(motion.time[side] - time) < 1e-9, motion.time[side], time)
     return np.asarray(time)
+
+
+def _with_changes(motion: RobotMotion, time: Array) -> Array:
+    """Times and those at which forces change, unless samples come less often than that."""
+    changes = motion.changes
+    if changes is None or len(time) < 2 or time[1] - time[0] > np.diff(changes).min() + _SAME:
+        return time
+    after = np.clip(np.searchsorted(time, changes), 1, len(time) - 1)
+    near = np.minimum(np.abs(time[after] - changes), np.abs(time[after - 1] - changes))
+    return np.sort(np.concatenate([time, changes[near > _SAME]]))
 
 
 def _body_at(time: Array, body: BodyMotion, wanted: Array) -> BodyMotion:

@@ -28,7 +28,7 @@ from climbplan.walking.toe_ways import ToePhase, toe_phases
 NO_JOINTS = "a walk is planned as a body and its toes: joints are its controller's"
 _UP = np.array([0.0, 0.0, 1.0])
 _AROUND = 1.0  # [m] of ground beyond a walk, where a region has no end
-_WHOLE = 1e-6  # [s] off a multiple of samples
+_WHOLE = 1e-6  # [s] beyond an interval
 
 
 def walk_motion(path: Path) -> RobotMotion:
@@ -104,6 +104,7 @@ class WalkSampler:
             words=(*self.words, *self._rate_words(time)),
             facts={"foot_radius": task.ground.standoff, **self._facts()},
             sampler=self,
+            changes=task.step * np.arange(task.knots + 1),
         )
         if self.joints is None:
             return motion
@@ -136,18 +137,14 @@ class WalkSampler:
         return np.asarray((self.toes(index, time) - position[:, None]) @ rotation)
 
     def _rate_words(self, time: Array) -> tuple[str, ...]:
-        """That samples do not come as often as forces change, or as a part of that."""
+        """That samples come less often than forces change."""
         step = self.plan.task.step
-        if len(time) < 3:
-            return ()
-        spacing = float(time[1] - time[0])
-        off = abs(step / spacing - round(step / spacing)) * spacing
-        if off <= _WHOLE and spacing <= step + _WHOLE:
+        slowest = float(np.diff(time).max())
+        if slowest <= step + _WHOLE:
             return ()
         words = (
-            f"forces change every {step:g} s, no multiple of the {spacing:g} s between samples: "
-            f"they come up to {spacing:g} s late; rates of {1 / step:g} Hz times a whole number "
-            "keep their impulse"
+            f"forces change every {step:g} s, samples come every {slowest:g} s: they miss changes, "
+            f"and what forces add up to; expected --rate {1 / step:.4g} or more"
         )
         return (words,)
 

@@ -11,15 +11,16 @@ import h5py
 import mujoco
 import numpy as np
 import pytest
+from urdf_statics import Played
 
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found, read_climb, write_climb
-from climbplan.exports.climb_csv import export_csv
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.summary import least_safety
 from climbplan.control.joint_regulator import chains_of
 from climbplan.errors import PlanFileError, UsageError
+from climbplan.exports.climb_csv import export_csv
 from climbplan.exports.climb_motion import climb_motion
 from climbplan.exports.gains import read_gains
 from climbplan.robots.kinematics import inverse, joint_points_body, to_body, toe_body
@@ -152,6 +153,16 @@ def test_weights_of_links_by_virtual_work(plan: ClimbPlan) -> None:
             less[limb, joint] -= step
             slope = (energy(more) - energy(less)) / (2 * step)
             assert found[limb, joint] == pytest.approx(slope, abs=1e-5)
+
+
+def test_exported_motions_are_in_balance_on_the_urdf(plan: ClimbPlan, stored: Path) -> None:
+    """As of the walker, with joints that slide or that mimic others."""
+    motion = climb_motion(stored)
+    samples = np.arange(0, len(motion.time), 20)
+    toe, torque, wrench = Played(motion, plan.robot_texts.urdf).statics(samples)
+    assert toe < 1e-6
+    assert torque < 1e-3
+    assert wrench < 1e-2
 
 
 def test_units_are_told(plan: ClimbPlan, stored: Path, tmp_path: Path) -> None:

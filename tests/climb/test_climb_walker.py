@@ -10,15 +10,20 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from urdf_statics import Played
 from urdf_walkers import QUADRUPED
 
 from climbplan.climb.chaining import started
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found, read_climb, write_climb
-from climbplan.exports.climb_csv import export_csv
 from climbplan.climb.planner import plan_climb
 from climbplan.errors import SpecError
+from climbplan.exports.climb_csv import export_csv
+from climbplan.exports.climb_motion import climb_motion
+from climbplan.exports.formats import Told, told
+from climbplan.exports.regulator_files import write_regulator
+from climbplan.exports.sidecar import facts_of
 from climbplan.plans.verification import mark_verified
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.serial_chain import SerialChain
@@ -75,6 +80,49 @@ def test_export_names_the_joints_of_the_urdf(stored: Path, tmp_path: Path) -> No
     header, first = (tmp_path / "motion.csv").read_text().splitlines()[:2]
     assert "L1_yaw_rad,L1_lift_rad,L1_knee_rad,L1_ankle_rad,R1_yaw_rad" in header
     assert len(header.split(",")) == len(first.split(",")) == 1 + 6 + 16 + 4 + 7 + 16 + 16 + 12
+
+
+def test_exported_motions_are_in_balance_on_the_urdf(plan: ClimbPlan, stored: Path) -> None:
+    """Root link, joint angles, torques, weights and forces, by Pinocchio on the URDF alone."""
+    motion = climb_motion(stored)
+    samples = np.arange(0, len(motion.time), 20)
+    toe, torque, wrench = Played(motion, plan.robot_texts.urdf).statics(samples)
+    assert toe < 1e-6
+    assert torque < 1e-3
+    assert wrench < 1e-2
+    joints = motion.joints
+    assert joints is not None
+    assert np.abs(joints.gravity).max() > 0.5
+
+
+def test_gains_of_rigid_simulators(stored: Path) -> None:
+    """The same commands, on angles without the structure's give, under gains K (1 - share)."""
+    planned, rigid = climb_motion(stored), told(climb_motion(stored), Told(gains="rigid"))
+    own, joints = planned.joints, rigid.joints
+    assert own is not None
+    assert joints is not None
+    share = facts_of(planned)["structural_compliance_share"]
+    assert share == 0.3
+    assert joints.gain == pytest.approx(own.gain * (1 - 0.3))
+    assert joints.command == pytest.approx(own.command, abs=1e-12)
+    assert joints.gain * (joints.command - joints.angle) == pytest.approx(own.torque, abs=1e-9)
+    assert own.gain * (own.command - own.angle) == pytest.approx(own.torque, abs=1e-9)
+    assert "do not bend" in rigid.words[0]
+
+
+def test_the_regulator_of_a_rigid_simulator(stored: Path, tmp_path: Path) -> None:
+    write_regulator(stored, "rigid", tmp_path)
+    with np.load(tmp_path / "regulator.npz", allow_pickle=False) as tables:
+        assert tables["give"] == pytest.approx(1.0)  # encoders see all that gives
+        planned = climb_motion(stored)
+        assert planned.base is not None
+        assert planned.joints is not None
+        assert np.array_equal(tables["base_position"], planned.base.position)
+        there = tables["joint_names"] != ""
+        assert np.array_equal(tables["gravity"][:, there], planned.joints.gravity)
+        bent = (tables["command"] + tables["bent"])[:, there]
+        torque = tables["gain"][there] * (tables["command"][:, there] - bent)
+        assert torque == pytest.approx(planned.joints.torque, abs=1e-9)
 
 
 def shifted(file: h5py.File) -> None:

@@ -142,6 +142,7 @@ def under_pd(plan_file: Path, place: Path, *more: str, told: float | None = None
     told: P gain that somebody sets instead of the stated ones [N m/rad].
     """
     asked = ["export", str(plan_file), "--format", "jtc", "-o", str(place), "-q", *more]
+    asked += ["--ramp", "0"]
     assert run(asked) == 0
     own: Any = yaml.safe_load((place / "controllers.yaml").read_text(encoding="utf-8"))
     gains = own["joint_trajectory_controller"]["ros__parameters"]["gains"]

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from example_climb import Climb
 
-from climbplan.exports.climb_csv import export_csv
 from climbplan.errors import PlanFileError, UsageError
+from climbplan.exports.climb_csv import export_csv
 
 
 def test_every_number_survives(climb: Climb, original: Path, tmp_path: Path) -> None:

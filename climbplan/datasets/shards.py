@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import time
 import zipfile
 from collections.abc import Iterable
@@ -26,7 +27,8 @@ from climbplan.plans.dataset_row import Row, RowAnswer, dataset_of
 _FORMAT = "climbplan/shard 1"
 _COLUMNS = ("parameters", "feasible", "integers", "objective", "bound", "time", "seed", "row")
 _LONGEST_HEADER = 4096
-_FLUSH = 10.0  # [s] rows of an incomplete shard wait no longer than about this
+_MAX_WAIT = 10.0  # [s] that rows of an incomplete shard wait to be written
+_MAX_WRITING = 0.05  # fraction of a run's time for writing incomplete shards
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class ShardStore:
     size: int  # rows of a shard
     _open: dict[int, list[Row]] = field(default_factory=dict)  # incomplete shards
     _unsaved: set[int] = field(default_factory=set)
-    _saved_at: float = field(default_factory=time.monotonic)
+    _save_at: float = -math.inf  # `time.monotonic` [s]: the first rows are written at once
 
     def find(self) -> Found:
         """Take up what is there; damaged shards are removed.
@@ -75,8 +77,9 @@ class ShardStore:
         return Found(frozenset(rows), answered, tuple(damaged))
 
     def add(self, rows: Iterable[Row]) -> None:
-        """Keep rows: complete shards are written at once, others now and then.
+        """Keep rows: the first ones and complete shards are written at once, others now and then.
 
+        A run that is killed loses the rows of at most `_MAX_WAIT` seconds, and never all of them.
         Raises UsageError if the disk does not take them.
         """
         for row in rows:
@@ -87,14 +90,16 @@ class ShardStore:
             if len(self._open[shard]) == len(self._rows(shard)):
                 self._write(shard)
                 del self._open[shard]
-        if time.monotonic() - self._saved_at > _FLUSH:
+        if self._unsaved and time.monotonic() >= self._save_at:
             self.flush()
 
     def flush(self) -> None:
         """Write what is not written yet; raises UsageError if the disk does not take it."""
+        begin = time.monotonic()
         for shard in sorted(self._unsaved):
             self._write(shard)
-        self._saved_at = time.monotonic()
+        end = time.monotonic()
+        self._save_at = end + min((end - begin) / _MAX_WRITING, _MAX_WAIT)
 
     def dataset(self) -> Dataset:
         """All rows of a complete run, in order.

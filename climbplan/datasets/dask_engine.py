@@ -7,8 +7,10 @@ at is known then, whatever the scheduler's own rules for lost workers are.
 from __future__ import annotations
 
 import logging
+import os
 import queue
 import re
+import threading
 import time
 from dataclasses import dataclass
 from types import ModuleType, TracebackType
@@ -18,10 +20,13 @@ from climbplan.datasets.engine import Done
 from climbplan.datasets.recipe import Chunk, Recipe
 from climbplan.datasets.work import ONE_THREAD, make_rows
 from climbplan.errors import MissingSolver, UsageError
+from climbplan.plans.dataset_row import Row
 
 _START = 120.0  # [s] beyond the rows' own: imports, compilation
 _LOOK = 1.0  # [s] between looks at which workers there are
 _CONNECT = 20.0  # [s]
+_GRACE = 2.0  # [s] for the rows of a worker that has lost its scheduler
+_CLOSING = ("closing", "closed", "failed")  # status of a worker without a scheduler
 _LOCAL = re.compile(r"local-cluster:(\d+)")
 
 
@@ -109,7 +114,12 @@ class DaskEngine:
         """Give a chunk to an idle worker."""
         address = self._idle()[0]
         future = self._client.submit(
-            make_rows, self._recipe, chunk, pure=False, workers=[address], allow_other_workers=False
+            make_rows_on_dask,
+            self._recipe,
+            chunk,
+            pure=False,
+            workers=[address],
+            allow_other_workers=False,
         )
         self._tickets += 1
         ticket = self._tickets
@@ -184,6 +194,30 @@ class DaskEngine:
             self._client.close(timeout=5)
         if self._cluster is not None:
             self._cluster.close(timeout=10)
+
+
+def make_rows_on_dask(recipe: Recipe, chunk: Chunk) -> list[Row]:
+    """Return the rows of a chunk, as `make_rows`; end the worker's process with its scheduler.
+
+    A worker of Dask that has lost its scheduler waits for its task first, however long that takes.
+    """
+    worker = _distributed().get_worker()
+    is_done = threading.Event()
+    watch = threading.Thread(target=_end_without_scheduler, args=(worker, is_done), daemon=True)
+    watch.start()
+    try:
+        return make_rows(recipe, chunk)
+    finally:
+        is_done.set()
+
+
+def _end_without_scheduler(worker: Any, is_done: threading.Event) -> None:
+    """End this process once its worker is closing and its rows are not done `_GRACE` later."""
+    while worker.status.name not in _CLOSING:
+        if is_done.wait(_LOOK):
+            return
+    if not is_done.wait(_GRACE):
+        os._exit(1)
 
 
 def _distributed() -> ModuleType:

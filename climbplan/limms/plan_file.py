@@ -23,7 +23,7 @@ from climbplan.plans.root_attributes import (
 
 FORMAT = "climbplan/limms"
 FORMAT_VERSION = 1
-STATUSES = ("feasible",)
+STATUSES = ("feasible", "limit")  # limit: the clock cut the search short
 
 # T samples, B boxes, L modules, A anchors
 MOTION: dict[str, tuple[str, Layout]] = {

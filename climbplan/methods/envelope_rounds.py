@@ -111,7 +111,7 @@ def solve_micp(
     infeasible = False
     if empty and best is None:
         # Envelopes on narrow boxes are badly scaled: such a claim is tried on the exact program.
-        left = max(time_limit - (time.perf_counter() - begin), 1.0)
+        left = max(time_limit - (time.perf_counter() - begin), 0.1)
         stated = replace(instance, smooth=None)
         second = require("minlp-scip").load()(stated, gap=gap, time_limit=left)
         log += ["infeasible? asked SCIP on the exact program", *second.log]

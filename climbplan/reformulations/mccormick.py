@@ -179,8 +179,9 @@ class McCormick(Reformulation[Enveloped]):
             bits.append(z)
         cells = []
         plain = []
+        places = self._places()
         for product in range(K):
-            found = self._cells(instance.products, product, low, high, column)
+            found = self._cells(instance.products, product, places, low, high, column)
             if found is None:
                 plain.append(product)
                 continue
@@ -216,12 +217,26 @@ class McCormick(Reformulation[Enveloped]):
             relaxation=covering and exact_squares,
         )
 
+    def _places(self) -> dict[int, tuple[int, int]]:
+        """Return the partition of each variable that has one, and its column there."""
+        return {
+            int(variable): (p, k)
+            for p, partition in enumerate(self.partitions)
+            for k, variable in enumerate(partition.variables)
+        }
+
     def _cells(
-        self, products: Products, product: int, low: Array, high: Array, column: int
+        self,
+        products: Products,
+        product: int,
+        places: dict[int, tuple[int, int]],
+        low: Array,
+        high: Array,
+        column: int,
     ) -> _Cells | None:
         """The cells of one product, None if neither factor has a partition."""
         i, j = int(products.first[product]), int(products.second[product])
-        x, y = self._factor(i, low, high), self._factor(j, low, high)
+        x, y = (self._factor(variable, places, low, high) for variable in (i, j))
         if x.partition < 0 and y.partition < 0:
             return None
         if x.partition == y.partition:
@@ -239,13 +254,14 @@ class McCormick(Reformulation[Enveloped]):
             corners = product_corners(x.lower[ix], x.upper[ix], y.lower[iy], y.upper[iy])
         return _Cells(product, column, corners, x, y, ix, iy)
 
-    def _factor(self, variable: int, low: Array, high: Array) -> _Factor:
-        for p, partition in enumerate(self.partitions):
-            at = np.flatnonzero(partition.variables == variable)
-            if len(at):
-                k = int(at[0])
-                return _Factor(p, partition.lower[:, k], partition.upper[:, k])
-        return _Factor(-1, low[[variable]], high[[variable]])
+    def _factor(
+        self, variable: int, places: dict[int, tuple[int, int]], low: Array, high: Array
+    ) -> _Factor:
+        if variable not in places:
+            return _Factor(-1, low[[variable]], high[[variable]])
+        p, k = places[variable]
+        partition = self.partitions[p]
+        return _Factor(p, partition.lower[:, k], partition.upper[:, k])
 
 
 @dataclass(frozen=True)

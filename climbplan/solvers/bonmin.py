@@ -23,8 +23,10 @@ from climbplan.solvers.ipopt.instances import TOLERANCE, middle, solve_pinned
 from climbplan.solvers.result import Answer, SolverResult, judged
 
 NAME = "bonmin"
-_GRACE = 5.0  # [s] beyond the time limit, for its start and its last node
+_GRACE = 0.05  # of the time limit, beyond it: for Bonmin's last node
+_LOOK = 0.01  # [s] between looks at the process
 _PROGRAM, _NUMBERS, _ANSWER = "program.casadi", "numbers.npz", "answer.npy"
+_BEGUN, _ERRORS = "begun", "errors.txt"
 
 
 def solve_bonmin(
@@ -41,6 +43,7 @@ def solve_bonmin(
     stops. Status is "feasible" or "limit". Raises UsageError where big-M lacks a bound.
     """
     begin = time.monotonic()
+    deadline = begin + time_limit
     form = nlp_form(instance, Manner("big-m"))
     bounds = form.relaxed_bounds(instance, eps=1.0)  # integrality is Bonmin's own
     first = middle(instance) if start is None else start
@@ -59,17 +62,17 @@ def solve_bonmin(
             upper=bounds.upper,
             row_lower=bounds.row_lower,
             row_upper=bounds.row_upper,
-            time_limit=time_limit,
+            time_limit=max(deadline - time.monotonic(), 0.0),
             gap=gap,
         )
-        found, word = _run(folder, time_limit)
+        found, word = _run(folder, deadline)
     x = None
     chosen = np.zeros(0, np.int64)
     if found is not None:
         ends = np.cumsum([instance.size, *form.structure.choices])
         picks = [int(np.argmax(found[a:b])) for a, b in pairwise(ends)]
         chosen = np.array(picks, np.int64)
-        x = solve_pinned(instance, found[: instance.size], chosen).v
+        x = solve_pinned(instance, found[: instance.size], chosen, deadline).v
     answer = Answer(
         x=x,
         bound=-np.inf,
@@ -83,16 +86,29 @@ def solve_bonmin(
     return judged(instance, answer, gap, tolerance)
 
 
-def _run(folder: Path, time_limit: float) -> tuple[Array | None, str]:
-    """Bonmin's point (N,) and its last word; no point if it had to be ended."""
+def _run(folder: Path, deadline: float) -> tuple[Array | None, str]:
+    """Bonmin's point (N,) and its last word; no point if it had to be ended.
+
+    deadline: `time.monotonic` [s]; Bonmin has the time from its start, imports left out, until then
+    and `_GRACE` of it for its last node.
+    """
     command = [sys.executable, "-m", "climbplan.solvers.bonmin", str(folder)]
-    patience = time_limit + _GRACE if np.isfinite(time_limit) else None
+    left = max(deadline - time.monotonic(), 0.0)
+    until = np.inf
+    with (folder / _ERRORS).open("wb") as errors:
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=errors)
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=patience)
-    except subprocess.TimeoutExpired:
-        return None, "ended: it overran its time limit"
-    if done.returncode != 0 or not (folder / _ANSWER).exists():
-        last = done.stderr.strip().splitlines()
+        while process.poll() is None and time.monotonic() < until:
+            if np.isinf(until) and (folder / _BEGUN).exists():
+                until = time.monotonic() + (1.0 + _GRACE) * left
+            time.sleep(_LOOK)
+        if process.poll() is None:
+            return None, "ended: it overran its time limit"
+    finally:
+        process.kill()
+        process.wait()
+    if process.returncode != 0 or not (folder / _ANSWER).exists():
+        last = (folder / _ERRORS).read_text(errors="replace").strip().splitlines()
         return None, last[-1] if last else "no answer"
     return np.load(folder / _ANSWER), "stopped by itself"
 
@@ -108,6 +124,7 @@ def _child(folder: Path) -> None:
     if np.isfinite(given["time_limit"]):
         options["bonmin"]["time_limit"] = float(given["time_limit"])
     solver = ca.nlpsol("bonmin", "bonmin", {"x": v, "f": f, "g": g}, options)
+    (folder / _BEGUN).touch()
     answer = solver(
         x0=given["start"],
         lbx=given["lower"],

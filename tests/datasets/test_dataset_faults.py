@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -215,15 +216,17 @@ def test_dask_makes_the_same_rows(folder: Path, undisturbed: Path) -> None:
     assert_undisturbed(folder, undisturbed)
 
 
-def test_a_lost_dask_worker_changes_no_row(folder: Path, undisturbed: Path) -> None:
-    """A cluster that runs already: one of its workers is killed, and comes back as another."""
-    pytest.importorskip("distributed")
+@contextmanager
+def running_cluster(
+    folder: Path, port: int
+) -> Iterator[tuple[str, subprocess.Popen[bytes], list[subprocess.Popen[bytes]]]]:
+    """A scheduler and two workers: its address, and their processes."""
     root = str(Path(__file__).parents[2])
     env = {**os.environ, "PYTHONPATH": root}
-    address = "tcp://127.0.0.1:18786"
+    address = f"tcp://127.0.0.1:{port}"
     dask = [sys.executable, "-m", "distributed.cli.dask_scheduler"]
     scheduler = subprocess.Popen(
-        [*dask, "--host", "127.0.0.1", "--port", "18786", "--no-dashboard"],
+        [*dask, "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"],
         env=env, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     worker = [
@@ -237,13 +240,38 @@ def test_a_lost_dask_worker_changes_no_row(folder: Path, undisturbed: Path) -> N
         for _ in range(2)
     ]
     try:
+        yield address, scheduler, workers
+    finally:
+        for process in (*workers, scheduler):
+            process.kill()
+            process.wait()
+
+
+def test_a_lost_dask_worker_changes_no_row(folder: Path, undisturbed: Path) -> None:
+    """A cluster that runs already: one of its workers is killed, and comes back as another."""
+    pytest.importorskip("distributed")
+    with running_cluster(folder, 18786) as (address, _, workers):
         run = start(folder, "--scheduler", address)
         wait_for(lambda: some_shards(folder, 3) or run.poll() is not None, 120.0)
         workers[0].kill()
         _, err = run.communicate(timeout=240)
         assert run.returncode == 0, err
-    finally:
-        for process in (*workers, scheduler):
-            process.kill()
-            process.wait()
     assert_undisturbed(folder, undisturbed)
+
+
+def test_dask_workers_end_with_a_killed_scheduler(folder: Path) -> None:
+    """Rows that take minutes keep no worker, and the run says what was lost."""
+    pytest.importorskip("distributed")
+    (folder / "faults.yaml").write_text(
+        SPEC.replace("books: 2", "books: 2, solver: {method: minlp-bonmin, time_limit: 600}")
+    )
+    with running_cluster(folder, 18787) as (address, scheduler, workers):
+        run = start(folder, "--scheduler", address)
+        time.sleep(15.0)
+        scheduler.kill()
+        killed = time.monotonic()
+        wait_for(lambda: all(worker.poll() is not None for worker in workers), 5.0)
+        assert time.monotonic() - killed <= 5.0
+        _, err = run.communicate(timeout=60)
+        assert run.returncode == 2
+        assert "the scheduler is gone" in err

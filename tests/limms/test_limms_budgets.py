@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from climbplan.limms.consensus.mixed_integer import MixedInteger
 from climbplan.limms.consensus.setting import setting_of
 from climbplan.limms.direct import search
 from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.plan_file import read_limms_plan, write_limms_plan
 from climbplan.limms.plan_making import Making, make_plan
 from climbplan.limms.planner import plan_limms
 from climbplan.limms.scene import Scene
@@ -67,18 +69,20 @@ def test_parts_take_from_the_whole() -> None:
     assert whole.part(100).most == 6
 
 
-def test_a_plan_that_the_clock_cut_short_says_so() -> None:
+def test_a_plan_that_the_clock_cut_short_says_so(tmp_path: Path) -> None:
     spec = loaded("limms_throw")
     own = scene("limms_throw")
     (action,) = search(own).actions
     attempts = Attempts(60.0, 100)
     world = carry(initial(own), action, attempts, np.random.default_rng(0))
     assert world is not None
-    making = Making("modes", action.named(own), {}, {}, {})
+    making = Making("modes", action.named(own), {"total": 0.0}, {}, {})
     whole = make_plan(spec, own, world, attempts, making)
     attempts.end = time.monotonic()
     cut = make_plan(spec, own, world, attempts, making)
     assert (whole.status, cut.status) == ("feasible", "limit")
+    write_limms_plan(cut, tmp_path / "plan.h5")
+    assert read_limms_plan(tmp_path / "plan.h5").status == "limit"
     assert "`solver.time_limit` (60 s) ended the search" in cut.warnings[0]
     assert cut.warnings[1:] == whole.warnings
 

@@ -39,6 +39,7 @@ from climbplan.bookshelf.exact.tree import (
     NODES,
     PLACE,
     PLACEMENTS,
+    UNUSED,
     Tree,
     grown,
     least_bound,
@@ -50,7 +51,9 @@ from climbplan.bookshelf.scene import Array, Scene, Scenes, Shelf, State, moveme
 
 _CAPACITY = 1024  # nodes of a new tree
 _LARGE = 65536  # a tree that has grown beyond is not used again: it takes long to empty
-_CHUNK = 256  # nodes between looks at the clock
+_CHUNK = 256  # nodes between looks at the clock, at most
+_LOOK = 0.01  # [s] between looks at the clock where nodes take long
+_NARROW_FRACTION = 0.3  # of the time, after which placements side by side are tried in any case
 _WIDTH_STEP = 2e-5  # [m] to which a missing width is found
 
 
@@ -84,16 +87,16 @@ class ExactSolver:
         self._sheets: dict[int, Sheet] = {}
         self._trees: dict[int, Tree] = {}
 
-    def solve(self, scene: Scene) -> SceneAnswer:
-        """The placement of least movement.
+    def solve(self, scene: Scene, time_limit: float | None = None) -> SceneAnswer:
+        """The placement of least movement; time_limit: [s] that of the limits if left out.
 
         Raises:
             UsageError: sizes or poses that cannot be those of books.
         """
         compile_once()
-        return self._solve(scene)
+        return self._solve(scene, self.limits.time if time_limit is None else time_limit)
 
-    def _solve(self, scene: Scene) -> SceneAnswer:
+    def _solve(self, scene: Scene, time_limit: float = math.inf) -> SceneAnswer:
         start = time.perf_counter()
         scenes, limits = Scenes.of([scene]), self.limits
         scenes.require()
@@ -106,7 +109,7 @@ class ExactSolver:
             shortage = self._missing_height(problem)
         else:
             tree, finished = self._search(
-                problem, limits.gap_absolute, limits.gap_relative, start + limits.time
+                problem, limits.gap_absolute, limits.gap_relative, start + time_limit
             )
             nodes, placements = int(tree.tally[NODES]), int(tree.tally[PLACEMENTS])
             bound = least_bound(tree)
@@ -118,7 +121,7 @@ class ExactSolver:
                 status = "optimal" if objective - bound <= allowed * (1 + 1e-6) else "feasible"
             elif finished:
                 bound = math.inf
-                shortage = self._missing_width(scene, start + 2 * limits.time)
+                shortage = self._missing_width(scene, start + time_limit)
             else:
                 status = "limit"
         seconds = time.perf_counter() - start
@@ -145,21 +148,33 @@ class ExactSolver:
         if n not in self._sheets:
             self._sheets[n] = new_sheet(n)
         if n not in self._trees or len(self._trees[n].pool) > _LARGE:
-            self._trees[n] = new_tree(n, _CAPACITY)
+            self._trees[n] = new_tree(n, max(_CAPACITY, 8 * (n + 1)))
         sheet, tree = self._sheets[n], self._trees[n]
         plant(problem, tree)
-        chunk = 4 * (n + 1)
+        begin = time.perf_counter()
+        narrow_time = begin + _NARROW_FRACTION * (end - begin)
+        num_split, num_before_narrow, chunk = 0, 4 * (n + 1), 1
+        is_narrow_offered = False
         while True:
+            if not is_narrow_offered:
+                chunk = min(chunk, num_before_narrow - num_split)
+            before = time.perf_counter()
             state = advance(problem, sheet, tree, absolute, relative, chunk)
             if state == FINISHED:
                 return tree, True
-            if chunk < _CHUNK and not math.isfinite(tree.best[COST]):
-                offer_narrow(problem, tree)
-            chunk = _CHUNK
-            if time.perf_counter() > end or tree.tally[NODES] > self.limits.nodes:
+            now = time.perf_counter()
+            if now > end or tree.tally[NODES] > self.limits.nodes:
                 return tree, False
+            num_split += chunk
             if state == FULL:
                 self._trees[n] = tree = grown(tree)
+            if not is_narrow_offered and (num_split >= num_before_narrow or now > narrow_time):
+                is_narrow_offered = True
+                if not math.isfinite(tree.best[COST]):
+                    while tree.tally[UNUSED] < n + 1:
+                        self._trees[n] = tree = grown(tree)
+                    offer_narrow(problem, tree)
+            chunk = min(2 * chunk, _CHUNK) if now - before < _LOOK else max(chunk // 2, 1)
 
     def _missing_height(self, problem: Problem) -> Shortage:
         """What the clear height misses for the book that fits neither upright nor flat."""

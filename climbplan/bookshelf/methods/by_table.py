@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from climbplan.bookshelf.answer import SceneAnswer
+from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.methods.envelope_grids import published_partitions
 from climbplan.bookshelf.methods.features import feature_map
 from climbplan.bookshelf.methods.judge import Judge
@@ -64,13 +65,13 @@ class ByTable:
 
 @dataclass(frozen=True)
 class WithFallback:
-    """One method, and another for scenes in which it finds no placement.
+    """One method, and `exact` for scenes in which it finds no placement, in the time that is left.
 
     What the other one finds counts only if it holds in the judge's meaning.
     """
 
     first: SceneMethod
-    other: SceneMethod
+    other: ExactSolver
     judge: Judge
 
     def solve(self, scene: Scene) -> SceneAnswer:
@@ -78,7 +79,7 @@ class WithFallback:
         answer = self.first.solve(scene)
         if answer.placement is not None:
             return answer
-        spare = self.other.solve(scene)
+        spare = self.other.solve(scene, self.other.limits.time - answer.seconds)
         if spare.placement is not None:
             judged = self.judge.judge_placement(scene, spare.placement)
             if judged.placement is None:

@@ -37,6 +37,7 @@ _INFEASIBLE = highspy.HighsModelStatus.kInfeasible
 _VAGUE = highspy.HighsModelStatus.kUnboundedOrInfeasible
 _FEASIBLE_POINT = 2  # HiGHS's kSolutionStatusFeasible
 _QUADRATIC_FEASIBILITY = 1e-7  # asked for less, the quadratic solver gives up more often
+_LEAST_TIME = 0.05  # [s] for the program at the integers of the last answer
 _INNER_GAP = 0.5  # share of the gap asked for that the linear programs may leave
 
 
@@ -239,7 +240,8 @@ def _outer_approximation(
         if found.x is None:
             break
         x = found.x[: instance.size]
-        completed = _completed(instance, x, tried, linear)
+        left = time_limit - (time.perf_counter() - begin)
+        completed = _completed(instance, x, tried, linear, left)
         for candidate in (x, completed):
             if candidate is None or instance.violation(candidate) > tolerance:
                 continue
@@ -270,8 +272,10 @@ def _add(solver: Any, rows: sparse.csr_matrix, lower: Array) -> None:
         solver.addRows(count, lower, upper, rows.nnz, start, index, rows.data)
 
 
-def _completed(instance: Instance, x: Array, tried: set[bytes], linear: bool) -> Array | None:
-    """The best point with the binaries of x, once for each set of binaries."""
+def _completed(
+    instance: Instance, x: Array, tried: set[bytes], linear: bool, left: float
+) -> Array | None:
+    """The best point with the binaries of x, once for each set of binaries; left: [s] for it."""
     given = np.round(x[instance.integer])
     key = given.astype(np.int8).tobytes()
     if key in tried:
@@ -282,5 +286,5 @@ def _completed(instance: Instance, x: Array, tried: set[bytes], linear: bool) ->
     none = np.zeros(instance.size, bool)
     pinned = replace(instance, lower=lower, upper=upper, integer=none)
     if linear:
-        return _continuous(pinned, time.perf_counter(), np.inf).x
+        return _continuous(pinned, time.perf_counter(), max(left, _LEAST_TIME)).x
     return solve_convex(pinned, "clarabel").x

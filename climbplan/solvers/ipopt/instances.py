@@ -44,8 +44,13 @@ def minimise(
     deadline: float = np.inf,
     iterations: int = ITERATIONS,
 ) -> NlpPoint:
-    """Run IPOPT on a form from a start (N,); deadline in `time.monotonic` seconds."""
+    """Run IPOPT on a form from a start (N,); deadline in `time.monotonic` seconds.
+
+    After the deadline the start itself is returned, without building the program's derivatives.
+    """
     inside = np.clip(start, bounds.lower, bounds.upper)
+    if time.monotonic() > deadline:
+        return NlpPoint(inside, np.nan, np.zeros(0), 0, "the time was over before it began", False)
     point = _compiled(form, iterations).solve(inside, numbers, bounds, deadline)
     # IPOPT widens bounds by 1e-8; its point is brought back into them.
     return replace(point, v=np.clip(point.v, bounds.lower, bounds.upper))

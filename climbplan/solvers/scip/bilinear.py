@@ -47,7 +47,7 @@ def solve_minlp_scip(
     built = bilinear_model(_thickened(instance) if instance.products.count else instance)
     if start is not None:
         _give(built, instance, start)
-    run_model(built.model, gap, _OWN_ERROR, time_limit)
+    run_model(built.model, gap, _OWN_ERROR, time_limit - (time.perf_counter() - begin))
     x = assignment = None
     if built.model.getNSols() > 0:
         chosen = [int(np.argmax(values(built.model, group))) for group in built.binaries]

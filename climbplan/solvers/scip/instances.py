@@ -53,7 +53,7 @@ def solve_scip(
     begin = time.perf_counter()
     built = scip_model(instance)
     with _lp_warnings_dropped():
-        run_model(built.model, gap, _OWN_ERROR, time_limit)
+        run_model(built.model, gap, _OWN_ERROR, time_limit - (time.perf_counter() - begin))
     x = None
     if built.model.getNSols() > 0:
         x = mended(instance, values(built.model, built.x))

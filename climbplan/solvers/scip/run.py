@@ -23,7 +23,7 @@ _CLAIMS = {  # SCIP's word -> whether it claims infeasibility
     "inforunbd": False,
     "unbounded": False,
 }
-_GRACE = 1.0  # [s] after the time limit, which SCIP does not look at in presolving
+_GRACE = 0.05  # of the time limit, after which SCIP is stopped: presolving does not look at it
 
 
 def run_model(model: Any, gap: float, own_error: float, time_limit: float) -> None:
@@ -36,8 +36,9 @@ def run_model(model: Any, gap: float, own_error: float, time_limit: float) -> No
     model.setParam("limits/gap", max(gap - own_error, 0.5 * gap))
     guard: threading.Timer | None = None
     if np.isfinite(time_limit):
-        model.setParam("limits/time", float(time_limit))
-        guard = threading.Timer(time_limit + _GRACE, model.interruptSolve)
+        model.setParam("limits/time", float(max(time_limit, 0.0)))
+        guard = threading.Timer((1.0 + _GRACE) * max(time_limit, 0.0), model.interruptSolve)
+        guard.daemon = True
         guard.start()
     try:
         run_aside(model.optimizeNogil, model.interruptSolve)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
@@ -98,6 +100,23 @@ def test_limbs_far_from_the_planned_angles_are_found_from_their_commands(
     np.testing.assert_allclose(found.angles[lost], there[lost], atol=1e-9)
     np.testing.assert_array_equal(found.angles[~lost], first.angles[~lost])
     assert found.missing.max() < 1e-9
+
+
+def test_limbs_whose_feet_roll_are_found_from_their_commands_too(chain: SerialChain) -> None:
+    """A foot that rolls ends its chain elsewhere in each row, and only some rows are lost."""
+    rng = np.random.default_rng(6)
+    there = rng.uniform(-0.5, 0.5, (60, 1, 6))
+    planned = there + rng.uniform(-1.3, 1.3, there.shape)
+    limb = one(chain)
+    ends = limb.toe_zero + rng.uniform(-0.02, 0.02, (60, 1, 3))
+    rolls = replace(limb, toe_zero=ends)
+    toes = chains_at(rolls, there).toe
+    arm = rng.uniform(-0.01, 0.01, toes.shape)
+    _, rests = _settled(rolls, toes, planned, there, SPRING, arm)
+    assert 3 < (~rests).sum() < 50
+    found = settled_chains(rolls, toes, planned, there, SPRING, arm)
+    assert found.missing.max() < 1e-9
+    np.testing.assert_allclose(found.angles[~rests], there[~rests], atol=1e-9)
 
 
 def test_toes_out_of_reach_are_missed(chain: SerialChain) -> None:

@@ -149,12 +149,29 @@ def settled_chains(
     rows = lost.any(axis=-1)  # (...), some limb of which is lost
     if not rows.any():
         return found
-    own = toes[rows], command[rows], command[rows]
-    again, rests = _settled(chain, *own, spring, None if arm is None else arm[rows])
+    again, rests = _settled(
+        _chains_of_rows(chain, rows),
+        toes[rows],
+        command[rows],
+        command[rows],
+        spring,
+        None if arm is None else arm[rows],
+    )
     better = lost[rows] & rests & (again.missing <= _HELD)
     found.angles[rows] = np.where(better[..., None], again.angles, found.angles[rows])
     found.missing[rows] = np.where(better, again.missing, found.missing[rows])
     return found
+
+
+def _chains_of_rows(chain: SerialChain, rows: NDArray[np.bool_]) -> SerialChain:
+    """Chains of the rows (...) that are true, where a chain ends elsewhere in each row.
+
+    Chains whose feet roll have a toe (..., N, 3) for each row; others have one (N, 3) for all.
+    """
+    if chain.toe_zero.ndim == 2:
+        return chain
+    toes = np.broadcast_to(chain.toe_zero, (*rows.shape, *chain.toe_zero.shape[-2:]))
+    return replace(chain, toe_zero=toes[rows])
 
 
 def _settled(

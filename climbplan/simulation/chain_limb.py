@@ -145,7 +145,10 @@ def chain_limb(
         if weights is not None:
             lines.append(
                 inertial_of(
-                    weights.mass[limb, j], weights.middle[limb, j], weights.inertia[limb, j]
+                    weights.mass[limb, j],
+                    weights.middle[limb, j],
+                    weights.inertia[limb, j],
+                    f"the link moved by {chain.names[limb][j] or name}",
                 )
             )
         elif length < _SHORTEST:

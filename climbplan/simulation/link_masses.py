@@ -31,15 +31,14 @@ def link_masses(plan: ClimbPlan, conditions: Conditions) -> LinkMasses | None:
     return replace(
         links,
         mass=mass,
-        inertia=_valid(links.inertia),
+        inertia=_thick(links.inertia),
         body_mass=plan.robot.mass - float(mass.sum()),
-        body_inertia=_valid(links.body_inertia),
+        body_inertia=_thick(links.body_inertia),
     )
 
 
-def _valid(inertia: Array) -> Array:
-    """Inertias that bodies can have: positive, and no moment above the sum of the others."""
+def _thick(inertia: Array) -> Array:
+    """Inertias whose principal moments are no less than MuJoCo integrates well."""
     value, vector = np.linalg.eigh((inertia + np.swapaxes(inertia, -1, -2)) / 2)
     value = np.maximum(value, _LEAST_INERTIA)
-    value[..., 0] = np.maximum(value[..., 0], value[..., 2] - value[..., 1])
     return np.asarray((vector * value[..., None, :]) @ np.swapaxes(vector, -1, -2))

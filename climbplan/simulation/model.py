@@ -247,7 +247,7 @@ def _robot(
     inertial = at = ""
     if weights is not None:
         place = place + weights.body_middle * (weights.body_mass / body)
-        inertial = inertial_of(body, place, weights.body_inertia)
+        inertial = inertial_of(body, place, weights.body_inertia, "the body")
     elif place.any() or beside:
         inertia = body / 3 * ((size**2).sum() - size**2)
         inertial = (

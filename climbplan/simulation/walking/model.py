@@ -13,6 +13,7 @@ import numpy as np
 
 from climbplan.simulation.attributes import numbers
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.physical_inertia import physical_inertia
 from climbplan.walking.foot_centres import steepness
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.task import POSITION, Array
@@ -109,7 +110,7 @@ def hips(plan: WalkPlan) -> Array:
 
 def _body(plan: WalkPlan, conditions: Conditions) -> str:
     body = plan.task.body
-    matrix = body.inertia
+    matrix = physical_inertia(body.inertia, "the body")
     inertia = [*np.diag(matrix), matrix[0, 1], matrix[0, 2], matrix[1, 2]]
     half = [*np.abs(hips(plan)).max(axis=0)[:2], _HALF_HEIGHT]
     start = plan.trajectory.state[0, POSITION]

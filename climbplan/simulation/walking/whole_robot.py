@@ -163,10 +163,11 @@ class _Tree:
                 f'<body pos="{numbers(self.centre)}"><inertial pos="0 0 0"'
                 f' mass="{self.payload:.9g}" diaginertia="1e-6 1e-6 1e-6"/></body>'
             )
+        own = inertial_of(mass, lever, about, "the body")
         half = [0.5 * self.half[0], 0.35 * self.half[1], _HALF_HEIGHT]
         below = "".join(self._link(child, self.turn) for child in self.children.get(_ROOT, []))
         return (
-            f'<body name="body"><freejoint name="free"/>{inertial_of(mass, lever, about)}'
+            f'<body name="body"><freejoint name="free"/>{own}'
             f'<geom name="body" type="box" pos="{numbers(self.centre)}" size="{numbers(half)}"'
             f' mass="0" material="body" contype="{BODY}" conaffinity="0"/>{extra}{below}</body>'
         )
@@ -200,7 +201,8 @@ class _Tree:
             self._drawn(np.array(self.data.liMi[child].translation))
             for child in self.children.get(joint, [])
         )
-        own = inertial_of(float(inertia.mass), np.array(inertia.lever), np.array(inertia.inertia))
+        lever, about = np.array(inertia.lever), np.array(inertia.inertia)
+        own = inertial_of(float(inertia.mass), lever, about, f"the link moved by {name}")
         at = turn @ np.array(place.translation)
         return (
             f'<body pos="{numbers(at)}" quat="{quat.w:.12g} {quat.x:.12g} {quat.y:.12g}'

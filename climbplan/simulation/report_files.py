@@ -17,6 +17,7 @@ from climbplan.reports.sheet import png
 RESULT = "simulation.csv"
 FILM = "simulation.gif"
 WORST_FILM = "worst_world.gif"
+MAX_SPEED_SHARE = 1.05  # of a joint's speed limit that is let pass: one step of the simulation
 
 
 @dataclass(frozen=True)
@@ -27,11 +28,18 @@ class End:
     slips: int
     lost_contacts: int
     allowed: int  # slips and lost contacts together, by default
+    joint_speed: float = 0.0  # largest share of a joint's speed limit, 0 where none is judged
+
+    @property
+    def too_fast(self) -> bool:
+        """A joint turned faster than its motor can, beyond what a millisecond may show."""
+        return self.joint_speed > MAX_SPEED_SHARE
 
     @property
     def good(self) -> bool:
-        """Nothing fell, slipped or lost contact."""
-        return self.fall_time is None and not self.slips and not self.lost_contacts
+        """Nothing fell, slipped or lost contact, and no joint was too fast."""
+        stood = self.fall_time is None and not self.slips and not self.lost_contacts
+        return stood and not self.too_fast
 
     @property
     def words(self) -> str:
@@ -40,6 +48,8 @@ class End:
             return f"falls at {self.fall_time:.2f} s"
         counts = [(self.slips, "slip"), (self.lost_contacts, "lost contact")]
         told = [f"{count} {name}{'s' * (count > 1)}" for count, name in counts if count]
+        if self.too_fast:
+            told.append(f"joint speeds of {100 * self.joint_speed:.0f} % of their limits")
         return f"stands with {' and '.join(told)}" if told else "stands"
 
     def failure(self, most: int | None) -> str:
@@ -52,6 +62,11 @@ class End:
             return f"the robot {self.words}"
         if self.slips + self.lost_contacts > limit:
             return f"the robot {self.words}, {limit} together are let pass (--most-slips)"
+        if self.too_fast:
+            return (
+                f"the robot {self.words}, which its motors do not reach; plan a slower walk "
+                "(task.reference.velocity) or longer intervals (task.step)"
+            )
         return ""
 
 

@@ -154,6 +154,7 @@ def test_what_a_simulation_tells(plan: WalkPlan) -> None:
     assert report["pushes"] == [{"time": 0.1, "velocity": [0.1, 0.0, 0.0]}]
     assert set(told.figures) == {"path", "forces", "torques"}
     assert told.headline.startswith("no fall")
+    assert told.end.joint_speed == found.run.speed.max()
 
 
 @pytest.mark.parametrize(

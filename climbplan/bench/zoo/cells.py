@@ -73,8 +73,11 @@ def _fares(plan: WalkPlan) -> str:
     run = simulate_whole(plan, NOMINAL)
     if run.fallen:
         return f"falls at {run.time[-1]:.1f} s"
-    end = end_of(plan, run, compare_walk(plan, run))
-    return "stands" if end.good else f"{end.slips} slips, {end.lost_contacts} lost"
+    end = end_of(plan, run, compare_walk(plan, run), float(run.speed.max(initial=0.0)))
+    if end.good:
+        return "stands"
+    fast = f", joint speeds {end.joint_speed:.0%}" if end.too_fast else ""
+    return f"{end.slips} slips, {end.lost_contacts} lost{fast}"
 
 
 COLUMNS: dict[str, Column] = {

@@ -68,10 +68,14 @@ def walk_numbers(
     }
 
 
-def end_of(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> End:
-    """How the nominal run ended; feet of a trot may land a few hundredths of a second late."""
+def end_of(plan: WalkPlan, run: WalkRun, compared: WalkComparison, joint_speed: float = 0.0) -> End:
+    """How the nominal run ended; feet of a trot may land a few hundredths of a second late.
+
+    joint_speed: largest share of a joint's speed limit, 0 of robots without joints.
+    """
     fall = float(run.time[-1]) if run.fallen else None
-    return End(fall, len(compared.slips), len(compared.losses), allowed=plan.task.body.leg_count)
+    legs = plan.task.body.leg_count
+    return End(fall, len(compared.slips), len(compared.losses), legs, joint_speed)
 
 
 def filmed(plan: WalkPlan, camera: Camera | str) -> tuple[dict[str, Figure], bytes | None]:

@@ -161,7 +161,7 @@ def tell(found: SimulatedWhole) -> Told:
     return Told(
         title=f"{plan.name}: simulated with the whole robot",
         headline=headline(found),
-        end=end_of(plan, run, compared),
+        end=end_of(plan, run, compared, float(run.speed.max(initial=0.0))),
         report=report_dict(found),
         table=contact_table(plan, run, compared),
         figures=drawn,

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from climbplan.reports.page_parts import Card
 from climbplan.robots.rotations import Array
-from climbplan.simulation.comparison import LEAST_SAG, LEAST_TORQUE
+from climbplan.simulation.comparison import LEAST_SAG
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.figures import falls, leg, sag, strip
 from climbplan.simulation.gripping import Gripped
@@ -162,7 +162,7 @@ def report_dict(found: Simulated) -> dict[str, Any]:
         "instants": {"planned": plan.instants.count, "reached": len(compared.instant)},
         "torque": {
             "relative_error": spread(compared.torque_error),
-            "least_compared": LEAST_TORQUE,
+            "least_compared": compared.least_torque,
             "largest": float(np.abs(run.torque).max()),
             "largest_planned": float(np.abs(plan.forces.motor_torques).max()),
         },

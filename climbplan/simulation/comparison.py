@@ -24,7 +24,10 @@ from climbplan.simulation.replay import Run
 from climbplan.simulation.rolling import rolled
 
 SLIP = 0.005  # [m] that a standing toe slides from where it was set down
-LEAST_TORQUE = 1.0  # [N m] planned torques below are left out of relative errors
+# Planned torques below [N m], or below a share of the largest planned one, are left out of relative
+# errors
+LEAST_TORQUE = 1.0
+LEAST_TORQUE_SHARE = 0.2
 LEAST_SAG = 1e-3  # [m] predicted sags below are left out of relative errors
 LOST = 0.5  # [s] that a toe may be without contact, as when it touches down a little late
 LEAST_HELD = 3.0  # [N] of planned pressure below which a toe before its lift is let go of
@@ -72,12 +75,18 @@ class Comparison:
     losses: tuple[LostContact, ...]
 
     @property
+    def least_torque(self) -> float:
+        """Planned torque from which on relative errors are told [N m]."""
+        largest = float(self.torque_planned.max(initial=0.0))
+        return min(LEAST_TORQUE, LEAST_TORQUE_SHARE * largest)
+
+    @property
     def torque_error(self) -> Array:
         """Relative errors of the worst motor at every instant, over standing limbs together."""
         planned = self.torque_planned.max(axis=1)
         worst = self.torque_planned.argmax(axis=1)
         found = np.take_along_axis(self.torque, worst[:, None], axis=1)[:, 0]
-        loaded = planned > LEAST_TORQUE
+        loaded = planned > self.least_torque
         return np.asarray(np.abs(found - planned)[loaded] / planned[loaded])
 
     @property

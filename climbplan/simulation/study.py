@@ -147,7 +147,12 @@ def headline(found: Simulated) -> str:
     run, compared = found.run, found.compared
     end = f"falls at {run.time[-1]:.1f} s" if run.fallen else "no fall"
     error = compared.torque_error
-    torque = f"torque {np.median(error):.1%} off (median)" if error.size else "no instant reached"
+    if not len(compared.instant):
+        torque = "no instant reached"
+    elif not error.size:
+        torque = "no torque planned"
+    else:
+        torque = f"torque {np.median(error):.1%} off (median)"
     lost = f"{len(compared.losses)} contacts lost, " if compared.losses else ""
     held = compared.friction < compared.mu
     words = f"below mu at {held.mean():.1%} of contacts" if held.size else "unknown"

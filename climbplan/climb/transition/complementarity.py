@@ -85,7 +85,7 @@ class Shape:
             "toe": (3, n),  # after the round
             "force": (3, n * self.surfaces),  # normal, tangent, bitangent [weight]
             "hold": (1, n),  # u
-            "side": (self.faces, n * self.solids),  # g
+            "face_weight": (self.faces, n * self.solids),  # g
             "s": (1, 1),
             **at_points(self.stated.found, POINTS),
         }
@@ -177,9 +177,9 @@ def _round(shape: Shape, rows: RoundRows) -> Any:
     load = ca.vertcat(pressing - MOST_LOAD * hold, s["least_load"] * hold - pressing)
     stage.between("switch.load", load, upper=0.0, unit="weight")
     out = s["face_row"].T @ new - ca.repmat(s["face_end"].T, 1, n)  # (B F, N)
-    outside = s["side"] * ca.reshape(out, shape.faces, n * shape.solids)
+    outside = s["face_weight"] * ca.reshape(out, shape.faces, n * shape.solids)
     stage.between("solid.outside", ca.sum1(outside), 0.0, unit="m")
-    stage.between("solid.sides", ca.sum1(s["side"]), 1.0, 1.0)
+    stage.between("solid.sides", ca.sum1(s["face_weight"]), 1.0, 1.0)
 
     each = (ca.repmat(local[k, :], 3, 1) * axis for k, axis in enumerate((normal, along, across)))
     pushes = sum(each, ca.SX.zeros(3, n * count))

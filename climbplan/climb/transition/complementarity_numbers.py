@@ -125,6 +125,8 @@ def _numbers(scene: TransitionScene, shape: Shape, surfaces: Index) -> dict[str,
     used = [regions[index] for index in surfaces.ravel()]
     edges = [_padded(r.A, r.b, shape.edges) for r in used]
     faces = [_padded(s.A, s.b, shape.faces) for s in _solids(scene)]
+    start = to_body(scene.start.com, scene.start.rpy, scene.start.toes)
+    at_start = shape.stated.at_toes(scene.robot, start)
     own = {
         # rows of the frame are the columns of the program
         "axes": np.array([contact_frame(r.normal).axes for r in used]),
@@ -136,8 +138,8 @@ def _numbers(scene: TransitionScene, shape: Shape, surfaces: Index) -> dict[str,
         "face_end": np.concatenate([nothing, *(b for _, b in faces)]),
         "mu": np.array([r.friction for r in used]) / scene.spec.force.safety_friction,
         "load": load_wrench(scene.spec, scene.robot, scene.start.rpy) / scene.robot.weight,
-        # Knees up, where the closed form has branches
-        **{name: np.full(POINTS * shape.limbs, -1.0) for name in shape.stated.given},
+        # Limbs stay bent as they are at the start
+        **{name: np.tile(at_start[name].ravel(), POINTS) for name in shape.stated.given},
     }
     return {**robot_numbers(scene, scene.start.toes), **as_columns(own)}
 
@@ -176,7 +178,7 @@ def _variable_bounds(
         "toe": (toe_lower, toe_upper),
         "force": (push, MOST_LOAD),
         "hold": (0.0, 1.0),
-        "side": (0.0, 1.0),
+        "face_weight": (0.0, 1.0),
         "s": (0.0, largest),
     }
     if "angles" in program.shape.stated.found:

@@ -133,7 +133,7 @@ def _random_start(motion: FreeMotion, rng: np.random.Generator) -> Array:
             "toe": toe.reshape(m, -1),
             "force": force.reshape(m, -1),
             "hold": hold,
-            "side": 1 / max(shape.faces, 1),
+            "face_weight": 1 / max(shape.faces, 1),
             "s": 0.3,
             **found_at(scene, pose, toe),
         }

@@ -134,7 +134,7 @@ def _searched(motion: FreeMotion, lab: Laboratory, sequence: Sequence) -> Array:
             "toe": toe.reshape(m, -1),
             "force": local.reshape(m, -1),
             "hold": ~sequence.moved,
-            "side": (side / side.sum(axis=-1, keepdims=True)).reshape(m, -1),
+            "face_weight": (side / side.sum(axis=-1, keepdims=True)).reshape(m, -1),
             "s": use[:, None],
         }
     )

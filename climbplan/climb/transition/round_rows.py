@@ -62,6 +62,9 @@ class RoundRows:
         self._stated = stated
         self._variables, self._numbers = variables, {**_robot_shapes(stated), **numbers}
         shapes = {**variables, **ends, **self._numbers}
+        twice = (variables.keys() | ends.keys()) & self._numbers.keys()
+        if twice:
+            raise ValueError(f"{name}: {', '.join(sorted(twice))} named as variable and number")
         self.symbols: dict[str, Any] = {n: ca.SX.sym(n, *shape) for n, shape in shapes.items()}
         self.stage = Stage(name, self.symbols)
         pose = self.symbols["pose"]

@@ -10,6 +10,7 @@ import pytest
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.climb_plan import Array
 from climbplan.climb.plan.file import write_climb
+from climbplan.climb.transition.complementarity import Shape, complementarity_statement
 from climbplan.climb.transition.complementarity_numbers import free_motion
 from climbplan.climb.transition.homotopy import run_start
 from climbplan.climb.transition.planner import plan_transition
@@ -17,6 +18,7 @@ from climbplan.climb.transition.pose_ways import Sequence
 from climbplan.climb.transition.scene import TransitionScene, build_transition
 from climbplan.climb.transition.stances import Laboratory
 from climbplan.errors import UsageError
+from climbplan.robots.stated_chains import StatedChains
 from climbplan.spec.climb.transition_loading import load_transition
 
 SPECS = Path(__file__).parents[3] / "specs"
@@ -78,7 +80,7 @@ def _outside(scene: TransitionScene, toe: Array, side: int) -> float:
     v[stated.place("toe")[0][3 * limb : 3 * limb + 3]] = toe
     weights = np.zeros((motion.shape.limbs * motion.shape.solids, motion.shape.faces))
     weights[:, side] = 1.0
-    v[stated.place("side")[0]] = weights.ravel()
+    v[stated.place("face_weight")[0]] = weights.ravel()
     rows = np.array(motion.program.rows(v, stated.theta(motion.parameters))).ravel()
     return float(rows[stated.block("solid.outside")[0][limb * motion.shape.solids]])
 
@@ -119,3 +121,13 @@ def test_a_named_sequence_is_not_for_this_method() -> None:
     named = ["solver.method=complementarity", "task.sequence=3-3-3"]
     with pytest.raises(UsageError, match=r"leave `task.sequence` out"):
         plan_transition(load_transition(BRICKS, named))
+
+
+@pytest.mark.parametrize("solids", [0, 1])
+def test_chains_of_three_joints_have_a_program(solids: int) -> None:
+    """The side to which such limbs bend is a number, weights of the faces of solids are not."""
+    limbs = StatedChains(limbs=4, joints=3, redundant=False)
+    shape = Shape(2, limbs, surfaces=2, edges=4, solids=solids, faces=6 * solids)
+    stated = complementarity_statement(shape)
+    assert stated.place("face_weight").shape == (2, 6 * solids * 4)
+    assert stated.sizes()["solid.outside"] == 2 * solids * 4

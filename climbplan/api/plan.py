@@ -121,9 +121,9 @@ class Plan(Group):
 
     def __init__(self, path: Path, folder: Folder | None = None) -> None:
         self._kind: PlanKind = plan_kind(path)
-        self.summary: tuple[str, ...] = ()  # lines of the run that made it
-        self.warnings: tuple[str, ...] = ()
         super().__init__(path, "", folder)
+        self.summary: tuple[str, ...] = self._texts("summary")  # lines of the run that made it
+        self.warnings: tuple[str, ...] = self._texts("warnings")
 
     @property
     def kind(self) -> str:
@@ -154,6 +154,10 @@ class Plan(Group):
         from climbplan.api.loading import load
 
         return self._kind.verify(self._path, held_against(self._path, load(spec, set), "a spec"))
+
+    def _texts(self, name: str) -> tuple[str, ...]:
+        """Lines of text of the file; none of kinds that have none."""
+        return tuple(self._array(name)) if self._members.get(name) is False else ()
 
     def save(self, path: str | Path, force: bool = False) -> Path:
         """Copy the plan file, whole or not at all; a folder gets `plan.h5`. Returns its path.

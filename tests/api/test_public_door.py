@@ -104,6 +104,9 @@ def test_a_plan_is_saved_read_checked_drawn_and_exported(climb: Plan, tmp_path: 
     with pytest.raises(UsageError, match="force=True"):
         climb.save(path)
     again = climbplan.read(tmp_path / "out")
+    assert again.summary == climb.summary
+    assert any(line.startswith("posture") for line in again.summary)
+    assert again.warnings == climb.warnings
     np.testing.assert_array_equal(again.instants.force, climb.instants.force)
     assert climbplan.verify(again).passed
     assert climbplan.verify(path).badge == "verified"

@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 
 from climbplan.robots.rotations import Array
-from climbplan.scan.cleaning import components, neighbours
+from climbplan.scan.cleaning import components, open_edges
 from climbplan.scan.fitting import FoundRegion, found_regions
 from climbplan.scan.holds import Grasping
 from climbplan.scan.panels import HEADROOM, Frame
@@ -53,11 +53,11 @@ class BodyHold:
 
 
 def bodies(raw: RawScan) -> Mask:
-    """(T,) triangles that belong to a closed body: every edge has two."""
+    """(T,) triangles of closed bodies, which end at no edge but may touch others."""
     if not len(raw.triangles):
         return np.zeros(0, bool)
     surface = components(raw.triangles)
-    is_open = (neighbours(raw.triangles) < 0).any(axis=1)
+    is_open = open_edges(raw.triangles).any(axis=1)
     return np.asarray(np.bincount(surface, weights=is_open)[surface] == 0)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -38,8 +39,9 @@ def cleaned(raw: RawScan) -> RawScan:
             f"{count} {noun} turned round, against most of the surface they belong to"
         )
         raw = ordered(raw)
-    open_edges = int((neighbours(raw.triangles) < 0).sum())
-    return raw.noted(f"{open_edges} open edges (borders and holes)") if open_edges else raw
+    count = _num_open_edges(raw.triangles)
+    noun = "open edge" if count == 1 else "open edges"
+    return raw.noted(f"{count} {noun} (borders and holes)") if count else raw
 
 
 def ordered(raw: RawScan) -> RawScan:
@@ -68,14 +70,36 @@ def ordered(raw: RawScan) -> RawScan:
     return chosen(clean, ~again).noted(*notes)
 
 
+def open_edges(triangles: Index) -> NDArray[np.bool_]:
+    """Return (T, 3) whether the surface ends at each edge (corner k to k + 1).
+
+    An edge at which closed bodies touch has an even number of triangles, and is not open.
+    """
+    if not len(triangles):
+        return np.zeros((0, 3), bool)
+    _, number, uses = np.unique(_edge_keys(triangles), return_inverse=True, return_counts=True)
+    return np.asarray(uses[number.reshape(-1, 3)] % 2 == 1)
+
+
+def _num_open_edges(triangles: Index) -> int:
+    return len(np.unique(_edge_keys(triangles)[open_edges(triangles).ravel()]))
+
+
+def _edge_keys(triangles: Index) -> Index:
+    """(3 T,) a number for each edge (corner k to k + 1), the same in both directions."""
+    if not len(triangles):
+        return np.zeros(0, np.int64)
+    edges = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)
+    flat = edges.reshape(-1, 2)
+    return np.asarray(flat[:, 0] * (int(triangles.max()) + 1) + flat[:, 1])
+
+
 def neighbours(triangles: Index) -> Index:
     """(T, 3) the triangle across each edge (corner k to k + 1), -1 where there is not just one."""
     count = len(triangles)
     if not count:
         return np.zeros((0, 3), np.int64)
-    edges = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)
-    flat = edges.reshape(-1, 2)
-    key = flat[:, 0] * (int(triangles.max()) + 1) + flat[:, 1]
+    key = _edge_keys(triangles)
     order = np.argsort(key, kind="stable")
     sorted_key = key[order]
     new = np.append(True, sorted_key[1:] != sorted_key[:-1])

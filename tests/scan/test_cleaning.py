@@ -10,10 +10,11 @@ import pytest
 from known_surfaces import block, box, grid, joined, plate, tube
 
 from climbplan.scan import cleaning
+from climbplan.scan.body_holds import bodies
 from climbplan.scan.cleaning import cleaned, without_outliers
 from climbplan.scan.clouds import cloud
 from climbplan.scan.orienting import facing
-from climbplan.scan.raw import RawScan, ScanError, mesh
+from climbplan.scan.raw import RawScan, ScanError, chosen, mesh
 from climbplan.scan.relief import surface_of_cloud
 
 
@@ -92,3 +93,18 @@ def test_two_bodies_keep_their_own_sides() -> None:
     turned[12:] = turned[12:, ::-1]
     free = facing(cleaned(mesh(raw.vertices, turned)), np.array([1.5, 0.5, 0.5]))
     assert said(free, "1 surface of 12 triangles")
+
+
+def test_closed_boxes_that_touch_along_edges_are_closed() -> None:
+    """Four triangles meet where two boxes of a staircase touch; only two would be neighbours."""
+    steps = [box((0, k, k), (1, k + 1, k + 1)) for k in range(5)]
+    clean = cleaned(joined(*steps))
+    assert not said(clean, "open edge")
+    assert bodies(clean).all()
+
+
+def test_open_edges_are_counted_once_each() -> None:
+    lid = chosen(box((0, 0, 0), (1, 1, 1)), np.arange(12) >= 2)  # without its top
+    touched = joined(lid, box((0, 1, 1), (1, 2, 2)))  # a box on one of the four borders
+    assert said(cleaned(lid), "4 open edges (borders and holes)")
+    assert said(cleaned(touched), "4 open edges")

@@ -21,9 +21,12 @@ from climbplan.walking.problem import build_task
 from climbplan.walking.summary import summary_lines
 from climbplan.walking.task import WalkTask
 
+_LEAST_TIME = 1e-3  # [s] of a solver that has no time left
+_WARM_SHARE = 0.5  # of the time of `micp`, for what it starts from
+
 
 def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
-    """Solve the task of a spec by its method.
+    """Solve the task of a spec by its method, within its time limit.
 
     Raises:
         SpecError: values that do not go together.
@@ -33,16 +36,20 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
     report = report or _silent
     spec = loaded.spec
     begin = time.perf_counter()
+    deadline = time.monotonic() + spec.solver.time_limit
     task = build_task(spec, loaded.robot, loaded.source)
     report("solve", 0.0)
     ready = time.perf_counter()
     gap = widest_gap(task)
     if gap is not None and gap.proved:
         raise Infeasible(f"no plan exists: {gap}", [_conflict(gap)], stage="footholds")
-    answer = solve_task(task, spec.solver, spec.seed)
+    answer = solve_task(task, _until(spec.solver, deadline), spec.seed)
     solved = time.perf_counter()
     if answer.trajectory is None:
-        slow = too_fast(task, lambda other: solve_task(other, spec.solver, spec.seed))
+        slow = ""
+        if time.monotonic() < deadline:
+            rest = _until(spec.solver, deadline)
+            slow = too_fast(task, lambda other: solve_task(other, rest, spec.seed))
         raise LimitReached(
             f"no plan found: {spec.solver.method} tried {answer.tried} gaits in "
             f"{answer.seconds:.2g} s; {answer.word}"
@@ -97,8 +104,17 @@ def _conflict(gap: Gap) -> Conflict:
     return Conflict(f"from {gap.near} to {gap.far}", (what,), in_words=True, names=names)
 
 
+def _until(solver: WalkSolverSpec, deadline: float) -> WalkSolverSpec:
+    """The same solver with the time that is left until a deadline, of `time.monotonic` [s]."""
+    left = max(deadline - time.monotonic(), _LEAST_TIME)
+    return solver.model_copy(update={"time_limit": min(left, solver.time_limit)})
+
+
 def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAnswer:
-    """A task by a method of the spec."""
+    """Solve a task by a method of the spec, within its time limit.
+
+    The searches that `micp` starts from take half of the time together, at most.
+    """
     # One method's solver is not loaded for another's sake.
     if solver.method == "nlp":
         from climbplan.walking.offline.nlp import solve_nlp
@@ -108,10 +124,13 @@ def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAns
         from climbplan.walking.micp.limits import limits_of
         from climbplan.walking.micp.method import solve_micp
 
-        warm = solve_task(task, solver.model_copy(update={"method": solver.warm}), seed)
-        searched = solver.model_copy(update={"method": "search"})
+        deadline = time.monotonic() + solver.time_limit
+        each = _WARM_SHARE * solver.time_limit / solver.tube.seeds
+        brief = solver.model_copy(update={"method": solver.warm, "time_limit": each})
+        warm = solve_task(task, brief, seed)
+        searched = brief.model_copy(update={"method": "search"})
         others = [solve_task(task, searched, seed + k) for k in range(1, solver.tube.seeds)]
-        return solve_micp(task, limits_of(solver), warm, others)
+        return solve_micp(task, limits_of(_until(solver, deadline)), warm, others)
     from climbplan.walking.offline.search import SearchLimits, search
 
     gaits = solver.gaits if solver.gaits is not None else SearchLimits.gaits

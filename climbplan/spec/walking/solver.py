@@ -49,8 +49,8 @@ class WalkSolverSpec(SpecModel):
     )
     time_limit: Number = quantity(
         "s",
-        "of IPOPT or HiGHS; a cap of the search, which says if it ended it; of `online`: its "
-        "library and its walk, what was walked by then is kept",
+        "of the whole run, but for one step of a solver; a cap of the search, which says if it "
+        "ended it; of `online`: its library and its walk, what was walked by then is kept",
         150.0,
         gt=0,
     )

@@ -35,6 +35,7 @@ _UNHELD = 8  # and as long as none holds
 _FULL = 8
 _POLISH = 60
 _POLISHED = 10  # gaits, from the best, until one holds
+_POLISH_SHARE = 0.1  # of the time, kept for it
 _KICK = (2, 4)  # moves at least and at most
 _KICKS = 100  # that lead to no gait that holds, until the search ends
 _KICKED = 3  # QPs after which one that overreaches by more than that is given up
@@ -44,9 +45,9 @@ _REACH_PRICE = 1e5  # [1/m] where no gait holds yet: less overreach is better
 
 @dataclass(frozen=True)
 class SearchLimits:
-    """When a search ends. The polish of what it found is not counted."""
+    """When a search ends. QPs of the polish of what it found are not counted."""
 
-    seconds: float = np.inf  # a cap
+    seconds: float = np.inf  # a cap, the last part of which is for the polish
     gaits: int = 100_000  # beyond the named ones
     seed: int = 0
     names: tuple[str, ...] = GAITS  # gaits to begin with
@@ -84,7 +85,7 @@ class _Search:
 
     @property
     def spent(self) -> bool:
-        self.late |= self.seconds > self.limits.seconds
+        self.late |= self.seconds > (1 - _POLISH_SHARE) * self.limits.seconds
         used_up = self.qps >= self.limits.qps or self.priced >= self.limits.gaits
         return self.late or used_up
 
@@ -122,11 +123,17 @@ class _Search:
         return self.polished()
 
     def polished(self) -> WalkAnswer:
-        """The best gait that passes the exact check once its SQP has settled."""
+        """The best gait that passes the exact check once its SQP has settled.
+
+        At the time limit no further gait is begun; one always is.
+        """
         word = "none has a motion that keeps friction, forces and toes within their limits"
         nearest: tuple[GaitAnswer, str] | None = None  # holds, but breaks a check: better than none
         complete = "best gait so far" if self.spent else "local optimum over gaits"
-        for candidate in sorted(self.good, key=self.price)[:_POLISHED]:
+        for number, candidate in enumerate(sorted(self.good, key=self.price)[:_POLISHED]):
+            if number and self.seconds > self.limits.seconds:
+                self.late = True
+                break
             assert candidate.trajectory is not None
             gait = candidate.trajectory.gait
             start = iterate_of(candidate.trajectory, gait)

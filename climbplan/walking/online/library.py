@@ -39,6 +39,7 @@ from climbplan.walking.task import (
 )
 
 FORMAT = "climbplan/walk-library"
+_LONGEST = 60.0  # [s] of the search for one walk
 _NAMES = ("trot", "walking trot", "slow trot", "stand")  # gaits to begin with
 SECTION = 5  # knots of a section: 400 ms
 # K sections of M knots, F features, L legs
@@ -126,7 +127,8 @@ def build_library(
             )
         rng = np.random.default_rng([seed, k])
         drawn = drawn_task(task, rng, Draw())
-        answer = search(drawn, SearchLimits(60.0, gaits, seed, _NAMES))
+        seconds = min(_LONGEST, deadline - time.monotonic())
+        answer = search(drawn, SearchLimits(seconds, gaits, seed, _NAMES))
         if answer.trajectory is not None:
             parts.append(sections_of(drawn, answer.trajectory, k))
         if report is not None:

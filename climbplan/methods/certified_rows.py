@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 from climbplan.errors import UsageError
 from climbplan.methods.run import SolvedRows, thetas_of
 from climbplan.plans.certified import CertifiedRow, CertifiedRows
 from climbplan.program.problem import Problem
+from climbplan.solvers.result import relative_gap
 from climbplan.spec.program.loading import LoadedProgram
 
 
@@ -35,3 +38,13 @@ def certified_rows(problem: Problem, done: SolvedRows, loaded: LoadedProgram) ->
         tolerance=loaded.spec.solver.tolerance,
         rows=tuple(rows),
     )
+
+
+def proves_less(proved: float, searched: float, gap: float) -> bool:
+    """Return whether a proved bound is below that of a search by more than rounding and the gap.
+
+    An infinite bound of a search says that nothing is feasible.
+    """
+    if math.isinf(searched):
+        return proved < searched
+    return relative_gap(searched, proved) > gap

@@ -130,6 +130,7 @@ class Conflict:
     remedies: tuple[Remedy, ...] = ()  # each enough on its own
     in_words: bool = False  # the constraints already say how they fail
     enough: bool = True  # else each remedy is needed at least, and was not planned with
+    tried: bool = False  # remedies are enough for the motion that was tried; others may need less
     names: tuple[str, ...] = ()  # of the checks that judge them: one a constraint, or of all words
 
     def __str__(self) -> str:
@@ -138,6 +139,8 @@ class Conflict:
         if self.in_words:
             verb = ""
         cure = "; feasible with " if self.enough else "; at least needed: "
+        if self.tried:
+            cure = "; what was tried is feasible with "
         cure = cure + " or ".join(map(str, self.remedies)) if self.remedies else ""
         return f"{self.where}: {what}{verb}{cure}"
 

@@ -16,7 +16,7 @@ from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.proof import PROOF_SHARE, proof_of_infeasibility
-from climbplan.climb.remedies import candidates, listed
+from climbplan.climb.remedies import as_tried, candidates, listed
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.trials import Trial, first_trial, further_trials
 from climbplan.errors import (
@@ -69,9 +69,9 @@ class Refused(NotProved):
     def __init__(self, tried: Sequence[Tried], remedies: Sequence[Remedy], late: bool) -> None:
         first = tried[0].error
         lines = [first.message.partition("\n")[0]]
-        # What a conflict names would mend what failed there; if it is enough, was planned with
-        needed = [replace(conflict, enough=False) for conflict in first.conflicts[:_SHOWN]]
-        lines += [f"  {_plain(str(conflict))}" for conflict in needed]
+        # What a conflict names would mend what failed there; other postures may do with less
+        shown = [replace(conflict, tried=True) for conflict in first.conflicts[:_SHOWN]]
+        lines += [f"  {_plain(str(conflict))}" for conflict in shown]
         lines.append(f"tried {len(tried)} way{'s' if len(tried) > 1 else ''}:")
         lines += [f"  {_plain(str(one))}" for one in tried]
         if late:
@@ -212,4 +212,4 @@ def _that_work(search: Search, scene: ClimbScene, changes: Iterable[Remedy]) -> 
         trial = replace(first_trial(scene), name=remedy.words, choices=(choice,))
         if search.attempt(trial, max(_EACH * left, _LEAST)) is not None:
             count += 1
-            yield remedy
+            yield as_tried(remedy)

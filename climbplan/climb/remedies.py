@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -11,6 +12,8 @@ from climbplan.errors import Remedy
 _MORE_ROUNDS = (1, 2, 4)
 _LARGER = 1.5  # factor on a change that was not enough
 _MOST = 16  # changes that are planned with at most
+_LIMIT = re.compile(r" (<=|>=|<|>) ")  # in words of a remedy
+_RANGE = re.compile(r" from \S+ to \S+")
 
 
 def candidates(scene: ClimbScene, changes: Sequence[Remedy]) -> Iterator[Remedy]:
@@ -32,6 +35,18 @@ def candidates(scene: ClimbScene, changes: Sequence[Remedy]) -> Iterator[Remedy]
     for remedy in [*keyed[:6], *more[:2], *_cleared(scene), *further[:4], *more[2:]]:
         named.setdefault((remedy.key, remedy.yaml), remedy)
     yield from list(named.values())[:_MOST]
+
+
+def as_tried(remedy: Remedy) -> Remedy:
+    """Return a remedy in words that state what was planned with, where they state a limit.
+
+    A limit ("payload <= 2.33 kg") is that of the motion which failed; a plan with the value at the
+    limit says nothing of values beyond it.
+    """
+    words = _LIMIT.sub(" ", remedy.words)
+    if isinstance(remedy.value, float):
+        words = _RANGE.sub(f" {remedy.value:.4g}", words)
+    return remedy if words == remedy.words else replace(remedy, words=f"planned with {words}")
 
 
 def listed(remedies: Sequence[Remedy]) -> list[str]:

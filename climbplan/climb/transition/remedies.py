@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.remedies import listed
+from climbplan.climb.remedies import as_tried, listed
 from climbplan.errors import NoPlanFound, NotProved, Remedy, SpecError, UsageError
 from climbplan.spec.climb.transition import TransitionSpec
 from climbplan.spec.climb.transition_loading import LoadedTransition
@@ -47,7 +47,7 @@ def with_remedies(
             plan(loaded.with_overrides(changes))
         except (NoPlanFound, SpecError, UsageError):  # or a change that the spec cannot have
             continue
-        found.append(remedy)
+        found.append(as_tried(remedy))
     return NotProved(
         "\n".join([error.message, *listed(found)]),
         [replace(conflict, remedies=()) for conflict in error.conflicts],

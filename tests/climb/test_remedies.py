@@ -1,0 +1,41 @@
+"""Remedies are stated as what was tried, not as limits that nobody has proved."""
+
+from __future__ import annotations
+
+import pytest
+
+from climbplan.climb.automatic import Refused, Tried
+from climbplan.climb.remedies import as_tried, listed
+from climbplan.climb.trials import Trial
+from climbplan.errors import Conflict, NotProved, Remedy
+
+PAYLOAD = Remedy("payload <= 2.33 kg", "task.payload.mass", 2.33)
+
+
+@pytest.mark.parametrize(
+    ("remedy", "words"),
+    [
+        (PAYLOAD, "planned with payload 2.33 kg"),
+        (Remedy("mu >= 0.83", "terrain.friction", 0.83), "planned with mu 0.83"),
+        (
+            Remedy("payload from 1.2 to 3.4 kg", "task.payload.mass", 3.4),
+            "planned with payload 3.4 kg",
+        ),
+        (Remedy("8 rounds", "task.rounds", 8), "8 rounds"),
+    ],
+)
+def test_a_limit_becomes_what_was_planned_with(remedy: Remedy, words: str) -> None:
+    tried = as_tried(remedy)
+    assert tried.words == words
+    assert tried.option == remedy.option
+
+
+def test_a_refusal_claims_no_limit() -> None:
+    conflict = Conflict("round 1, LF lifted", ("torque of LF", "friction at RR"), (PAYLOAD,))
+    error = NotProved("no forces", [conflict], because="postures were chosen", stage="force")
+    tried = Tried(Trial("micp", "micp"), error, 0.1)
+    text = str(Refused([tried], [as_tried(PAYLOAD)], late=False))
+    assert "what was tried is feasible with payload <= 2.33 kg" in text
+    assert "needed" not in text
+    assert listed([as_tried(PAYLOAD)])[1] in text
+    assert "(planned with payload 2.33 kg)" in text

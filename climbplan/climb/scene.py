@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from climbplan.climb.flat_feet import flat_foot_mistakes, overhanging
 from climbplan.climb.footing import footing, footing_with_goal
 from climbplan.climb.plan.climb_plan import Index, Mask
+from climbplan.climb.plausible_lengths import implausible_lengths
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.mechanics.grip import Grippers, grippers_on
 from climbplan.mechanics.gripper_model import load_model
@@ -332,7 +333,10 @@ def build_scene(
     robot = heading_as(robot, np.deg2rad(spec.task.start.rpy_deg))
     terrain = build_terrain(spec.terrain, robot)
     terrain = with_scan(terrain, spec, robot, directory or Path())
-    mistakes = list(flat_foot_mistakes(spec, robot, terrain))
+    mistakes = [
+        *implausible_lengths(spec, robot, terrain),
+        *flat_foot_mistakes(spec, robot, terrain),
+    ]
     if mistakes:
         raise SpecError(source, mistakes)
     lift = spec.trajectory.lift

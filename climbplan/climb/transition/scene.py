@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import Array
+from climbplan.climb.plausible_lengths import implausible_lengths
 from climbplan.climb.proof import no_support, out_of_reach
 from climbplan.climb.raw_clearance import THE_SCAN, raw_body_room
 from climbplan.climb.scene import MotionScene, Stance, stance_of, warn_of_backs, with_scan
@@ -42,7 +43,8 @@ class TransitionScene(MotionScene):
 def build_transition(loaded: LoadedTransition) -> TransitionScene:
     """Numbers of a validated spec.
 
-    Raises SpecError for toes off their surfaces or inside a box, NotProved for a body that has
+    Raises SpecError for toes off their surfaces or inside a box, and for lengths in another unit,
+    NotProved for a body that has
     no room at the start or the goal, and for goal toes out of reach; Infeasible where that is
     proved.
     """
@@ -51,7 +53,9 @@ def build_transition(loaded: LoadedTransition) -> TransitionScene:
     robot = with_stance(build_robot(pointed), spec.task.stance)
     terrain = build_terrain(spec.terrain, robot)
     terrain = with_scan(terrain, spec, robot, loaded.directory)
-    mistakes: list[SpecMistake] = []
+    mistakes = list(implausible_lengths(spec, robot, terrain))
+    if mistakes:
+        raise SpecError(loaded.source, mistakes)
     start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes)
     goal = stance_of(spec.task.goal, "task.goal", robot, terrain, mistakes)
     for key, stance in (("task.start", start), ("task.goal", goal)):
@@ -144,7 +148,7 @@ def _require_reach(scene: TransitionScene, name: str, stance: Stance) -> None:
         shortest = _widest_gap(scene, stance)
         cure: tuple[Remedy, ...] = ()
         if walls is not None and shortest:
-            words = f"walls at most {shortest:.3f} m apart"
+            words = f"walls {shortest:.3f} m apart"
             cure = (Remedy(words, "terrain.walls.gap", round(shortest, 3)),)
         raise NotProved(
             f"{error}{hint}",

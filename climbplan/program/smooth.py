@@ -15,6 +15,7 @@ import numpy as np
 
 from climbplan.program.blocks import SmoothBlock
 from climbplan.program.polytope import Array
+from climbplan.program.scalar import scalars
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +93,5 @@ def over_knots(function: Any, arguments: Sequence[Any]) -> Any:
     rows = []
     for k in range(next(iter(counts), 1)):
         here = [ca.vertcat(*(a[k] if a.ndim == 2 else a)) for a in stacked]
-        rows.append(function(*here).elements())
-    out = np.empty((len(rows), len(rows[0])), dtype=object)
-    for k, row in enumerate(rows):
-        out[k] = row
-    return out
+        rows.append(scalars(function(*here).elements()))
+    return np.stack(rows)

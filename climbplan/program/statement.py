@@ -31,6 +31,7 @@ from climbplan.program.compilation import CompiledProgram, compile_program
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array, Polytope
 from climbplan.program.residuals import CheckReport, check_blocks
+from climbplan.program.scalar import entries_of, scalars
 
 Expression = NDArray[np.object_]  # CasADi scalars, any shape
 
@@ -121,7 +122,7 @@ class Program:
 
         Expressions are affine in the variables or hold products of two of them.
         """
-        entries = _as_array(expression)
+        entries = self._entries(name, expression)
         shape = entries.shape
         low = np.broadcast_to(np.asarray(lower, float), shape).ravel()
         high = np.broadcast_to(np.asarray(upper, float), shape).ravel()
@@ -150,9 +151,9 @@ class Program:
 
         binary: one stated binary, or one for each entry (broadcast against the expression).
         """
-        entries = _as_array(expression)
+        entries = self._entries(name, expression)
         shape = entries.shape
-        condition = np.broadcast_to(_as_array(binary), shape)
+        condition = np.broadcast_to(self._entries(name, binary), shape)
         block = ImplicationBlock(
             name,
             shape,
@@ -181,7 +182,7 @@ class Program:
         numbers. nlp, mpcc, pinned and minlp-bonmin hold such blocks; micp, admm and reduce find
         integers without them and pin these; minlp-scip refuses them.
         """
-        entries = _as_array(expression)
+        entries = self._entries(name, expression)
         low = np.broadcast_to(np.asarray(lower, float), entries.shape).ravel()
         high = np.broadcast_to(np.asarray(upper, float), entries.shape).ravel()
         listed = list(entries.ravel())
@@ -192,7 +193,7 @@ class Program:
         self, name: str, vectors: Expression | AffineArray, radius: ArrayLike, unit: str = ""
     ) -> None:
         """|| vectors[k] ||_2 <= radius[k] along the last axis: a second-order cone each."""
-        entries = _as_array(vectors)
+        entries = self._entries(name, vectors)
         *shape, dimension = entries.shape
         radii = np.broadcast_to(np.asarray(radius, float), tuple(shape)).ravel()
         block = BallBlock(name, tuple(shape), _listed(entries), dimension, radii, unit)
@@ -207,7 +208,7 @@ class Program:
         unit: str = "",
     ) -> None:
         """points[k] (last axis) lies in one of alternatives[k]: one binary an alternative."""
-        entries = _as_array(points)
+        entries = self._entries(name, points)
         *shape, dimension = entries.shape
         block = ChoiceBlock(
             name,
@@ -318,6 +319,12 @@ class Program:
             )
         return self._compiled
 
+    def _entries(self, name: str, expression: Any) -> Any:
+        """An array of scalars; one scalar becomes an array of no dimensions."""
+        if isinstance(expression, AffineArray):
+            return expression
+        return entries_of(f"{self.name}: {name!r}", expression)
+
     def _fresh(self, name: str, taken: Mapping[str, Any]) -> None:
         if name in taken:
             raise ValueError(f"{self.name}: {name!r} is stated twice")
@@ -325,10 +332,8 @@ class Program:
 
     @staticmethod
     def _symbols(name: str, shape: tuple[int, ...], into: list[Any]) -> Expression:
-        symbols = ca.SX.sym(name, math.prod(shape)).elements()
-        into.extend(symbols)
-        block = np.empty(len(symbols), dtype=object)
-        block[:] = symbols
+        block = scalars(ca.SX.sym(name, math.prod(shape)).elements())
+        into.extend(block)
         return block.reshape(shape)
 
 
@@ -343,14 +348,3 @@ def _counted(blocks: Iterable[tuple[str, int]]) -> Counter[str]:
     for name, size in blocks:
         sizes[name] += size
     return sizes
-
-
-def _as_array(expression: Any) -> Any:
-    """An array of scalars; one CasADi scalar becomes an array of no dimensions."""
-    if isinstance(expression, np.ndarray | AffineArray):
-        return expression
-    if isinstance(expression, (list, tuple)):
-        return np.array(expression, dtype=object)
-    scalar = np.empty((), dtype=object)
-    scalar[()] = expression
-    return scalar

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from climbplan.program import Polytope, Program
+from climbplan.program.scalar import object_array
 
 
 def small() -> Program:
@@ -182,3 +184,45 @@ def test_scalar_expressions_are_blocks_of_one() -> None:
     assert by_name["one"] == 0
     assert by_name["sum"] == pytest.approx(0.4)
     assert by_name["if"] == pytest.approx(0.7)
+
+
+def test_an_element_times_an_array_is_an_array_of_scalars() -> None:
+    p = Program("line")
+    x, y = p.continuous("x", (2,)), p.continuous("y", (1,))
+    z = p.continuous("z", (3, 2))
+    slope = np.array([1.0, 0.5])
+    p.equal("on_line", x - y[0] * slope)
+    p.equal("all_on_line", z - (2 * y[0] - 1) * slope)
+    p.equal("from_list", x + [1.0, 3.0] * y[0] / 2)
+    instance = p.at()
+    values = p.point({"x": [3.0, 4.0], "y": [2.0], "z": [[0, 0], [1, 0], [0, 1]]})
+    residual = instance.A @ values - instance.row_lower
+    expected = [[1.0, 3.0], [-3, -1.5], [-2, -1.5], [-3, -0.5], [4.0, 7.0]]
+    np.testing.assert_allclose(residual, np.ravel(expected))
+    assert p.counts()["by_block"] == {"on_line": 2, "all_on_line": 6, "from_list": 2}
+
+
+@pytest.mark.filterwarnings("error")  # CasADi warns of functions of NumPy that it takes over
+def test_functions_of_numpy_return_scalars() -> None:
+    x = Program("functions").continuous("x", (2,))
+    for value in (np.sin(x[0]), np.sqrt(x)[1], np.arctan2(x, x[1])[0], np.sum(x), -x[0], abs(x[0])):
+        assert (value * np.ones((3, 1, 2))).shape == (3, 1, 2)
+    matrix = ca.SX.eye(2)
+    assert type(x[0] * matrix) is ca.SX
+    assert (x[0] * matrix).shape == (2, 2)
+
+
+def test_matrices_of_casadi_are_read_as_arrays() -> None:
+    p = Program("casadi")
+    x = p.continuous("x", (2, 3))
+    p.between("column", ca.vertcat(x[0, 0], 2 * x[1, 0]), 0.0, [1.0, 2.0])
+    p.between("matrix", ca.SX(np.eye(2, 3)) * 3 + x[0, 1], upper=0.0)
+    instance = p.at()
+    column, matrix = instance.A[:2].toarray(), instance.A[2:].toarray()
+    np.testing.assert_array_equal(column, [[1, 0, 0, 0, 0, 0], [0, 0, 0, 2, 0, 0]])
+    np.testing.assert_array_equal(matrix, np.tile([0, 1, 0, 0, 0, 0], (6, 1)))
+    np.testing.assert_array_equal(instance.row_upper[2:], -3 * np.eye(2, 3).ravel())
+    with pytest.raises(ValueError, match=r"casadi: 'mixed': a scalar expected at \[1\], got a 2 b"):
+        p.equal("mixed", object_array([x[0, 0], ca.vertcat(x[0, 0], x[0, 1])]))
+    with pytest.raises(ValueError, match=r"'ragged': entries of one shape .* \(\), \(2,\)"):
+        p.equal("ragged", [x[0, 0], x[:, 1]])

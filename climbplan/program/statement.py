@@ -27,6 +27,7 @@ from climbplan.program.blocks import (
     SmoothBlock,
     Variable,
 )
+from climbplan.program.bounds import bounds_of, broadcast
 from climbplan.program.compilation import CompiledProgram, compile_program
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array, Polytope
@@ -68,10 +69,7 @@ class Program:
     ) -> Expression:
         """A block of continuous variables with bounds, as an array of scalars."""
         self._fresh(name, self.variables)
-        low = np.broadcast_to(np.asarray(lower, float), shape)
-        high = np.broadcast_to(np.asarray(upper, float), shape)
-        if np.isnan(low).any() or np.isnan(high).any():
-            raise ValueError(f"{self.name}: a bound of {name!r} is NaN")
+        low, high = bounds_of(f"{self.name}: variable {name!r}", lower, upper, shape)
         self.variables[name] = Variable(name, shape, len(self._x), low, high, unit)
         return self._symbols(name, shape, self._x)
 
@@ -124,9 +122,8 @@ class Program:
         """
         entries = self._entries(name, expression)
         shape = entries.shape
-        low = np.broadcast_to(np.asarray(lower, float), shape).ravel()
-        high = np.broadcast_to(np.asarray(upper, float), shape).ravel()
-        self._rows.append(RowBlock(name, shape, _listed(entries), low, high, unit))
+        low, high = bounds_of(f"{self.name}: block {name!r}", lower, upper, shape)
+        self._rows.append(RowBlock(name, shape, _listed(entries), low.ravel(), high.ravel(), unit))
         self._compiled = None
 
     def equal(self, name: str, expression: Expression, unit: str = "") -> None:
@@ -153,13 +150,16 @@ class Program:
         """
         entries = self._entries(name, expression)
         shape = entries.shape
-        condition = np.broadcast_to(self._entries(name, binary), shape)
+        condition = broadcast(
+            f"{self.name}: block {name!r}: binary", self._entries(name, binary), shape
+        )
+        low, high = bounds_of(f"{self.name}: block {name!r}", lower, upper, shape)
         block = ImplicationBlock(
             name,
             shape,
             list(entries.ravel()),
-            np.broadcast_to(np.asarray(lower, float), shape).ravel(),
-            np.broadcast_to(np.asarray(upper, float), shape).ravel(),
+            low.ravel(),
+            high.ravel(),
             list(condition.ravel()),
             value,
             unit,
@@ -183,10 +183,10 @@ class Program:
         integers without them and pin these; minlp-scip refuses them.
         """
         entries = self._entries(name, expression)
-        low = np.broadcast_to(np.asarray(lower, float), entries.shape).ravel()
-        high = np.broadcast_to(np.asarray(upper, float), entries.shape).ravel()
+        low, high = bounds_of(f"{self.name}: block {name!r}", lower, upper, entries.shape)
         listed = list(entries.ravel())
-        self._smooth.append(SmoothBlock(name, entries.shape, listed, low, high, unit))
+        block = SmoothBlock(name, entries.shape, listed, low.ravel(), high.ravel(), unit)
+        self._smooth.append(block)
         self._compiled = None
 
     def ball(
@@ -195,7 +195,8 @@ class Program:
         """|| vectors[k] ||_2 <= radius[k] along the last axis: a second-order cone each."""
         entries = self._entries(name, vectors)
         *shape, dimension = entries.shape
-        radii = np.broadcast_to(np.asarray(radius, float), tuple(shape)).ravel()
+        numbers = np.asarray(radius, float)
+        radii = broadcast(f"{self.name}: block {name!r}: radius", numbers, tuple(shape)).ravel()
         block = BallBlock(name, tuple(shape), _listed(entries), dimension, radii, unit)
         self._balls.append(block)
         self._compiled = None

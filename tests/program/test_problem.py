@@ -87,7 +87,7 @@ def test_wrong_parameters(theta: dict[str, Any], fragment: str) -> None:
 
 def test_numbers_that_are_none() -> None:
     p = Program("bounds")
-    with pytest.raises(ValueError, match="a bound of 'x' is NaN"):
+    with pytest.raises(ValueError, match="variable 'x': lower <= upper expected, got lower nan"):
         p.continuous("x", (2,), [0.0, np.nan], 1.0)
     x = p.continuous("y", (1,), 0.0, 1.0)
     weight = p.parameter("weight", ())

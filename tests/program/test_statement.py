@@ -226,3 +226,20 @@ def test_matrices_of_casadi_are_read_as_arrays() -> None:
         p.equal("mixed", object_array([x[0, 0], ca.vertcat(x[0, 0], x[0, 1])]))
     with pytest.raises(ValueError, match=r"'ragged': entries of one shape .* \(\), \(2,\)"):
         p.equal("ragged", [x[0, 0], x[:, 1]])
+
+
+def test_bounds_that_cross_or_do_not_fit_are_refused_by_name() -> None:
+    p = Program("bounds")
+    x, z = p.continuous("x", (2,)), p.binary("z", (2,))
+    with pytest.raises(ValueError, match=r"bounds: block 'row': lower <= upper .* 2 and upper 1"):
+        p.between("row", x[0], lower=2, upper=1)
+    with pytest.raises(ValueError, match=r"block 'if': .* lower 3 and upper 1 at \[1\]"):
+        p.when("if", z, x, lower=[0.0, 3.0], upper=1.0)
+    with pytest.raises(ValueError, match=r"block 'curve': .* upper -1"):
+        p.smooth("curve", x[0] ** 3, upper=-1.0)
+    with pytest.raises(ValueError, match=r"variable 'y': .* lower nan"):
+        p.continuous("y", (1,), lower=np.nan)
+    with pytest.raises(ValueError, match=r"block 'row': upper: shape \(2,\) expected.* got \(3,\)"):
+        p.between("row", x, upper=np.zeros(3))
+    with pytest.raises(ValueError, match=r"block 'disc': radius: shape \(\) expected"):
+        p.ball("disc", x, [1.0, 2.0])

@@ -225,8 +225,19 @@ class Program:
         self._compiled = None
 
     def minimise(self, name: str, term: Any) -> None:
-        """Add a named cost term (quadratic in the variables)."""
+        """Add a named cost term (quadratic in the variables).
+
+        Raises ValueError if the term is not one scalar.
+        """
         self._fresh(name, self._costs)
+        if not isinstance(term, Quadratic):
+            entries = self._entries(name, term)
+            if isinstance(entries, AffineArray) or entries.shape not in ((), (1,)):
+                raise ValueError(
+                    f"{self.name}: cost {name!r}: one scalar expected, got an array of shape "
+                    f"{entries.shape}; sum its entries (np.sum), or their squares"
+                )
+            term = entries.item()
         self._costs[name] = term
         self._compiled = None
 

@@ -243,3 +243,13 @@ def test_bounds_that_cross_or_do_not_fit_are_refused_by_name() -> None:
         p.between("row", x, upper=np.zeros(3))
     with pytest.raises(ValueError, match=r"block 'disc': radius: shape \(\) expected"):
         p.ball("disc", x, [1.0, 2.0])
+
+
+def test_a_vector_is_no_cost() -> None:
+    p = Program("cost")
+    x = p.continuous("x", (2,))
+    with pytest.raises(ValueError, match=r"cost 'size': one scalar expected, .* shape \(2,\)"):
+        p.minimise("size", x**2)
+    p.minimise("one", x[:1])
+    p.minimise("size", x @ x)
+    assert p.at().objective(np.array([2.0, 1.0])) == 7.0

@@ -43,7 +43,8 @@ def fit_terrain(
 
     FILE: a mesh (STL, OBJ, PLY, GLB, DAE), a point cloud (PCD, PLY, XYZ, NPY, LAS) or a height map
     (TIFF, PNG, NPY, CSV, with `--set cell=0.02`). Prints the path of terrain.yaml, the part
-    `terrain:` of a spec with all regions, to be edited; beside it report.json and report.html.
+    `terrain:` of a spec with all regions, to be edited; beside it report.json and report.html. The
+    folder is outputs/NAME_terrain by default, as specs of the same name plan into outputs/NAME.
     With --holds it has the wall as `panel` with its graspable spots, or those of closed bodies as
     `regions`, each with a `hold`; there is no page.
     """
@@ -51,7 +52,7 @@ def fit_terrain(
     from climbplan.cli.progress import StageProgress
 
     session = context.ensure_object(Session)
-    target = out if out is not None else Path("outputs", file.stem)
+    target = out if out is not None else Path("outputs", f"{file.stem}_terrain")
     if holds is not None:
         _fit_holds(session, file, target, holds, settings or [], as_json, force)
         return

@@ -55,6 +55,17 @@ def test_the_terrain_is_a_specs_part(tmp_path: Path) -> None:
     assert run(["validate", str(tmp_path / "spec.yaml"), "-q"]) == 0
 
 
+def test_a_spec_of_the_same_name_plans_into_another_folder(
+    tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """stairs.stl goes where the plan of stairs.yaml does not."""
+    path = mesh_file(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert run(["fit-terrain", path.name, "--no-report", "-q"]) == 0
+    assert capsys.readouterr().out.strip() == "outputs/stairs_terrain/terrain.yaml"
+    assert not Path("outputs", "stairs").exists()
+
+
 def test_json_tells_figures_and_mistakes(tmp_path: Path, capsys) -> None:
     path = mesh_file(tmp_path)
     assert run(["fit-terrain", str(path), "-o", str(tmp_path / "a"), "--no-report", "--json"]) == 0

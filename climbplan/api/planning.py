@@ -37,8 +37,8 @@ def plan(
     called with stage and share that is done.
 
     Raises what the command line turns into exit codes: SpecError (2), Infeasible (3), NotProved
-    and LimitReached (4), each with `.conflicts` and `.remedies`, and PlanFails (5), with the plan
-    as `.plan`.
+    and LimitReached (4), each with `.conflicts` and `.remedies`, and PlanFails (5) for a
+    plan that fails its verification or whose data are implausible, with the plan as `.plan`.
     """
     options = {"solver.method": method, "seed": seed, "solver.time_limit": time_limit}
     changes = {**(set or {}), **{k: v for k, v in options.items() if v is not None}}
@@ -58,8 +58,8 @@ def plan(
     verification = plan_kind(path).verifier()(path)
     found = Plan(path, folder)
     found.summary, found.warnings = tuple(made.summary), tuple(made.warnings)
-    if not verification.passed:
-        failed = PlanFails(f"the plan fails its verification: {verification.headline()}")
+    if verification.objection:
+        failed = PlanFails(f"the plan {verification.objection}")
         failed.plan = found
         raise failed
     return found

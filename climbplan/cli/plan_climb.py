@@ -46,7 +46,8 @@ def plan_climb(
 
     Prints the path of the plan file. Its directory also holds report.json, and unless --no-report
     report.html and figures/. Exit code 3 if it is proved that no plan exists, 4 if none was found
-    (the message says what was tried and what would help), 5 if the plan fails its verification.
+    (the message says what was tried and what would help), 5 if the plan fails its verification
+    or data are implausible.
     """
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides

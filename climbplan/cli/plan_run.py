@@ -15,7 +15,12 @@ from climbplan.api.plan_path import PLAN_FILE
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.output_directory import OutputDirectory
 from climbplan.cli.progress import StageProgress
-from climbplan.cli.verify_line import leaves_out_lines, verify_line, warn_of_implausible
+from climbplan.cli.verify_line import (
+    leaves_out_lines,
+    level_line,
+    verify_line,
+    warn_of_implausible,
+)
 from climbplan.errors import PlanFails
 
 if TYPE_CHECKING:
@@ -35,7 +40,7 @@ class PlanRun:
     directory: Path  # where they are written
     report: Callable[[str, float], None]  # progress: stage, share that is done
     drawn: bool  # whether page and figures are wanted
-    _failure: str = field(default="", init=False)  # of the verification
+    _failure: str = field(default="", init=False)  # why the plan must not be used
 
     def make(self, loaded: LoadedSpec, jobs: int = 1, save_model: Path | None = None) -> Made:
         """Plan what the spec asks for, write and verify it; its lines, warnings and report."""
@@ -62,18 +67,20 @@ class PlanRun:
             self.session.note(line)
         for warning in made.warnings:
             warn(warning)
-        for line in (verify_line(verification, spent), *leaves_out_lines(verification)):
+        self.session.note(verify_line(verification, spent))
+        for line in leaves_out_lines(verification):
             self.session.note(line)
+        self.session.note(level_line(verification))
         self.report("report", 0.0)
         write_report = kind.write_report if self.drawn else kind.write_values
         write_report(plan_file, self.directory, verification)
-        self._failure = "" if verification.passed else verification.headline()
+        self._failure = verification.objection
 
     def hand_over(self, as_json: bool) -> None:
         """Print the plan's path, or its report.
 
         Raises:
-            PlanFails: the plan failed its verification.
+            PlanFails: the plan failed its verification, or its data are implausible.
         """
         plan_file = self.target / PLAN_FILE
         if as_json:
@@ -83,7 +90,7 @@ class PlanRun:
             print_result(str(plan_file))
         if self._failure:
             self.session.stage = "verify"
-            raise PlanFails(f"{plan_file} fails its verification: {self._failure}")
+            raise PlanFails(f"{plan_file} {self._failure}")
 
 
 @contextmanager

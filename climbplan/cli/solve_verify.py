@@ -110,12 +110,12 @@ def tell(verification: Verification, as_json: bool) -> None:
     """Print a verification: what is implausible first, on standard error, then what it is worth.
 
     Raises:
-        typer.Exit: a check failed.
+        typer.Exit: a check failed, or data are implausible.
     """
     warn_of_implausible(verification)
     if as_json:
         print_json(verification.as_dict())
     else:
         print_result("\n".join([*badge_lines(verification), verification.table()]))
-    if not verification.passed:
+    if verification.objection:
         raise typer.Exit(ExitCode.UNVERIFIED)

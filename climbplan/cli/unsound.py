@@ -10,13 +10,13 @@ from climbplan.plans.verification import Verification
 
 
 def warn_of_failure(kind: PlanKind, path: Path) -> Verification:
-    """Say that a plan which is to be shown or passed on does not hold; what its checks come to.
+    """Warn where a plan that is to be shown or passed on must not be used; return its checks.
 
     Raises:
         UnsoundPlan: its numbers mean nothing, so that nothing can be shown.
     """
     verification = kind.verify(path)
-    if not verification.passed:
+    if verification.objection:
         verification.require_sound(path)
-        warn(f"{path} fails its verification: {verification.headline()}")
+        warn(f"{path} {verification.objection}")
     return verification

@@ -32,8 +32,9 @@ def verify(
 ) -> None:
     """Re-check every constraint of a plan from its file alone.
 
-    Prints what the plan is verified in, the spec it was held against (hash first), and the worst
-    residual of each check with its limit. Exit code 5 if one is exceeded. With --spec the plan is
+    Prints the level of the plan (fine, look at this, do not use), what it is verified in, the spec it was held against (hash first), and the worst
+    residual of each check with its limit. Exit code 5 if one is exceeded or data are
+    implausible. With --spec the plan is
     held against your own spec with your --set: a plan whose stored spec asks for less fails, and
     keys that differ are named. Plans of `climbplan solve`, and datasets of such problems, also need
     the statement that they answer: --problem. A file of `solve --certificate` is checked leaf by

@@ -1,4 +1,4 @@
-"""What a run and `verify` say of a verification: one line, what it is worth, and against what."""
+"""What a run and `verify` say of a verification: one line, its level, and against what."""
 
 from __future__ import annotations
 
@@ -26,9 +26,15 @@ def leaves_out_lines(verification: Verification) -> Iterator[str]:
         yield f"{'':<9} {'fragile':<9} {words}"
 
 
+def level_line(verification: Verification) -> str:
+    """The level of a plan and what to do with it, in the columns of the lines before it."""
+    return f"{'level':<9} {verification.level.title}: {verification.advice}"
+
+
 def badge_lines(verification: Verification) -> Iterator[str]:
-    """What `verify` prints above its table: the badge, what it leaves out, and the spec."""
+    """What `verify` prints above its table: badge, level, what is left out, and the spec."""
     yield ", ".join(filter(None, (verification.badge, verification.stands)))
+    yield f"{verification.level.title}: {verification.advice}"
     for words in verification.leaves_out:
         yield f"  leaves out: {words}"
     for words in verification.fragile:

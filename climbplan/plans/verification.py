@@ -13,6 +13,7 @@ from climbplan.plans.check import Check, LeftOut
 from climbplan.plans.check_table import check_table
 from climbplan.plans.hdf5_writing import amended_store, write_json, write_text
 from climbplan.plans.held import Against
+from climbplan.plans.level import Level, advice_of, level_of
 
 # Where one of these fails the others are not made: numbers that no robot and no task can have
 SOUNDNESS = (
@@ -61,6 +62,38 @@ class Verification:
         """What the plan is verified in, "" where nothing is left out: "forward Euler"."""
         data = ["implausible data"] if self.implausible else []
         return ", ".join(dict.fromkeys([*data, *(out.model for out in self.left_out)]))
+
+    @property
+    def level(self) -> Level:
+        """Whether the plan is fine, is to be looked at, or must not be used."""
+        return level_of(
+            num_failed=len(self.failed),
+            implausible=bool(self.implausible),
+            reservations=bool(self.model or self.fragile),
+        )
+
+    @property
+    def advice(self) -> str:
+        """One sentence on what to do with the plan, by its level."""
+        return advice_of(
+            num_checks=len(self.checks),
+            num_failed=len(self.failed),
+            implausible=bool(self.implausible),
+            fragile=bool(self.fragile),
+            model=self.model,
+        )
+
+    @property
+    def objection(self) -> str:
+        """Why the plan must not be used: its failed checks, or else implausible data; "" if none.
+
+        Not "" exactly where `level` is `do_not_use`.
+        """
+        if not self.passed:
+            return f"fails its verification: {self.headline()}"
+        if self.implausible:
+            return f"must not be used: implausible: {'; '.join(self.implausible)}"
+        return ""
 
     @property
     def leaves_out(self) -> tuple[str, ...]:
@@ -123,6 +156,8 @@ class Verification:
     def scope(self) -> dict[str, Any]:
         """What the badge says, as plain values for JSON: of reports and of `as_dict`."""
         return {
+            "level": self.level.value,
+            "advice": self.advice,
             "badge": self.badge,
             "verified_in": self.model,
             "leaves_out": list(self.leaves_out),
@@ -141,12 +176,15 @@ class Verification:
 def mark_verified(path: Path, verification: Verification) -> None:
     """Write the outcome into the file's attributes; the file changes whole or not at all.
 
-    `verified`, and what it is worth: `badge`, `verified_in`, `leaves_out`, `fragile` (JSON).
+    `verified`, and what it is worth: `level`, `badge`, `verified_in`, and as JSON `leaves_out`,
+    `implausible` and `fragile`.
     What a plan promises of falls (`risk`) stands in it already.
     """
     with amended_store(path) as file:
         file.attrs["verified"] = np.bool_(verification.passed)
+        write_text(file, "level", verification.level.value)
         write_text(file, "badge", verification.badge)
         write_text(file, "verified_in", verification.model)
         write_json(file, "leaves_out", list(verification.leaves_out))
+        write_json(file, "implausible", list(verification.implausible))
         write_json(file, "fragile", list(verification.fragile))

@@ -15,6 +15,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from climbplan.plans.level import Level
 from climbplan.reports.page_parts import (
     Card,
     Rows,
@@ -28,6 +29,7 @@ from climbplan.reports.page_parts import (
 from climbplan.reports.unit_words import written
 
 Fields = dict[str, Any]  # by name, as templates use them
+_LEVEL_COLOURS = {Level.FINE: "good", Level.LOOK: "part", Level.DO_NOT_USE: "bad"}
 NOTHING: Mapping[str, Markup] = MappingProxyType({})
 
 
@@ -77,6 +79,7 @@ def frame_fields(
         "badges": tuple(badges),
         "badge_colour": colour or verdict_colour,
         "verdict_colour": verdict_colour,
+        "level": ("", "", ""),
         "implausible": (),
         "leaves_out": (),
         "fragile": (),
@@ -107,13 +110,24 @@ def report_fields(
             *(["fragile"] if report.get("fragile") else []),
             status,
         ),
-        colour="part" if report["verified"] and report.get("verified_in") else "",
+        colour=_LEVEL_COLOURS.get(report.get("level", ""), ""),
         good=report["verified"],
         cards=cards,
         images=images,
         scripts=scripts,
         data=data,
-    ) | {name: tuple(report.get(name, ())) for name in ("implausible", "leaves_out", "fragile")}
+    ) | {
+        "level": level_words(report),
+        **{name: tuple(report.get(name, ())) for name in ("implausible", "leaves_out", "fragile")},
+    }
+
+
+def level_words(report: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Title, advice and colour of a report's level; empty for reports without one."""
+    if "level" not in report:
+        return "", "", ""
+    level = Level(report["level"])
+    return level.title, report["advice"], _LEVEL_COLOURS[level]
 
 
 def run_fields(

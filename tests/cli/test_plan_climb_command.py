@@ -25,6 +25,7 @@ from climbplan.errors import (
     SpecError,
     SpecMistake,
 )
+from climbplan.plans.level import Level
 from climbplan.spec.loading import LoadedClimb
 
 
@@ -43,6 +44,20 @@ class FakeVerification:
     leaves_out: tuple[str, ...] = ()
     implausible: tuple[str, ...] = ()
     fragile: tuple[str, ...] = ()
+
+    @property
+    def level(self) -> Level:
+        return Level.DO_NOT_USE if self.objection else Level.FINE
+
+    @property
+    def advice(self) -> str:
+        return "what to do"
+
+    @property
+    def objection(self) -> str:
+        if not self.passed:
+            return "fails its verification: 14 checks, worst margin: friction"
+        return f"must not be used: {self.implausible[0]}" if self.implausible else ""
 
     def headline(self) -> str:
         return "14 checks, worst margin: friction"
@@ -120,11 +135,12 @@ def test_a_verified_plan(run_command: RunCommand, stages: Stages, workplace: Pat
     outcome = run_command("plan-climb", "small.yaml")
     assert outcome.code == 0
     assert outcome.out == "outputs/small/plan.h5\n"
-    head, posture, verify = outcome.err.splitlines()
+    head, posture, verify, level = outcome.err.splitlines()
     assert head.startswith("small ")
     assert posture.startswith("posture ")
     assert verify.startswith("verify    passed    0.0")
     assert verify.endswith("s   14 checks, worst margin: friction")
+    assert level == "level     fine: what to do"
     assert files(workplace) == WHOLE
 
 
@@ -140,12 +156,17 @@ def test_what_is_implausible_comes_first_and_what_is_left_out_last(
     )
     module = sys.modules["climbplan.climb.check.verification"]
     monkeypatch.setattr(module, "verify_and_mark", lambda path: found)
-    lines = run_command("plan-climb", "small.yaml").err.splitlines()
+    done = run_command("plan-climb", "small.yaml")
+    assert done.code == 5
+    lines = done.err.splitlines()
     assert lines[0] == "warning: implausible: friction 9 of left"
-    assert "s   verified in its model (linear sag); 14 checks" in lines[-2]
-    assert lines[-1].split(maxsplit=2) == ["leaves", "out", "the body is held 12 mm off"]
+    assert "s   verified in its model (linear sag); 14 checks" in lines[-4]
+    assert lines[-3].split(maxsplit=2) == ["leaves", "out", "the body is held 12 mm off"]
+    assert lines[-2] == "level     do not use: what to do"
+    refusal = "error: outputs/small/plan.h5 must not be used: friction 9 of left"
+    assert lines[-1] == refusal
     quiet = run_command("plan-climb", "small.yaml", "-q", "--force").err
-    assert quiet == "warning: implausible: friction 9 of left\n"
+    assert quiet == f"warning: implausible: friction 9 of left\n{refusal}\n"
 
 
 def test_quiet(run_command: RunCommand, stages: Stages) -> None:
@@ -196,7 +217,7 @@ def test_log_and_python_warnings(run_command: RunCommand, stages: Stages, verbos
     stages.plan = plan
     outcome = run_command("plan-climb", "small.yaml", *(["-v"] if verbose else []))
     details = ["a detail"] if verbose else []
-    assert outcome.err.splitlines()[:-1] == ["warning: 3 tries", *details, "warning: odd numbers"]
+    assert outcome.err.splitlines()[:-2] == ["warning: 3 tries", *details, "warning: odd numbers"]
 
 
 def test_a_plan_that_fails_verification_is_kept(

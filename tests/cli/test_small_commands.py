@@ -16,6 +16,7 @@ from command_line import RunCommand
 
 from climbplan.cli import dependencies
 from climbplan.errors import PlanFileError, UsageError
+from climbplan.plans.level import Level
 
 
 def test_validate(run_command: RunCommand, workplace: Path) -> None:
@@ -210,7 +211,10 @@ class FakeVerification:
     badge = "not verified"
     stands = ""
     leaves_out: tuple[str, ...] = ("what holds at knots only",)
-    fragile: tuple[str, ...] = ("round 1, push: RF presses with 2.0 of 10.1 N",)
+    fragile: tuple[str, ...] = ("round 1, push: RF: normal force 2.0 of 10.1 N",)
+    level = Level.DO_NOT_USE
+    advice = "what to do"
+    objection = "fails its verification: 1 check, friction fails"
     implausible = ("friction 9 of left",)
     against = None
 
@@ -277,8 +281,9 @@ def test_verify(run_command: RunCommand, plan_directory: Path) -> None:
         outcome = run_command("verify", argument)
         lines = [
             "not verified",
+            "do not use: what to do",
             "  leaves out: what holds at knots only",
-            "  fragile: round 1, push: RF presses with 2.0 of 10.1 N",
+            "  fragile: round 1, push: RF: normal force 2.0 of 10.1 N",
             "friction  1e-3  FAILED",
         ]
         assert (outcome.code, outcome.out.splitlines()) == (5, lines)

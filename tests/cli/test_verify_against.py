@@ -167,25 +167,32 @@ def test_walks(run_command: RunCommand) -> None:
     spec = str(SPECS / "mpc_forward.yaml")
     lax = ["-s", "task.integrator=euler", "-s", "terrain.friction=2.5"]
     done = run_command("plan-mpc", spec, "--method", "nlp", *lax, "-o", "walk")
-    assert done.code == 0, done.err
+    assert done.code == 5, done.err
     assert done.err.splitlines()[0].startswith("warning: implausible: friction 2.5 of the ground")
     assert "verified in its model (implausible data, forward Euler)" in done.err
     assert "leaves out" in done.err
+    assert "walk/plan.h5 must not be used: implausible: friction 2.5 of the ground" in done.err
     page = Path("walk/report.html").read_text(encoding="utf-8")
     assert page.index("friction 2.5 of the ground") < page.index("<h1>")
     assert (
-        '<span class="badge part">verified in its model (implausible data, forward Euler)</span>'
+        '<span class="badge bad">verified in its model (implausible data, forward Euler)</span>'
         in page
     )
     report = json.loads(Path("walk/report.json").read_text(encoding="utf-8"))
     assert report["verified"] is True
+    assert report["level"] == "do_not_use"
+    assert '<p class="level bad"><b>do not use</b>: data or deflections are beyond' in page
     assert report["verified_in"] == "implausible data, forward Euler"
-    assert run_command("verify", "walk").code == 0
+    checked = run_command("verify", "walk")
+    assert checked.code == 5
+    assert checked.out.splitlines()[1].startswith("do not use: ")
     held = run_command("verify", "walk", "--spec", spec)
     assert held.code == 5
     assert "task.integrator: plan's spec 'euler', yours 'mean'" in held.out
     assert "terrain.friction: plan's spec 2.5, yours 1" in held.out
-    assert run_command("verify", "walk", "--spec", spec, *lax).code == 0
+    own = run_command("verify", "walk", "--spec", spec, *lax)
+    assert own.code == 5
+    assert "FAILED" not in own.out
 
 
 def test_books_one_and_many(run_command: RunCommand) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from example_climb import Climb
@@ -15,6 +17,7 @@ from climbplan.climb.check.plausibility import implausible_climb, massless_links
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
+from climbplan.plans.verification import mark_verified
 
 SPECS = Path(__file__).parents[2] / "specs"
 Change = Callable[[ClimbPlan], ClimbPlan]
@@ -97,7 +100,7 @@ def test_a_urdf_whose_moving_links_have_no_mass() -> None:
     assert list(massless_links("no URDF")) == []
 
 
-def test_verification_carries_them_and_fails_nothing_by_them(climb: Climb, tmp_path: Path) -> None:
+def test_a_plan_with_implausible_data_passes_its_checks_and_must_not_be_used(climb: Climb, tmp_path: Path) -> None:
     fast = scaled("max_joint_speed", 100.0)(climb.plan)
     write_climb(fast, tmp_path / "plan.h5")
     found = verify(tmp_path / "plan.h5")
@@ -105,6 +108,11 @@ def test_verification_carries_them_and_fails_nothing_by_them(climb: Climb, tmp_p
     assert found.as_dict()["implausible"] == list(found.implausible)
     assert found.passed
     assert found.badge == "verified in its model (implausible data, robot as stored)"
+    assert found.level == "do_not_use"
+    mark_verified(tmp_path / "plan.h5", found)
+    with h5py.File(tmp_path / "plan.h5") as file:
+        assert file.attrs["level"] == "do_not_use"
+        assert json.loads(file.attrs["implausible"]) == list(found.implausible)
 
 
 def test_nothing_is_said_of_a_plan_whose_data_are_unsound(climb: Climb, tmp_path: Path) -> None:

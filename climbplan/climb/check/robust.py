@@ -75,14 +75,15 @@ def robust_checks(
     )
 
 
+# By check: the quantity that has the margin, its unit with the factor to it, and decimals
 _WORDS = {
-    "robust.pressure": ("presses with", 1.0, "N", 1),
-    "robust.friction": ("slips with less pressure by", 1.0, "N", 1),
-    "robust.slip": ("slides on a surface that lacks", 1e2, "% of its friction", 0),
-    "robust.pull": ("holds a further pull of", 1.0, "N", 1),
-    "robust.sole": ("is pressed inside its sole by", 1e2, "% of its half size", 0),
-    "robust.torque": ("has", 1e2, "% of a torque limit left", 0),
-    "robust.depth": ("is commanded inside by", 1e3, "mm", 1),
+    "robust.pressure": ("normal force", 1.0, "N", 1),
+    "robust.friction": ("normal-force reserve of the friction cone", 1.0, "N", 1),
+    "robust.slip": ("loss of friction before it slides", 1e2, "%", 0),
+    "robust.pull": ("pull-out reserve", 1.0, "N", 1),
+    "robust.sole": ("centre of pressure inside the edge by", 1e2, "% of the half size", 0),
+    "robust.torque": ("torque reserve", 1e2, "% of the limit", 0),
+    "robust.depth": ("commanded penetration", 1e3, "mm", 1),
 }
 
 
@@ -91,9 +92,9 @@ def _toes(subject: Subject, name: str, value: Array, asked: Array) -> Check:
     contact = subject.plan.instants.contact
     missed = np.where(contact, WHOLE * asked[:, None] - value, -np.inf)
     k, limb = np.unravel_index(int(np.argmax(missed)), missed.shape)
-    doing, scale, unit, digits = _WORDS[name]
+    quantity, scale, unit, digits = _WORDS[name]
     least = f"{scale * value[k, limb]:.{digits}f} of {scale * asked[k]:.{digits}f} {unit}"
-    words = f"{subject.limb(int(limb))} {doing} {least}"
+    words = f"{subject.limb(int(limb))}: {quantity} {least}"
     return _told(judge_worst(name, missed, subject.at, margin=words))
 
 
@@ -103,6 +104,6 @@ def _told(check: Check) -> Check:
         return check
     place = check.worst_at.rpartition(", ")[0] if check.name != "robust.stiffness" else ""
     where = place or check.worst_at
-    subject = "stiffness: " if check.name == "robust.stiffness" else ""
+    subject = "stiffness of the body: " if check.name == "robust.stiffness" else ""
     words = f"{where}: {subject}{check.margin}"
     return replace(unjudged(check, "a margin, kept where it can be"), fragile=words)

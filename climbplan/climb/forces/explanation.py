@@ -116,13 +116,13 @@ def fragile_notes(
     cones = instant_cones(asked, k)
     members = conflicting_members(cones)
     if not members:
-        text += ": its limbs bend so far that commands lie outside their surfaces"
+        text += ": joints deflect so far that toes are commanded outside their surfaces"
     else:
         words = _constraints(members, cones, asked, k)
-        text += f": {' and '.join(words.values())} cannot all be had"
+        text += f": {' and '.join(words.values())} cannot all be satisfied"
         amounts = _amounts(cones, _load(scene, instants, asked, k, cones), None)
         if cures := _remedies(scene, asked, amounts):
-            text += f"; whole with {' or '.join(map(str, cures))}"
+            text += f"; all margins are kept with {' or '.join(map(str, cures))}"
     return (text,)
 
 

@@ -69,10 +69,10 @@ def fragile_grips(
     k, text = worst
     instant = grip_instant(asked, k)
     pull = asked.pull[k]
-    text += f": grips cannot all hold {pull:.1f} N further pull" if pull > 0 else ""
+    text += f": not every grip has a pull-out reserve of {pull:.1f} N" if pull > 0 else ""
     # Less S_mu is no remedy: what holds may lack of their friction asks for its own
     cures = replace(_remedies(scene, instants, asked, instant, k), friction=None).remedies()
-    return (f"{text}; whole with {' or '.join(map(str, cures))}" if cures else text,)
+    return (f"{text}; all margins are kept with {' or '.join(map(str, cures))}" if cures else text,)
 
 
 def _lacking(

@@ -73,7 +73,7 @@ LIMITS = {
     "body.clearance": Limit(1e-6, "m", "the body hull keeps its distance from all solids"),
     "body.free_region": Limit(1e-6, "m", "the body hull ends every round in stated free space"),
     "limbs.clearance": Limit(1e-3, "m", "depth of link axes inside solids at the instants"),
-    "limbs.capsules": Limit(1e-6, "m", "links, as thick as they are, miss obstacles"),
+    "limbs.capsules": Limit(1e-6, "m", "links, as thick as they are, miss obstacles and surfaces"),
     "limbs.self_collision": Limit(1e-6, "m", "links miss other limbs and the body"),
     "trajectory.rate": Limit(1e-9, "s", "samples at a fixed rate"),
     "trajectory.ends": Limit(1e-6, "m", "from the first posture to the last"),

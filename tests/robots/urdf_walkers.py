@@ -131,8 +131,8 @@ _PIN = [
     f"<geometry><{shape}/></geometry></collision>"
     for at, shape in (
         (-0.025, 'cylinder radius="0.02" length="0.05"'),
-        (-0.0735, 'cylinder radius="0.003" length="0.047"'),
-        (-0.097, 'sphere radius="0.003"'),
+        (-0.07425, 'cylinder radius="0.0015" length="0.0485"'),
+        (-0.0985, 'sphere radius="0.0015"'),
     )
 ]
 

@@ -92,7 +92,7 @@ INSTANTS = {
 # Stored in the same group as the instants.
 FORCES = {
     "force": Layout(("K", "N", 3), "N", "world"),
-    "joint_torques": Layout(("K", "N", "J"), "N m"),
+    "joint_torques": Layout(("K", "N", "J"), "N m", "J^T force; motors bring minus it"),
     "wall_deflection": Layout(("K", "N", 3), "m", "world"),
     "com_deflection": Layout(("K", 6), "m, rad", "world"),
     "joint_command": Layout(("K", "N", "J"), "rad"),
@@ -108,7 +108,9 @@ CORNER_FORCE = Layout(("K", "N", 4, 3), "N", "world")
 
 # Of robots whose links have masses, in the same group: torques of their own weight; motors hold
 # these and `joint_torques`
-LINK_TORQUES = Layout(("K", "N", "J"), "N m")
+LINK_TORQUES = Layout(
+    ("K", "N", "J"), "N m", "of the links' weight about the joints; motors bring minus it"
+)
 
 TRAJECTORY = {
     "time": Layout(("T",), "s"),

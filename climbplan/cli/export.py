@@ -125,7 +125,8 @@ def export(
 
     Without options a CSV: of a climb its trajectory (trajectory.csv), of a bookshelf plan the
     places of all books (placements.csv), of a walk its samples (walk.csv). With another format, a
-    rate or gains: the motion with velocities, accelerations and torques.
+    rate or gains: the motion with velocities, accelerations and torques. Beside tables of motions
+    stands a JSON file of frames, signs and gains.
     """
     asked = Asked(rate, gains, feedforward, gravity, ramp)
     if instances is not None:

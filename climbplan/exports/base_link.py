@@ -68,18 +68,20 @@ def _origin_in_body(model: UrdfModel, chain: SerialChain, axes: Array) -> Array:
         for leg in (model.leg(limb),)
         for name, point in zip(leg.names, leg.joints, strict=True)
     }
-    offsets = np.array(
-        [
-            chain.joint_zero[limb, j] - axes @ places[name]
-            for limb, names in enumerate(chain.names)
-            for j, name in enumerate(names)
-            if name
-        ]
-    )
-    if np.ptp(offsets, axis=0).max() > _AGREE:
+    own = [
+        (name, chain.joint_zero[limb, j])
+        for limb, names in enumerate(chain.names)
+        for j, name in enumerate(names)
+        if name
+    ]
+    if missing := [name for name, _ in own if name not in places]:
+        raise ValueError(f"its URDF has no joints {', '.join(missing)} in its legs")
+    offsets = np.array([point - axes @ places[name] for name, point in own])
+    off = float(np.ptp(offsets, axis=0).max())
+    if off > _AGREE:
         raise ValueError(
             f"joints of {model.robot.name} in the plan are not where its URDF has them, "
-            f"{1e3 * np.ptp(offsets, axis=0).max():.3g} mm off"
+            f"{1e3 * off:.3g} mm off"
         )
     return np.asarray(offsets.mean(axis=0))
 

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
+from climbplan.errors import PlanFileError
 from climbplan.exports.motion import BodyMotion, JointMotion, LatchMotion, LimbShape, RobotMotion
 from climbplan.limms.check.loads import loads_of_all
 from climbplan.limms.modules.inertia import link_bodies
@@ -29,7 +31,7 @@ def limms_motion(path: Path) -> RobotMotion:
     checker finds, of modules that weigh what their file says.
     """
     plan = read_limms_plan(path)
-    motion, module = plan.motion, ModuleSpec.model_validate(plan.module)
+    motion, module = plan.motion, _module(path, plan)
     # Where modes change a time is there twice: what comes after it counts
     last = np.append(np.diff(motion.time) > 1e-9, True)
     time = motion.time[last]
@@ -76,6 +78,15 @@ def limms_motion(path: Path) -> RobotMotion:
         words=_words(plan, module),
         facts=_facts(plan, module, time, latches),
     )
+
+
+def _module(path: Path, plan: LimmsPlan) -> ModuleSpec:
+    try:
+        return ModuleSpec.model_validate(plan.module)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        where = ".".join(str(part) for part in fault["loc"])
+        raise PlanFileError(f"{path}: its module cannot be: {where}: {fault['msg']}") from error
 
 
 def _words(plan: LimmsPlan, module: ModuleSpec) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 from climbplan.exports.motion import JointMotion, RobotMotion
@@ -73,10 +74,15 @@ def _joints(joints: JointMotion) -> list[dict[str, object]]:
                 "limb": joints.limits.limb[j],
                 "gain_rigid": float(joints.limits.rigid_gain[j]),
                 "damping": float(joints.limits.damping[j]),
-                "max_torque": float(joints.limits.max_torque[j]),
+                "max_torque": _finite(float(joints.limits.max_torque[j])),
             }
         rows.append(row)
     return rows
+
+
+def _finite(value: float) -> float | None:
+    """A number as JSON has them; None of no limit."""
+    return value if math.isfinite(value) else None
 
 
 def write_sidecar(motion: RobotMotion, out: Path) -> None:

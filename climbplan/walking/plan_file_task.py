@@ -30,6 +30,8 @@ ROBOT = {
     "toe_half": Layout((3,), "m", "body"),
     "leg_names": Layout(("L",), kind="text"),
 }
+# Planes that toes stand on; attributes `edge` and, of spherical feet, `standoff` [m]: how far they
+# lie before the ground, along its normals
 GROUND = {
     "lower": Layout(("S", 2), "m", "world"),
     "upper": Layout(("S", 2), "m", "world"),

@@ -19,6 +19,7 @@ from climbplan.reports.sheet import (
 )
 from climbplan.reports.walking.figure_loop import even_runs, mark_pushes, push_times
 from climbplan.robots.rotations import rotation_world_body
+from climbplan.walking.foot_centres import material
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.task import ANGLES, VELOCITY, Array, Whole
 
@@ -202,8 +203,9 @@ def _shot(ax: Axes, plan: WalkPlan, n: int, x: int, y: int) -> None:
     hips, shown = com + task.hips @ R.T, _around(plan)
     ax.set_aspect("equal")
     around = com[:2] - shown, com[:2] + shown
-    for region in range(task.ground.count):
-        corners = task.ground.outline(region, *around)
+    ground = material(task.ground)
+    for region in range(ground.count):
+        corners = ground.outline(region, *around)
         if not len(corners):
             continue
         if y == 2:

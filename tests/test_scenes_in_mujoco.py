@@ -84,3 +84,28 @@ def test_scene_fares_as_the_table_says(
     for key, called in (("slips", "slip"), ("lost_contacts", "lost contact")):
         count = re.search(rf"(\d+) {called}", words)
         assert len(told[key]) == (int(count[1]) if count else 0), key
+
+
+# Scenes whose robots have joints when they are simulated
+WITH_ROTORS = [
+    name
+    for name, words in FARES.items()
+    if words == "stands" and (kind_of(name) != "mpc" or name in ("mpc_hexapod", "mpc_telescope"))
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WITH_ROTORS)
+def test_scenes_stand_with_half_and_twice_the_rotors(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What nobody measured of a robot, its rotors' inertia, decides nothing."""
+    pytest.importorskip("mujoco")
+    plan = str(tmp_path / "plan")
+    study = ("--set", "study=null") if kind_of(name) == "climb" else ()
+    line = (COMMANDS[kind_of(name)], str(SPECS / f"{name}.yaml"), "-o", plan, "--no-report", *study)
+    assert run(line) == 0, capsys.readouterr().err
+    for factor in ("0.5", "2"):
+        out = str(tmp_path / f"simulation_{factor}")
+        line = ("simulate", plan, "-o", out, "--no-pictures", "--quiet", "--armature", factor)
+        assert run(line) == 0, (factor, capsys.readouterr().err)

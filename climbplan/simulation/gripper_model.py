@@ -9,18 +9,23 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.robots.gripper import Gripper
+from climbplan.robots.joint_dynamics import default_damping
+from climbplan.simulation.conditions import Conditions
 
 STIFF = 20.0  # [N m/rad] of a wrist's servo, which makes its torque by how far it is commanded on
-_DAMPING = 0.4  # [N m s/rad]
-_ARMATURE = 0.002  # [kg m^2] rotor inertia of a wrist's joint, assumed
+_ROTOR = 0.002  # [kg m^2] rotor inertia of a wrist's joint, assumed
+_DAMPING = float(default_damping(np.array(STIFF), np.array(_ROTOR)))  # [N m s/rad]
 _LIGHT = 1e-3  # [kg] of each of its bodies: grippers are counted to the body
 _INERTIA = 1e-6  # [kg m^2]
 _WELD = 'solref="0.004 1" solimp="0.999 0.9999 0.001"'
 _AXES = ("1 0 0", "0 -1 0", "0 0 -1")  # where the last link points straight down
 
 
-def gripper_end(gripper: Gripper, limb: int, radius: float) -> str:
+def gripper_end(gripper: Gripper, limb: int, radius: float, conditions: Conditions) -> str:
     """A wrist and a gripper with {place} of the wrist's centre; radius: of what is seen [m]."""
+    rotor = conditions.armature * _ROTOR
+    if conditions.armature_value is not None:
+        rotor = conditions.armature_value
     lines = []
     for joint, axis in enumerate(_AXES):
         place = "{place}" if joint == 0 else "0 0 0"
@@ -29,7 +34,7 @@ def gripper_end(gripper: Gripper, limb: int, radius: float) -> str:
         lines.append(
             f'<body name="{name}" pos="{place}"><inertial pos="0 0 0" mass="{_LIGHT}"'
             f' diaginertia="{_INERTIA} {_INERTIA} {_INERTIA}"/>'
-            f'<joint name="{wrist_joint(limb, joint)}" axis="{axis}" armature="{_ARMATURE}"'
+            f'<joint name="{wrist_joint(limb, joint)}" axis="{axis}" armature="{rotor:.9g}"'
             f' range="{low:.6g} {high:.6g}"/>'
         )
     seen = 'mass="0" contype="0" conaffinity="0"'
@@ -54,14 +59,16 @@ def wrist_joint(limb: int, joint: int) -> str:
     return f"wrist{joint + 1}.{limb}"
 
 
-def wrist_motors(gripper: Gripper, limbs: int) -> list[str]:
+def wrist_motors(gripper: Gripper, limbs: int, conditions: Conditions) -> list[str]:
     """Servos of all wrists, limb by limb."""
-    out = []
+    gain, out = conditions.damping * _DAMPING, []
+    if conditions.damping_value is not None:
+        gain = conditions.damping_value
     for limb in range(limbs):
         for joint, most in enumerate(np.asarray(gripper.wrist_max_torque)):
             name = wrist_joint(limb, joint)
             out.append(
-                f'<position name="{name}" joint="{name}" kp="{STIFF}" kv="{_DAMPING}"'
+                f'<position name="{name}" joint="{name}" kp="{STIFF}" kv="{gain:.9g}"'
                 f' forcerange="{-most:.9g} {most:.9g}"/>'
             )
     return out

@@ -163,7 +163,7 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
         line for limb in range(robot.limb_count) for line in _motors(robot, limb, conditions)
     ]
     if robot.gripper is not None:
-        actuators += wrist_motors(robot.gripper, robot.limb_count)
+        actuators += wrist_motors(robot.gripper, robot.limb_count, conditions)
     tendons, ties = couplers(robot)
     ties += ties_of_absent(robot)
     if robot.gripper is not None:
@@ -290,7 +290,7 @@ def _limb(
         )
 
     along, down = np.array([1.0, 0, 0]), np.array([0, 0, -1.0])
-    toe = _end(robot, limb).format(place=numbers(l3 * down))
+    toe = _end(robot, limb, conditions).format(place=numbers(l3 * down))
     seen = (
         f'<geom type="capsule" fromto="0 0 0 {numbers((l3 - radius / 4) * down)}"'
         f' size="{radius / 4:.6g}" mass="0" material="link" contype="0" conaffinity="0"/>'
@@ -314,10 +314,10 @@ def _limb(
     ]
 
 
-def _end(robot: Robot, limb: int) -> str:
+def _end(robot: Robot, limb: int, conditions: Conditions) -> str:
     """What is at a limb's end, with {place}: a toe, or a gripper on its wrist."""
     if robot.gripper is not None:
-        return gripper_end(robot.gripper, limb, max(robot.limb_radius, 0.005))
+        return gripper_end(robot.gripper, limb, max(robot.limb_radius, 0.005), conditions)
     shape = f'type="sphere" pos="{{place}}" size="{toe_radius(robot)}"'
     if robot.sole is not None:
         shape = sole_plate(robot, limb)
@@ -366,13 +366,15 @@ def _chain(
     weights: LinkMasses | None,
 ) -> list[str]:
     joints = _joints(robot, limb, conditions)
-    return chain_limb(robot, limb, mass, joints, _end(robot, limb), narrow, LINK, weights)
+    return chain_limb(
+        robot, limb, mass, joints, _end(robot, limb, conditions), narrow, LINK, weights
+    )
 
 
 def _linkage(robot: Robot, limb: int, mass: float, conditions: Conditions) -> list[str]:
     # Last links end at wrists, or at toes that are seen only: they do not narrow
     joints = _joints(robot, limb, conditions)
-    return linkage_limb(robot, limb, mass, joints, _end(robot, limb), LINK)
+    return linkage_limb(robot, limb, mass, joints, _end(robot, limb, conditions), LINK)
 
 
 def _motors(robot: Robot, limb: int, conditions: Conditions) -> list[str]:

@@ -25,8 +25,8 @@ from climbplan.climb.plan.file import read_climb
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.simulation.chain_limb import motor_names
-from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.model import ARMATURE, TIME_STEP, build_mjcf
+from climbplan.simulation.conditions import NOMINAL, Conditions
+from climbplan.simulation.model import TIME_STEP, build_mjcf, rotor_inertia
 from climbplan.simulation.replay import Run, simulate
 from climbplan.simulation.start import set_up
 
@@ -90,7 +90,7 @@ class Machine:
         structure = joint_softness(robot) - 1 / robot.joint_stiffness  # [rad/(N m)]
         behind = 1 + (p * structure).ravel()
         p = p.ravel()
-        d = 2 * np.sqrt(p / behind * ARMATURE)  # what such motors need
+        d = 2 * np.sqrt(p / behind * rotor_inertia(robot, NOMINAL).ravel())  # what such motors need
         for k in range(round((SETTLE + self.plan.trajectory.time[-1]) / TIME_STEP)):
             time = max(k * TIME_STEP - SETTLE, 0.0)
             link = self.data.qpos[self.position]

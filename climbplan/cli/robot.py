@@ -95,9 +95,11 @@ def _is_robot_file(name: str) -> bool:
 
 
 def _values(facts: RobotFacts, notes: tuple[str, ...], picture: Path | None) -> dict[str, Any]:
+    from climbplan.robots.joint_dynamics import dynamics_of
+
     made = facts.robot
     names, force, torque = made.limbs.joint_names, facts.standing_force, facts.standing_torque
-    limbs = []
+    limbs, drives = [], dynamics_of(made)
     for n, name in enumerate(made.limb_names):
         there = made.has_joint[n]
         limbs.append(
@@ -110,6 +112,8 @@ def _values(facts: RobotFacts, notes: tuple[str, ...], picture: Path | None) -> 
                 "max_torque": made.max_torque[n, there].tolist(),
                 "joint_stiffness": made.joint_stiffness[n, there].tolist(),
                 "max_joint_speed": made.max_joint_speed[n, there].tolist(),
+                "rotor_inertia": drives.rotor_inertia[n, there].tolist(),
+                "joint_damping": drives.damping[n, there].tolist(),
                 "stance": made.stance_body[n].tolist(),
                 "reach": float(facts.reach[n]),
                 "standing_force": None if force is None else float(force[n]),

@@ -33,7 +33,8 @@ UNITS = {
     "final_offset": "m", "grips.missed": "m", "grips.let_go.time": "s",
     "slips.time": "s", "slips.distance": "m", "lost_contacts.time": "s",
     "lost_contacts.duration": "s", "conditions.payload": "kg",
-    "conditions.backlash": "rad",
+    "conditions.backlash": "rad", "conditions.armature_value": "kg m^2",
+    "conditions.damping_value": "N m s/rad",
 }  # fmt: skip
 
 

@@ -26,7 +26,7 @@ UNITS = {
     "overreach": "m",
     "force_error.*": "robot weights", "correction.*": "robot weights", "slips.time": "s",
     "slips.distance": "m", "lost_contacts.time": "s", "lost_contacts.duration": "s",
-    "conditions.payload": "kg",
+    "conditions.payload": "kg", "conditions.armature_value": "kg m^2",
 }  # fmt: skip
 
 

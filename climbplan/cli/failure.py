@@ -26,7 +26,10 @@ _MEANINGS: dict[int, tuple[str, str]] = {
     ExitCode.USAGE: ("usage", "the command cannot be carried out as given"),
     ExitCode.INFEASIBLE: ("infeasible", "every problem asked for is proved infeasible"),
     ExitCode.LIMIT: ("limit", "a limit was reached first, for one problem or more"),
-    ExitCode.UNVERIFIED: ("unverified", "a plan was found, but it fails its check or its data are implausible"),
+    ExitCode.UNVERIFIED: (
+        "unverified",
+        "a plan was found, but it fails its check or its data are implausible",
+    ),
     INTERRUPTED: ("interrupted", "interrupted"),
     TERMINATED: ("interrupted", "terminated"),
     128 + signal.SIGHUP: ("interrupted", "hung up"),

@@ -91,7 +91,10 @@ def test_margins_that_cannot_be_had_are_shared_and_the_remedy_works() -> None:
     assert "S_mu" not in note
     verification = verification_of(plan)
     assert verification.passed
-    assert any("loss of friction before it slides" in told and "of 40 %" in told for told in verification.fragile)
+    assert any(
+        "loss of friction before it slides" in told and "of 40 %" in told
+        for told in verification.fragile
+    )
     mended = planned(asked[0], asked[1] + "42")
     assert mended.forces.notes == ()
     assert verification_of(mended).fragile == ()

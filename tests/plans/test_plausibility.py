@@ -100,7 +100,9 @@ def test_a_urdf_whose_moving_links_have_no_mass() -> None:
     assert list(massless_links("no URDF")) == []
 
 
-def test_a_plan_with_implausible_data_passes_its_checks_and_must_not_be_used(climb: Climb, tmp_path: Path) -> None:
+def test_a_plan_with_implausible_data_passes_its_checks_and_must_not_be_used(
+    climb: Climb, tmp_path: Path
+) -> None:
     fast = scaled("max_joint_speed", 100.0)(climb.plan)
     write_climb(fast, tmp_path / "plan.h5")
     found = verify(tmp_path / "plan.h5")

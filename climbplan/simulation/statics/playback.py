@@ -13,7 +13,7 @@ from climbplan.mechanics.stiffness import joint_softness, limb_compliance
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.chain_pose import RADIAN
 from climbplan.robots.five_bar import FiveBar
-from climbplan.robots.kinematics import jacobian_world, toe_world
+from climbplan.robots.kinematics import contact_points, jacobian_world, toe_world
 from climbplan.robots.rotations import Array, rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.comparison import LEAST_HELD, held_toes
@@ -30,6 +30,7 @@ from climbplan.simulation.odometry import standing
 from climbplan.simulation.planned_pressure import planned_pressure
 from climbplan.simulation.regulator import between_toes, turning_of, zero_angles
 from climbplan.simulation.start import set_up
+from climbplan.simulation.statics.rolling_contact import contact_ends
 from climbplan.simulation.statics.run import play
 from climbplan.simulation.statics.tuples import (
     BY_ATTITUDE,
@@ -67,8 +68,8 @@ class Steps:
 def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
     """The steps of a plan, the same for all worlds under these conditions.
 
-    Raises UsageError for robots with grippers, feet of finite size, five-bar legs or limbs of fewer
-    than three joints.
+    Raises UsageError for robots with grippers, flat feet, five-bar legs or limbs of fewer than
+    three joints.
     """
     robot, moving = plan.robot, plan.trajectory
     zero, unit = _zero(plan), robot.joint_unit
@@ -96,6 +97,7 @@ def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
     c = np.ascontiguousarray
     playback = Playback(
         zero=zero,
+        ends=contact_ends(plan, sample, angles, zero[:, 2 * robot.joint_count]),
         span=span,
         command=c(command[sample] / unit),
         weight=c(weight[sample] * unit),
@@ -115,7 +117,7 @@ def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
         most=c(most / unit),
         foothold=c(holds.number[sample]),
         share=c(holds.share[sample]),
-        toes=plan.rounds.toes[0].copy(),
+        toes=contact_points(robot, plan.rounds.toes[0], plan.instants.normal[0]),
     )
     return Steps(playback, sample, instant[sample])
 
@@ -132,7 +134,16 @@ def played(
     ground = ground_of(plan, terrain, conditions)
     if path is None:
         path = np.zeros((0, 3 + 6 * plan.robot.limb_count))
-    return play(steps.playback, machine, ground, path)
+    plays = steps.playback._replace(zero=_first_zero(steps.playback))  # which the run changes
+    return play(plays, machine, ground, path)
+
+
+def _first_zero(playback: Playback) -> Array:
+    """A copy of the limbs at zero angles as the first step has them."""
+    zero = playback.zero.copy()
+    if len(playback.ends):
+        zero[:, 2 * playback.command.shape[2]] = playback.ends[0]
+    return zero
 
 
 def machine_of(plan: ClimbPlan, terrain: Terrain, steps: Steps, conditions: Conditions) -> Machine:
@@ -143,6 +154,12 @@ def machine_of(plan: ClimbPlan, terrain: Terrain, steps: Steps, conditions: Cond
     unit = robot.joint_unit
     stiffness = motor_stiffness(robot, conditions) * unit**2
     start = set_up(plan, terrain)
+    toes = start.toes
+    if robot.foot is not None:
+        on = [terrain.surfaces[r] for r in plan.rounds.region[0]]
+        toes = toes + robot.foot.arm(
+            np.array([s.normal_at(toe) for s, toe in zip(on, toes, strict=True)])
+        )
     times = plan.trajectory.time[steps.sample]
     losses = [
         (x.limb, *np.searchsorted(times, [x.start, x.start + x.duration]))
@@ -160,7 +177,7 @@ def machine_of(plan: ClimbPlan, terrain: Terrain, steps: Steps, conditions: Cond
         strongest=np.ascontiguousarray(robot.max_torque * unit),
         placement=np.ascontiguousarray(world.placement),
         losses=np.array(losses, float).reshape(-1, 3),
-        toes=np.ascontiguousarray(start.toes),
+        toes=np.ascontiguousarray(toes),
         angles=np.ascontiguousarray(start.angles / unit),
         regulator=_REGULATORS[regulated(conditions, plan.robot)],
         delay=conditions.delay,
@@ -181,9 +198,11 @@ def ground_of(plan: ClimbPlan, terrain: Terrain, conditions: Conditions) -> Grou
     round_ones = [s for s in terrain.surfaces if isinstance(s, Tube)]
     friction = [region.friction for region in flat]
     friction += [float(np.min(plan.instants.mu))] * len(terrain.obstacles)
-    tubes = [(*t.center, t.radius, t.lower, t.upper) for t in round_ones]
+    tubes = [(*t.center, t.radius + t.standoff, t.lower, t.upper) for t in round_ones]
+    # Toes of feet are where these touch; points have a small radius, as MuJoCo's have
+    radius = TOE_RADIUS if plan.robot.foot is None else 0.0
     return Ground(
-        solids=material(terrain, TOE_RADIUS),
+        solids=material(terrain, radius),
         friction=np.array(friction, float) * conditions.friction,
         tubes=np.array(tubes, float).reshape(-1, 5),
         tube_friction=np.array([t.friction for t in round_ones], float) * conditions.friction,
@@ -219,8 +238,8 @@ def _zero(plan: ClimbPlan) -> Array:
         raise UsageError(
             f"{plan.name}: limbs of {robot.name} have fewer than three joints, which {_NOT_KNOWN}"
         )
-    if robot.foot is not None:
-        raise UsageError(f"{plan.name}: {robot.name} has feet of finite size, which {_NOT_KNOWN}")
+    if robot.sole is not None:
+        raise UsageError(f"{plan.name}: {robot.name} has flat feet, which {_NOT_KNOWN}")
     if isinstance(robot.mechanism, SerialChain) and robot.mechanism.drive is not None:
         raise UsageError(
             f"{plan.name}: limbs of {robot.name} have joints that mimic others, which {_NOT_KNOWN}"

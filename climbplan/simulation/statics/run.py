@@ -28,6 +28,7 @@ from climbplan.simulation.statics.outcome import (
 from climbplan.simulation.statics.regulation import (
     _keep,
 )
+from climbplan.simulation.statics.rolling_contact import _rolled_on
 from climbplan.simulation.statics.small_algebra import _copied, _times
 from climbplan.simulation.statics.step import _settled
 from climbplan.simulation.statics.surfaces import BESIDE, _beyond, _landed, _onto
@@ -146,6 +147,8 @@ def _played(
         for i in range(len(motors.rotor)):
             for j in range(motors.rotor.shape[1]):
                 springs.weight[i, j] = plan.weight[s, i, j]
+        if index > 0 and len(plan.ends):
+            _rolled_on(plan, s, body, stand, ground, motors, known, feet, pad)
         _lose(machine, s, index > 0, stand)
         done = 0.0
         while done < 1.0 - 1e-9:

@@ -132,7 +132,8 @@ class Pad(NamedTuple):
 class Playback(NamedTuple):
     """A plan's motion in S steps, the same in all worlds."""
 
-    zero: Array  # (N, 2J + 1, 3) limbs at zero angles (`links.py`)
+    zero: Array  # (N, 2J + 1, 3) limbs at zero angles (`links.py`); a run moves toes of feet
+    ends: Array  # (S, N, 3) toes of spherical feet at zero angles (`rolling_contact.py`), or S = 0
     span: Array  # (S,) of each step, simulated time [s]
     command: Array  # (S, N, J) joint commands, with what carries the links [rad]
     weight: Array  # (S, N, J) torque of the links' weight on joints [N m]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,9 +13,11 @@ from climbplan.errors import UsageError
 from climbplan.progress import Progress
 from climbplan.spec.bookshelf.loading import LoadedShelf
 from climbplan.spec.climb.transition_loading import LoadedTransition
+from climbplan.spec.climb.uncertainty import states_uncertainty
 from climbplan.spec.limms.loading import LoadedLimms
 from climbplan.spec.loaded import LoadedSpec
 from climbplan.spec.loading import LoadedClimb
+from climbplan.spec.robots.urdf.source import UrdfRobot
 from climbplan.spec.walking.loading import LoadedMpc
 
 if TYPE_CHECKING:
@@ -74,7 +77,7 @@ def _climb(loaded: LoadedClimb, options: MakingOptions) -> Made:
         )
 
     if loaded.spec.risk is None:
-        found = plan(loaded)
+        found = _in_sampled_worlds(plan(loaded), loaded, options)
     else:
         from climbplan.simulation.risk.planning import Ways, plan_with_risk
 
@@ -92,7 +95,7 @@ def _transition(loaded: LoadedTransition, options: MakingOptions) -> Made:
         return plan_transition(given, report=options.report)
 
     if loaded.spec.risk is None:
-        found = plan(loaded)
+        found = _in_sampled_worlds(plan(loaded), loaded, options)
     else:
         from climbplan.simulation.risk.planning import Ways, plan_with_risk
 
@@ -100,6 +103,23 @@ def _transition(loaded: LoadedTransition, options: MakingOptions) -> Made:
             loaded, plan, LoadedTransition.with_overrides, Ways(options.jobs, options.report)
         )
     return Made(found.summary, found.warnings, found.status, lambda path: write_climb(found, path))
+
+
+def _in_sampled_worlds(
+    plan: ClimbPlan, loaded: LoadedClimb | LoadedTransition, options: MakingOptions
+) -> ClimbPlan:
+    """The plan, judged in worlds where its spec or robot file states what is uncertain."""
+    robot = loaded.robot.spec if isinstance(loaded.robot, UrdfRobot) else loaded.robot
+    if not states_uncertainty(loaded.spec.uncertainty, robot.uncertainty):
+        return plan
+    from climbplan.simulation.risk.sampling import with_world_sample
+
+    start = time.perf_counter()
+    sampled = with_world_sample(
+        plan, loaded.spec.seed, options.jobs, lambda part: options.report("worlds", part)
+    )
+    timings = {**plan.timings, "worlds": time.perf_counter() - start}
+    return replace(sampled, timings=timings)
 
 
 def _limms(loaded: LoadedLimms, options: MakingOptions) -> Made:

@@ -26,23 +26,35 @@ def verify(
         ),
     ] = None,
     assignments: Set = None,
+    worlds: Annotated[
+        bool,
+        typer.Option(
+            "--worlds",
+            help="Play the worlds again in which the plan says it stands, and compare the counts.",
+        ),
+    ] = False,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Re-check every constraint of a plan from its file alone.
 
-    Prints the level of the plan (fine, look at this, do not use), what it is verified in, the spec it was held against (hash first), and the worst
-    residual of each check with its limit. Exit code 5 if one is exceeded or data are
-    implausible. With --spec the plan is
-    held against your own spec with your --set: a plan whose stored spec asks for less fails, and
-    keys that differ are named. Plans of `climbplan solve`, and datasets of such problems, also need
-    the statement that they answer: --problem. A file of `solve --certificate` is checked leaf by
-    leaf; with --problem its numbers are compared with the statement's.
+    Prints the level of the plan (fine, look at this, do not use), what it is verified in, the spec
+    it was held against (hash first), and the worst residual of each check with its limit. Exit code
+    5 if one is exceeded or data are implausible. With --worlds falls are counted again in the
+    worlds that the plan names by seed. With --spec the plan is held against your own spec with your
+    --set: a plan whose stored spec asks for less fails, and keys that differ are named. Plans of
+    `climbplan solve`, and datasets of such problems, also need the statement that they answer:
+    --problem. A file of `solve --certificate` is checked leaf by leaf; with --problem its numbers
+    are compared with the statement's.
     """
     path = find_plan(plan)
     if assignments and spec is None:
         raise UsageError("--set changes the spec that --spec names, and there is none")
+    if worlds:
+        from climbplan.api.recounting import recount_worlds, require_climb
+
+        require_climb(path)
     held = None
     if spec is not None:
         from climbplan.api.holding import held_against_own
@@ -70,4 +82,7 @@ def verify(
     if is_program_plan(path):
         verify_program_plan(path, problem, as_json, context.ensure_object(Session), held)
         return
-    tell(plan_kind(path).verify(path, held), as_json)
+    verification = plan_kind(path).verify(path, held)
+    if worlds:
+        verification = recount_worlds(path, verification)
+    tell(verification, as_json)

@@ -96,9 +96,11 @@ SHIFT_LIMITS = {
     "steps.shift": Limit(1e-6, "m", "the body, at lifts, off its straight way as far as it may"),
 }
 
-# Made beside these where the spec asks for a probability of falls (`risk`).
+# Made beside these where worlds are counted: for `risk` or `uncertainty`, and by `--worlds`.
 RISK_LIMITS = {
     "robust.risk": Limit(1e-9, "", "falls counted in worlds are within the interval that is told"),
+    "robust.worlds": Limit(1e-9, "", "the stored Wilson interval is that of the worlds counted"),
+    "robust.recount": Limit(0.01, "of worlds", "falls counted again are those stored"),
 }
 
 # Made beside these where the terrain is from a scan.

@@ -35,7 +35,7 @@ class Verification:
     beyond: tuple[LeftOut, ...] = ()  # what the world asks of such a plan and no check looks at
     implausible: tuple[str, ...] = ()  # data and deflections that no such robot has, in words
     against: Against | None = None  # the spec that the plan was held against
-    stands: str = ""  # "stands in 297 of 300 worlds", of plans that promise it
+    stands: str = ""  # "stands in 297 of 300 worlds", of plans that were judged in some
 
     @property
     def passed(self) -> bool:

@@ -1,7 +1,8 @@
-"""What a plan promises of falls, as far as its file alone tells: counts, interval and the bound.
+"""What a plan says of falls, as far as its file alone tells: counts, interval and the bound.
 
 The worlds themselves are played again by `climbplan simulate` with the engine, seed and number that
-the file names. A promise that is not met fails nothing: the plan is fragile for it.
+the file names, and those of a sample by `climbplan verify --worlds`. A promise that is not met, or
+a sample with too many falls, fails nothing: the plan is fragile for it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import replace
 from climbplan.climb.check.spec import risk_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.promise import interval_of
+from climbplan.climb.plan.world_sample import MIN_STANDING, wilson_interval
 from climbplan.plans.check import Check, judge, unjudged
 
 
@@ -35,4 +37,21 @@ def risk_check(plan: ClimbPlan) -> Iterator[Check]:
         words = f"{told}, asked at most {promise.risk:.2%}{first}"
         helps = f"; what would help: {'; '.join(promise.helps)}" if promise.helps else ""
         check = replace(unjudged(check, "a promise that is not met"), fragile=words + helps)
+    yield check
+
+
+def world_sample_check(plan: ClimbPlan) -> Iterator[Check]:
+    """The stored interval against the counts of worlds; too many falls make a plan fragile."""
+    sample = plan.sample
+    if sample is None:
+        return
+    low, high = wilson_interval(sample.worlds - sample.falls, sample.worlds)
+    off = max(abs(sample.lower - low), abs(sample.upper - high))
+    words = f"{sample.stands} of its uncertainty ({sample.engine}, seed {sample.seed})"
+    check = judge("robust.worlds", off, margin=f"{words}, {sample.interval}")
+    if check.passed and not sample.enough:
+        first = f"; most frequent: {sample.causes[0]}" if sample.causes else ""
+        required = f"at least {MIN_STANDING:.0%} required"
+        fragile = f"{words}, {sample.interval}, {required}{first}"
+        check = replace(unjudged(check, "worlds that fall fail no check"), fragile=fragile)
     yield check

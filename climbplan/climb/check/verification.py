@@ -26,7 +26,7 @@ from climbplan.climb.check.forces import force_checks
 from climbplan.climb.check.grips import gripper_check
 from climbplan.climb.check.plausibility import implausible_climb
 from climbplan.climb.check.postures import posture_checks
-from climbplan.climb.check.risk import risk_check
+from climbplan.climb.check.risk import risk_check, world_sample_check
 from climbplan.climb.check.scan import scan_checks
 from climbplan.climb.check.self_collision import self_collision_check
 from climbplan.climb.check.spec import answering, margins_of, spec_checks
@@ -56,6 +56,8 @@ def verification_of(plan: ClimbPlan, held: HeldSpec | None = None) -> Verificati
     with np.errstate(all="ignore"):
         checks = tuple(_checks(plan, held))
         stands = "" if plan.promise is None else plan.promise.words
+        if not stands and plan.sample is not None:
+            stands = plan.sample.stands
         found = Verification(checks, against=held_against(plan, held), stands=stands)
         return found if found.unsound else replace(found, implausible=implausible_climb(plan))
 
@@ -84,6 +86,7 @@ def _checks(plan: ClimbPlan, held: HeldSpec | None) -> Iterator[Check]:
     yield from force_checks(subject)
     yield from static_checks(subject, margins_of(plan))
     yield from risk_check(plan)
+    yield from world_sample_check(plan)
     yield from clearance_checks(subject)
     yield self_collision_check(subject)
     yield from feet_check(subject)

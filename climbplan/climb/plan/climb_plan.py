@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from climbplan.climb.plan.grips import GripForces, GripPlan
 from climbplan.climb.plan.promise import Promise
+from climbplan.climb.plan.world_sample import WorldSample
 from climbplan.plans.root_attributes import PlanHeader
 from climbplan.robots.looks import Looks
 from climbplan.robots.model import Robot
@@ -186,6 +187,7 @@ class ClimbPlan(PlanHeader):
     robot_texts: RobotTexts = field(default_factory=RobotTexts)  # of files the robot is from
     looks: Looks | None = None  # of a robot from a URDF; only pictures read it
     promise: Promise | None = None  # of falls, where the spec states a risk
+    sample: WorldSample | None = None  # of worlds, where it or the robot states an uncertainty
 
     @property
     def contact_sequence(self) -> str:

@@ -25,6 +25,7 @@ from climbplan.climb.plan.looks_store import read_looks, write_looks
 from climbplan.climb.plan.promise import NEEDED, Promise, promise_of
 from climbplan.climb.plan.robot_store import read_robot, read_robot_texts, write_robot
 from climbplan.climb.plan.terrain_store import read_terrain, write_terrain
+from climbplan.climb.plan.world_sample import REQUIRED, WorldSample, sample_from_dict
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json
@@ -96,6 +97,8 @@ def _write_header(file: h5py.File, plan: ClimbPlan) -> None:
         texts["contact_sequence"] = plan.contact_sequence
     if plan.promise is not None:
         write_json(file, "risk", plan.promise.told())
+    if plan.sample is not None:
+        write_json(file, "worlds", plan.sample.as_dict())
     write_header(
         file,
         plan,
@@ -172,6 +175,7 @@ def _read(reader: Reader) -> ClimbPlan:
         robot_texts=read_robot_texts(reader),
         looks=read_looks(reader, robot),
         promise=_read_promise(reader),
+        sample=_read_sample(reader),
         **read_header(reader),
     )
 
@@ -222,6 +226,16 @@ def _read_promise(reader: Reader) -> Promise | None:
         return promise_of(told)
     except (TypeError, ValueError, OverflowError) as error:
         raise reader.refuse(f"attribute risk is no promise: {error}") from error
+
+
+def _read_sample(reader: Reader) -> WorldSample | None:
+    if not reader.has_attribute("", "worlds"):
+        return None
+    values = reader.mapping("worlds", REQUIRED)
+    try:
+        return sample_from_dict(values)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise reader.refuse(f"attribute worlds is no sample of worlds: {error}") from error
 
 
 def _read_study(reader: Reader) -> Study:

@@ -70,6 +70,7 @@ def _values(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
         "bound": plan.bound,
         "gap": plan.gap,
         "risk": None if plan.promise is None else plan.promise.told(),
+        "worlds": None if plan.sample is None else plan.sample.as_dict(),
         "timings": finite(plan.timings),
         "solvers": finite(plan.solvers),
         "sizes": finite(plan.sizes),

@@ -26,7 +26,13 @@ from climbplan.simulation.statics.outcome import (
 from climbplan.simulation.statics.playback import Steps, played, prepare
 from climbplan.simulation.worlds.intervals import clopper_pearson
 from climbplan.simulation.worlds.stated import KEYS, uncertainty_of
-from climbplan.simulation.worlds.uncertainty import Layout, conditions_of, layout_of, numbers_of
+from climbplan.simulation.worlds.uncertainty import (
+    Layout,
+    Uncertainty,
+    conditions_of,
+    layout_of,
+    numbers_of,
+)
 
 Engine = Literal["mujoco", "statics"]
 _CAUSES = ("", "a toe loses its surface", "a toe slides", "a motor is too weak", "no balance")
@@ -108,12 +114,14 @@ def judge_plan(
     seed: int,
     workers: int = 1,
     progress: Callable[[float], None] | None = None,
+    uncertainty: Uncertainty | None = None,
 ) -> Judged:
     """Play a plan in worlds 0 to `worlds` - 1 of a seed, whatever the number of workers.
 
+    uncertainty: in place of what the plan's spec and its robot's file state.
     Raises UsageError for robots that the engine does not know, MissingSolver without MuJoCo.
     """
-    layout = layout_of(plan, uncertainty_of(plan))
+    layout = layout_of(plan, uncertainty_of(plan) if uncertainty is None else uncertainty)
     run = partial(_mujoco, plan, base, layout, seed)
     if engine == "statics":
         run = partial(_statics, plan, prepare(plan, base), base, layout, seed)

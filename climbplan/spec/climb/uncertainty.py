@@ -97,6 +97,11 @@ class RobotUncertaintySpec(SpecModel):
         return faults
 
 
+def states_uncertainty(spec: RobotUncertaintySpec, robot: RobotUncertaintySpec) -> bool:
+    """Whether a spec or robot file states any distribution, as against defaults alone."""
+    return bool(spec.model_fields_set or robot.model_fields_set)
+
+
 class UncertaintySpec(RobotUncertaintySpec):
     """What is uncertain of robot and terrain, for simulated worlds (`climbplan simulate`).
 

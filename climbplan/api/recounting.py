@@ -1,0 +1,56 @@
+"""`climbplan verify --worlds`: falls counted again in the worlds that a plan file names."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from climbplan.errors import UsageError
+from climbplan.plans.check import judge
+
+if TYPE_CHECKING:
+    from climbplan.plans.verification import Verification
+
+
+_NO_WORLDS = (
+    "names no worlds; climbs and transitions do whose spec or robot file states `uncertainty`, or "
+    "whose spec states `risk`"
+)
+
+
+def require_climb(path: Path) -> None:
+    """Raise UsageError for a file that is no climb or transition, whose worlds none could count."""
+    from climbplan.climb.plan.layout import FORMATS
+    from climbplan.plans.plan_format import plan_format
+
+    if plan_format(path) not in FORMATS.values():
+        raise UsageError(f"--worlds: {path} {_NO_WORLDS}")
+
+
+def recount_worlds(path: Path, verification: Verification) -> Verification:
+    """Return the verification with one check more: the stored falls against those counted again.
+
+    Args:
+        path: The plan file.
+        verification: What its checks came to; returned as it is for unsound plans.
+
+    Raises:
+        UsageError: The file names no worlds.
+    """
+    if verification.unsound is not None:
+        return verification
+    from climbplan.climb.plan.file import read_climb
+    from climbplan.simulation.conditions import Conditions
+    from climbplan.simulation.worlds.judging import judge_plan
+
+    plan = read_climb(path)
+    stored = plan.promise or plan.sample
+    if stored is None:
+        raise UsageError(f"--worlds: {path} {_NO_WORLDS}")
+    engine = "statics" if stored.engine == "statics" else "mujoco"
+    judged = judge_plan(plan, Conditions(), engine, stored.worlds, stored.seed)
+    off = abs(judged.falls - stored.falls) / stored.worlds
+    words = f"{judged.falls} of {stored.worlds} fall, stored {stored.falls}"
+    check = judge("robust.recount", off, margin=words)
+    return replace(verification, checks=(*verification.checks, check))

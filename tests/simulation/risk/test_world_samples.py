@@ -1,0 +1,147 @@
+"""Plans judged in a sample of worlds: what is stored, what the badge says, and counting again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import pytest
+from short_climb import SHORT_CLIMB
+
+from climbplan.api.making import make
+from climbplan.api.recounting import recount_worlds, require_climb
+from climbplan.climb.check.verification import verification_of, verify
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import read_climb, write_climb
+from climbplan.climb.plan.world_sample import WorldSample, wilson_interval
+from climbplan.errors import PlanFileError, UsageError
+from climbplan.simulation.risk import needs, sampling
+from climbplan.simulation.worlds.judging import Judged, Outcome
+from climbplan.simulation.worlds.stated import uncertainty_of
+from climbplan.simulation.worlds.uncertainty import Uncertainty, layout_of
+from climbplan.spec.loading import load_text
+
+Planned = Callable[..., ClimbPlan]
+
+
+def sample(falls: int, worlds: int = 100) -> WorldSample:
+    lower, upper = wilson_interval(worlds - falls, worlds)
+    spread = {"friction": ["normal", 0.0, 0.2]}
+    return WorldSample("statics", 3, worlds, falls, lower, upper, spread, ("7: a toe slides, LR",))
+
+
+def judged(plan: ClimbPlan, falls: int, worlds: int) -> Judged:
+    layout = layout_of(plan, uncertainty_of(plan))
+    ends = [Outcome(k < falls, 1.0, "", 0, 0, 0.0) for k in range(worlds)]
+    return Judged("statics", 3, layout, tuple(ends))
+
+
+def test_wilson_intervals() -> None:
+    assert wilson_interval(95, 100) == pytest.approx((0.8882, 0.9785), abs=1e-4)
+    assert wilson_interval(100, 100) == pytest.approx((0.9630, 1.0), abs=1e-4)
+    assert wilson_interval(0, 100) == pytest.approx((0.0, 0.0370), abs=1e-4)
+
+
+def test_falls_in_more_than_one_world_of_twenty_make_a_plan_fragile(planned: Planned) -> None:
+    plan = planned()
+    good = verification_of(replace(plan, sample=sample(5)))
+    assert good.stands == "stands in 95 of 100 worlds"
+    assert good.fragile == verification_of(plan).fragile
+    assert {c.name for c in good.checks if c.judged} >= {"robust.worlds"}
+    bad = verification_of(replace(plan, sample=sample(37)))
+    assert bad.passed
+    assert bad.level == "look"
+    (words,) = set(bad.fragile) - set(good.fragile)
+    assert words.startswith("stands in 63 of 100 worlds of its uncertainty (statics, seed 3)")
+    assert "95 % interval 53 to 72 %, at least 95% required; most frequent: 7: a toe" in words
+
+
+def test_an_interval_that_is_not_that_of_the_counts_fails(planned: Planned) -> None:
+    told = replace(sample(37), lower=0.95)
+    found = verification_of(replace(planned(), sample=told))
+    assert [check.name for check in found.failed] == ["robust.worlds"]
+
+
+def test_a_sample_is_stored_and_read(planned: Planned, tmp_path: Path) -> None:
+    path = tmp_path / "plan.h5"
+    kept = replace(planned(), sample=sample(2))
+    write_climb(kept, path)
+    assert read_climb(path).sample == kept.sample
+    with h5py.File(path, "r+") as file:
+        file.attrs["worlds"] = json.dumps({**sample(2).as_dict(), "falls": 101})
+    with pytest.raises(PlanFileError, match="attribute worlds is no sample"):
+        read_climb(path)
+
+
+def test_worlds_are_judged_where_an_uncertainty_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*args: object, **kwargs: object) -> Judged:
+        raise AssertionError("no worlds are judged")
+
+    monkeypatch.setattr(sampling, "judge_plan", refuse)
+    assert make(load_text(SHORT_CLIMB, "short", [])).summary
+    seen: list[tuple[object, ...]] = []
+
+    def count(plan: ClimbPlan, *args: object) -> Judged:
+        seen.append(args[1:4])
+        return judged(plan, 80, 200)
+
+    monkeypatch.setattr(sampling, "judge_plan", count)
+    made = make(load_text(SHORT_CLIMB, "short", ["uncertainty.friction=0.2", "seed=4"]))
+    assert seen == [("statics", sampling.WORLDS, 4)]
+    assert made.summary[-1].split()[:2] == ["worlds", "TOO"]
+    assert "stands in 120 of 200 worlds (statics), 95 % interval 53 to 67 %" in made.summary[-1]
+
+
+def test_a_robot_that_the_engine_does_not_know_is_warned_of(
+    planned: Planned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*args: object, **kwargs: object) -> Judged:
+        raise UsageError("grippers, which the statics engine does not know")
+
+    monkeypatch.setattr(sampling, "judge_plan", refuse)
+    plan = sampling.with_world_sample(planned(), 0)
+    assert plan.sample is None
+    assert plan.warnings[-1].startswith("the worlds of `uncertainty` are not judged: grippers")
+
+
+def test_falls_are_counted_again_by_the_stored_seed(planned: Planned, tmp_path: Path) -> None:
+    path = tmp_path / "plan.h5"
+    plan = planned()
+    write_climb(plan, path)
+    bare = verify(path)
+    with pytest.raises(UsageError, match="names no worlds"):
+        recount_worlds(path, bare)
+    told = sampling.sample_worlds(plan, 11, worlds=8)
+    assert told.worlds == 8
+    assert set(told.uncertainty) == {"mass", "stiffness", "friction", "surface", "backlash"}
+    write_climb(replace(plan, sample=told), path)
+    found = recount_worlds(path, verify(path))
+    assert found.checks[-1].name == "robust.recount"
+    assert found.checks[-1].residual == 0
+    low, high = wilson_interval(told.worlds - told.falls - 1, told.worlds)
+    wrong = replace(told, falls=told.falls + 1, lower=low, upper=high)
+    write_climb(replace(plan, sample=wrong), path)
+    assert [c.name for c in recount_worlds(path, verify(path)).failed] == ["robust.recount"]
+    require_climb(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["format"] = "climbplan/mpc"
+    with pytest.raises(UsageError, match="names no worlds"):
+        require_climb(path)
+
+
+def test_what_is_needed_was_played(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = planned()
+
+    def count(plan: ClimbPlan, *args: object, uncertainty: Uncertainty | None = None) -> Judged:
+        few = uncertainty is not None and uncertainty.friction.high == 0.1
+        return judged(plan, 2 if few else 30, 100)
+
+    monkeypatch.setattr(needs, "judge_plan", count)
+    words = needs.needed_to_stand(plan, 0, 100)
+    assert "uncertainty.friction=0.1" in words
+    assert words.endswith("(stands in 98 of 100 worlds then)")
+    monkeypatch.setattr(needs, "judge_plan", lambda plan, *a, **k: judged(plan, 30, 100))
+    assert needs.needed_to_stand(plan, 0, 100).startswith("more than knowing all that is uncertain")

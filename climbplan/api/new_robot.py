@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from climbplan.climb.looks import plan_looks
-from climbplan.climb.proposed import Outcome, file_name, planned_proposal
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.world_sample import WorldSample
+from climbplan.climb.proposed import file_name, planned_proposal
+from climbplan.climb.proposed_outcome import Outcome
+from climbplan.errors import UsageError
 from climbplan.reports.robot_page import robot_page
 from climbplan.robots.urdf.proposal.document import paths, robot_document
 from climbplan.robots.urdf.proposal.proposing import propose, read_tree
+from climbplan.simulation.risk.needs import needed_to_stand
+from climbplan.simulation.risk.sampling import sample_worlds
 from climbplan.walking.proposed import ProposedWalk, walk_proposed
 
+_CHOICE_SEED, _CHOICE_WORLDS = 1_000_003, 100  # of worlds by which postures are chosen
 _TRIANGLES = 800  # of one shape in the pictures of a page
 
 
@@ -49,9 +56,10 @@ def new_robot(
     """
     report("proposing legs, toes and postures")
     found = propose(urdf, toes=toes)
-    made = planned_proposal(found, directory, report)
+    made = planned_proposal(found, directory, report, _sample_for_choice)
     found = made.found
-    outcomes: list[Outcome | ProposedWalk] = list(made.outcomes)
+    report("counting falls in worlds that nothing was chosen by")
+    outcomes: list[Outcome | ProposedWalk] = [_in_fresh_worlds(one) for one in made.outcomes]
     walks = {}
     if made.walks:
         report("planning a walk at speed")
@@ -73,3 +81,21 @@ def new_robot(
     looks = plan_looks(found.draft.robot(), found.robot, _TRIANGLES)
     page = {f"{made.name}.html": robot_page(found, made.brace, badges, looks)}
     return NewRobot(made.name, made.files | walks | page, tuple(notes))
+
+
+def _sample_for_choice(plan: ClimbPlan) -> WorldSample | None:
+    """Count falls in the worlds by which postures are chosen; None for robots of no engine."""
+    try:
+        return sample_worlds(plan, _CHOICE_SEED, _CHOICE_WORLDS)
+    except UsageError:
+        return None
+
+
+def _in_fresh_worlds(outcome: Outcome) -> Outcome:
+    """The outcome with the sample that planning its spec stores, and what it needs to stand."""
+    plan = outcome.plan
+    if plan is None or outcome.sample is None:
+        return outcome
+    sample = sample_worlds(plan, plan.seed)
+    needed = "" if sample.enough else needed_to_stand(plan, _CHOICE_SEED, _CHOICE_WORLDS)
+    return replace(outcome, sample=sample, needed=needed)

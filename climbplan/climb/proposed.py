@@ -9,11 +9,9 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
-import numpy as np
-
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner import plan_climb
+from climbplan.climb.proposed_outcome import NONE_KEPT, Outcome, SampleWorlds
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NoPlanFound, SpecError, UsageError
 from climbplan.robots.urdf.proposal.bending import bending_proposals, standing_in
@@ -32,7 +30,6 @@ from climbplan.spec.loading import load_climb
 _STANDINGS = 4  # standing postures that are planned with
 _TRIED = 8  # bracing postures that are planned with
 _ENOUGH = 0.9  # of its margins: plans that keep less may fall
-_NONE = 0.01  # of its margins: plans that keep no more may fall, motors at their limits
 _BENT = 6  # postures that bend limbs otherwise than the robot stands
 _WALL_ENOUGH = 0.5  # of a transition's, whose stances are fewer to choose from
 _WALL_PLANS = 3  # transitions that are planned to the end, at most
@@ -54,37 +51,6 @@ Document = Callable[[Proposal, str, Posture], str]  # of a robot, its file, and 
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What became of a spec."""
-
-    what: str  # "walks on ground"
-    plan: ClimbPlan | None  # that is verified
-    why: str  # there is none
-    text: str = ""  # of the spec; empty where there is none
-    brace: Posture | None = None  # between its walls
-    bent: Proposal | None = None  # the robot, where its file is another than as it stands
-
-    @property
-    def share(self) -> float:
-        """Of its margins that the plan keeps at its worst instant; -infinity without a plan.
-
-        Below zero where a toe keeps hold though its command lies outside its surface, say.
-        """
-        if self.plan is None:
-            return -np.inf
-        kept = self.plan.forces.margin_share
-        return 1.0 if kept is None else float(kept.min())
-
-    def __str__(self) -> str:
-        if self.plan is None:
-            return f"{self.what}: {self.why}"
-        if self.share > _NONE:
-            return f"{self.what}: verified"
-        worst = "; ".join(self.plan.forces.notes)
-        return f"{self.what}: verified, but may fall: {self.share:.0%} of its margins ({worst})"
-
-
-@dataclass(frozen=True)
 class Proposed:
     """Files by name, and what became of their specs."""
 
@@ -99,9 +65,18 @@ class Proposed:
 class Trials:
     """Specs of a proposed robot, planned in a folder; a folder is for one robot."""
 
-    def __init__(self, found: Proposal, folder: Path) -> None:
-        """Settle on the roomiest of its standing postures in which it walks on ground."""
+    def __init__(
+        self, found: Proposal, folder: Path, sample_worlds: SampleWorlds = lambda plan: None
+    ) -> None:
+        """Settle on the roomiest of its standing postures in which it walks on ground.
+
+        Args:
+            found: The proposed robot.
+            folder: Where robot files and specs are written; of this robot alone.
+            sample_worlds: Counts falls in worlds of a plan, by which postures are chosen.
+        """
         self.folder = folder
+        self._sample_worlds = sample_worlds
         self.name = file_name(found.name)
         self.robot_file = f"{self.name}.yaml"
         self.bracing_file = f"{self.name}_bracing.yaml"
@@ -170,11 +145,12 @@ class Trials:
         return first
 
     def chimney(self, report: Told) -> Outcome:
-        """Up between walls: in the first posture whose plan keeps nearly all of its margins.
+        """Up between walls: in the first posture whose plan stands in nearly all sampled worlds.
 
-        Else in the one that keeps most; where none leads to a plan, or to one that keeps none of
-        its margins, in postures that bend its limbs otherwise than it stands; and where none of
-        these does, the best by the proposal, with its refusal.
+        Where no worlds are sampled, in the first whose plan keeps nearly all of its margins. Else
+        in the one that stands in, or keeps, most; where none leads to a plan, or to one that keeps
+        none of its margins, in postures that bend its limbs otherwise than it stands; and where
+        none of these does, the best by the proposal, with its refusal.
         """
         what, most = "climbs between walls", (_TRIED, _TRIED)
         first = self._braced(what, chimney_document, report, _ENOUGH, most)
@@ -193,7 +169,7 @@ class Trials:
 
         That stays where it is planned, unless toes keep hold with none of their margins.
         """
-        if first.share > _NONE:
+        if first.share > NONE_KEPT and not first.implausible:
             return first
         report(f"planning: {what}, limbs bent otherwise than it stands")
         best: Outcome | None = None
@@ -203,13 +179,13 @@ class Trials:
             (brace,) = found.braces
             text = document(found, file, brace)
             one = replace(self._outcome(what, text, brace), bent=found)
-            if best is None or one.share > best.share:
+            if best is None or one.rank > best.rank:
                 best = one
-            if best.share >= enough:
+            if best.good_enough(enough):
                 break
         if best is None and first.plan is None:
             return replace(first, why=f"{first.why}; nor was any with its limbs bent otherwise")
-        if best is None or (best.share <= first.share and first.text):
+        if best is None or (best.rank <= first.rank and first.text):
             return first
         return best
 
@@ -240,9 +216,9 @@ class Trials:
             report(f"planning: {what}, posture {number}")
             one = self._outcome(what, document(self.found, self.robot_file, posture), posture)
             planned += one.plan is not None
-            if best is None or one.share > best.share:
+            if best is None or one.rank > best.rank:
                 best = one
-            if best.share >= enough or planned == plans:
+            if best.good_enough(enough) or planned == plans:
                 break
         if best is not None:
             return best
@@ -264,18 +240,27 @@ class Trials:
         if not verification.passed:
             why = f"the plan fails its verification: {verification.headline()}"
             return Outcome(what, None, why, text, brace)
-        return Outcome(what, plan, "", text, brace)
+        odd = verification.implausible
+        return Outcome(
+            what, plan, "", text, brace, sample=self._sample_worlds(plan), implausible=odd
+        )
 
 
-def planned_proposal(found: Proposal, directory: Path, report: Told) -> Proposed:
+def planned_proposal(
+    found: Proposal,
+    directory: Path,
+    report: Told,
+    sample_worlds: SampleWorlds = lambda plan: None,
+) -> Proposed:
     """Specs of a proposed robot, each planned by the global method before it is written.
 
-    Paths in the files are for `directory`; report: told what is being done.
+    Paths in the files are for `directory`; report: told what is being done. sample_worlds: counts
+    falls in worlds of a plan, by which postures are chosen.
     """
     soled = found.settled.soles is not None
     with tempfile.TemporaryDirectory() as folder:
         report("planning a walk on flat ground")
-        trials = Trials(found, Path(folder))
+        trials = Trials(found, Path(folder), sample_worlds)
         outcomes = {"ground": trials.ground}
         if not soled:
             outcomes |= {"chimney": trials.chimney(report), "wall": trials.wall(report)}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from climbplan.climb.proposed import Outcome
+from climbplan.climb.proposed_outcome import Outcome
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from climbplan.bench.climb.stands import fares
-from climbplan.climb.proposed import Outcome, Trials
+from climbplan.climb.proposed import Trials
+from climbplan.climb.proposed_outcome import Outcome
 from climbplan.errors import UsageError
 from climbplan.simulation.conditions import NOMINAL
 from climbplan.simulation.walking.comparison import compare_walk

@@ -47,6 +47,12 @@ def robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
         f"structural_compliance_share: {SHARE:g}  # ASSUMED: part of the give that is in links",
         *_rotors(robot),
     ]
+    lines += [
+        "",
+        "# ASSUMED, standard deviations (play: the most there is) of the worlds in which plans are",
+        "# judged.",
+        "uncertainty: {mass: 0.05, joint_stiffness: 0.1, backlash_deg: 0.2}",
+    ]
     if draft.joints:
         lines += ["", "# Where the URDF says nothing that a motor can be, or joints are not alike"]
         lines.append("joints:")

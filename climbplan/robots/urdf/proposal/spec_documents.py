@@ -35,6 +35,12 @@ _ASIDE = 0.12  # of the level distance of a toe from the body: poses beside the 
 _ABOVE_GROUND = 0.05  # [m] of the lowest toe on a wall
 
 
+_UNCERTAIN = """uncertainty:  # ASSUMED, standard deviations of the worlds in which plans are judged
+  friction: 0.2  # of each surface, as a share of its coefficient
+  surface_mm: 3  # how far each surface lies off its place
+"""
+
+
 def ground_document(proposal: Proposal, robot_file: str) -> str:
     """A few steps over flat ground."""
     robot = proposal.robot
@@ -64,7 +70,7 @@ posture:
 
 force: {{safety_friction: {SAFETY:g}}}
 trajectory: {{lift: {min(_LIFT * ball, 0.05):.4f}{_pace(proposal, step)}}}
-seed: 0
+{_UNCERTAIN}seed: 0
 """
 
 
@@ -103,7 +109,7 @@ posture:
 
 force: {{safety_friction: {SAFETY:g}}}
 trajectory: {{lift: {min(_LIFT * ball, 0.05):.4f}}}
-seed: 0
+{_UNCERTAIN}seed: 0
 """
 
 
@@ -159,7 +165,7 @@ posture:
 
 force: {{safety_friction: {SAFETY:g}}}
 trajectory: {{lift: {_OVER_EDGE * stair:.4f}{_pace(proposal, step)}}}
-seed: 0
+{_UNCERTAIN}seed: 0
 """
 
 
@@ -204,7 +210,7 @@ posture:
 search: {{aside: {_ASIDE * away + 0.5 * brace.shift:.3f}, heights: {_WALL_HEIGHTS}}}
 force: {{safety_torque: {torque:.2f}}}
 trajectory: {{lift: {lift:.4f}}}
-seed: 0
+{_UNCERTAIN}seed: 0
 """
 
 

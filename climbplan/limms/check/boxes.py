@@ -96,8 +96,8 @@ def _motion(plan: LimmsPlan, first: int, last: int, worst: Worst) -> None:
     )
     off_v = v[1:] - v[:-1] - h * (a[:-1] + a[1:]) / 2
     off_p = p[1:] - p[:-1] - h * v[:-1] - h**2 * (2 * a[:-1] + a[1:]) / 6
-    worst.look("box.motion", time[1:], np.abs(off_v).max(axis=(1, 2)))
-    worst.look("box.motion", time[1:], np.abs(off_p).max(axis=(1, 2)))
+    worst.look("box.motion", time[1:], np.abs(off_v / h).max(axis=(1, 2)))
+    worst.look("box.motion", time[1:], np.abs(off_p / h).max(axis=(1, 2)))
     at = fine_times(time)
     place, _ = hermite(time, p, v, at)
     box, yaw = place[..., :3], place[..., 3]

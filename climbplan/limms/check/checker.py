@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from climbplan.limms.check.boxes import box_checks
+from climbplan.limms.check.dense import events
 from climbplan.limms.check.kinematics import placed
 from climbplan.limms.check.limits import judge
 from climbplan.limms.check.logic import RULES, broken
@@ -17,7 +18,7 @@ from climbplan.limms.check.masses import mass_checks
 from climbplan.limms.check.motion import motion_checks
 from climbplan.limms.check.spec import spec_checks
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
-from climbplan.limms.scene import Pose
+from climbplan.limms.scene import Array, Pose
 from climbplan.plans.check import Check
 from climbplan.plans.held import held_check
 from climbplan.spec.holding import HeldSpec
@@ -48,6 +49,7 @@ def plan_checks(plan: LimmsPlan, held: HeldSpec | None = None) -> Iterator[Check
     yield from _samples(plan)
     yield from _logic(plan)
     yield _points(plan, module)
+    yield _rates(plan)
     yield from motion_checks(plan, module)
     yield from box_checks(plan, module)
     yield from mass_checks(plan, module)
@@ -129,7 +131,8 @@ def _samples(plan: LimmsPlan) -> Iterator[Check]:
     yield judge("samples.continuous", jump.max(initial=0.0), place)
     # Modes may change only at events
     changes = np.zeros(len(step), bool)
-    for labels in (motion.box_mode, motion.mode, motion.base_anchor, motion.tip_anchor):
+    ends = (motion.base_anchor, motion.tip_anchor, motion.ground_end)
+    for labels in (motion.box_mode, motion.mode, *ends):
         changes |= (np.diff(labels, axis=0) != 0).any(axis=1)
     stray = np.flatnonzero(changes & (step > 0))
     if len(stray):
@@ -142,6 +145,35 @@ def _logic(plan: LimmsPlan) -> Iterator[Check]:
         at = np.flatnonzero(samples)
         place = f"{at_time(plan, int(at[0]))}: {RULES.get(rule, '')}" if len(at) else ""
         yield judge(name, float(len(at)), place)
+
+
+def _rates(plan: LimmsPlan) -> Check:
+    """Check the stored joint velocities against the joint angles."""
+    motion = plan.motion
+    worst, place = 0.0, ""
+    for first, last in events(motion.time):
+        span = slice(first, last + 1)
+        off = _off_rates(motion.time[span], motion.joint_angles[span], motion.joint_velocity[span])
+        k = np.unravel_index(int(np.argmax(off)), off.shape)
+        if not off[k] <= worst:
+            worst = float(off[k])
+            place = f"{at_time(plan, first + int(k[0]) + 1)}: {plan.module_names[int(k[1])]}"
+    return judge("joint.rates", worst, place)
+
+
+def _off_rates(time: Array, angles: Array, rates: Array) -> Array:
+    """Return by how much rates (n, L, 6) are not those of angles, between samples (n - 1, L, 6).
+
+    The mean of two rates is the change of the angle over the time h between them, but for a twelfth
+    of h^2 times the third derivative. Half of the second difference of such changes is let pass.
+    """
+    change = np.diff(angles, axis=0) / np.diff(time)[:, None, None]
+    off = np.abs(change - (rates[1:] + rates[:-1]) / 2)
+    if len(change) < 3:
+        return off
+    bend = np.abs(np.diff(change, n=2, axis=0))
+    near = np.concatenate([bend[:1], bend[:1], bend, bend[-1:], bend[-1:]])
+    return off - 0.5 * np.maximum(np.maximum(near[:-2], near[1:-1]), near[2:])
 
 
 def _points(plan: LimmsPlan, module: ModuleSpec) -> Check:

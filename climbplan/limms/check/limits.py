@@ -23,6 +23,7 @@ LIMITS = {
     "latch.dwell": Limit(1e-6, "s", "a latch stays closed for its dwell time"),
     "joint.range": Limit(1e-6, "rad", "joint angles within their ranges"),
     "joint.speed": Limit(1e-4, "rad/s", "joint speeds within their limit"),
+    "joint.rates": Limit(0.1, "rad/s", "stored joint velocities are those of the angles"),
     "ground.stand": Limit(1e-4, "m", "standing ends are on the ground, upright"),
     "ground.speed": Limit(
         1e-4, "m/s", "modules that drive keep their speed limit, feet stand still"
@@ -34,7 +35,7 @@ LIMITS = {
     "clear.self": Limit(1e-4, "m", "links of a module stay out of each other"),
     "clear.box": Limit(1e-4, "m", "the box stays out of solids and other boxes"),
     "box.motion": Limit(
-        1e-4, "m, rad, and per s", "position, yaw, their rates and accelerations belong together"
+        1e-4, "m, rad, per s, s^2", "position, yaw, their rates and accelerations belong together"
     ),
     "box.dynamics": Limit(1e-4, "N", "m a = sum of forces + weight, unless the box is stable"),
     "box.stable": Limit(1e-6, "m", "a stable box stands still on the ground"),

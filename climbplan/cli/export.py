@@ -90,6 +90,13 @@ def export(
             help="Load ramps before and after the plan [s] [default: 3 with jtc, otherwise 0].",
         ),
     ] = None,
+    unverified: Annotated[
+        bool,
+        typer.Option(
+            "--unverified",
+            help="Also a plan that fails its verification, which the exported files then say.",
+        ),
+    ] = False,
     instances: Annotated[
         Path | None,
         typer.Option(
@@ -126,11 +133,13 @@ def export(
     Without options a CSV: of a climb its trajectory (trajectory.csv), of a bookshelf plan the
     places of all books (placements.csv), of a walk its samples (walk.csv). With another format, a
     rate or gains: the motion with velocities, accelerations and torques. Beside tables of motions
-    stands a JSON file of frames, signs and gains.
+    stands a JSON file of frames, signs and gains. Exit code 5 if the plan fails its verification,
+    unless --unverified is given.
     """
     asked = Asked(rate, gains, feedforward, gravity, ramp)
     if instances is not None:
-        if plan is not None or out is not None or format_ != "csv" or asked != Asked():
+        told = asked != Asked() or unverified
+        if plan is not None or out is not None or format_ != "csv" or told:
             raise UsageError("--instances DIR: no plan and no option of motions goes with it")
         print_result(str(_instances(context, instances, seed, count, force)))
         return
@@ -140,23 +149,26 @@ def export(
         raise UsageError("--seed and --count go with --instances")
     path = find_plan(plan)
     from climbplan.api.kinds import plan_kind
-    from climbplan.cli.unsound import warn_of_failure
+    from climbplan.cli.unsound import mark_unverified, require_verified
 
     kind = plan_kind(path)
-    warn_of_failure(kind, path)
+    remark = require_verified(kind, path, unverified)
     if format_ == "regulator":
-        print_result(str(_regulator(context, path, out, asked, force)))
+        print_result(str(_regulator(context, path, out, asked, force, remark)))
         return
     if format_ != "csv" or asked != Asked():
-        print_result(str(_motion(kind, path, out, format_, asked, force)))
+        print_result(str(_motion(kind, path, out, format_, asked, force, remark)))
         return
     if out == "-":
         with standard_output() as stream:
+            if remark:
+                stream.write(f"# {remark}\n")
             kind.export_csv(path, stream)
         return
     target = Path(out) if out is not None else path.parent / kind.csv_name
     _require_free(target, force)
     kind.export_csv(path, target)
+    mark_unverified(target, remark)
     print_result(str(target))
 
 
@@ -184,8 +196,10 @@ def _regulator(
     out: str | None,
     asked: Asked,
     force: bool,
+    remark: str,
 ) -> Path:
     from climbplan.cli.output_directory import OutputDirectory
+    from climbplan.cli.unsound import mark_unverified
     from climbplan.exports.regulator_files import write_regulator
 
     if out == "-" or asked != Asked(gains=asked.gains):
@@ -196,6 +210,7 @@ def _regulator(
     target = Path(out) if out is not None else path.parent / "regulator"
     with OutputDirectory(target, force) as output:
         took = write_regulator(path, asked.gains, output.path)
+        mark_unverified(output.path, remark)
         output.publish()
     context.ensure_object(Session).note(
         f"a tick takes {1e6 * took.median:.0f} us here (median; 99 %: {1e6 * took.most:.0f} us)"
@@ -210,8 +225,10 @@ def _motion(
     format_: FormatName,
     asked: Asked,
     force: bool,
+    remark: str,
 ) -> Path:
     from climbplan.cli.output_directory import OutputDirectory
+    from climbplan.cli.unsound import mark_unverified, name_unverified
     from climbplan.exports.formats import FORMATS, Told, for_controller, told
 
     if out == "-":
@@ -231,12 +248,15 @@ def _motion(
     motion = told(plan, how)
     for word in motion.words:
         warn(word)
+    motion = name_unverified(motion, remark)
     if chosen.directory:
         with OutputDirectory(target, force) as output:
             chosen.write(motion, output.path)
+            mark_unverified(output.path, remark)
             output.publish()
     else:
         chosen.write(motion, target)
+        mark_unverified(target, remark)
     return target
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from climbplan.api.plan_path import find_plan
-from climbplan.cli.console import Session
+from climbplan.cli.console import Session, warn
 from climbplan.cli.options import Json, Plan, Quiet, Set, Verbose
 from climbplan.cli.solve_problem import ProblemName
 from climbplan.errors import UsageError
@@ -85,4 +85,9 @@ def verify(
     verification = plan_kind(path).verify(path, held)
     if worlds:
         verification = recount_worlds(path, verification)
+    if held is None:
+        from climbplan.plans.verification import stored_differences
+
+        for difference in stored_differences(path, verification):
+            warn(difference)
     tell(verification, as_json)

@@ -11,6 +11,7 @@ import numpy as np
 from climbplan.errors import UnsoundPlan
 from climbplan.plans.check import Check, LeftOut
 from climbplan.plans.check_table import check_table
+from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import amended_store, write_json, write_text
 from climbplan.plans.held import Against
 from climbplan.plans.level import Level, advice_of, level_of
@@ -171,6 +172,33 @@ class Verification:
         """Plain values for JSON."""
         checks = [check.as_dict() for check in self.checks]
         return {"passed": self.passed, "checks": checks, **self.scope()}
+
+
+def stored_differences(path: Path, verification: Verification) -> tuple[str, ...]:
+    """Return in words what a plan file says of its own verification and this one does not.
+
+    Attributes that the file does not have say nothing. Raises PlanFileError for a damaged file.
+    """
+    computed = {
+        "verified": verification.passed,
+        "badge": verification.badge,
+        "verified_in": verification.model,
+        "leaves_out": list(verification.leaves_out),
+        "fragile": list(verification.fragile),
+    }
+    with opened_store(path) as file:
+        reader = Reader(path, file)
+        read = {"verified": reader.flag, "badge": reader.text, "verified_in": reader.text}
+        stored = {
+            name: read.get(name, reader.json)("", name)
+            for name in computed
+            if reader.has_attribute("", name)
+        }
+    return tuple(
+        f"attribute `{name}` of the file is {value!r}, its verification gives {computed[name]!r}"
+        for name, value in stored.items()
+        if value != computed[name]
+    )
 
 
 def mark_verified(path: Path, verification: Verification) -> None:

@@ -16,6 +16,7 @@ from command_line import RunCommand
 
 from climbplan.cli import dependencies
 from climbplan.errors import PlanFileError, UsageError
+from climbplan.plans import verification
 from climbplan.plans.level import Level
 
 
@@ -268,6 +269,7 @@ def plan_directory(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         stand_in = types.ModuleType(module)
         stand_in.__dict__.update(members)
         monkeypatch.setitem(sys.modules, module, stand_in)
+    monkeypatch.setattr(verification, "stored_differences", lambda path, found: ())
     directory = workplace / "outputs"
     (directory / "figures").mkdir(parents=True)
     (directory / "figures" / "old.png").write_text("old")
@@ -323,7 +325,14 @@ def test_report_as_json_writes_nothing(run_command: RunCommand, plan_directory: 
     assert (plan_directory / "report.html").read_text() == "old page"
 
 
-def test_export(run_command: RunCommand, plan_directory: Path, workplace: Path) -> None:
+def test_export(
+    run_command: RunCommand,
+    plan_directory: Path,
+    workplace: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert run_command("export", "outputs").code == 5  # the stand-in fails its verification
+    monkeypatch.setattr(FakeVerification, "passed", True)
     assert run_command("export", "outputs", "--out", "-").out == "time,com_x\n"
     assert run_command("export", "outputs").out == "outputs/trajectory.csv\n"
     assert (plan_directory / "trajectory.csv").read_text() == "time,com_x\n"

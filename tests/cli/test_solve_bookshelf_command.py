@@ -370,7 +370,17 @@ def test_what_fails_its_verification_is_not_passed_on_in_silence(
     run_command("solve-bookshelf", SCENE, "-o", "x")
     with h5py.File("x/plan.h5", "r+") as file:
         file["solution/pose"][0, 0, 0] += 0.02
-    for command in ("export", "report"):
-        outcome = run_command(command, "x")
+    refused = run_command("export", "x")
+    assert (refused.code, refused.out) == (5, "")
+    assert "x/plan.h5 fails its verification" in refused.err
+    assert "--unverified" in refused.err
+    assert not (workplace / "x" / "placements.csv").exists()
+    for command in (("export", "--unverified"), ("report",)):
+        outcome = run_command(*command, "x")
         assert outcome.code == 0
         assert "warning: x/plan.h5 fails its verification" in outcome.err
+    remark, header = (workplace / "x" / "placements.csv").read_text().splitlines()[:2]
+    assert remark.startswith("# NOT VERIFIED: the plan fails its verification: ")
+    assert not header.startswith("#")
+    streamed = run_command("export", "--unverified", "x", "-o", "-")
+    assert streamed.out.splitlines()[:2] == [remark, header]

@@ -14,7 +14,7 @@ from example_climb import Climb
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.file import write_climb
 from climbplan.plans.check import Check, LeftOut, judge, not_compared, unjudged
-from climbplan.plans.verification import Verification, mark_verified
+from climbplan.plans.verification import Verification, mark_verified, stored_differences
 from climbplan.reports.page_parts import check_rows, verdict
 
 GOOD = judge("force.friction", -0.1)
@@ -122,6 +122,31 @@ def test_the_badge_is_in_the_file_and_in_json(plan_file: Path) -> None:
     told = json.loads(json.dumps(found.as_dict(), allow_nan=False))
     assert told["badge"] == found.badge
     assert told["leaves_out"] == list(found.leaves_out)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("badge", "verified"),
+        ("verified_in", ""),
+        ("leaves_out", "[]"),
+        ("fragile", '["round 1"]'),
+        ("verified", np.bool_(False)),
+    ],
+)
+def test_attributes_that_verification_does_not_give_are_told(
+    plan_file: Path, name: str, value: object
+) -> None:
+    found = verify(plan_file)
+    mark_verified(plan_file, found)
+    assert stored_differences(plan_file, found) == ()
+    with h5py.File(plan_file, "r+") as file:
+        file.attrs[name] = value
+    (difference,) = stored_differences(plan_file, found)
+    assert difference.startswith(f"attribute `{name}` of the file is ")
+    with h5py.File(plan_file, "r+") as file:
+        del file.attrs[name]
+    assert stored_differences(plan_file, found) == ()
 
 
 def test_verification_says_which_spec_it_held_the_plan_against(

@@ -28,13 +28,13 @@ def leaves_out_lines(verification: Verification) -> Iterator[str]:
 
 def level_line(verification: Verification) -> str:
     """The level of a plan and what to do with it, in the columns of the lines before it."""
-    return f"{'level':<9} {verification.level.title}: {verification.advice}"
+    return f"{'level':<9} {verification.level.label}: {verification.advice}"
 
 
 def badge_lines(verification: Verification) -> Iterator[str]:
     """What `verify` prints above its table: badge, level, what is left out, and the spec."""
     yield ", ".join(filter(None, (verification.badge, verification.stands)))
-    yield f"{verification.level.title}: {verification.advice}"
+    yield f"{verification.level.label}: {verification.advice}"
     for words in verification.leaves_out:
         yield f"  leaves out: {words}"
     for words in verification.fragile:

@@ -13,7 +13,7 @@ class Level(StrEnum):
     DO_NOT_USE = "do_not_use"
 
     @property
-    def title(self) -> str:
+    def label(self) -> str:
         """The level as people read it: "do not use"."""
         return _TITLES[self]
 

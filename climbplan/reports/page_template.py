@@ -127,7 +127,7 @@ def level_words(report: Mapping[str, Any]) -> tuple[str, str, str]:
     if "level" not in report:
         return "", "", ""
     level = Level(report["level"])
-    return level.title, report["advice"], _LEVEL_COLOURS[level]
+    return level.label, report["advice"], _LEVEL_COLOURS[level]
 
 
 def run_fields(

@@ -122,7 +122,9 @@ def test_standing_limbs_are_measured_at_their_thickness(
     standing: tuple[ClimbScene, Rounds, Instants],
 ) -> None:
     scene, rounds, instants = standing
-    assert limb_shortfall(scene, rounds, instants) is None
+    bare = limb_shortfall(scene, rounds, instants)
+    assert bare is not None
+    assert bare.missing < 0
     last = limb_points(scene, instants.com[-1:], instants.rpy[-1:], rounds.toes[-1:])
     height = float(last[..., 2].max())
     short = limb_shortfall(with_obstacle(scene, lid(height + 0.02)), rounds, instants)

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from climbplan.climb.check.verification import verification_of, verify
-from climbplan.climb.limb_clearance import NARROW, closest_link, narrowed
+from climbplan.climb.limb_clearance import BETWEEN, link_distances, tapered
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.climb.transition.scene import build_transition
 from climbplan.robots.capsules import straight_capsules
+from climbplan.robots.rotations import Array
+from climbplan.terrain.raw_surface import NARROW, SLENDER
 from climbplan.spec.climb.transition_loading import load_transition
 from climbplan.terrain.solids import Solid
 
@@ -44,23 +46,38 @@ def test_nobody_stands_on_a_plain_obstacle_or_beside_its_faces() -> None:
         assert scene.terrain.stood_upon.any() == stands
 
 
-def test_a_tibia_narrows_to_its_toe_only_where_it_stands() -> None:
+UPRIGHT = np.array([[[2.0, 0.5, 1.5], [1.5, 0.5, 1.5], [0.5, 0.5, 1.4], [0.5, 0.5, 1.0]]])
+
+
+def room_on_a_box(limb: Array, radius: float, foot: float = 0.0) -> float:
+    """Of links with joints and toe (1, 4, 3) that may stand on a box of which z = 1 is the top."""
     box = Solid.from_box("box", np.zeros(3), np.ones(3))
-    limb = np.array([[[2.0, 0.5, 1.5], [1.5, 0.5, 1.5], [0.5, 0.5, 1.4], [0.5, 0.5, 1.0]]])
-    axes = straight_capsules(limb, 0.0)
-    assert closest_link((box,), axes, 0.5, np.array([[False]])).distance == pytest.approx(0.0)
-    found = closest_link((box,), axes, 0.5, np.array([[True]]))
-    assert found.distance == pytest.approx(NARROW)
-    assert found.link == 2
-    # Deeper than that a link that stands is as much in the way as any other.
-    low = limb - [0.0, 0.0, 0.3]
-    assert closest_link((box,), straight_capsules(low, 0.0), 0.5, np.array([[True]])).distance < 0
-    thick = closest_link((box,), straight_capsules(limb, 0.02), 0.5, np.array([[True]]))
-    assert thick.distance == pytest.approx(NARROW - 0.02)
-    short = np.array([[0.0, 0, 0.3], [0.1, 0, 0.3], [0.2, 0, 0.01], [0.2, 0, 0.0]])
-    ends = narrowed(straight_capsules(short[None], 0.02))[0]
-    np.testing.assert_array_equal(ends[:2], short[1:3])
-    assert np.isnan(ends[2]).all()  # a tibia shorter than its narrow part has no other
+    links = tapered(straight_capsules(limb, radius), foot)
+    return float(np.nanmin(link_distances(box, links.starts, links.ends) - links.radius))
+
+
+def test_a_tibia_narrows_to_its_toe_where_it_stands() -> None:
+    at_narrow = SLENDER * NARROW - BETWEEN
+    assert room_on_a_box(UPRIGHT, 0.005) == pytest.approx(NARROW - 0.005)
+    assert room_on_a_box(UPRIGHT, 0.02) == pytest.approx(NARROW - at_narrow)
+    # Deeper than that a link that stands is as much in the way as any other
+    assert room_on_a_box(UPRIGHT - [0.0, 0.0, 0.3], 0.02) < 0
+
+
+@pytest.mark.parametrize(("degrees", "kept"), [(12.0, False), (18.0, True)])
+def test_a_tibia_that_lies_along_what_it_stands_on_is_too_near(degrees: float, kept: bool) -> None:
+    slope, toe = np.deg2rad(degrees), UPRIGHT[0, -1]
+    leaning = UPRIGHT.copy()
+    leaning[0, 2] = toe + 0.4 * np.array([np.cos(slope), 0.0, np.sin(slope)])
+    leaning[0, :2] = leaning[0, 2] + [[0.5, 0.0, 0.5], [0.2, 0.0, 0.5]]
+    assert (room_on_a_box(leaning, 0.025) >= BETWEEN) == kept
+
+
+def test_a_spherical_foot_has_the_room_of_its_radius() -> None:
+    lifted = UPRIGHT + [0.0, 0.0, 0.02]  # toes are centres of feet
+    assert room_on_a_box(lifted, 0.01, 0.02) == pytest.approx(0.01)
+    # A thicker link is a cone about the foot
+    assert room_on_a_box(lifted, 0.03, 0.02) == pytest.approx(BETWEEN)
 
 
 @pytest.fixture(scope="module")

@@ -50,17 +50,17 @@ def test_badge_is_plain_only_where_nothing_is_left_out() -> None:
 
 def test_the_level_says_what_to_do_in_one_sentence() -> None:
     fine = Verification((GOOD,))
-    assert (fine.level, fine.level.title, fine.objection) == ("fine", "fine", "")
+    assert (fine.level, fine.level.label, fine.objection) == ("fine", "fine", "")
     fragile = replace(GOOD, fragile="round 1, push: RF: normal force 2.0 of 10.1 N")
     look = Verification((GOOD, fragile, OFF))
-    assert (look.level, look.level.title, look.objection) == ("look", "look at this", "")
+    assert (look.level, look.level.label, look.objection) == ("look", "look at this", "")
     assert "margins are not all kept and it is verified in its model only" in look.advice
     failed = Verification((GOOD, BAD))
     assert failed.level == "do_not_use"
     assert failed.objection.startswith("fails its verification: 1 of 2 checks failed")
     odd = Verification((GOOD,), implausible=("friction 9 of left",))
     assert odd.passed
-    assert (odd.level, odd.level.title) == ("do_not_use", "do not use")
+    assert (odd.level, odd.level.label) == ("do_not_use", "do not use")
     assert odd.objection == "must not be used: implausible: friction 9 of left"
     for found in (fine, look, failed, odd):
         assert "\n" not in found.advice

@@ -34,6 +34,8 @@ def counted(motion: RobotMotion) -> dict[str, int]:
         wanted |= {"/joint_states": samples, "/joint_trajectory": 1}
     if motion.contacts is not None:
         wanted |= {f"/contacts/{name}": samples for name in motion.contacts.names}
+    if motion.latches is not None:
+        wanted["/latches"] = samples
     if motion.surfaces:
         wanted["/surfaces"] = 1
     return wanted
@@ -58,7 +60,7 @@ def test_mcap(plans: dict[str, Path], tmp_path: Path, kind: str) -> None:
         count[topic] = at + 1
         if topic == "/tf":
             times.append(one.log_time_ns)
-            for body, given in zip(motion.bodies, message.transforms, strict=True):
+            for body, given in zip(motion.placed, message.transforms, strict=True):
                 assert given.child_frame_id == body.name
                 place = given.transform.translation
                 assert [place.x, place.y, place.z] == body.position[at].tolist()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from climbplan.climb.plan.world_sample import WorldSample, wilson_interval
 from climbplan.climb.proposed_outcome import Outcome
 
 
@@ -28,3 +29,41 @@ def test_plans_that_keep_none_of_their_margins_may_fall(
     forces = SimpleNamespace(margin_share=share, notes=("torque of RF knee",))
     plan: Any = SimpleNamespace(forces=forces)
     assert str(Outcome("climbs", plan, "")) == words
+
+
+def outcome(share: float, falls: int | None, **other: Any) -> Outcome:
+    plan: Any = SimpleNamespace(forces=SimpleNamespace(margin_share=np.array([share]), notes=()))
+    sample = None
+    if falls is not None:
+        lower, upper = wilson_interval(100 - falls, 100)
+        sample = WorldSample("statics", 0, 100, falls, lower, upper, {}, ("30: a toe slides",))
+    return Outcome("climbs", plan, "", sample=sample, **other)
+
+
+def test_worlds_decide_where_they_were_played() -> None:
+    firm, keeping = outcome(0.4, 1), outcome(1.0, 37)
+    assert firm.rank > keeping.rank
+    assert firm.good_enough(0.9)
+    assert not keeping.good_enough(0.9)
+    assert outcome(1.0, None).good_enough(0.9)
+    assert not outcome(0.8, None).good_enough(0.9)
+    refused = Outcome("climbs", None, "no posture")
+    assert keeping.rank > refused.rank
+    assert not refused.good_enough(0.0)
+
+
+def test_a_plan_that_must_not_be_used_is_the_last_that_is_taken() -> None:
+    odd = outcome(1.0, 0, implausible=("the body sags by 20 degrees",))
+    assert not odd.good_enough(0.9)
+    assert outcome(0.1, 90).rank > odd.rank
+    assert str(odd) == "climbs: do not use: implausible: the body sags by 20 degrees"
+
+
+def test_what_is_said_of_worlds() -> None:
+    words = "of 100 worlds of its uncertainty (95 % interval"
+    assert str(outcome(1.0, 2)) == f"climbs: verified, stands in 98 {words} 93 to 99 %)"
+    falls = str(outcome(1.0, 37, needed="uncertainty.friction=0.1 (stands in 96 then)"))
+    assert falls == (
+        f"climbs: verified, but stands in 63 {words} 53 to 72 %); most frequent: 30: a toe slides"
+        "; needed: uncertainty.friction=0.1 (stands in 96 then)"
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -188,7 +189,11 @@ def stored_differences(path: Path, verification: Verification) -> tuple[str, ...
     }
     with opened_store(path) as file:
         reader = Reader(path, file)
-        read = {"verified": reader.flag, "badge": reader.text, "verified_in": reader.text}
+        read: dict[str, Callable[[str, str], Any]] = {
+            "verified": reader.flag,
+            "badge": reader.text,
+            "verified_in": reader.text,
+        }
         stored = {
             name: read.get(name, reader.json)("", name)
             for name in computed

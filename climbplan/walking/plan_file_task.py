@@ -137,6 +137,11 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
     }
     if not len(ground["height"]):
         raise reader.refuse("ground has no region")
+
+    def number_or_zero(group: str, name: str) -> float:
+        """What plans that were written before they had it do not tell."""
+        return reader.number(group, name) if reader.has_attribute(group, name) else 0.0
+
     count = len(ground["height"])
     ground["slope"], ground["corners"] = np.zeros((count, 2)), np.zeros((count, 0, 2))
     for name, layout in SHAPES.items():
@@ -157,11 +162,8 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
         ground=Ground(
             names=reader.texts("ground/names", GROUND["names"]),
             friction=reader.number("robot", "friction"),
-            **{
-                name: reader.number("ground", name)
-                for name in ("edge", "standoff")
-                if reader.has_attribute("ground", name)
-            },
+            edge=number_or_zero("ground", "edge"),
+            standoff=number_or_zero("ground", "standoff"),
             **ground,
         ),
         knots=len(parts["time"]) - 1,

@@ -146,7 +146,7 @@ def settled_chains(
     """
     found, rests = _settled(chain, toes, alike, command, spring, arm)
     lost = ~rests | (found.missing > _HELD)
-    rows = lost.any(axis=-1)  # (...), some limb of which is lost
+    rows = np.asarray(lost.any(axis=-1))  # (...), some limb of which is lost
     if not rows.any():
         return found
     again, rests = _settled(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from climbplan.errors import UsageError
 from climbplan.plans.check import judge
@@ -48,7 +48,7 @@ def recount_worlds(path: Path, verification: Verification) -> Verification:
     stored = plan.promise or plan.sample
     if stored is None:
         raise UsageError(f"--worlds: {path} {_NO_WORLDS}")
-    engine = "statics" if stored.engine == "statics" else "mujoco"
+    engine: Literal["mujoco", "statics"] = "statics" if stored.engine == "statics" else "mujoco"
     judged = judge_plan(plan, Conditions(), engine, stored.worlds, stored.seed)
     off = abs(judged.falls - stored.falls) / stored.worlds
     words = f"{judged.falls} of {stored.worlds} fall, stored {stored.falls}"

@@ -270,7 +270,7 @@ def links_room(
             pieces = room.reshape(*room.shape[:-1], -1, count)
             room = np.where(np.isnan(pieces), np.inf, pieces).min(axis=-2)
             every[..., rows, number, :] = room
-    unknown = np.isnan(links.starts).any(axis=-1)[..., None, :]
+    unknown = np.asarray(np.isnan(links.starts).any(axis=-1))[..., None, :]
     return np.where(unknown, np.nan, every)
 
 

@@ -135,6 +135,8 @@ def _plan_motion(
     notes: list[str] = []
     failure: _Failure | None = None
     planned = scene
+    step_aside = True  # whether toes are kept farther from what rises beside them
+    before_aside: ClimbScene | None = None  # the scene before that
     more = 0 if scene.terrain.scan is None else _OF_SCANS
     for _ in range(_TIGHTENINGS + more):
         left = deadline - time.monotonic()
@@ -152,6 +154,9 @@ def _plan_motion(
                 except NoPostures as error:
                     if not notes:
                         raise
+                    if before_aside is not None:  # limbs may be moved in place of toes
+                        planned, before_aside, step_aside, posture = before_aside, None, False, None
+                        continue
                     raise _not_found(scene, notes, failure) from error
                 except LimitReached as error:
                     if not notes:
@@ -218,8 +223,9 @@ def _plan_motion(
                         words, because="method nlp is local", stage="posture"
                     ) from None
                 failure = near.blocked
-                apart = _stepping_aside(planned, near.short)
+                apart = _stepping_aside(planned, near.short) if step_aside else None
                 if apart is not None:
+                    before_aside = before_aside or planned
                     planned, posture = apart, None
                     notes.append(f"toes kept farther from {near.short.obstacle!r}: {near}")
                     continue
@@ -259,14 +265,15 @@ def _stepping_aside(scene: ClimbScene, short: LimbShortfall) -> ClimbScene | Non
     """Return the scene with the contact region under a last link that comes too close to a solid
     beside it ending earlier there; None where that is not so, or nothing would be left of it."""
     last = scene.robot.joint_count - 1
-    if short.toe is None or short.link < last or not short.solids:
+    toe = short.toe
+    if toe is None or short.link < last or not short.solids:
         return None
     allowed = np.flatnonzero(scene.terrain.allowed[short.limb])
-    number = int(min(allowed, key=lambda r: scene.terrain.regions[r].distance(short.toe)))
+    number = int(min(allowed, key=lambda r: scene.terrain.regions[r].distance(toe)))
     region = scene.standing[number]
-    away = short.solids[0].vertices.mean(axis=0) - short.toe
+    away = short.solids[0].vertices.mean(axis=0) - toe
     edge = int(np.argmax(region.A @ away))
-    room = float(region.b[edge] - region.A[edge] @ short.toe)
+    room = float(region.b[edge] - region.A[edge] @ toe)
     strip = np.zeros(len(region.b))
     strip[edge] = max(room, 0.0) + max(_ASIDE * short.missing, _LEAST_ASIDE)
     vertices = shrunk(region, strip)

@@ -104,7 +104,7 @@ class WalkSampler:
             words=(*self.words, *self._rate_words(time)),
             facts={"foot_radius": task.ground.standoff, **self._facts()},
             sampler=self,
-            changes=task.step * np.arange(task.knots + 1),
+            changes=np.asarray(task.step * np.arange(task.knots + 1), float),
         )
         if self.joints is None:
             return motion

@@ -182,7 +182,8 @@ def judge_capsules(
     near = [_standing_parts(c, 0.0 if foot is None or foot.sole else foot.radius) for c in capsules]
     axes = np.stack([capsule.axis for capsule in capsules], axis=1)  # (P, C, 2, 3)
     rows: list[Array] = []
-    for solid, stands in zip((*solids, *tubes), _stood_upon(subject), strict=True):
+    every: list[ConvexBody | Tube] = [*solids, *tubes]
+    for solid, stands in zip(every, _stood_upon(subject), strict=True):
         apart = _face_distances(axes, solid)
         for number, capsule in enumerate(capsules):
             close = np.flatnonzero(~(apart[:, number] >= capsule.radius + _TOLD))  # NaN stays

@@ -118,7 +118,7 @@ class Remedy:
 
 
 def _number(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return f"{value:.10g}" if isinstance(value, float) else str(value)  # not to a worse value
 
 
 @dataclass(frozen=True)

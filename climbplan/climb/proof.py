@@ -206,7 +206,7 @@ def no_support(scene: MotionScene) -> Iterator[Conflict]:
         # Three digits, upwards, and a little more: at the least friction forces are boundless
         mu = math.ceil(1e3 * 1.05 * needed * max(r.friction for r in regions)) / 1e3
         same = all(r.friction == scene.spec.terrain.friction for r in regions)
-        remedies.append(Remedy(f"mu > {mu:.3g}", "terrain.friction" if same else "", mu))
+        remedies.append(Remedy(f"mu > {mu:g}", "terrain.friction" if same else "", mu))
     yield Conflict("every round", (text,), tuple(remedies), in_words=True)
 
 

@@ -18,6 +18,7 @@ from climbplan.climb.forces.cones import InstantCones, Name, instant_cones
 from climbplan.climb.forces.conflict import Member, conflicting_members
 from climbplan.climb.forces.solving import SolvedForces
 from climbplan.climb.forces.statement import ForceStatement
+from climbplan.climb.forces.tried_remedies import tried
 from climbplan.climb.plan.climb_plan import Array, Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import Conflict, LimitReached, NotProved, Remedy
@@ -46,9 +47,22 @@ class Amounts:
 class NoForces(NotProved):
     """Instants of postures that the planner chose have no admissible contact forces."""
 
-    def __init__(self, message: str, conflicts: list[Conflict], unsteady: bool) -> None:
+    def __init__(
+        self,
+        message: str,
+        conflicts: list[Conflict],
+        unsteady: bool,
+        whole: tuple[Remedy, ...] | None = None,
+    ) -> None:
+        """whole: remedies of all instants together; None where one instant alone has no forces."""
         self.unsteady = unsteady  # the stability of the braced body takes part in every conflict
+        self._whole = whole
         super().__init__(message, conflicts, because=CHOSEN, stage="force")
+
+    @property
+    def remedies(self) -> tuple[Remedy, ...]:
+        """Those with which all instants have forces: what mends one of them is not enough."""
+        return super().remedies if self._whole is None else self._whole
 
 
 def explain(
@@ -87,6 +101,8 @@ def explain(
             unsteady &= any(member.name == "static.stability" for member in members)
             amounts = _amounts(cones, load, None)
             remedies = _remedies(scene, statement, amounts)
+            if len(infeasible) == 1 and not len(unbalanced):
+                remedies = tried(scene, instants, remedies)
             words = _constraints(members, cones, statement, int(k))
             found = Conflict(where, tuple(words.values()), remedies, names=tuple(words))
             conflicts.append(found)
@@ -96,11 +112,16 @@ def explain(
             worst = _worse(worst, _amounts(cones, load, worst))
     count = len(infeasible) + len(unbalanced)
     message = f"{count} of {instants.count} instants have no admissible contact forces"
-    if count > 1 and worst is not None and (cures := _remedies(scene, statement, worst)):
-        message += f"; all have with {' or '.join(map(str, cures))}"
+    whole: tuple[Remedy, ...] | None = None
+    if count > 1:
+        whole = ()
+        if worst is not None:
+            whole = tried(scene, instants, _remedies(scene, statement, worst))
+        if whole:
+            message += f"; all have with {' or '.join(map(str, whole))}"
     if count > len(conflicts[:LISTED]):
         message += f"; the first {LISTED}:"
-    return NoForces(message, conflicts[:LISTED], unsteady)
+    return NoForces(message, conflicts[:LISTED], unsteady, whole)
 
 
 def fragile_notes(

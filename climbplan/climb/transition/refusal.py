@@ -193,9 +193,10 @@ def _refusal(
             f"and has {slip.available:.2f} / S_mu {asked:g} = {slip.available / asked:.2f}"
         )
     if factor >= 1:
-        remedies.append(Remedy(f"S_mu <= {factor:.3g}", "force.safety_friction", factor))
+        safety = float(np.floor(1e2 * factor)) / 1e2
+        remedies.append(Remedy(f"S_mu <= {safety:g}", "force.safety_friction", safety))
     remedies += _rougher(scene, {_surface_name(lab, s.limb, row) for s in slips}, asked / factor)
-    remedies.append(Remedy(f"friction {asked / factor:.2f} times as high"))
+    remedies.append(Remedy(f"friction {np.ceil(1e2 * asked / factor) / 1e2:.2f} times as high"))
     return Conflict(where, tuple(words) or ("friction",), tuple(remedies), in_words=bool(words))
 
 
@@ -238,5 +239,5 @@ def _rougher(scene: TransitionScene, surfaces: set[str], times: float) -> Iterat
     if surfaces - {box.name for box in own.values() if box.friction is not None}:
         rougher["terrain.friction"] = terrain.friction
     for key, friction in rougher.items():
-        value = np.ceil(1e3 * times * friction) / 1e3
-        yield Remedy(f"mu of {value:.3g}", key, float(value))
+        value = float(np.ceil(1e3 * times * friction)) / 1e3
+        yield Remedy(f"mu of {value:g}", key, value)

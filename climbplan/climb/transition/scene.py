@@ -148,8 +148,8 @@ def _require_reach(scene: TransitionScene, name: str, stance: Stance) -> None:
         shortest = _widest_gap(scene, stance)
         cure: tuple[Remedy, ...] = ()
         if walls is not None and shortest:
-            words = f"walls {shortest:.3f} m apart"
-            cure = (Remedy(words, "terrain.walls.gap", round(shortest, 3)),)
+            gap = float(np.floor(1e3 * shortest)) / 1e3
+            cure = (Remedy(f"walls {gap:.3f} m apart", "terrain.walls.gap", gap),)
         raise NotProved(
             f"{error}{hint}",
             [Conflict(name, (f"reach of {error.limb}",), cure)],

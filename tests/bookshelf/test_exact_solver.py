@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from bookshelf_scenes import PUBLISHED, random_theta
 from exact_cases import non_trivial, require_valid
 
 from climbplan.bookshelf.answer import SceneAnswer
+from climbplan.bookshelf.exact import method
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
+from climbplan.bookshelf.exact.search import PAUSED
 from climbplan.bookshelf.scene import Scene, Scenes, Shelf, State
 from climbplan.errors import UsageError
 
@@ -175,3 +178,39 @@ def test_one_solver_solves_shelves_of_all_sizes_again_and_again() -> None:
     first = [solver.solve(scene).objective for scene in scenes]
     again = [solver.solve(scene).objective for scene in reversed(scenes)]
     assert first == again[::-1]
+
+
+def test_the_clock_is_looked_at_between_nodes_that_take_long(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Nodes of 0.05 s by a clock of the test's own: the search ends two nodes late at most."""
+    now, step = [0.0], 0.05
+
+    def slow(*arguments: Any) -> int:
+        now[0] += step * arguments[-1]
+        return PAUSED
+
+    monkeypatch.setattr(method, "advance", slow)
+    monkeypatch.setattr(method.time, "perf_counter", lambda: now[0])
+    solver = ExactSolver(SHELF, ExactLimits(time=1.0))
+    tree, finished = solver._search(method.build_problem(_many(60), SHELF), 0.01, 1e-4, 1.0)
+    assert not finished
+    assert 1.0 < now[0] <= 1.0 + 2 * step
+    assert tree.tally[method.UNUSED] < len(tree.pool) - 2 * 61  # placements side by side are in it
+
+
+def test_a_tree_has_room_for_placements_of_many_books(monkeypatch: pytest.MonkeyPatch) -> None:
+    books = 8
+    monkeypatch.setattr(method, "_CAPACITY", 4)  # fewer than there are roots
+    monkeypatch.setattr(method, "advance", lambda *arguments: PAUSED)
+    solver = ExactSolver(SHELF, ExactLimits(time=0.0))
+    tree, _ = solver._search(method.build_problem(_many(books), SHELF), 0.01, 1e-4, 0.0)
+    assert 0 <= tree.tally[method.UNUSED] <= len(tree.pool) - 2 * (books + 1)
+
+
+def _many(count: int) -> Scene:
+    """Thin books side by side."""
+    width = 0.002
+    centre = SHELF.left + width * (np.arange(count) + 0.5)
+    pose = np.column_stack([centre, np.full(count, 0.03), np.zeros(count)])
+    return Scene(pose, np.tile([0.06, width], (count, 1)), np.array([0.06, width]))

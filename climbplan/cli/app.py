@@ -11,6 +11,7 @@ import signal
 import sys
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -228,7 +229,19 @@ def _invoke(arguments: Sequence[str], session: Session) -> int:
 
 def main() -> NoReturn:
     """Entry point of the command line."""
-    sys.exit(supervised(lambda: int(run()), _answer_for_killed))
+    sys.exit(supervised(_run_and_leave, _answer_for_killed))
+
+
+def _run_and_leave() -> int:
+    """Run the command line; end at once where a solver was left to itself, which may still run."""
+    code = int(run())
+    interruption = sys.modules.get("climbplan.solvers.interruption")
+    if interruption is not None and interruption.has_left_solver():
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(code)
+    return code
 
 
 def _answer_for_killed(code: int, words: str) -> None:

@@ -21,6 +21,8 @@ import casadi as ca
 
 Answer = TypeVar("Answer")
 _LOOK = 0.1  # [s] between looks at signals, and at whether to leave a solver behind
+_SOON = 0.005  # [s] between looks about a deadline
+_GRACE = 0.1  # [s] for a solver to stop at its deadline
 _PATIENCE = 0.5  # [s] with solvers that cannot be stopped
 _MUCH_WORK = 20_000  # entries of matrices: tens of milliseconds
 
@@ -57,13 +59,19 @@ def interruptible(stop: Callable[[], None]) -> Iterator[None]:
 
 
 def run_aside(
-    solve: Callable[[], object], stop: Callable[[], None], patience: float = math.inf
-) -> None:
+    solve: Callable[[], object],
+    stop: Callable[[], None],
+    patience: float = math.inf,
+    deadline: float = math.inf,
+) -> bool:
     """Run a solver that lets go of Python in a thread, so that this one sees signals meanwhile.
 
     Ctrl-C and SIGTERM call `stop`, which must be safe while the solver runs, and are passed on
     once the solver has returned, or after `patience` [s]: then it is left to itself, and nothing
     that it works on may be used again. Raises what `solve` raises.
+
+    deadline: `time.monotonic` [s] at which `stop` is called too, and the solver left to itself if
+    it has not returned `_GRACE` later. Returns whether it has returned.
     """
     failed: list[BaseException] = []
     leave_at = math.inf
@@ -84,13 +92,19 @@ def run_aside(
         done = thread.begin(run)
         # Never without end: a signal between Python's look at them and the wait would be seen when
         # the solver is through
-        while not done.wait(_LOOK):
+        has_returned = False
+        while not (has_returned := done.wait(min(_LOOK, max(deadline - time.monotonic(), _SOON)))):
             _take_ctrl_c_back()
+            if time.monotonic() > deadline:
+                deadline = math.inf
+                leave_at = min(leave_at, time.monotonic() + _GRACE)
+                stop()
             if time.monotonic() > leave_at:
                 _leave(thread)
                 break
     if failed:
         raise failed[0]
+    return has_returned
 
 
 def _take_ctrl_c_back() -> None:
@@ -152,6 +166,7 @@ class _SolverThread(threading.Thread):
 
 
 _thread: _SolverThread | None = None
+_num_left = 0  # solvers that were left to themselves
 _starting = threading.Lock()
 
 
@@ -167,11 +182,17 @@ def _solver_thread() -> _SolverThread:
 
 def _leave(thread: _SolverThread) -> None:
     """The next solver that runs aside gets a thread of its own."""
-    global _thread
+    global _thread, _num_left
     with _starting:
         thread.left = True
+        _num_left += 1
         if _thread is thread:
             _thread = None
+
+
+def has_left_solver() -> bool:
+    """Return whether a solver may still run: then the process must not wait for its libraries."""
+    return _num_left > 0
 
 
 class Deadline(ca.Callback):

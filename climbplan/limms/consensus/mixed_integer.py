@@ -252,6 +252,8 @@ class MixedInteger:
 
         most: how often HiGHS may look up; with frozen integers, iterations of the simplex method.
         deadline: `time.monotonic` [s] at which it stops where it is.
+
+        Raises LimitReached where HiGHS does not stop there.
         """
         began = time.perf_counter()
         left = max(deadline - time.monotonic(), 0.1)
@@ -262,7 +264,8 @@ class MixedInteger:
             solution = highspy.HighsSolution()
             solution.col_value = list(start)
             self._solver.setSolution(solution)
-        run_highs(self._solver, most if not self._frozen else np.inf, _PATIENCE)
+        looks = most if not self._frozen else np.inf
+        run_highs(self._solver, looks, _PATIENCE, time.monotonic() + left)
         status = self._solver.getModelStatus()
         solution = self._solver.getSolution()
         info = self._solver.getInfo()

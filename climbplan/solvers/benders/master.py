@@ -7,6 +7,7 @@ tolerances are then shares of what is still to be proved.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +18,7 @@ from scipy import sparse
 
 from climbplan.program.polytope import Array
 from climbplan.solvers.benders.cuts import Planes
-from climbplan.solvers.highs.model import highs, linear_model, run_highs
+from climbplan.solvers.highs.model import LeftBehind, highs, linear_model, run_highs
 from climbplan.solvers.mixed_integer.conditional import Conditional
 from climbplan.solvers.mixed_integer.numbers import MixedIntegerProgram
 
@@ -96,7 +97,10 @@ class Master:
         solver.setOptionValue("mip_rel_gap", gap)
         if np.isfinite(time_limit):
             solver.setOptionValue("time_limit", solver.getRunTime() + max(time_limit, 0.0))
-        run_highs(solver)
+        try:
+            run_highs(solver, deadline=time.monotonic() + time_limit)
+        except LeftBehind:
+            return MasterAnswer(None, self._least, False, 0)
         status, info = solver.getModelStatus(), solver.getInfo()
         nodes = max(int(info.mip_node_count), 0)
         if status == highspy.HighsModelStatus.kInfeasible:

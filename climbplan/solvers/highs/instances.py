@@ -23,7 +23,13 @@ from climbplan.program.box import propagated_box
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Array
 from climbplan.solvers.convex.sessions import solve_convex
-from climbplan.solvers.highs.model import highs, linear_model, quadratic_model, run_highs
+from climbplan.solvers.highs.model import (
+    LeftBehind,
+    highs,
+    linear_model,
+    quadratic_model,
+    run_highs,
+)
 from climbplan.solvers.result import Answer, SolverResult, judged, relative_gap
 from climbplan.solvers.separable_cost import SeparableCost, separable_cost
 from climbplan.solvers.weak_duality import weak_dual
@@ -51,6 +57,7 @@ class _Linear:
     infeasible: bool
     nodes: int
     note: str
+    is_left: bool = False  # nothing may be done with the solver any more
 
 
 def solve_highs(
@@ -119,9 +126,15 @@ def _whole_model(instance: Instance) -> Any:
     return quadratic_model(lp, instance.P) if instance.P.count_nonzero() else lp
 
 
-def _run(solver: Any, mixed: bool) -> _Linear:
-    """Solve what the solver holds; its word counts only with a clean return code and status."""
-    code = run_highs(solver)
+def _run(solver: Any, mixed: bool, left: float = np.inf) -> _Linear:
+    """Solve what the solver holds; its word counts only with a clean return code and status.
+
+    left: [s] after which a mixed-integer search is left behind.
+    """
+    try:
+        code = run_highs(solver, deadline=time.monotonic() + left if mixed else np.inf)
+    except LeftBehind as behind:
+        return _Linear(behind.x, None, behind.bound, False, 0, f"HiGHS: {behind}", True)
     status = solver.getModelStatus()
     note = f"HiGHS {solver.version()}: {solver.modelStatusToString(status)}"
     if code == highspy.HighsStatus.kError:
@@ -221,7 +234,7 @@ def _outer_approximation(
     best, bound, nodes, note = np.inf, -np.inf, 0, ""
     tried: set[bytes] = set()
     rounds = 0
-    infeasible = False
+    infeasible = is_left = False
     while rounds < _ROUNDS:
         rounds += 1
         left = time_limit - (time.perf_counter() - begin)
@@ -229,9 +242,9 @@ def _outer_approximation(
             break
         if np.isfinite(left):
             solver.setOptionValue("time_limit", float(solver.getRunTime() + left))
-        found = _run(solver, mixed=bool(instance.integer.any()))
+        found = _run(solver, bool(instance.integer.any()), left)
         nodes += found.nodes
-        note = found.note
+        note, is_left = found.note, found.is_left
         if found.infeasible:
             # Tangents cut off no incumbent: with one, this is rounding and proves nothing.
             infeasible = incumbent is None
@@ -247,7 +260,7 @@ def _outer_approximation(
                 continue
             if (value := instance.objective(candidate)) < best:
                 incumbent, best = candidate, value
-        if linear or relative_gap(best, bound) <= gap:
+        if linear or is_left or relative_gap(best, bound) <= gap:
             break
         for point in (x, completed):
             if point is not None:
@@ -260,7 +273,8 @@ def _outer_approximation(
             start.col_value = list(np.concatenate([incumbent, heights]))
             solver.setSolution(start)
     spent = time.perf_counter() - begin
-    log = (note, f"{rounds} linear programs, {solver.getNumRow()} rows")
+    count = "" if is_left else f", {solver.getNumRow()} rows"
+    log = (note, f"{rounds} linear programs{count}")
     return Answer(incumbent, bound, infeasible, nodes, spent, NAME, log)
 
 

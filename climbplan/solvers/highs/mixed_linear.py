@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 import highspy
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from climbplan.program.polytope import Array
 from climbplan.solvers.highs.linear import LinearProgram
-from climbplan.solvers.highs.model import highs, run_highs
+from climbplan.solvers.highs.model import LeftBehind, highs, run_highs
 
 _FEASIBLE_POINT = 2  # HiGHS's kSolutionStatusFeasible
 
@@ -52,7 +53,11 @@ def solve_mixed_linear(
         point = highspy.HighsSolution()
         point.col_value = list(start)
         solver.setSolution(point)
-    code = run_highs(solver)
+    try:
+        code = run_highs(solver, deadline=time.monotonic() + time_limit)
+    except LeftBehind as behind:
+        cost = np.inf if behind.x is None else float(program.cost @ behind.x)
+        return MixedLinearAnswer(behind.x, cost, behind.bound, False)
     infeasible = solver.getModelStatus() == highspy.HighsModelStatus.kInfeasible
     info, solution = solver.getInfo(), solver.getSolution()
     usable = info.primal_solution_status == _FEASIBLE_POINT and solution.value_valid

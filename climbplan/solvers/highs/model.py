@@ -5,6 +5,7 @@ Rows, bounds, binaries; a quadratic cost only without binaries.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import highspy
@@ -12,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.errors import LimitReached
 from climbplan.program.linear_rows import LinearRows
 from climbplan.program.polytope import Array
 from climbplan.solvers.interruption import interruptible, run_aside, run_deaf
 
+_OVERRUN = 0.05  # [s] beyond the time limit that HiGHS keeps by itself nearly always
 _FEASIBILITY = 1e-9  # of rows and of integrality: incumbents are checked by us to 1e-6
 
 
@@ -40,7 +43,35 @@ def highs(time_limit: float = np.inf, gap: float = 0.0) -> Any:
     return solver
 
 
-def run_highs(solver: Any, looks: float = np.inf, patience: float = np.inf) -> Any:
+class LeftBehind(LimitReached):
+    """HiGHS did not stop at its deadline, as within a heuristic, and was left to itself.
+
+    x, bound: of its last incumbent. Nothing may be done with the solver any more.
+    """
+
+    def __init__(self, x: Array | None, bound: float) -> None:
+        super().__init__("HiGHS did not stop at its time limit", stage="solve")
+        self.x, self.bound = x, bound
+
+
+@dataclass
+class _Incumbent:
+    """What a mixed-integer search has told so far."""
+
+    x: Array | None = None
+    bound: float = -np.inf
+
+    def learn(self, event: Any) -> None:
+        self.x = np.array(event.data_out.mip_solution)
+        self.bound = float(event.data_out.mip_dual_bound)
+
+
+def run_highs(
+    solver: Any,
+    looks: float = np.inf,
+    patience: float = np.inf,
+    deadline: float = np.inf,
+) -> Any:
     """Solve what it holds, and return HiGHS's code; Ctrl-C and SIGTERM end it and are passed on.
 
     looks: how often a mixed-integer search may look up before it is stopped (status `kInterrupt`).
@@ -49,6 +80,9 @@ def run_highs(solver: Any, looks: float = np.inf, patience: float = np.inf) -> A
     after a signal until it is left behind, for searches that may be within a heuristic, which does
     not look up: nothing may be done with `solver` then. Quadratic programs HiGHS solves without
     looking up: a large one is left behind.
+
+    deadline: `time.monotonic` [s] of a mixed-integer search, which looks at its time limit no more
+    often. Raises LeftBehind where it does not stop.
     """
     if entries := solver.getHessianNumNz():
         return run_deaf(solver.run, entries + solver.getNumNz())
@@ -74,18 +108,27 @@ def run_highs(solver: Any, looks: float = np.inf, patience: float = np.inf) -> A
         (solver.cbSimplexInterrupt, look),
         (solver.cbIpmInterrupt, look),
     )
+    told = _Incumbent()
+    if np.isfinite(deadline):
+        watched = (*watched, (solver.cbMipImprovingSolution, told.learn))
     for moment, watcher in watched:
         moment.subscribe(watcher)
+    has_returned = True
     try:
-        if np.isinf(patience):
+        if np.isinf(patience) and np.isinf(deadline):
             with interruptible(stop):
                 return solver.run()
         codes: list[Any] = []
-        run_aside(lambda: codes.append(solver.run()), stop, patience)
+        has_returned = run_aside(
+            lambda: codes.append(solver.run()), stop, patience, deadline + _OVERRUN
+        )
+        if not codes:
+            raise LeftBehind(told.x, told.bound)
         return codes[0]
     finally:
-        for moment, watcher in watched:
-            moment.unsubscribe(watcher)
+        if has_returned:
+            for moment, watcher in watched:
+                moment.unsubscribe(watcher)
 
 
 def linear_model(

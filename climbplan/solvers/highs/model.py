@@ -103,14 +103,14 @@ def run_highs(
         if stopping or looked > looks:
             event.interrupt()
 
-    watched = (
+    watched = [
         (solver.cbMipInterrupt, count),
         (solver.cbSimplexInterrupt, look),
         (solver.cbIpmInterrupt, look),
-    )
+    ]
     told = _Incumbent()
     if np.isfinite(deadline):
-        watched = (*watched, (solver.cbMipImprovingSolution, told.learn))
+        watched.append((solver.cbMipImprovingSolution, told.learn))
     for moment, watcher in watched:
         moment.subscribe(watcher)
     has_returned = True

@@ -94,6 +94,10 @@ def solve_micp(
             relaxed = _relaxed(problem, cut, box, options, number)
         else:
             relaxed = _disjoined(form.at(replace(instance, smooth=None)), options)
+        left = time_limit - (time.perf_counter() - begin)
+        if left <= 0:
+            log.append(f"round {number + 1}: the time was over when its program was made")
+            break
         found = _solve(relaxed.instance, options.solver, _INNER_GAP * gap, left)
         nodes += found.nodes
         empty = relaxed.relaxation and found.status == "infeasible"

@@ -106,6 +106,11 @@ class Task:
         """Time that is left [s], a little of it always."""
         return max(self.settings.time_limit - (time.perf_counter() - self.begin), _LEAST_SHARE)
 
+    @property
+    def is_late(self) -> bool:
+        """Whether the time is over."""
+        return time.perf_counter() - self.begin > self.settings.time_limit
+
     def guess(self) -> Array | None:
         """The problem's own start (n,)."""
         return self.problem.start_point(self.theta, middle(self.instance))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from climbplan.errors import UsageError
+import numpy as np
+
+from climbplan.errors import LimitReached, UsageError
 from climbplan.methods.envelope_rounds import (
     MICP_SOLVERS,
     default_partitions,
@@ -92,7 +94,13 @@ def micp(task: Task) -> Outcome:
         options = replace(options, solver=settings.solver)
     grid, form, plain = options.grid, None, replace(task.instance, smooth=None)
     if grid is not None:
-        form = task.kept.once("envelopes on the grid", lambda: grid.form(plain))
+        try:
+            form = task.kept.once(
+                "envelopes on the grid", lambda: grid.form(plain, lambda: task.is_late)
+            )
+        except LimitReached as late:
+            answer = Answer(None, -np.inf, False, 0, settings.time_limit, "micp", (str(late),))
+            return Outcome(judged(task.instance, answer, settings.gap, settings.tolerance), "", 0)
     found = solve_micp(
         task.problem, task.instance, options, settings.gap, task.left, settings.tolerance, form
     )

@@ -10,12 +10,13 @@ anywhere. Without a partition, the envelope on the variables' bounds is four row
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from climbplan.errors import UsageError
+from climbplan.errors import LimitReached, UsageError
 from climbplan.program.instance import Index, Instance, Products
 from climbplan.program.polytope import Array
 from climbplan.reformulations.base import Reformulated, Reformulation
@@ -147,8 +148,11 @@ class McCormick(Reformulation[Enveloped]):
         """Raises UsageError if a factor has neither a partition nor bounds."""
         return self.form(instance).at(instance)
 
-    def form(self, instance: Instance) -> EnvelopeForm:
-        """Everything that does not depend on the instance's rows, to be used for many instances."""
+    def form(self, instance: Instance, is_late: Callable[[], bool] = lambda: False) -> EnvelopeForm:
+        """Everything that does not depend on the instance's rows, to be used for many instances.
+
+        is_late: whether the time is over. Raises LimitReached once it is.
+        """
         box = factor_bounds(instance, self.partitions, self.unbounded)
         low, high = box.lower, box.upper
         n, K = instance.size, instance.products.count
@@ -181,6 +185,8 @@ class McCormick(Reformulation[Enveloped]):
         plain = []
         places = self._places()
         for product in range(K):
+            if is_late():
+                raise LimitReached("the time was over before the envelopes were made")
             found = self._cells(instance.products, product, places, low, high, column)
             if found is None:
                 plain.append(product)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,11 @@ from scipy import sparse
 from test_highs import knapsack
 
 from climbplan.errors import LimitReached
+from climbplan.methods.envelope_rounds import EnvelopeOptions
+from climbplan.methods.table import solve_instance
+from climbplan.methods.task import MethodSettings
+from climbplan.program import Problem, Program
+from climbplan.reformulations.mccormick import McCormick
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.solvers import interruption
 from climbplan.solvers.highs import instances
@@ -105,3 +111,20 @@ def test_nothing_is_built_for_ipopt_after_its_deadline(monkeypatch: pytest.Monke
     point = minimise(None, np.zeros(0), bounds, np.array([-1.0, 0.5]), past)  # type: ignore[arg-type]
     assert point.v.tolist() == [0.0, 0.5]
     assert not point.success
+
+
+def test_envelopes_that_take_long_to_make_end_with_the_time() -> None:
+    program = Program("product")
+    x = program.continuous("x", (2,), 0.0, 1.0)
+    program.between("product", np.array([x[0] * x[1]]), 0.25, 1.0)
+    program.minimise("sum", x.sum())
+    problem = Problem("product", program)
+    grid = McCormick.on({0: [[0.0, 0.5], [0.5, 1.0]]})
+    with pytest.raises(LimitReached, match="before the envelopes were made"):
+        grid.form(problem.instance({}), lambda: True)
+    settings = MethodSettings(time_limit=0.0, envelopes=EnvelopeOptions(grid=grid))
+    late = solve_instance(problem, {}, "micp", settings)
+    assert (late.result.status, late.result.x) == ("limit", None)
+    assert (
+        solve_instance(problem, {}, "micp", replace(settings, time_limit=20.0)).result.x is not None
+    )

@@ -6,6 +6,8 @@ process of its own, which is ended when its time is over. On nonconvex programs 
 
 from __future__ import annotations
 
+import ctypes
+import signal
 import subprocess
 import sys
 import tempfile
@@ -26,6 +28,7 @@ NAME = "bonmin"
 _GRACE = 0.05  # of the time limit, beyond it: for Bonmin's last node
 _LOOK = 0.01  # [s] between looks at the process
 _PROGRAM, _NUMBERS, _ANSWER = "program.casadi", "numbers.npz", "answer.npy"
+_DIE_WITH_PARENT = 1  # prctl's PR_SET_PDEATHSIG
 _BEGUN, _ERRORS = "begun", "errors.txt"
 
 
@@ -114,7 +117,12 @@ def _run(folder: Path, deadline: float) -> tuple[Array | None, str]:
 
 
 def _child(folder: Path) -> None:
-    """In the process of its own: solve what the folder holds and leave the answer there."""
+    """In the process of its own: solve what the folder holds and leave the answer there.
+
+    It ends with the process that started it, however that ends.
+    """
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL, 0, 0, 0)
     given = np.load(folder / _NUMBERS)
     program = ca.Function.load(str(folder / _PROGRAM))
     v = ca.SX.sym("v", len(given["start"]))

@@ -216,6 +216,11 @@ def test_dask_makes_the_same_rows(folder: Path, undisturbed: Path) -> None:
     assert_undisturbed(folder, undisturbed)
 
 
+def has_child(pid: int) -> bool:
+    """Whether a process runs another one, as Bonmin for a row."""
+    return any(path.read_text() for path in Path(f"/proc/{pid}/task").glob("*/children"))
+
+
 @contextmanager
 def running_cluster(
     folder: Path, port: int
@@ -267,7 +272,7 @@ def test_dask_workers_end_with_a_killed_scheduler(folder: Path) -> None:
     )
     with running_cluster(folder, 18787) as (address, scheduler, workers):
         run = start(folder, "--scheduler", address)
-        time.sleep(15.0)
+        wait_for(lambda: any(has_child(worker.pid) for worker in workers), 120.0)
         scheduler.kill()
         killed = time.monotonic()
         wait_for(lambda: all(worker.poll() is not None for worker in workers), 5.0)

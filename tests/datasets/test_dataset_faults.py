@@ -216,9 +216,11 @@ def test_dask_makes_the_same_rows(folder: Path, undisturbed: Path) -> None:
     assert_undisturbed(folder, undisturbed)
 
 
-def has_child(pid: int) -> bool:
-    """Whether a process runs another one, as Bonmin for a row."""
-    return any(path.read_text() for path in Path(f"/proc/{pid}/task").glob("*/children"))
+def is_at_row(pid: int) -> bool:
+    """Whether a worker runs Bonmin for a row, in a process of its own."""
+    lists = Path(f"/proc/{pid}/task").glob("*/children")
+    children = [child for path in lists for child in path.read_text().split()]
+    return any("bonmin" in Path(f"/proc/{child}/cmdline").read_text() for child in children)
 
 
 @contextmanager
@@ -272,7 +274,7 @@ def test_dask_workers_end_with_a_killed_scheduler(folder: Path) -> None:
     )
     with running_cluster(folder, 18787) as (address, scheduler, workers):
         run = start(folder, "--scheduler", address)
-        wait_for(lambda: any(has_child(worker.pid) for worker in workers), 120.0)
+        wait_for(lambda: all(is_at_row(worker.pid) for worker in workers), 120.0)
         scheduler.kill()
         killed = time.monotonic()
         wait_for(lambda: all(worker.poll() is not None for worker in workers), 5.0)

@@ -45,7 +45,7 @@ def _holds(scene: MotionScene, instants: Instants, remedy: Remedy) -> bool:
         instants = replace(instants, mu=np.full_like(instants.mu, value))
     elif remedy.key == "task.payload.mass":
         payload = spec.task.payload.model_copy(update={"mass": value})
-        task = spec.task.model_copy(update={"payload": payload})
+        task = cast(Any, spec.task).model_copy(update={"payload": payload})
         scene = _with_spec(scene, task=task)
         load = load_wrench(scene.spec, scene.robot, instants.rpy)
         instants = replace(instants, external_wrench=load)

@@ -103,7 +103,7 @@ def run_highs(
         if stopping or looked > looks:
             event.interrupt()
 
-    watched = [
+    watched: list[tuple[Any, Callable[[Any], None]]] = [
         (solver.cbMipInterrupt, count),
         (solver.cbSimplexInterrupt, look),
         (solver.cbIpmInterrupt, look),

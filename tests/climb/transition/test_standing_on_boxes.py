@@ -16,8 +16,8 @@ from climbplan.climb.transition.planner import plan_transition
 from climbplan.climb.transition.scene import build_transition
 from climbplan.robots.capsules import straight_capsules
 from climbplan.robots.rotations import Array
-from climbplan.terrain.raw_surface import NARROW, SLENDER
 from climbplan.spec.climb.transition_loading import load_transition
+from climbplan.terrain.raw_surface import NARROW, SLENDER
 from climbplan.terrain.solids import Solid
 
 BRICKS = Path(__file__).parents[3] / "specs" / "transition_bricks.yaml"

@@ -21,6 +21,7 @@ from climbplan.simulation.walking.whole_robot import whole_model, whole_robot
 from climbplan.simulation.walking.whole_study import simulate_whole_plan, tell
 from climbplan.walking.ground import Ground
 from climbplan.walking.plan import WalkPlan
+from climbplan.walking.swing_way import held_back
 
 mujoco = pytest.importorskip("mujoco")
 pytest.importorskip("pinocchio")
@@ -129,12 +130,17 @@ def test_toes_at_a_riser_go_up_alone_first(plan: WalkPlan) -> None:
     stairs = Ground.level(("floor", "step"), lower, upper, np.array([0.0, 0.05]), 0.8)
     reference = WholeReference(replace(plan, task=replace(plan.task, ground=stairs)), 0.03)
     near, up = np.array([0.269, 0.0, 0.0]), np.array([0.6, 0.0, 0.05])
-    first, last = reference._alone(near, up, 0.03)
+
+    def alone(left: np.ndarray, lands: np.ndarray) -> tuple[float, float]:
+        top = 0.04 + abs(lands[2] - left[2]) / 2
+        return held_back(stairs, left, lands, top, 0.03)
+
+    first, last = alone(near, up)
     assert first > 0
     assert last == 0
-    assert reference._alone(up, near, 0.03) == (last, first)
-    assert reference._alone(np.array([0.1, 0.0, 0.0]), up, 0.03) == (0, 0)
-    assert reference._alone(near, np.array([0.0, 0.0, 0.0]), 0.03) == (0, 0)
+    assert alone(up, near) == (last, first)
+    assert alone(np.array([0.1, 0.0, 0.0]), up) == (0, 0)
+    assert alone(near, np.array([0.0, 0.0, 0.0])) == (0, 0)
     way = reference.base.swings[0][0]
     reference.alone[0] = (0.2, 0.0)
     reference.left[0] = way.left

@@ -16,7 +16,7 @@ from climbplan.simulation.conditions import NOMINAL
 from climbplan.simulation.model import motor_damping, motor_stiffness
 
 EFFORT_RATE = 500.0  # [Hz] at which P and D gains on torques are computed at least
-_STEPS = 2.0  # of a controller within 1 / natural frequency
+_STEPS = 4.0  # of a controller within 1 / natural frequency
 _ROUND = 100.0  # [Hz]
 _MOST_RATE = 2000.0  # [Hz]
 

@@ -78,8 +78,8 @@ def test_update_rates_follow_the_fastest_joint() -> None:
     gain, inertia = np.array([100.0, 100.0]), np.array([0.05, 1e-3])
     damping = critical_damping(inertia, gain)
     assert damping**2 == pytest.approx(4 * gain * inertia)
-    # sqrt(K / I) = 316 rad/s, two steps within 1 / that
-    assert update_rate(damping, gain) == 700.0
+    # sqrt(K / I) = 316 rad/s, four steps within 1 / that
+    assert update_rate(damping, gain) == 1300.0
     assert update_rate(damping[:1], gain[:1]) == 500.0
 
 

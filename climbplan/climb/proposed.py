@@ -30,6 +30,8 @@ from climbplan.spec.loading import load_climb
 _STANDINGS = 4  # standing postures that are planned with
 _TRIED = 8  # bracing postures that are planned with
 _ENOUGH = 0.9  # of its margins: plans that keep less may fall
+_ALL_KEPT = 0.95  # of its margins: motors have something left to press with
+_LARGER_MARGINS = ("{slip: 0.5, friction: 0.16}", "{slip: 0.6, friction: 0.24, pressure: 0.15}")
 _BENT = 6  # postures that bend limbs otherwise than the robot stands
 _WALL_ENOUGH = 0.5  # of a transition's, whose stances are fewer to choose from
 _WALL_PLANS = 3  # transitions that are planned to the end, at most
@@ -154,7 +156,21 @@ class Trials:
         """
         what, most = "climbs between walls", (_TRIED, _TRIED)
         first = self._braced(what, chimney_document, report, _ENOUGH, most)
+        first = self._with_larger_margins(first, report)
         return self._bent(what, first, report, _ENOUGH, self.bracing_file, chimney_document)
+
+    def _with_larger_margins(self, first: Outcome, report: Told) -> Outcome:
+        """The plan with larger margins where it keeps all of them and falls in too many worlds."""
+        best = first
+        for margins in _LARGER_MARGINS:
+            if best.sample is None or best.good_enough(0.0) or best.share < _ALL_KEPT:
+                break
+            report(f"planning: {first.what}, margins {margins}")
+            text = first.text.replace("\nseed: ", f"\nmargins: {margins}\nseed: ")
+            one = self._outcome(first.what, text, first.brace)
+            if one.rank > best.rank:
+                best = one
+        return best
 
     def _bent(
         self,

@@ -5,6 +5,7 @@ Rows, bounds, binaries; a quadratic cost only without binaries.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 

@@ -74,7 +74,7 @@ def test_a_tibia_that_lies_along_what_it_stands_on_is_too_near(degrees: float, k
 
 
 def test_a_spherical_foot_has_the_room_of_its_radius() -> None:
-    lifted = UPRIGHT + [0.0, 0.0, 0.02]  # toes are centres of feet
+    lifted = UPRIGHT + np.array([0.0, 0.0, 0.02])  # toes are centres of feet
     assert room_on_a_box(lifted, 0.01, 0.02) == pytest.approx(0.01)
     # A thicker link is a cone about the foot
     assert room_on_a_box(lifted, 0.03, 0.02) == pytest.approx(BETWEEN)

@@ -115,10 +115,10 @@ class Search:
         try:
             plan = self.plan(prepared(self.loaded, trial), start + seconds)
             verification = verification_of(plan)
-            if not verification.passed:
+            if verification.objection:
                 self.failing = self.failing or plan
                 raise NotProved(
-                    f"the plan fails its verification: {verification.headline()}",
+                    f"the plan {verification.objection}",
                     because=f"method {trial.method} does not state all that is checked",
                     stage="verify",
                 )

@@ -36,7 +36,7 @@ SPEC = f"""\
 kind: climb
 robot: silvia
 terrain:
-  friction: 0.9
+  friction: 1.3
   regions:
 {PANELS}task:
   rounds: auto

@@ -120,6 +120,14 @@ PARTS = (
         install="pip install 'climbplan[simulate]'",
     ),
     Part(
+        "Drake",
+        "drake",
+        "pydrake",
+        "`simulate --engine drake`",
+        required=False,
+        install="pip install 'climbplan[drake]'",
+    ),
+    Part(
         "rosbags",
         "rosbags",
         "rosbags",

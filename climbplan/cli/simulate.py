@@ -26,10 +26,11 @@ class Regulated(StrEnum):
 
 
 class Judge(StrEnum):
-    """What plays a plan in random worlds."""
+    """What plays a plan: the model in MuJoCo, quasi-static steps (worlds alone), or Drake."""
 
     mujoco = "mujoco"
     statics = "statics"
+    drake = "drake"
 
 
 def simulate(
@@ -171,8 +172,29 @@ def simulate(
     ] = 0,
     engine: Annotated[
         Judge,
-        typer.Option("--engine", help="What plays --worlds: MuJoCo, or quasi-static steps."),
+        typer.Option(
+            "--engine",
+            help="mujoco; statics: quasi-static steps for --worlds; drake: a second engine, which "
+            "plays the exported files of a climb or transition on the robot's own URDF.",
+        ),
     ] = Judge.mujoco,
+    urdf: Annotated[
+        Path | None,
+        typer.Option(
+            "--urdf",
+            metavar="FILE",
+            help="The robot's URDF, for its meshes [default: where the robot file has it].",
+            rich_help_panel="simulate --engine drake",
+        ),
+    ] = None,
+    sphere_toes: Annotated[
+        bool,
+        typer.Option(
+            "--sphere-toes",
+            help="Toes are spheres of the foot's radius, not the URDF's collision geometry.",
+            rich_help_panel="simulate --engine drake",
+        ),
+    ] = False,
     rare: Annotated[
         bool,
         typer.Option(
@@ -208,11 +230,52 @@ def simulate(
     the box or more than --most-slips of their contacts break or miss. Runs of --runs
     and --sweep are a study and decide nothing, as are --worlds: worlds of the spec's `uncertainty`,
     each a function of --seed and its number.
+
+    With --engine drake (`pip install 'climbplan[drake]'`) the files that `climbplan export` writes
+    are played in Drake, beside them simulation.csv and report.json; of the other options
+    --friction, --gain, --armature =VALUE (default =0), --damping FACTOR, --regulate joints or
+    nothing, --most-slips and --allow-falls go with it.
     """
     path = find_plan(plan)
     key, values = _swept(sweep)
     if seed is not None and seed < 0:
         raise UsageError(f"--seed {seed}: expected a whole number >= 0")
+    if engine is Judge.drake:
+        others = (
+            runs, sweep, payload, backlash_deg, limb_mass_share, not limb_weights, speed != 1.0,
+            random_backlash_deg, delay_ms, joint_noise_deg, push, worlds, rare,
+        )  # fmt: skip
+        rotors, gains = scaled("--armature", armature), scaled("--damping", damping)
+        if (rotors.value is None and rotors.factor != 1.0) or gains.value is not None:
+            raise UsageError(
+                "--engine drake: expected --armature =VALUE [kg m^2; default =0] and --damping "
+                "FACTOR on the exported D gains [default 1]"
+            )
+        if any(others) or regulate in (Regulated.attitude, Regulated.pose):
+            raise UsageError(
+                "--engine drake: expected no option of other engines; --friction, --gain, "
+                "--armature, --damping, --regulate joints or nothing, --urdf, --sphere-toes, "
+                "--most-slips and --allow-falls go with it"
+            )
+        from climbplan.cli.simulate_drake import DrakeOptions, OutputOptions, run_in_drake
+
+        run_in_drake(
+            context.ensure_object(Session),
+            path,
+            DrakeOptions(
+                friction,
+                gain,
+                0.0 if rotors.value is None else rotors.value,
+                gains.factor,
+                regulate,
+                urdf,
+                sphere_toes,
+            ),
+            OutputOptions(out, force, as_json, most_slips, allow_falls),
+        )
+        return
+    if urdf is not None or sphere_toes:
+        raise UsageError("--urdf and --sphere-toes go with --engine drake")
     if rare and (not worlds or engine is not Judge.statics):
         raise UsageError("--rare: expected --worlds N and --engine statics beside it")
     from climbplan.api.simulating import simulator

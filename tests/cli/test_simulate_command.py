@@ -96,6 +96,20 @@ def test_refusals(
     assert not (workplace / "outputs").exists()
 
 
+def test_the_second_engine_says_what_it_needs(
+    run_command: RunCommand, workplace: Path, plan: Path
+) -> None:
+    pytest.importorskip("pydrake")
+    drake = ("simulate", "made", "--engine", "drake")
+    refused = run_command(*drake)
+    assert (refused.code, refused.out) == (2, "")
+    assert "is not from a URDF" in refused.err
+    assert "--armature =VALUE" in run_command(*drake, "--armature", "2").err
+    assert "no option of other engines" in run_command(*drake, "--runs", "3").err
+    assert "go with --engine drake" in run_command("simulate", "made", "--sphere-toes").err
+    assert not (workplace / "outputs" / "small_drake").exists()
+
+
 def test_a_fall_ends_with_five(run_command: RunCommand, workplace: Path, plan: Path) -> None:
     pytest.importorskip("mujoco")
     icy = ("simulate", "made", "--no-pictures", "--friction", "0.05", "--speed", "2", "--force")

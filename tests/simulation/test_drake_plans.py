@@ -1,0 +1,88 @@
+"""Climbs of robots from URDFs in the second engine, as planned and in other worlds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from climbplan.api.second_engine import simulate_in_drake
+from climbplan.cli.app import run
+from climbplan.simulation.drake.report import report_dict
+from climbplan.simulation.drake.settings import Settings
+from climbplan.spec.examples import example_data, example_text
+
+MAX_END_MM = 15.0  # of the base from its plan, as planned
+MAX_TOE_DEPTH = 3e-3  # [m] in surfaces: shipped robots end in round pins of that radius
+MAX_TORQUE_ERROR = 0.05  # median, as planned
+WORLDS = {
+    "as planned": Settings(),
+    "gains at 0.8": Settings(gain_scale=0.8),
+    "gains at 1.2": Settings(gain_scale=1.2),
+    "friction at 0.8": Settings(friction_scale=0.8),
+}
+HEXAPOD = """
+kind: climb
+robot: robot_hexapod.yaml
+terrain:
+  friction: 1.0
+  walls: {gap: 1.2, along: [-0.8, 0.8], up: [-0.8, 1.2]}
+task:
+  rounds: 1
+  start: {com: [0, 0, 0]}
+  goal: {com: [0, 0, 0.1]}
+force: {safety_friction: 1.5}
+"""
+pytestmark = pytest.mark.slow
+
+
+def command(*words: str) -> None:
+    assert run(list(words)) == 0
+
+
+@pytest.fixture(scope="module", name="plans")
+def _plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Plan files, by robot."""
+    pytest.importorskip("pydrake")
+    pytest.importorskip("example_robot_data")
+    folder = tmp_path_factory.mktemp("plans")
+    short = ("--set", "task.rounds=1", "--set", "task.goal.com=[0,0,0.12]", "--no-report")
+    for name in ("climb_telescope", "climb_walker"):
+        (folder / f"{name}.yaml").write_text(example_text(name))
+        for file, content in example_data(name).items():
+            (folder / file).write_bytes(content)
+        command("plan-climb", str(folder / f"{name}.yaml"), "-o", str(folder / name), *short)
+    for file, content in example_data("mpc_hexapod").items():
+        (folder / file).write_bytes(content)
+    (folder / "hexapod.yaml").write_text(HEXAPOD)
+    command(
+        "plan-climb", str(folder / "hexapod.yaml"), "-o", str(folder / "hexapod"), "--no-report"
+    )
+    command("new", "robot", str(folder), "--package", "example_robot_data:a1_description")
+    for name in ("a1_ground", "a1_chimney"):
+        command("plan-climb", str(folder / f"{name}.yaml"), "-o", str(folder / name), "--no-report")
+    names = ("climb_telescope", "climb_walker", "hexapod", "a1_ground", "a1_chimney")
+    return {name: folder / name / "plan.h5" for name in names}
+
+
+def play(plan: Path, settings: Settings, folder: Path) -> dict[str, Any]:
+    return report_dict(simulate_in_drake(plan, folder, settings, None, lambda stage, done: None))
+
+
+@pytest.mark.parametrize("world", WORLDS)
+@pytest.mark.parametrize(
+    "name", ["climb_telescope", "climb_walker", "hexapod", "a1_ground", "a1_chimney"]
+)
+def test_climbs_stand(plans: dict[str, Path], name: str, world: str, tmp_path: Path) -> None:
+    report = play(plans[name], WORLDS[world], tmp_path)
+    assert not report["fell"], report["fall"]
+    assert report["link_contacts"] == []
+    assert report["mass"]["planned_kg"] == pytest.approx(report["mass"]["urdf_kg"])
+    assert report["gravity_torque_difference"] < 1e-3
+    if world == "as planned":
+        assert report["slips"] == report["lost_contacts"] == []
+        inside = report["planned_penetrations"]
+        assert all(found["is_toe"] and found["depth"] < MAX_TOE_DEPTH for found in inside), inside
+        assert report["body"]["end_mm"] < MAX_END_MM
+        assert report["torque"]["median_error"] < MAX_TORQUE_ERROR

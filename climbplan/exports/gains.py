@@ -6,10 +6,11 @@ import math
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from climbplan.errors import UsageError
 from climbplan.plans.check import Array
+from climbplan.reading import read_text
+from climbplan.spec.yaml_source import parse_yaml
 
 RIGID = "rigid"  # in place of a number: gains of simulators whose links do not bend
 _MOST_BYTES = 1_000_000
@@ -36,15 +37,8 @@ def read_gains(given: str, names: tuple[str, ...], slides: tuple[bool, ...] = ()
 
 
 def _of_file(path: Path, names: tuple[str, ...]) -> Array:
-    try:
-        text = path.read_bytes()[: _MOST_BYTES + 1]
-        stored = yaml.safe_load(text.decode("utf-8")) if len(text) <= _MOST_BYTES else None
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise UsageError(f"--gains {path}: no number, and no such file: {reason}") from error
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        line = str(error).replace("\n", " ")
-        raise UsageError(f"--gains {path}: not YAML: {line}") from error
+    text = read_text(path, _MOST_BYTES, "a number or a YAML file of gains")
+    stored = parse_yaml(text, f"--gains {path}").value
     if not isinstance(stored, dict):
         raise UsageError(f"--gains {path}: expected `joint: gain` a line [N m/rad]")
     wrong = [f"{name} is missing" for name in names if name not in stored]

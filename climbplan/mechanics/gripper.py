@@ -20,12 +20,14 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from climbplan.errors import SpecError, SpecMistake, UsageError
-from climbplan.mechanics.gripper_model import GripperModel, Prediction
+from climbplan.mechanics.gripper_model import MAX_ROWS, GripperModel, Prediction
+from climbplan.reading import read_text, reading
 
 Array = NDArray[np.float64]
 COLUMNS = ("alpha_deg", "beta_deg", "gamma_deg", "friction")
 FORCE = "force_N"
 _LEAST_ROWS = 20
+_MAX_BYTES = 5_000_000
 _RESTARTS = 2
 
 
@@ -56,22 +58,27 @@ def read_grips(path: Path) -> Grips:
 
     Raises UsageError for a file that cannot be read and SpecError for missing columns or values.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise UsageError(f"{path}: cannot be read: {reason}") from error
+    expected = "a CSV file of grips"
+    lines = read_text(path, _MAX_BYTES, expected).splitlines()
     kept = [(n, text) for n, text in enumerate(lines, 1) if text.strip() and text[0] != "#"]
-    table = csv.DictReader([text for _, text in kept])
+    with reading(path, expected):  # a quoted cell does not go on in the next line
+        cells = [cell_row for _, text in kept for cell_row in csv.reader([text])]
     wanted = (*COLUMNS, FORCE)
-    missing = [name for name in wanted if name not in (table.fieldnames or ())]
+    names = cells[0] if cells else []
+    missing = [name for name in wanted if name not in names]
     if missing:
         raise SpecError(str(path), [SpecMistake(name, "column is missing") for name in missing])
+    if len(kept) - 1 > MAX_ROWS:
+        raise UsageError(
+            f"{path}: {len(kept) - 1} grips, expected at most {MAX_ROWS}: the time of a fit grows "
+            "with their number cubed; fit a part of them"
+        )
+    places = [names.index(name) for name in wanted]
     rows, mistakes = [], []
-    for (line, _), row in zip(kept[1:], table, strict=True):
+    for (line, _), row in zip(kept[1:], cells[1:], strict=True):
         try:
-            values = [float(row[name]) for name in wanted]
-        except (TypeError, ValueError):
+            values = [float(row[place]) for place in places]
+        except (IndexError, ValueError):
             values = [np.nan]
         if np.isfinite(values).all() and values[3] >= 0:
             rows.append(values)

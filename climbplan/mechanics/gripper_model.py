@@ -20,10 +20,13 @@ from scipy.linalg import cho_solve, cholesky
 from scipy.special import ndtri
 
 from climbplan.errors import UsageError
+from climbplan.reading import read_text, reading
 
 Array = NDArray[np.float64]
 FORMAT = "climbplan/gripper"
 FORMAT_VERSION = 1
+MAX_ROWS = 2000  # of a model, whose matrices have their square
+_MAX_BYTES = 5_000_000
 INPUTS = 4  # alpha, beta, gamma, friction
 _NUMBERS = ("signal", "length", "noise")
 
@@ -93,19 +96,12 @@ def load_model(reference: str, directory: Path | None = None) -> GripperModel:
         holder = files("climbplan").joinpath("robots", "grippers", f"{reference}.json")
         return _model_of(holder.read_text(encoding="utf-8"), reference)
     path = (directory or Path()) / reference
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise UsageError(f"{path}: cannot be read: {reason}") from error
-    return _model_of(text, str(path))
+    return _model_of(read_text(path, _MAX_BYTES, "a gripper model"), str(path))
 
 
 def _model_of(text: str, where: str) -> GripperModel:
-    try:
+    with reading(where, "a gripper model in JSON"):
         data = json.loads(text)
-    except ValueError as error:
-        raise UsageError(f"{where}: not JSON ({error})") from error
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise UsageError(f"{where}: not a gripper model (expected format {FORMAT!r})")
     if data.get("format_version") != FORMAT_VERSION:
@@ -115,6 +111,8 @@ def _model_of(text: str, where: str) -> GripperModel:
     state = _numbers(data, "state", where)
     if state.ndim != 2 or state.shape[1] != INPUTS or len(state) == 0:
         raise UsageError(f"{where}: state has shape {state.shape}, expected (n, {INPUTS})")
+    if len(state) > MAX_ROWS:
+        raise UsageError(f"{where}: {len(state)} states, expected at most {MAX_ROWS}")
     arrays = {"force": len(state), "center": INPUTS, "scale": INPUTS}
     found: dict[str, Any] = {name: _numbers(data, name, where) for name in arrays}
     for name, size in arrays.items():
@@ -130,7 +128,8 @@ def _model_of(text: str, where: str) -> GripperModel:
 
 def _numbers(data: dict[str, Any], name: str, where: str) -> Array:
     try:
-        values = np.array(data[name], float)
+        with reading(where, "a gripper model", damage=(OverflowError, RecursionError)):
+            values = np.array(data[name], float)
     except (KeyError, TypeError, ValueError) as error:
         raise UsageError(f"{where}: {name} is missing or not numbers") from error
     if not np.isfinite(values).all():

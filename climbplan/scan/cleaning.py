@@ -47,8 +47,8 @@ def cleaned(raw: RawScan) -> RawScan:
 def ordered(raw: RawScan) -> RawScan:
     """The same surface with corners merged, and empty and repeated triangles left out."""
     keys = np.round(raw.vertices / GRID).astype(np.int64)
-    distinct, number = np.unique(keys, axis=0, return_inverse=True)
-    triangles = number.reshape(-1)[raw.triangles]
+    distinct, number = unique_rows(keys)
+    triangles = number[raw.triangles]
     vertices = np.asarray(distinct * GRID, np.float64)
     corners = vertices[triangles]
     doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -60,7 +60,8 @@ def ordered(raw: RawScan) -> RawScan:
     triangles = triangles[rows, (first[:, None] + np.arange(3)) % 3]
     order = np.lexsort((label, triangles[:, 2], triangles[:, 1], triangles[:, 0]))
     triangles, label = triangles[order], label[order]
-    again = np.append(False, (np.diff(triangles, axis=0) == 0).all(axis=1)) if len(order) else sound
+    again = np.zeros(len(triangles), bool)
+    again[1:] = (triangles[1:] == triangles[:-1]).all(axis=1)
     notes = []
     if not sound.all():
         notes.append(f"{int((~sound).sum())} triangles without an area left out")
@@ -92,6 +93,21 @@ def _edge_keys(triangles: Index) -> Index:
     edges = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)
     flat = edges.reshape(-1, 2)
     return np.asarray(flat[:, 0] * (int(triangles.max()) + 1) + flat[:, 1])
+
+
+def unique_rows(rows: Index) -> tuple[Index, Index]:
+    """Return the distinct rows of (R, 3) in lexicographic order, and (R,) the number of each row.
+
+    As `np.unique` with `axis=0`, in a fraction of its time and memory: columns are sorted one after
+    another, where that compares whole rows.
+    """
+    order = np.lexsort(rows.T[::-1])
+    in_order = rows[order]
+    is_first = np.ones(len(rows), bool)
+    is_first[1:] = (in_order[1:] != in_order[:-1]).any(axis=1)
+    number = np.empty(len(rows), np.int64)
+    number[order] = np.cumsum(is_first) - 1
+    return in_order[is_first], number
 
 
 def neighbours(triangles: Index) -> Index:
@@ -179,8 +195,7 @@ def _thinned(raw: RawScan) -> RawScan:
     cell = np.sqrt(4.0 * area / MOST_TRIANGLES)  # two triangles a cell
     while True:
         keys = np.floor(raw.vertices / cell).astype(np.int64)
-        _distinct, number = np.unique(keys, axis=0, return_inverse=True)
-        number = number.reshape(-1)
+        _, number = unique_rows(keys)
         shares = np.bincount(number)
         means = np.column_stack(
             [np.bincount(number, weights=raw.vertices[:, k]) / shares for k in range(3)]
@@ -199,7 +214,8 @@ def _thinned(raw: RawScan) -> RawScan:
 def without_outliers(cloud: RawScan) -> RawScan:
     """A cloud without repeated points and those far from all others."""
     keys = np.round(cloud.vertices / GRID).astype(np.int64)
-    _, first = np.unique(keys, axis=0, return_index=True)
+    number = unique_rows(keys)[1]
+    first = np.unique(number, return_index=True)[1]
     points = cloud.vertices[first]
     notes = []
     if len(first) < len(keys):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.errors import MissingSolver
+from climbplan.reading import ANY_ERROR, reading
 from climbplan.robots.rotations import Array
 from climbplan.scan.pcd import read_pcd
 from climbplan.scan.raw import RawScan, ScanError
@@ -34,27 +35,20 @@ def read_cloud(path: Path) -> RawScan:
         from climbplan.scan.meshes import read_mesh
 
         return cloud(read_mesh(path).vertices)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of files without data, which are refused below
-            data = np.loadtxt(path, comments=("#", "//"), ndmin=2, max_rows=50_000_000)
-    except (ValueError, UnicodeDecodeError) as error:
-        reason = str(error).splitlines()[0]
-        raise ScanError(
-            f"{path}: not a list of points ({reason}), expected x y z a line"
-        ) from error
+    with reading(path, "a list of points, x y z a line", ScanError), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of files without data, which are refused below
+        data = np.loadtxt(path, comments=("#", "//"), ndmin=2, max_rows=50_000_000)
     return _columns(path, data)
 
 
 def read_array(path: Path) -> Array:
-    """A NumPy array of numbers; nothing that is pickled is opened."""
-    try:
-        data = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
-        raise ScanError(f"{path}: not a NumPy array of numbers ({error})") from error
-    if not isinstance(data, np.ndarray) or data.dtype.kind not in "fiu":
-        raise ScanError(f"{path}: expected one array of numbers")
-    return np.asarray(data, float)
+    """Return a NumPy array of numbers; nothing that is pickled is opened."""
+    with reading(path, "a NumPy array of numbers", ScanError):
+        # Mapped, not read: what a header claims has to be in the file
+        data = np.load(path, mmap_mode="r", allow_pickle=False)
+        if not isinstance(data, np.ndarray) or data.dtype.kind not in "fiu":
+            raise ScanError(f"{path}: expected one array of numbers")
+        return np.array(data, float)
 
 
 def _columns(path: Path, data: Array) -> RawScan:
@@ -82,8 +76,6 @@ def _read_las(path: Path) -> Array:
         raise MissingSolver(
             f"{path}: LAS files need laspy: pip install 'climbplan[scan]'"
         ) from error
-    try:
+    with reading(path, "a LAS cloud", ScanError, damage=ANY_ERROR):
         read = laspy.read(path)
         return np.asarray(read.xyz, float)
-    except Exception as error:  # whatever its reader trips over in a broken file
-        raise ScanError(f"{path}: not a LAS cloud ({error})") from error

@@ -2,19 +2,48 @@
 
 from __future__ import annotations
 
+import math
 import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from climbplan.reading import ANY_ERROR, read_text, reading
 from climbplan.robots.rotations import Array
-from climbplan.scan.clouds import read_array
-from climbplan.scan.raw import RawScan, ScanError, mesh
+from climbplan.scan.clouds import cloud, read_array
+from climbplan.scan.raw import RawScan, ScanError, mesh, placed
 from climbplan.spec.climb.scan import ScanSpec
 
 HEIGHTS = (".tif", ".tiff", ".png", ".csv")
 _PIXEL_SCALE, _TIEPOINT, _NO_DATA = 33550, 33922, 42113  # tags of GeoTIFF
-_MOST = 25_000_000  # cells
+_MOST = 25_000_000  # heights in a file
+_MOST_CSV = 500_000_000  # [bytes]
+MOST_HEIGHTS = 500_000  # that become triangles; of more every second, third, ... is taken
+_BAND = 256  # rows that are looked at together
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Heights in rows and columns, and where their points are in the file's frame."""
+
+    heights: Array  # (R, C), NaN where there is none
+    x: Array  # (C,) [m]
+    y: Array  # (R,) [m]
+    origin: Array  # (3,) [m]
+    height: float  # [m] of one unit of `heights`
+
+    def points(self, rows: slice) -> Array:
+        """(R', C, 3) points of some rows [m]."""
+        x, y = np.broadcast_arrays(self.x, self.y[rows, None])
+        return np.stack([x, y, self.height * self.heights[rows]], axis=-1) + self.origin
+
+    def part(self, rows: slice, columns: slice) -> _Grid:
+        """Return some rows and columns."""
+        heights = self.heights[rows, columns]
+        return _Grid(heights, self.x[columns], self.y[rows], self.origin, self.height)
 
 
 def read_heights(path: Path, spec: ScanSpec) -> RawScan:
@@ -43,11 +72,24 @@ def read_heights(path: Path, spec: ScanSpec) -> RawScan:
     else:
         origin = np.zeros(3)
     rows, columns = heights.shape
-    row, column = np.indices(heights.shape)
+    row = np.arange(rows)
     y = (rows - 1 - row) * cell if image and corner is None else row * cell
     if corner is not None:
         y = -row * cell  # a tiepoint is the north-west corner
-    points = np.stack([column * cell, y, spec.height * heights], axis=-1) + origin
+    x = np.asarray(np.arange(columns) * cell, float)
+    grid = _Grid(heights, x, np.asarray(y, float), origin, spec.height)
+    return _triangles(path, grid, spec, image)
+
+
+def _triangles(path: Path, grid: _Grid, spec: ScanSpec, image: bool) -> RawScan:
+    """Return the triangles of a grid, of as few heights as can be borne; raises ScanError."""
+    grid = _within_crop(grid, spec)
+    every, size = max(1, math.ceil(math.sqrt(grid.heights.size / MOST_HEIGHTS))), grid.heights.shape
+    if every > 1:
+        grid = grid.part(slice(None, None, every), slice(None, None, every))
+    heights = grid.heights
+    rows, columns = heights.shape
+    points = grid.points(slice(None))
     number = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = (number[i : rows - 1 + i, j : columns - 1 + j] for i, j in _CORNERS)
     triangles = np.concatenate(
@@ -62,50 +104,65 @@ def read_heights(path: Path, spec: ScanSpec) -> RawScan:
     raw = mesh(flat, triangles)
     if not len(triangles):
         raise ScanError(f"{path}: no four heights beside one another are numbers")
+    if every > 1:
+        raw = raw.noted(
+            f"of {size[0]} x {size[1]} heights every {every}th row and column taken: `crop` keeps "
+            "the details of a part"
+        )
     return raw.noted(f"{missing} of {heights.size} heights missing") if missing else raw
 
 
 _CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
+def _within_crop(grid: _Grid, spec: ScanSpec) -> _Grid:
+    """Return the rows and columns that reach into `crop`, with a cell around them; else all."""
+    if spec.crop is None:
+        return grid
+    lower, upper = np.array(spec.crop.lower), np.array(spec.crop.upper)
+    rows, columns = grid.heights.shape
+    used_rows, used_columns = np.zeros(rows, bool), np.zeros(columns, bool)
+    for start in range(0, rows, _BAND):
+        band = slice(start, min(start + _BAND, rows))
+        points = placed(cloud(grid.points(band).reshape(-1, 3)), spec).vertices
+        inside = ((points >= lower) & (points <= upper)).all(axis=1).reshape(-1, columns)
+        used_rows[band] = inside.any(axis=1)
+        used_columns |= inside.any(axis=0)
+    if not used_rows.any():
+        return grid
+    return grid.part(_around(used_rows), _around(used_columns))
+
+
+def _around(used: np.ndarray) -> slice:
+    """Return the range of what is used, one wider at both ends."""
+    first, last = np.flatnonzero(used)[[0, -1]]
+    return slice(max(0, int(first) - 1), int(last) + 2)
+
+
 def _read_csv(path: Path) -> Array:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of files without data, which are refused later
-            text = path.read_text()
-            delimiter = next((d for d in ",;\t" if d in text), None)
-            return np.genfromtxt(text.splitlines(), delimiter=delimiter, ndmin=2)
-    except (ValueError, UnicodeDecodeError) as error:
-        raise ScanError(f"{path}: not a table of heights ({str(error).splitlines()[0]})") from error
+    text = read_text(path, _MOST_CSV, "a table of heights")
+    with reading(path, "a table of heights", ScanError), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of files without data, which are refused later
+        delimiter = next((d for d in ",;\t" if d in text), None)
+        return np.genfromtxt(text.splitlines(), delimiter=delimiter, ndmin=2)
 
 
 def _read_image(path: Path) -> tuple[Array, float | None, Array | None]:
     """Heights, width of a cell and place of the first one, as far as the file says them."""
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of damaged tags, which are not needed
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(path) as image:
-                if image.width * image.height > _MOST:
-                    size = image.width * image.height
-                    raise ScanError(f"{path}: {size} heights, expected at most {_MOST}")
-                if image.mode in ("RGB", "RGBA", "P", "CMYK", "YCbCr"):
-                    raise ScanError(f"{path}: a picture in colours, expected one height a pixel")
-                heights = np.asarray(image, float)
-                tags = dict(getattr(image, "tag_v2", {}))
-    except ScanError:
-        raise
-    except (
-        UnidentifiedImageError,
-        Image.DecompressionBombWarning,
-        Image.DecompressionBombError,
-        OSError,
-        ValueError,
-        SyntaxError,
-    ) as error:
-        raise ScanError(f"{path}: not an image of heights ({error})") from error
+    expected = "an image of heights"
+    with reading(path, expected, ScanError, damage=ANY_ERROR), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of damaged tags, which are not needed
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        with Image.open(path) as image:
+            if image.width * image.height > _MOST:
+                size = image.width * image.height
+                raise ScanError(f"{path}: {size} heights, expected at most {_MOST}")
+            if image.mode in ("RGB", "RGBA", "P", "CMYK", "YCbCr"):
+                raise ScanError(f"{path}: a picture in colours, expected one height a pixel")
+            heights = np.asarray(image, float)
+            tags = dict(getattr(image, "tag_v2", {}))
     try:
         nothing = float(str(tags[_NO_DATA]).strip("\0 "))
         heights = np.where(heights == nothing, np.nan, heights)
@@ -113,11 +170,23 @@ def _read_image(path: Path) -> tuple[Array, float | None, Array | None]:
         pass
     if _PIXEL_SCALE not in tags:
         return heights, None, None
-    across, along = (float(v) for v in tags[_PIXEL_SCALE][:2])
-    if not (across > 0 and abs(across - along) < 1e-6 * across):
+    across, along = _numbers(path, "ModelPixelScale", tags[_PIXEL_SCALE], 2)
+    if not (0 < across < np.inf and abs(across - along) < 1e-6 * across):
         raise ScanError(f"{path}: cells of {across:g} by {along:g}, expected square ones")
-    tie = tags.get(_TIEPOINT)
-    if tie is None or len(tie) < 6:
+    if _TIEPOINT not in tags:
         return heights, across, None
-    west, north = float(tie[3]) - tie[0] * across, float(tie[4]) + tie[1] * across
-    return heights, across, np.array([west, north, 0.0])
+    column, row, _, east, north = _numbers(path, "ModelTiepoint", tags[_TIEPOINT], 5)
+    return heights, across, np.array([east - column * across, north + row * across, 0.0])
+
+
+def _numbers(path: Path, name: str, value: Any, count: int) -> Sequence[float]:
+    """Return the first numbers of a tag of GeoTIFF; raise ScanError for another type or fewer."""
+    values = value if isinstance(value, tuple) else (value,)
+    try:
+        numbers = [float(one) for one in values[:count]]
+    except (TypeError, ValueError, ArithmeticError):
+        numbers = []
+    if len(numbers) < count or isinstance(value, str | bytes) or not np.isfinite(numbers).all():
+        got = repr(value)[:60]
+        raise ScanError(f"{path}: tag {name} is {got}, expected {count} numbers or more")
+    return numbers

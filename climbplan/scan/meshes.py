@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from climbplan.reading import ANY_ERROR, first_line, reading
 from climbplan.robots.rotations import Array
 from climbplan.scan.raw import Index, RawScan, ScanError
 
@@ -23,18 +27,19 @@ def read_mesh(path: Path) -> RawScan:
     import trimesh
 
     suffix = path.suffix.lower().removeprefix(".")
-    try:
+    expected = f"a {suffix.upper()} mesh"
+    with reading(path, expected, ScanError, damage=ANY_ERROR), _silent("trimesh"):
         with path.open("rb") as file:
-            scene: Any = trimesh.load_scene(
-                file, file_type=suffix, process=False, maintain_order=True, allow_remote=False
-            )
-            parts = list(scene.dump()) if hasattr(scene, "dump") else [scene]
-    except Exception as error:  # whatever its readers trip over in a broken file
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        missing = (
-            _COLLADA if suffix == "dae" and isinstance(error, ImportError | ValueError) else ""
-        )
-        raise ScanError(f"{path}: not a {suffix.upper()} mesh ({reason}){missing}") from error
+            try:
+                scene: Any = trimesh.load_scene(
+                    file, file_type=suffix, process=False, maintain_order=True, allow_remote=False
+                )
+            except (ImportError, ValueError) as error:
+                if suffix != "dae":
+                    raise
+                reason = f"({first_line(error)}){_COLLADA}"
+                raise ScanError(f"{path}: not {expected} {reason}") from error
+        parts = list(scene.dump()) if hasattr(scene, "dump") else [scene]
     vertices: list[Array] = []
     triangles: list[Index] = []
     label: list[Index] = []
@@ -47,7 +52,8 @@ def read_mesh(path: Path) -> RawScan:
             raise ScanError(f"{path}: a triangle names a corner that is not there")
         vertices.append(own)
         triangles.append(faces + count)
-        label.append(_labels(part, len(faces), labels))
+        with reading(path, expected, ScanError, damage=ANY_ERROR):
+            label.append(_labels(part, len(faces), labels))
         count += len(own)
     if not count:
         raise ScanError(f"{path}: no geometry in it, expected triangles")
@@ -57,6 +63,18 @@ def read_mesh(path: Path) -> RawScan:
         np.concatenate(label),
         tuple(labels),
     )
+
+
+@contextmanager
+def _silent(logger: str) -> Iterator[None]:
+    """Keep a library from logging tracebacks of textures that it does not find; none is needed."""
+    log = logging.getLogger(logger)
+    before = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        log.setLevel(before)
 
 
 def _labels(part: Any, faces: int, labels: dict[str, int]) -> Index:

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.reading import reading
 from climbplan.robots.rotations import Array
 from climbplan.scan.raw import ScanError
 
 _MOST = 100_000_000  # points
+_MOST_DIGITS = 12  # of a number in the header
 _TYPES = {"F": "f", "I": "i", "U": "u"}
 
 
@@ -32,16 +34,18 @@ def read_pcd(path: Path) -> tuple[Array, Array | None]:
     if "DATA" not in header or not {"x", "y", "z"} <= set(names):
         raise ScanError(f"{path}: not a PCD cloud, expected a header with FIELDS x y z and DATA")
     try:
-        sizes = [int(s) for s in header["SIZE"]]
-        counts = [int(c) for c in header.get("COUNT", ["1"] * len(names))]
+        sizes = [_whole(s) for s in header["SIZE"]]
+        counts = [_whole(c) for c in header.get("COUNT", ["1"] * len(names))]
         types = [_TYPES[t.upper()] for t in header["TYPE"]]
-        points = int(header["POINTS"][0])
+        points = _whole(header["POINTS"][0])
         columns = list(zip(names, types, sizes, counts, strict=True))
         dtype = np.dtype([(f"{i} {n}", f"<{t}{s}", (c,)) for i, (n, t, s, c) in enumerate(columns)])
     except (KeyError, IndexError, ValueError, TypeError) as error:
         raise ScanError(
             f"{path}: expected a PCD header with sound SIZE, TYPE, POINTS ({error})"
         ) from error
+    if min(counts) < 1:
+        raise ScanError(f"{path}: COUNT {min(counts)} in the PCD header, expected 1 or more")
     if not 0 < points <= _MOST or not 0 < dtype.itemsize <= 4096:
         raise ScanError(f"{path}: a PCD cloud of {points} points, expected 1 to {_MOST}")
     kind = header["DATA"][0].lower() if header["DATA"] else ""
@@ -54,10 +58,8 @@ def read_pcd(path: Path) -> tuple[Array, Array | None]:
         table = np.frombuffer(body, dtype, points)
         fields = {n.split(" ")[1]: table[n][:, 0].astype(float) for n in dtype.names or ()}
     elif kind == "ascii":
-        try:
+        with reading(path, "a PCD cloud of numbers", ScanError):
             data = np.loadtxt(body.decode("ascii", "replace").splitlines(), ndmin=2)
-        except ValueError as error:
-            raise ScanError(f"{path}: expected PCD points of numbers ({error})") from error
         starts = np.cumsum([0, *counts])
         if data.shape != (points, starts[-1]):
             expected = f"{points} rows of {starts[-1]} numbers"
@@ -71,3 +73,10 @@ def read_pcd(path: Path) -> tuple[Array, Array | None]:
     normals = np.column_stack([fields[f"normal_{axis}"] for axis in "xyz"])
     sound = np.isfinite(normals).all() and np.abs(np.linalg.norm(normals, axis=1) - 1).max() < 0.1
     return xyz, normals if sound else None
+
+
+def _whole(text: str) -> int:
+    """Return a number of the header; raise ValueError for none, or one of too many digits."""
+    if len(text) > _MOST_DIGITS:
+        raise ValueError(f"a number of {len(text)} digits")
+    return int(text)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.reading import reading
 from climbplan.scan.cleaning import cleaned, without_outliers
 from climbplan.scan.clouds import CLOUDS, read_cloud
 from climbplan.scan.heights import HEIGHTS, read_heights
@@ -33,6 +34,12 @@ def read_scan(spec: ScanSpec, directory: Path) -> RawScan:
     what was expected.
     """
     path = directory / spec.file
+    # Cleaning, too, is done in bounded memory
+    with reading(path, EXPECTED.removeprefix("expected "), ScanError, damage=()):
+        return _clean_scan(path, spec)
+
+
+def _clean_scan(path: Path, spec: ScanSpec) -> RawScan:
     raw = _read(path, spec)
     if not len(raw.vertices):
         raise ScanError(f"{path}: empty, expected triangles, points or heights")
@@ -62,27 +69,18 @@ def _read(path: Path, spec: ScanSpec) -> RawScan:
         raise ScanError(f"{path}: a directory, {EXPECTED}")
     if suffix not in (*MESHES, *CLOUDS, *HEIGHTS):
         raise ScanError(f"{path}: unknown kind of file {suffix!r}, {EXPECTED}")
-    try:
-        size = path.stat().st_size
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise ScanError(f"{path}: cannot be read ({reason.lower()}), {EXPECTED}") from error
+    size = path.stat().st_size
     if size == 0:
         raise ScanError(f"{path}: empty file, {EXPECTED}")
     if size > LARGEST_FILE:
         raise ScanError(f"{path}: {size / 1e9:.1f} GB, expected at most {LARGEST_FILE / 1e9:g} GB")
-    try:
-        if suffix in HEIGHTS or (suffix == ".npy" and spec.cell is not None):
-            return read_heights(path, spec)
-        if suffix in MESHES:
-            raw = read_mesh(path)
-            if len(raw.triangles) or suffix != ".ply":
-                return raw
-        return read_cloud(path)
-    except ScanError:
-        raise
-    except OSError as error:
-        raise ScanError(f"{path}: cannot be read ({error}), {EXPECTED}") from error
+    if suffix in HEIGHTS or (suffix == ".npy" and spec.cell is not None):
+        return read_heights(path, spec)
+    if suffix in MESHES:
+        raw = read_mesh(path)
+        if len(raw.triangles) or suffix != ".ply":
+            return raw
+    return read_cloud(path)
 
 
 def _without_infinite(raw: RawScan, finite: np.ndarray) -> RawScan:

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.errors import SpecError, SpecMistake, UsageError
+from climbplan.reading import read_text, reading
 from climbplan.robots.rotations import Array
 
 AXES = "xyz"
@@ -30,7 +31,7 @@ _UNITS = {
 }  # fmt: skip
 _LENGTHS, _TURNS = ("m", "mm", "in", "inch"), ("rad", "deg")
 _COLUMN = r"(K[xyz]{2}|[df][xyz]|r|gain|%s)(?:_(.+))?"
-_LARGEST_FILE = 50_000_000  # [bytes]
+_MAX_BYTES = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -134,17 +135,13 @@ def read_measurements(path: Path, angles: AngleColumns = COXA_FEMUR_TIBIA) -> Me
 
 
 def _read_sheet(path: Path, angles: AngleColumns) -> _Sheet:
-    try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise UsageError(f"{path}: too large for a stiffness test (over 50 MB)")
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise UsageError(f"{path}: cannot be read: {reason}") from error
+    expected = "a CSV file of stiffness measurements"
+    lines = read_text(path, _MAX_BYTES, expected).splitlines()
     kept = [(n, text) for n, text in enumerate(lines, 1) if text.strip() and text[0] != "#"]
     if len(kept) < 2:
-        raise UsageError(f"{path}: holds no rows, expected a CSV file of stiffness measurements")
-    cells = list(csv.reader([text for _, text in kept]))
+        raise UsageError(f"{path}: holds no rows, expected {expected}")
+    with reading(path, expected):  # a quoted cell does not go on in the next line
+        cells = [row for _, text in kept for row in csv.reader([text])]
     names, scales = _columns(path, kept[0][0], cells[0], angles)
     rows, skipped = [], []
     digits: dict[str, int] = {}

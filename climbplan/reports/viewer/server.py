@@ -16,6 +16,7 @@ import numpy as np
 import viser
 
 from climbplan.errors import UsageError
+from climbplan.reports.viewer.origins import own_origins_only
 from climbplan.reports.viewer.scene import Scene
 from climbplan.reports.viewer.stage import Stage
 
@@ -66,7 +67,7 @@ class Viewer:
         self._scene = scene
         free = _free_port(host, port)
         # The library greets on standard output, which is for results.
-        with contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()), own_origins_only(host):
             self._server = viser.ViserServer(host, free, label=scene.title, verbose=False)
         self.host, self.port = host, self._server.get_port()
         self._lock = threading.Lock()  # switches answer in threads of the server

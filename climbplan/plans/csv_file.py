@@ -9,6 +9,8 @@ from typing import TextIO
 
 from climbplan.plans.atomic_file import written_aside
 
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # how cells begin that spreadsheets compute
+
 
 def write_csv(
     out: Path | TextIO, header: Iterable[str], rows: Iterable[Iterable[str | float]]
@@ -25,6 +27,32 @@ def write_csv(
 
 
 def _write(stream: TextIO, header: Iterable[str], rows: Iterable[Iterable[str | float]]) -> None:
-    writer = csv.writer(stream, lineterminator="\n")
+    writer = SafeWriter(stream)
     writer.writerow(header)
     writer.writerows(rows)
+
+
+class SafeWriter:
+    """A CSV writer whose texts no spreadsheet takes for formulas: they begin with an apostrophe."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._writer = csv.writer(stream, lineterminator="\n")
+
+    def writerow(self, row: Iterable[object]) -> None:
+        """Write one row."""
+        self._writer.writerow([_plain(cell) for cell in row])
+
+    def writerows(self, rows: Iterable[Iterable[object]]) -> None:
+        """Write rows."""
+        for row in rows:
+            self.writerow(row)
+
+
+def _plain(cell: object) -> object:
+    if not isinstance(cell, str) or not cell.startswith(_FORMULA):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Sequence
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from climbplan.plans.csv_file import SafeWriter
 from climbplan.reports.page_parts import Card
 from climbplan.robots.rotations import Array
 from climbplan.simulation.comparison import LEAST_SAG
@@ -251,7 +251,7 @@ def _table(found: Simulated) -> str:
     """One row a standing limb at each instant reached."""
     plan, compared = found.plan, found.compared
     stream = io.StringIO()
-    table = csv.writer(stream, lineterminator="\n")
+    table = SafeWriter(stream)
     table.writerow(
         ["instant", "time_s", "limb", "torque_planned_Nm", "torque_Nm", "mu_critical_planned",
          "mu_critical", "mu"]

@@ -6,6 +6,7 @@ SI units and radians unless a field's name says otherwise (`_deg`, `_mm`).
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Annotated, Any, NamedTuple
 
@@ -70,6 +71,21 @@ def quantity(unit: str, description: str, default: Any = ..., **bounds: Any) -> 
         json_schema_extra={"unit": unit},
         **bounds,
     )
+
+
+# Names end up in messages, pages, tables and file formats, where other characters mean something
+NAME_PATTERN = r"^\w[\w .,:/()+'#-]*$"
+NAME_WORDS = "a name that begins with a letter or digit, then also spaces and . , : / ( ) + ' # -"
+
+
+def is_name(text: str) -> bool:
+    """Return whether `text` may be the name of a limb, a region or another part."""
+    return re.match(NAME_PATTERN, text) is not None and not text.endswith("\n")
+
+
+def name_field(description: str) -> Any:
+    """Return the field of a name, for messages and reports."""
+    return Field(min_length=1, pattern=NAME_PATTERN, description=description)
 
 
 Number = Annotated[float, BeforeValidator(_plain_number), AfterValidator(_sensible_size)]

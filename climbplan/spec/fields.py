@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 import annotated_types
 from pydantic.fields import FieldInfo
 
-from climbplan.spec.base import SpecModel
+from climbplan.spec.base import NAME_PATTERN, NAME_WORDS, SpecModel
 from climbplan.spec.document import KeyPath
 
 # Segments that pydantic adds below a field that is a text, a number or a mapping; they are no keys.
@@ -81,7 +81,8 @@ class Slot:
         if self.type is bool:
             return "true or false"
         if self.type is str:
-            return "text"
+            patterns = [getattr(bound, "pattern", None) for bound in self.bounds]
+            return NAME_WORDS if NAME_PATTERN in patterns else "text"
         arguments = get_args(self.type)
         if get_origin(self.type) is tuple and arguments[-1] is Ellipsis:
             least = [b.min_length for b in self.bounds if isinstance(b, annotated_types.MinLen)]

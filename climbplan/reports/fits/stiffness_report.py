@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 from climbplan.mechanics.identification.fit import Estimate, Fit
 from climbplan.mechanics.identification.measurements import AXES
 from climbplan.mechanics.identification.study import Identification
+from climbplan.plans.csv_file import SafeWriter
 from climbplan.reports.fits.figure_stiffness import stiffness
 from climbplan.reports.sheet import png
 from climbplan.robots.serial_chain import SerialChain
@@ -106,7 +106,7 @@ def _table(found: Identification) -> str:
     pairs = [(i, j) for i in range(len(axes)) for j in range(i, len(axes))]
     names = [f"K{AXES[axes[i]]}{AXES[axes[j]]}" for i, j in pairs]
     stream = io.StringIO()
-    table = csv.writer(stream, lineterminator="\n")
+    table = SafeWriter(stream)
     columns = found.limb.angles
     angles = [f"{joint}_{columns.unit(joint)}" for joint in columns.names]
     scale = [1e3 if joint in columns.slides else 180 / np.pi for joint in columns.names]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ import numpy as np
 from climbplan.errors import UsageError
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.scene import Array
+from climbplan.plans.csv_file import SafeWriter
 from climbplan.reports.page_parts import Card
 from climbplan.simulation.climb_report import conditions_dict, spread
 from climbplan.simulation.conditions import Conditions
@@ -299,7 +299,7 @@ def _cards(found: SimulatedModules) -> list[Card]:
 def _table(found: SimulatedModules) -> str:
     """One row a closed contact and kept sample."""
     stream = io.StringIO()
-    table = csv.writer(stream, lineterminator="\n")
+    table = SafeWriter(stream)
     table.writerow(
         ["time_s", "contact", "force_planned_N", "force_N", "moment_planned_Nm", "moment_Nm"]
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Sequence
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from climbplan.plans.csv_file import SafeWriter
 from climbplan.simulation.climb_report import conditions_dict, spread, trial_dict
 from climbplan.simulation.figures import strip
 from climbplan.simulation.pictures import Camera
@@ -103,7 +103,7 @@ def contact_events(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> li
 def contact_table(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> str:
     """One row a loaded leg and sample."""
     stream = io.StringIO()
-    table = csv.writer(stream, lineterminator="\n")
+    table = SafeWriter(stream)
     table.writerow(
         ["sample", "time_s", "limb", "pressure_planned_N", "pressure_N", "mu_critical_planned",
          "mu_critical", "mu", "correction_N"]

@@ -7,7 +7,16 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from climbplan.spec.base import Fault, Interval, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.base import (
+    Fault,
+    Interval,
+    Number,
+    SpecModel,
+    Vector,
+    name_field,
+    quantity,
+    refuse,
+)
 from climbplan.spec.climb.panel import PanelSpec, RegionHoldSpec
 from climbplan.spec.climb.scan import ScanSpec
 from climbplan.spec.climb.shapes import hull_fault, polygon_fault
@@ -38,7 +47,7 @@ class RectangleSpec(SpecModel):
 class RegionSpec(SpecModel):
     """A convex flat contact region: a rectangle or a convex polygon."""
 
-    name: str = Field(min_length=1, description="name used in reports")
+    name: str = name_field("name used in reports")
     rectangle: RectangleSpec | None = Field(default=None, description="the region as a rectangle")
     vertices: tuple[Vector, ...] | None = quantity(
         "m", "corners of a convex flat polygon, anticlockwise seen from free space", default=None
@@ -110,7 +119,7 @@ class GroundSpec(SpecModel):
 class BoxSpec(SpecModel):
     """An axis-aligned solid box whose top is a contact region: a brick, a step."""
 
-    name: str = Field(min_length=1, description="name used in reports")
+    name: str = name_field("name used in reports")
     lower: Vector = quantity("m", "lower corner")
     upper: Vector = quantity("m", "upper corner")
     friction: Number | None = quantity(
@@ -148,7 +157,7 @@ class TubeSpec(SpecModel):
 class SolidSpec(SpecModel):
     """A convex body: an axis-aligned box or the hull of points."""
 
-    name: str = Field(min_length=1, description="name used in reports")
+    name: str = name_field("name used in reports")
     lower: Vector | None = quantity("m", "lower corner of a box", default=None)
     upper: Vector | None = quantity("m", "upper corner of a box", default=None)
     vertices: tuple[Vector, ...] | None = quantity("m", "points whose hull it is", default=None)

@@ -6,7 +6,16 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from climbplan.spec.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.base import (
+    Count,
+    Fault,
+    Number,
+    SpecModel,
+    Vector,
+    name_field,
+    quantity,
+    refuse,
+)
 from climbplan.spec.limms.space import (
     Placed,
     Space,
@@ -24,7 +33,7 @@ Behaviour = Literal["arms", "quadruped", "flight"]
 class RegionSpec(SpecModel):
     """A box of free space; what no region covers is solid."""
 
-    name: str = Field(min_length=1, description="name used in messages")
+    name: str = name_field("name used in messages")
     lower: Vector = quantity("m", "corner with the least coordinates")
     upper: Vector = quantity("m", "corner with the largest coordinates")
 
@@ -32,7 +41,7 @@ class RegionSpec(SpecModel):
 class AnchorSpec(SpecModel):
     """A latch point on a wall or on the ground."""
 
-    name: str = Field(min_length=1, description="name used in reports")
+    name: str = name_field("name used in reports")
     position: Vector = quantity("m", "where it is, on a face of the free space")
     normal: Vector = quantity("", "axis-parallel direction from the face into free space")
 
@@ -40,7 +49,7 @@ class AnchorSpec(SpecModel):
 class ObstacleSpec(SpecModel):
     """A solid block in the free space; its faces hold anchors, its top may be stood on."""
 
-    name: str = Field(min_length=1, description="name used in messages")
+    name: str = name_field("name used in messages")
     lower: Vector = quantity("m", "corner with the least coordinates")
     upper: Vector = quantity("m", "corner with the largest coordinates")
 
@@ -118,7 +127,7 @@ class ParkedSpec(SpecModel):
 class StandSpec(SpecModel):
     """A module at the start: it stands upright on the ground, or is latched to an anchor."""
 
-    name: str = Field(min_length=1, description="name used in reports")
+    name: str = name_field("name used in reports")
     stand: Vector | None = quantity("m", "point of the ground that it stands on", default=None)
     anchor: str | None = Field(default=None, description="anchor that its first end is latched to")
 

@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.base import Fault, Number, SpecModel, Vector, name_field, quantity, refuse
 from climbplan.spec.climb.uncertainty import RobotUncertaintySpec
 from climbplan.spec.robots.gripper import GripperSpec
 from climbplan.spec.robots.linkage import FiveBarSpec
@@ -28,7 +28,7 @@ from climbplan.spec.robots.ranges import (
 class LimbSpec(SpecModel):
     """One limb: coxa yaw about the body's z, then femur and tibia in the limb's plane."""
 
-    name: str = Field(min_length=1, description="short name used in reports, such as LF")
+    name: str = name_field("short name used in reports, such as LF")
     shoulder: Vector = quantity("m", "first joint in the body frame (x right, y forward, z up)")
     mount_yaw_deg: Number = quantity("deg", "direction of the coxa at zero angle, about body z")
     link_lengths: Vector = quantity("m", "coxa, femur and tibia lengths")

@@ -15,6 +15,7 @@ from climbplan.spec.base import (
     Number,
     SpecModel,
     Vector,
+    name_field,
     quantity,
     refuse,
 )
@@ -28,7 +29,7 @@ _MOST_CORNERS = 12
 class LevelRegionSpec(SpecModel):
     """A rectangle that toes may stand on, level or sloped, or a convex polygon by its corners."""
 
-    name: str = Field(min_length=1, description="name used in reports")
+    name: str = name_field("name used in reports")
     x: Interval = quantity(
         "m", "extent along x, from and to; of corners if these are given", (0, 0)
     )

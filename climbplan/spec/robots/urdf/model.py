@@ -7,7 +7,16 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from climbplan.spec.base import Fault, Number, SpecModel, Vector, quantity, refuse
+from climbplan.spec.base import (
+    NAME_WORDS,
+    Fault,
+    Number,
+    SpecModel,
+    Vector,
+    is_name,
+    quantity,
+    refuse,
+)
 from climbplan.spec.climb.uncertainty import RobotUncertaintySpec
 from climbplan.spec.fields import FILE_TAG, MAPPING_TAG
 from climbplan.spec.robots.foot import FootSpec
@@ -229,7 +238,9 @@ class UrdfRobotSpec(SpecModel):
             least = "two legs" if self.flat_feet else "three legs"
             faults.append(Fault("legs", f"expected at least {least}, got {len(self.legs)}"))
         faults += [
-            Fault("legs", "expected a name for every leg, got ''") for n in self.legs if not n
+            Fault("legs", f"expected {NAME_WORDS}, got {n[:40]!r}")
+            for n in self.legs
+            if not is_name(n)
         ]
         if self.up[-1] == self.forward[-1]:
             odd, other = ("up", "forward") if "up" in self.model_fields_set else ("forward", "up")

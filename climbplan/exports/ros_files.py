@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final
 
-from climbplan.errors import MissingSolver
+from climbplan.errors import MissingSolver, UsageError
 from climbplan.exports.motion import RobotMotion
 from climbplan.exports.ros_messages import Messages, typestore
 from climbplan.plans.atomic_file import written_aside
@@ -48,12 +48,21 @@ def write_mcap(motion: RobotMotion, out: Path) -> None:
 def write_bag(motion: RobotMotion, directory: Path) -> None:
     """A bag of ROS 2 in a directory that is not there yet: SQLite storage and metadata.
 
-    Raises MissingSolver without the extra `ros`.
+    Raises MissingSolver without the extra `ros`, UsageError if the bag cannot be written.
     """
     types = typestore()
-    from rosbags.rosbag2 import Writer
+    import sqlite3
 
-    with Writer(directory, version=BAG_VERSION) as writer:
+    from rosbags.rosbag2 import Writer, WriterError
+
+    try:
+        _write_messages(motion, types, Writer(directory, version=BAG_VERSION))
+    except (sqlite3.Error, WriterError) as error:
+        raise UsageError(f"{directory}: cannot be written: {error}") from error
+
+
+def _write_messages(motion: RobotMotion, types: Any, writer: Any) -> None:
+    with writer:
         connections = {}
         for one in Messages(motion, types).all():
             if one.topic not in connections:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.errors import MissingSolver
+from climbplan.errors import MissingSolver, UsageError
 from climbplan.exports.motion import BodyMotion, RobotMotion
 from climbplan.plans.atomic_file import written_aside
 from climbplan.plans.check import Array
@@ -22,7 +22,7 @@ def write_usd(motion: RobotMotion, out: Path) -> None:
     `usd`, UsageError if the file cannot be written.
     """
     try:
-        from pxr import Usd, UsdGeom
+        from pxr import Tf, Usd, UsdGeom
     except ImportError as error:
         raise MissingSolver("USD files need usd-core: pip install 'climbplan[usd]'") from error
     stage = Usd.Stage.CreateInMemory()
@@ -54,7 +54,12 @@ def write_usd(motion: RobotMotion, out: Path) -> None:
     with written_aside(out) as aside:
         named = aside.with_name(aside.name + suffix)  # USD chooses the format by it
         try:
-            stage.Export(str(named))
+            try:
+                is_written = stage.Export(str(named))
+            except Tf.ErrorException as error:
+                raise UsageError(f"{out}: cannot be written: {error}".splitlines()[0]) from error
+            if not is_written:
+                raise UsageError(f"{out}: cannot be written: the disk may be full")
             named.replace(aside)
         finally:
             named.unlink(missing_ok=True)

@@ -6,7 +6,6 @@ so that `--help` answers at once.
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import traceback
@@ -21,8 +20,8 @@ from climbplan import __version__
 from climbplan.cli.bench import bench
 from climbplan.cli.console import (
     Session,
-    open_missing_streams,
     plain_messages,
+    prepare_streams,
     print_answer,
     print_error,
     running,
@@ -31,8 +30,15 @@ from climbplan.cli.console import (
 )
 from climbplan.cli.data import data
 from climbplan.cli.doctor import doctor
+from climbplan.cli.environment import prepare_environment, require_sound_environment
 from climbplan.cli.export import export
-from climbplan.cli.failure import INTERRUPTED, PIPE_CLOSED, TERMINATED, failure_fields
+from climbplan.cli.failure import (
+    INTERRUPTED,
+    PIPE_CLOSED,
+    TERMINATED,
+    failure_fields,
+    fault_of_surroundings,
+)
 from climbplan.cli.fit_envelopes import fit_envelopes
 from climbplan.cli.fit_gripper import fit_gripper
 from climbplan.cli.fit_stiffness import fit_stiffness
@@ -57,10 +63,7 @@ from climbplan.cli.verify import verify
 from climbplan.cli.view import view
 from climbplan.errors import ClimbplanError, ExitCode
 
-# Matrices here are small: threads in BLAS cost more than they give, several times more where other
-# processes (the workers of --jobs) use the cores. Read when NumPy is loaded, which comes later.
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
+prepare_environment()  # before NumPy is loaded
 
 
 # As `--help` shows them
@@ -104,31 +107,34 @@ class _Commands(TyperGroup):
     def make_context(
         self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
     ) -> Any:
+        session: Session = extra["obj"]
         try:
             return super().make_context(info_name, args, parent, **extra)
         except typer.Exit:
             raise
-        except Exception as error:  # a mistake before any command is known
-            extra["obj"].error = error
+        except Exception as error:  # before any command is known
+            code = _code_of(error, session)
+            if code is not None:
+                raise typer.Exit(code) from None
+            session.error = error
             raise
 
     def invoke(self, ctx: Any) -> Any:
         session = ctx.ensure_object(Session)
         try:
+            require_sound_environment()
             return super().invoke(ctx)
         except (Exception, KeyboardInterrupt) as error:
             # Libraries make errors of their own of an interrupt; it is one all the same.
             code = _interrupted(error)
             if code is not None:
                 raise typer.Exit(code) from None
-            if not isinstance(error, typer.Exit):
-                session.error = error
-            if isinstance(error, ClimbplanError):
-                print_error(error)
-                raise typer.Exit(error.exit_code) from None
-            if isinstance(error, BrokenPipeError):
-                silence_standard_output()
-                raise typer.Exit(PIPE_CLOSED) from None
+            if isinstance(error, typer.Exit):
+                raise
+            session.error = error
+            code = _code_of(error, session)
+            if code is not None:
+                raise typer.Exit(code) from None
             raise
         finally:
             interrupt_handled()
@@ -137,6 +143,19 @@ class _Commands(TyperGroup):
 def _called(command: Any) -> str:
     """What a command is called."""
     return "data" if command is data else str(command.__name__).replace("_", "-")
+
+
+def _code_of(error: BaseException, session: Session) -> int | None:
+    """Return the exit code of an error that is no bug, once it is printed; None for a bug."""
+    stated = fault_of_surroundings(error) or error
+    if isinstance(stated, ClimbplanError):
+        session.error = stated
+        print_error(stated)
+        return stated.exit_code
+    if isinstance(stated, BrokenPipeError):
+        silence_standard_output()
+        return PIPE_CLOSED
+    return None
 
 
 def _interrupted(error: BaseException) -> int | None:
@@ -187,7 +206,7 @@ def _global_options(
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run one command line (by default the process's own) and return its exit code."""
-    open_missing_streams()
+    prepare_streams()
     given = list(sys.argv[1:] if arguments is None else arguments)
     session = Session(as_json="--json" in given)
     with running(session):

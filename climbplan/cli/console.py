@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import os
@@ -9,7 +10,7 @@ import re
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +36,7 @@ class Session:
     def note(self, line: str) -> None:
         """A line about the run, on standard error unless quiet."""
         if not self.quiet:
-            print(harmless(line), file=sys.stderr, flush=True)
+            say(line)
 
     @property
     def shows_progress(self) -> bool:
@@ -49,6 +50,12 @@ def harmless(text: str) -> str:
     """Text with control characters written out: names and reasons in files from elsewhere must not
     drive a terminal."""
     return _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
+
+
+def say(text: str) -> None:
+    """Print a line for people on standard error; where that cannot be written nobody reads it."""
+    with suppress(OSError):
+        print(harmless(text), file=sys.stderr, flush=True)
 
 
 def print_result(text: str) -> None:
@@ -81,8 +88,9 @@ def print_answer(session: Session, code: int, failure: Mapping[str, Any]) -> Non
 
 
 def _print_object(value: Mapping[str, Any]) -> None:
-    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
     # What would drive a terminal or cannot be encoded, as JSON writes it
+    ascii_only = not (sys.stdout.encoding or "utf-8").lower().startswith("utf")
+    text = json.dumps(value, indent=2, ensure_ascii=ascii_only, allow_nan=False)
     print_result(_NOT_PLAIN.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
 
 
@@ -116,12 +124,12 @@ def standard_output() -> Iterator[TextIO]:
 def print_error(error: ClimbplanError) -> None:
     """A mistake for people; those of a spec start with file and line, as editors expect."""
     text = str(error) if isinstance(error, SpecError) else f"error: {error}"
-    print(harmless(text), file=sys.stderr)
+    say(text)
 
 
 def warn(message: str) -> None:
     """Something that a person should know although the run goes on; quiet does not hide it."""
-    print(harmless(f"warning: {message}"), file=sys.stderr)
+    say(f"warning: {message}")
 
 
 class _LogLines(logging.Handler):
@@ -141,7 +149,7 @@ class _LogLines(logging.Handler):
         elif getattr(record, "note", False):  # about the run, as those of commands
             self._session.note(record.getMessage())
         elif self._session.verbose:
-            print(message, file=sys.stderr)
+            say(message)
 
 
 @contextmanager
@@ -176,12 +184,15 @@ def plain_messages(session: Session) -> Iterator[None]:
         figures.setLevel(figures_level)
 
 
-def open_missing_streams() -> None:
-    """Python has no stream at all where the shell closed one (`>&-`)."""
+def prepare_streams() -> None:
+    """Open what the shell closed (`>&-`), and write out characters that an encoding lacks."""
     if sys.stdout is None:
         silence_standard_output()
     if sys.stderr is None:
         sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115 - lives as long as the process
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
 
 
 def silence_standard_output() -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import math
+import os
 import signal
 from typing import Any
 
@@ -14,6 +16,7 @@ from climbplan.errors import (
     NotProved,
     Remedy,
     SpecError,
+    UsageError,
 )
 
 INTERRUPTED = 128 + signal.SIGINT  # as shells report it
@@ -76,6 +79,38 @@ def failure_fields(error: BaseException | None, code: int, stage: str) -> dict[s
         "remedies": [_plain(remedy) for remedy in remedies],
         **own,
     }
+
+
+# Of files and disks: no bug of ours, wherever it comes up
+_SURROUNDINGS = (
+    errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO,
+    errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.EMFILE, errno.ENFILE,
+    errno.ESTALE, errno.ETXTBSY, errno.EBUSY,
+)  # fmt: skip
+
+
+def fault_of_surroundings(error: BaseException) -> UsageError | None:
+    """Return what to say of a file, a disk or a directory that fails; None for any other error.
+
+    Readers and writers say it with what they expected. This is for all others, such as a question
+    whether a path is there whose name is too long.
+    """
+    if not isinstance(error, OSError):
+        return None
+    if isinstance(error, FileNotFoundError) and not _has_directory():
+        return UsageError("the current directory was deleted; change to one that exists")
+    if error.errno not in _SURROUNDINGS:
+        return None
+    where = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
+    return UsageError(f"{where}cannot be used: {error.strerror}; expected another path or disk")
+
+
+def _has_directory() -> bool:
+    try:
+        os.getcwd()
+    except OSError:
+        return False
+    return True
 
 
 def _words(error: BaseException, code: int) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -110,17 +111,25 @@ def _links(toes: str | None) -> tuple[str, ...]:
 
 
 def _write(content: dict[Path, bytes], directory: Path, force: bool) -> None:
-    """All files or none that is there already."""
+    """All files or none that is there already; directories that it makes go where it fails."""
     from climbplan.plans.atomic_file import written_aside
 
     _refuse_existing(content, force)
+    above = [directory, *directory.parents]
+    made = [path for path in above if not path.exists()]
     try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"{directory}: cannot be created: {error.strerror}") from error
-    for path, value in content.items():
-        with written_aside(path) as aside:
-            aside.write_bytes(value)
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"{directory}: cannot be created: {error.strerror}") from error
+        for path, value in content.items():
+            with written_aside(path) as aside:
+                aside.write_bytes(value)
+    except BaseException:
+        for path in made:  # the innermost first; what holds a file stays
+            with suppress(OSError):
+                path.rmdir()
+        raise
 
 
 def _refuse_existing(paths: Iterable[Path], force: bool) -> None:

@@ -117,7 +117,8 @@ class OutputDirectory:
         final = self._final
         if final == Path.cwd() or final in Path.cwd().parents:
             raise UsageError(f"{self.target}: is the current directory or above it, name another")
-        if final.is_symlink():  # resolved as far as it goes, and still a link
+        # Resolved as far as it goes, and still a link
+        if any(path.is_symlink() for path in (final, *final.parents)):
             raise UsageError(f"{self.target}: cannot be written: a link that leads to itself")
         if not final.exists():
             return

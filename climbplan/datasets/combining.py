@@ -62,6 +62,8 @@ def split(data: Dataset, test_share: float, seed: int = 0) -> Split:
 
     test_share: of the problems. Raises UsageError if one side would be empty.
     """
+    if not 0 < test_share < 1:  # NaN as well
+        raise UsageError(f"--test {test_share:g}: expected a share of more than 0 and less than 1")
     drawn = data.drawn
     hashes = np.array(data.hashes())
     problems = np.unique(hashes[drawn])

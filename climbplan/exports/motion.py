@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from climbplan.errors import UsageError
+from climbplan.errors import UnsoundPlan, UsageError
 from climbplan.plans.check import Array
 
 
@@ -162,6 +162,17 @@ def _span(values: Array) -> str:
     return f"{values.min():.4g} to {values.max():.4g}"
 
 
+def require_increasing(time: Array) -> None:
+    """Raise UnsoundPlan if a sample (T,) [s] is not after the one before: that is no motion."""
+    wrong = np.flatnonzero(~(np.diff(time) > 0) | ~np.isfinite(time[1:]))
+    if len(wrong):
+        k = int(wrong[0]) + 1
+        raise UnsoundPlan(
+            f"time: sample {k} at {time[k]:g} s, the one before at {time[k - 1]:g} s; expected "
+            "times that increase: plan again, `climbplan verify` lists what else is wrong"
+        )
+
+
 def differentiated(time: Array, values: Array) -> tuple[Array, Array]:
     """First and second derivative (T, ...) of the cubic spline through values at rest at its ends.
 
@@ -169,6 +180,7 @@ def differentiated(time: Array, values: Array) -> tuple[Array, Array]:
     """
     if len(time) < 3:
         return np.zeros_like(values), np.zeros_like(values)
+    require_increasing(time)
     spline = CubicSpline(time, values, axis=0, bc_type="clamped")
     return spline(time, 1), spline(time, 2)
 

@@ -16,6 +16,7 @@ from climbplan.exports.motion import (
     JointMotion,
     RobotMotion,
     continuous_quaternions,
+    require_increasing,
 )
 from climbplan.plans.check import Array
 
@@ -37,6 +38,7 @@ def at_rate(motion: RobotMotion, rate: float) -> RobotMotion:
     of is kept exactly. Contacts are those of the sample before. Raises UsageError for rates that
     cannot be.
     """
+    require_increasing(motion.time)
     time = _times(motion, rate)
     if motion.sampler is not None:
         return motion.sampler(_with_changes(motion, time))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from climbplan.errors import UsageError
@@ -17,10 +17,10 @@ def written_aside(path: Path) -> Iterator[Path]:
     Whatever stops the writing, the file at `path` stays as it was. Raises UsageError if the place
     cannot be written to.
     """
-    if path.is_dir():
-        raise UsageError(f"{path}: cannot be written: it is a directory")
     aside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
+        if path.is_dir():
+            raise UsageError(f"{path}: cannot be written: it is a directory")
         yield aside
         _flush(aside)
         os.replace(aside, path)
@@ -29,7 +29,8 @@ def written_aside(path: Path) -> Iterator[Path]:
         reason = error.strerror or str(error)
         raise UsageError(f"{path}: cannot be written: {reason}") from error
     finally:
-        aside.unlink(missing_ok=True)
+        with suppress(OSError):  # a place where nothing could be written
+            aside.unlink(missing_ok=True)
 
 
 def _flush(path: Path) -> None:

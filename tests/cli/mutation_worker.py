@@ -1,7 +1,9 @@
 """A process that runs command lines one after another, as its parent asks.
 
 Each line of standard input is JSON, {folder, commands}; each line of its output tells how they
-ended: [{code, seconds, said}]. The parent kills it where one does not end.
+ended: [{code, seconds, said, memory}]. The parent kills it where one does not end. Commands that
+begin with ! are functions that read a file, for readers that a command reaches after long
+computations only, and commands in an environment of their own.
 """
 
 from __future__ import annotations
@@ -11,15 +13,23 @@ import io
 import json
 import os
 import resource
+import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from climbplan.bench.instances import check_solution
 from climbplan.cli.app import run
+from climbplan.climb.envelopes.file import read_envelopes
+from climbplan.errors import ClimbplanError
+from climbplan.learning.model_file import read_model
+from climbplan.mechanics.gripper import read_grips
+from climbplan.mechanics.gripper_model import load_model
 
-_MOST_MEMORY = 8 * 2**30  # [bytes]
+_MOST_MEMORY = 4 * 2**30  # [bytes] of addresses
 
 
 class _Unseen:
@@ -47,12 +57,50 @@ def _outcome(command: list[str]) -> dict[str, Any]:
     start = time.process_time()
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            code = int(run(command))
+            code = _code(command)
     except BaseException as error:  # nothing may come through
         code = -1
         err.write(f"{type(error).__name__}: {error}")
     seconds = time.process_time() - start
-    return {"code": code, "seconds": seconds, "said": err.getvalue()[-1500:]}
+    memory = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return {"code": code, "seconds": seconds, "said": err.getvalue()[-1500:], "memory": memory}
+
+
+def _code(command: list[str]) -> int:
+    first, *rest = command
+    if first == "!environment":
+        return _in_environment(*rest)
+    if first == "!instance":
+        # 1 says there that a solution is not feasible
+        return {0: 0, 1: 0}.get(check_solution.main(rest), 2)
+    if first in _READERS:
+        try:
+            _READERS[first](Path(rest[0]))
+        except ClimbplanError as error:
+            print(error, file=sys.stderr)
+            return int(error.exit_code)
+        return 0
+    return int(run(command))
+
+
+_READERS: dict[str, Callable[[Path], object]] = {
+    "!gripper": lambda path: load_model(str(path)),
+    "!grips": read_grips,
+    "!model": read_model,
+    "!envelopes": read_envelopes,
+}
+
+
+def _in_environment(name: str, value: str, *command: str) -> int:
+    done = subprocess.run(
+        [sys.executable, "-m", "climbplan", *command],
+        env={**os.environ, name: value},
+        capture_output=True,
+        timeout=120,
+        check=False,
+    )
+    print(done.stderr.decode(errors="replace"), file=sys.stderr)
+    return done.returncode if done.returncode >= 0 else -2
 
 
 def main() -> None:

@@ -30,10 +30,26 @@ _HOLE = "QQholeQQ"
 Place = tuple[str | int, ...]
 
 
+_NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
+_NUMBERS = [
+    b"0", b"-1", b"1", b"2", b"3.5", b"1e300", b"-1e300", b"1e-300", b"nan", b"inf", b"-inf",
+    b"4294967295", b"2147483648", b"9223372036854775807", b"18446744073709551616", b"1e9",
+    b"999999999999", b"9" * 400, b"9" * 6000, b"", b"x", b"(", b"[[[", b"'", b'"', b"{", b"\\",
+]  # fmt: skip
+
+
 def mutated_text(content: bytes, rng: random.Random) -> tuple[str, bytes]:
     """What was done to a text of any kind, and the outcome."""
-    which = rng.choice(["cut", "flip", "line out", "line twice", "insert", "swap", "encode"])
+    which = rng.choice(
+        ["cut", "flip", "line out", "line twice", "insert", "swap", "encode", "number", "number"]
+    )
     lines = content.splitlines(keepends=True)
+    if which == "number" and (numbers := list(_NUMBER.finditer(content))):
+        # Those of a header are more telling
+        some = numbers[:24] if rng.random() < 0.5 else numbers
+        found, other = rng.choice(some), rng.choice(_NUMBERS)
+        changed = content[: found.start()] + other + content[found.end() :]
+        return f"number at byte {found.start()}: {other[:20]!r}", changed
     at, row = rng.randrange(len(content)), rng.randrange(len(lines))
     if which == "cut":
         return f"cut at byte {at}", content[:at]

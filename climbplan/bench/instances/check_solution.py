@@ -10,6 +10,7 @@ are computed from the one row that defines them.
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-5  # of rows and bounds relative to 1 and their size, and of integers
+_HEADER_LINES = 10  # of an .nl file
+_COUNT = re.compile(rb"\d{1,9}")
 _HUGE = 1e19  # SCIP's and the formats' infinity
 
 
@@ -173,9 +176,22 @@ def _read_mps(path: Path) -> Model:
     )
 
 
+def _require_nl(path: Path) -> None:
+    """Raise ValueError for a file without the header of .nl in text, on which CasADi never ends."""
+    lines = path.read_bytes().splitlines()[:_HEADER_LINES]
+    starts = [line.split(b"#")[0].split() for line in lines]
+    is_text = len(lines) == _HEADER_LINES and lines[0].startswith(b"g")
+    counts = starts[1:] if is_text else [[]]
+    if not all(entry and all(_COUNT.fullmatch(number) for number in entry) for entry in counts):
+        raise ValueError(
+            f"{path}: expected an .nl file in text: a line that begins with g, then nine of counts"
+        )
+
+
 def _read_nl(path: Path) -> Model:
     import casadi as ca
 
+    _require_nl(path)
     file: Any = ca.NlpBuilder()
     file.import_nl(str(path))
     v = ca.vertcat(*file.x)
@@ -211,6 +227,10 @@ def main(arguments: list[str]) -> int:
         verdict = check(model, read_solution(Path(arguments[1])))
     except (OSError, ValueError) as error:
         print(error, file=sys.stderr)
+        return 2
+    except Exception as error:  # whatever the libraries trip over in a broken file
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        print(f"{arguments[0]}: cannot be read: {reason}", file=sys.stderr)
         return 2
     print(f"objective {verdict.objective:.12g}")
     print(f"rows {verdict.rows:.2g}, bounds {verdict.bounds:.2g}, integers", end=" ")

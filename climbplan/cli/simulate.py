@@ -317,7 +317,7 @@ def simulate(
         pictures=pictures,
         pushes=tuple(map(parsed_push, push or ())),
         worlds=worlds,
-        engine=engine.value,
+        engine="statics" if engine is Judge.statics else "mujoco",
         rare=rare,
     )
     session = context.ensure_object(Session)

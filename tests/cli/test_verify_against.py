@@ -55,9 +55,10 @@ def made(own: Path, tmp_path_factory: pytest.TempPathFactory) -> Make:
 def test_a_plan_of_the_same_spec_passes(run_command: RunCommand, own: Path, made: Make) -> None:
     done = run_command("verify", str(made()), "--spec", str(own))
     assert done.code == 0, done.out
-    first, second = done.out.splitlines()[:2]
+    first, second, third = done.out.splitlines()[:3]
     assert first == "verified"
-    assert second.startswith("spec ")
+    assert second.startswith("fine: ")
+    assert third.startswith("spec ")
     assert second.endswith(f"…  {own}")
     alone = run_command("verify", str(made())).out.splitlines()
     assert alone[1] == f"{second.partition('…')[0]}…  stored in the plan (own)"
@@ -181,7 +182,7 @@ def test_walks(run_command: RunCommand) -> None:
     report = json.loads(Path("walk/report.json").read_text(encoding="utf-8"))
     assert report["verified"] is True
     assert report["level"] == "do_not_use"
-    assert '<p class="level bad"><b>do not use</b>: data or deflections are beyond' in page
+    assert '<p class="level bad"><strong>do not use</strong>: data or deflections are beyond' in page
     assert report["verified_in"] == "implausible data, forward Euler"
     checked = run_command("verify", "walk")
     assert checked.code == 5

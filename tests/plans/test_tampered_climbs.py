@@ -203,7 +203,8 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
     ),
     "forbidden wall": (
         put("terrain/allowed", (RM, 1), False),
-        {"contact.allowed", *TERRAIN},
+        # Where a limb may not stand its tibia has to keep all of its radius
+        {"contact.allowed", "limbs.capsules", "trajectory.capsules", *TERRAIN},
     ),
     "swapped regions": (
         put("instants/region", (1, slice(RF, RM + 1)), 0),

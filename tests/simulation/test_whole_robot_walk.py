@@ -42,6 +42,7 @@ def test_the_model_moves_as_the_urdf_does(plan: WalkPlan) -> None:
     robot = whole_robot(plan, NOMINAL)
     model = mujoco.MjModel.from_xml_string(whole_model(plan, robot, NOMINAL))
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    model.dof_armature[:], model.dof_damping[:], model.dof_frictionloss[:] = 0.0, 0.0, 0.0
     assert model.body_mass.sum() == pytest.approx(robot.mass, rel=1e-9)
     data, found = mujoco.MjData(model), robot.found
     pin, other = found.library, found.model.createData()

@@ -19,6 +19,7 @@ KNOWN = [
 ]
 
 
+@pytest.mark.slow
 def test_no_mutant_ends_in_a_bug(tmp_path: Path, pytestconfig: pytest.Config) -> None:
     count, seed = (pytestconfig.getoption(name) for name in ("--fuzz-cases", "--fuzz-seed"))
     plans = made_plans(tmp_path / "plans", QUICK_PLANS if count <= FEW else tuple(PLANS))

@@ -59,9 +59,9 @@ def test_a_plan_of_the_same_spec_passes(run_command: RunCommand, own: Path, made
     assert first == "verified"
     assert second.startswith("fine: ")
     assert third.startswith("spec ")
-    assert second.endswith(f"…  {own}")
+    assert third.endswith(f"…  {own}")
     alone = run_command("verify", str(made())).out.splitlines()
-    assert alone[1] == f"{second.partition('…')[0]}…  stored in the plan (own)"
+    assert alone[2] == f"{third.partition('…')[0]}…  stored in the plan (own)"
 
 
 @pytest.mark.parametrize(
@@ -182,7 +182,9 @@ def test_walks(run_command: RunCommand) -> None:
     report = json.loads(Path("walk/report.json").read_text(encoding="utf-8"))
     assert report["verified"] is True
     assert report["level"] == "do_not_use"
-    assert '<p class="level bad"><strong>do not use</strong>: data or deflections are beyond' in page
+    assert (
+        '<p class="level bad"><strong>do not use</strong>: data or deflections are beyond' in page
+    )
     assert report["verified_in"] == "implausible data, forward Euler"
     checked = run_command("verify", "walk")
     assert checked.code == 5

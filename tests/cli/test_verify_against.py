@@ -182,9 +182,7 @@ def test_walks(run_command: RunCommand) -> None:
     report = json.loads(Path("walk/report.json").read_text(encoding="utf-8"))
     assert report["verified"] is True
     assert report["level"] == "do_not_use"
-    assert (
-        '<p class="level bad"><strong>do not use</strong>: data or deflections' in page
-    )
+    assert '<p class="level bad"><strong>do not use</strong>: data or deflections' in page
     assert report["verified_in"] == "implausible data, forward Euler"
     checked = run_command("verify", "walk")
     assert checked.code == 5

@@ -6,9 +6,9 @@ from the toe keeps
 
     min(r, f + d / 4),
 
-where r is the radius of the link and f that of a spherical foot, so that a limb is a cone of 14
-degrees there. Without such a foot, the last 5 cm are left out. The checks measure it again
-(`climbplan/climb/check/clearance.py`); scans have a rule of their own
+in steps along the link, where r is the radius of the link and f that of a spherical foot, so that
+a limb is a cone of 14 degrees there. Without such a foot, the last 5 cm are left out. The checks
+measure it again (`climbplan/climb/check/clearance.py`); scans have a rule of their own
 (`climbplan/terrain/raw_surface.py`).
 """
 
@@ -73,7 +73,7 @@ class LimbShortfall:
 
 
 def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> LimbShortfall | None:
-    """Where standing limbs come closest to a solid or a scan, None where there is neither.
+    """Return where standing limbs come closest to a solid or a scan; None if there is neither.
 
     Looked at along every push, from the placing of a limb to the next lift, and at the start.
     """
@@ -152,7 +152,7 @@ def world_capsules(
 
 
 def foot_radius(robot: Robot) -> float:
-    """Radius of spherical feet [m]; zero for points, for soles and for grippers."""
+    """Return the radius of spherical feet [m]; zero for points, soles and grippers."""
     return 0.0 if robot.foot is None or robot.foot.sole is not None else robot.foot.radius
 
 

@@ -206,7 +206,7 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
 
 
 def _narrow_part(plan: ClimbPlan) -> Narrow:
-    """How limbs narrow to their toes: as the planner keeps them off what they stand on.
+    """Return how limbs narrow to their toes: as the planner keeps them off what they stand on.
 
     That is stated in `climbplan/climb/limb_clearance.py`, and for scans in
     `climbplan/terrain/raw_surface.py`.

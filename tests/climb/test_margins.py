@@ -142,7 +142,7 @@ def test_checks_recompute_margins_and_call_a_plan_fragile(tmp_path: Path) -> Non
     assert names == {
         f"robust.{x}" for x in ("pressure", "friction", "slip", "depth", "torque", "stiffness")
     }
-    weak = replace(standing.robot, max_torque=0.75 * standing.robot.max_torque)
+    weak = replace(standing.robot, max_torque=0.55 * standing.robot.max_torque)
     tired = verification_of(replace(standing, robot=weak)).fragile
     assert len(tired) == 1
     assert "of 10 % of the limit" in tired[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -65,7 +66,13 @@ def test_splits_share_no_problem() -> None:
     assert not np.array_equal(split(data, 0.3, seed=6).test, masks.test)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.01, 1.0, -1.0])
+@pytest.mark.parametrize("share", [0.0, 1.0, -1.0, math.nan])
+def test_shares_that_are_none_are_refused(share: float) -> None:
+    with pytest.raises(UsageError, match="expected a share of more than 0 and less than 1"):
+        split(made(1), share)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.99])
 def test_empty_sides_are_refused(share: float) -> None:
     with pytest.raises(UsageError, match="cannot be split"):
         split(made(1), share)

@@ -110,7 +110,8 @@ def test_each_problem_has_one_declaration_and_one_checker() -> None:
         assert len(checkers) == 1, problem
 
 
-ALONE = {"climbplan/errors.py", "climbplan/progress.py", "climbplan/reading.py"}  # rooms of one file
+# Rooms of one file
+ALONE = {"climbplan/errors.py", "climbplan/progress.py", "climbplan/reading.py"}
 
 
 def test_places_beside_a_declaration_are_named_once_with_a_reason() -> None:

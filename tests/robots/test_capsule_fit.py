@@ -14,7 +14,7 @@ from climbplan.robots.any_robot import build_robot
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import Array
-from climbplan.robots.urdf.capsule_fit import capsule_of
+from climbplan.robots.urdf.capsule_fit import capsule_of, capsules_of
 from climbplan.robots.urdf.shapes import Shape
 from climbplan.spec.robots.source import load_any_robot
 
@@ -60,6 +60,30 @@ def test_a_box_has_the_least_capsule_along_its_longest_side(half: tuple[float, .
         for h in inner
     ]
     assert volume(ends, radius) <= min(others) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("flat", ["disc", "plate"])
+def test_a_flat_piece_is_held_by_strips_that_reach_little_beyond_it(flat: str) -> None:
+    if flat == "disc":
+        piece = trimesh.creation.cylinder(radius=0.06, height=0.04, sections=16)
+        shape_axis = np.array([0.0, 0.0, 0.02]), 0.06**2
+        points = piece.vertices[np.linalg.norm(piece.vertices[:, :2], axis=1) > 0.01]
+    else:
+        piece = trimesh.creation.box(extents=(0.12, 0.1, 0.03))
+        shape_axis = np.array([0.06, 0.0, 0.0]), 0.05**2 + 0.015**2
+        points = piece.vertices
+    turn = trimesh.transformations.random_rotation_matrix(np.random.default_rng(3).random(3))
+    moved = points @ turn[:3, :3].T + 0.3
+    axis = np.full(3, 0.3), turn[:3, :3] @ shape_axis[0], shape_axis[1]
+    found = capsules_of(Shape("", moved, 0.0, axis))
+    inside = trimesh.sample.sample_surface(piece, 4000, seed=1)[0] @ turn[:3, :3].T + 0.3
+    room = [off_axis(inside, ends) - radius for ends, radius in found]
+    assert np.min(room, axis=0).max() <= 1e-4  # `off_axis` looks at 2,001 places of the axis
+    thin = turn[:3, 2]
+    half = np.ptp(points[:, 2]) / 2
+    beyond = [np.abs((ends - 0.3) @ thin).max() + radius - half for ends, radius in found]
+    assert max(beyond) < 0.01
+    assert len(found) in (3, 4)
 
 
 def test_points_of_a_mesh_lie_within_a_capsule_near_the_least() -> None:

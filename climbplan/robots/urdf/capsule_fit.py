@@ -1,4 +1,4 @@
-"""Capsules that hold collision geometry: one round each piece of it, of least volume.
+"""Capsules that hold collision geometry: of least volume, one round each piece that is not flat.
 
 A capsule of half length h about the longest axis of a box, or about a cylinder's, holds it with
 R^2 = q + u^2, where u = a - h, a is the half length of the piece and q the square of how far its
@@ -7,12 +7,17 @@ edges lie from that axis. Its volume 2 pi R^2 h + 4/3 pi R^3 is least where
     2 u (a - u) - q - u^2 + 2 u R = 0,
 
 which has one root between 0 and a if 3 a^2 > q; otherwise it is a sphere.
+
+A flat box or disc, such as the housing of a knee's motor, is cut into strips about as wide as it is
+thick, each with a capsule of its own: one capsule round a disc of radius 60 mm and thickness 40 mm
+would reach 43 mm beyond its faces, three reach 8 mm beyond them.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import brentq, minimize
@@ -28,6 +33,22 @@ LIMB_RADIUS = 0.02  # [m] without collision geometry
 _ROUNDED = 4  # decimals [m] of the ends round a mesh, so that every machine has the same
 _KEPT = 256  # meshes whose capsules are remembered
 _FLAT = 5  # fewest points of which there is a hull
+_WIDE = 1.5  # times as wide as it is thick is a piece that is cut
+_STRIPS = 4  # most of a piece
+
+
+def capsules_of(shape: Shape) -> list[tuple[Array, float]]:
+    """Return capsules that hold one piece of geometry: ends (2, 3) of the axes, and radii [m]."""
+    if shape.axis is None:
+        return [capsule_of(shape)]
+    sides = _sides(shape)
+    along = shape.points @ sides.T  # (P, 3)
+    _, wide, thick = np.ptp(along, axis=0)
+    count = min(round(wide / max(thick, 1e-9)), _STRIPS)
+    if wide < _WIDE * thick:
+        return [capsule_of(shape)]
+    cuts = np.linspace(along[:, 1].min(), along[:, 1].max(), count + 1)
+    return [_round_box(*_box(_slab(along, *bounds), sides)) for bounds in pairwise(cuts)]
 
 
 def capsule_of(shape: Shape) -> tuple[Array, float]:
@@ -36,7 +57,42 @@ def capsule_of(shape: Shape) -> tuple[Array, float]:
         return shape.points[[0, -1]], shape.radius
     if shape.axis is None:
         return _round_points(np.ascontiguousarray(shape.points, float).tobytes(), shape.radius)
-    middle, half, square = shape.axis
+    return _round_box(*shape.axis)
+
+
+def _sides(shape: Shape) -> Array:
+    """Directions (3, 3) of a box or a cylinder as rows, of its longest extent first."""
+    assert shape.axis is not None
+    first = shape.axis[1] / max(float(np.linalg.norm(shape.axis[1])), 1e-12)
+    flat = shape.points - shape.points @ first[:, None] * first
+    _, _, others = np.linalg.svd(flat - flat.mean(axis=0), full_matrices=False)
+    sides = np.stack([first, others[0], others[1]])
+    return np.asarray(sides[np.argsort(-np.ptp(shape.points @ sides.T, axis=0), kind="stable")])
+
+
+def _slab(points: Array, lower: float, upper: float) -> Array:
+    """Points (Q, 3) whose hull is what the hull of points (P, 3) has of lower <= y <= upper."""
+    one, other = (points[index] for index in np.triu_indices(len(points), 1))
+    found = [points[(points[:, 1] >= lower) & (points[:, 1] <= upper)]]
+    for cut in (lower, upper):
+        crossing = (one[:, 1] - cut) * (other[:, 1] - cut) < 0
+        a, b = one[crossing], other[crossing]
+        share = (cut - a[:, 1]) / (b[:, 1] - a[:, 1])
+        found.append(a + share[:, None] * (b - a))
+    return np.concatenate(found)
+
+
+def _box(points: Array, sides: Array) -> tuple[Array, Array, float]:
+    """Middle, half of the long axis and `square` of the box round points along sides (3, 3)."""
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    half = (upper - lower) / 2
+    longest = int(np.argmax(half))
+    square = float((half**2).sum() - half[longest] ** 2)
+    return (lower + upper) / 2 @ sides, half[longest] * sides[longest], square
+
+
+def _round_box(middle: Array, half: Array, square: float) -> tuple[Array, float]:
+    """The capsule round what lies within sqrt(square) of an axis, from middle - half to + half."""
     a = float(np.linalg.norm(half))
     u = a
     if 3 * a * a > square:
@@ -82,7 +138,8 @@ def leg_capsules(
             if radius is not None:
                 own.append((number, straight, radius))
                 continue
-            fitted = [capsule_of(shape) for shape in shapes if shape.joint == joint]
+            own_shapes = (shape for shape in shapes if shape.joint == joint)
+            fitted = [capsule for shape in own_shapes for capsule in capsules_of(shape)]
             own += [(number, _towards(points[-1], ends - centre), r) for ends, r in fitted]
         if not own or own[-1][0] != width - 1:
             own.append((width - 1, points[-2:], own[-1][2] if own else LIMB_RADIUS))

@@ -67,7 +67,7 @@ def braced_robot(limbs: int, seed: int = 0) -> RobotSpec:
 def pytest_addoption(parser: pytest.Parser) -> None:
     """How many mutated files the fuzz test makes, and which."""
     group = parser.getgroup("fuzz")
-    group.addoption("--fuzz-cases", type=int, default=300, help="mutated files [300]")
+    group.addoption("--fuzz-cases", type=int, default=150, help="mutated files [150]")
     group.addoption("--fuzz-seed", type=int, default=0, help="what decides which [0]")
 
 

@@ -1,25 +1,32 @@
-"""A process that runs command lines one after another, as its parent asks.
+"""A warm process that forks a child for each command line, as its parent asks.
 
-Each line of standard input is JSON, {folder, commands}; each line of its output tells how they
-ended: [{code, seconds, said, memory}]. The parent kills it where one does not end. Commands that
-begin with ! are functions that read a file, for readers that a command reaches after long
-computations only, and commands in an environment of their own.
+Each line of standard input is JSON. {warm, folder}: run these commands here, so that what they load
+and compile is there for all children. {folder, command}: run one in a child; the line of output
+tells how it ended: {code, seconds, message, memory}. A child that does not end is killed. Commands
+that begin with ! are functions that read a file, for readers that a command reaches after long
+computations only, and commands in an environment and process of their own.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
+import gc
 import io
 import json
 import os
 import resource
+import select
+import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+
+import typer
+from mutation_sources import made_sources
 
 from climbplan.bench.instances import check_solution
 from climbplan.cli.app import run
@@ -28,8 +35,12 @@ from climbplan.errors import ClimbplanError
 from climbplan.learning.model_file import read_model
 from climbplan.mechanics.gripper import read_grips
 from climbplan.mechanics.gripper_model import load_model
+from climbplan.mechanics.identification import fit
 
-_MOST_MEMORY = 4 * 2**30  # [bytes] of addresses
+_MAX_ADDRESSES = 4 * 2**30  # [bytes]
+_MAX_CPU = 12  # [s] after which a child is ended by a signal
+_PATIENCE = 120.0  # [s] of waiting, on a machine that has other things to do
+_NUM_RESAMPLES = 3  # of fits of stiffness: more of them read nothing more
 
 
 class _Unseen:
@@ -52,18 +63,44 @@ class _Unseen:
     def run(self) -> None: ...
 
 
+def _run_in_child(folder: str, command: list[str]) -> dict[str, Any]:
+    """Run a command in a forked child; how it ended."""
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.setpgid(0, 0)
+        resource.setrlimit(resource.RLIMIT_AS, (_MAX_ADDRESSES, _MAX_ADDRESSES))
+        resource.setrlimit(resource.RLIMIT_CPU, (_MAX_CPU, _MAX_CPU + 2))
+        os.chdir(folder)
+        with os.fdopen(writer, "w") as stream:
+            json.dump(_outcome(command), stream)
+        os._exit(0)
+    os.close(writer)
+    ready, _, _ = select.select([reader], [], [], _PATIENCE)
+    if not ready:
+        os.killpg(child, signal.SIGKILL)
+    with os.fdopen(reader) as stream:
+        text = stream.read()
+    _, status, usage = os.wait4(child, 0)
+    if text:
+        answer = json.loads(text)
+    elif not ready or os.WTERMSIG(status) == signal.SIGXCPU:
+        answer = {"code": -3, "message": "did not end"}
+    else:
+        answer = {"code": -2, "message": f"the process ended with signal {os.WTERMSIG(status)}"}
+    seconds = usage.ru_utime + usage.ru_stime
+    return {**answer, "seconds": seconds, "memory": 1024 * usage.ru_maxrss}
+
+
 def _outcome(command: list[str]) -> dict[str, Any]:
     out, err = io.StringIO(), io.StringIO()
-    start = time.process_time()
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             code = _code(command)
     except BaseException as error:  # nothing may come through
         code = -1
         err.write(f"{type(error).__name__}: {error}")
-    seconds = time.process_time() - start
-    memory = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return {"code": code, "seconds": seconds, "said": err.getvalue()[-1500:], "memory": memory}
+    return {"code": code, "message": err.getvalue()[-1500:]}
 
 
 def _code(command: list[str]) -> int:
@@ -84,6 +121,7 @@ def _code(command: list[str]) -> int:
 
 
 _READERS: dict[str, Callable[[Path], object]] = {
+    "!sources": made_sources,
     "!gripper": lambda path: load_model(str(path)),
     "!grips": read_grips,
     "!model": read_model,
@@ -96,30 +134,39 @@ def _in_environment(name: str, value: str, *command: str) -> int:
         [sys.executable, "-m", "climbplan", *command],
         env={**os.environ, name: value},
         capture_output=True,
-        timeout=120,
         check=False,
     )
     print(done.stderr.decode(errors="replace"), file=sys.stderr)
     return done.returncode if done.returncode >= 0 else -2
 
 
-def main() -> None:
-    """Answer until standard input ends."""
-    resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
-    answers = os.fdopen(os.dup(1), "w")
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    os.dup2(nowhere, 2)
+def _prepare() -> None:
+    """Make what commands do without their files cheap: help, a window, draws of a fit."""
+    typer.main.get_command = functools.cache(typer.main.get_command)
+    fit._RESAMPLES = _NUM_RESAMPLES
     with contextlib.suppress(ImportError):
         from climbplan.reports.viewer import server
 
         server.Viewer = _Unseen  # type: ignore[assignment, misc]
+
+
+def main() -> None:
+    """Answer until standard input ends."""
+    answers = os.fdopen(os.dup(1), "w")
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
+    _prepare()
     for line in sys.stdin:
-        asked = json.loads(line)
-        os.chdir(asked["folder"])
-        print(json.dumps([_outcome(command) for command in asked["commands"]]), file=answers)
-        answers.flush()
-        os.chdir(Path(asked["folder"]).parent)
+        request = json.loads(line)
+        if "warm" in request:
+            os.chdir(request["folder"])
+            answer = {"ends": [_outcome(command) for command in request["warm"]]}
+            gc.collect()
+            gc.freeze()  # collections in children then copy no pages of this process
+        else:
+            answer = _run_in_child(request["folder"], request["command"])
+        print(json.dumps(answer), file=answers, flush=True)
 
 
 if __name__ == "__main__":

@@ -117,6 +117,17 @@ def test_the_checker_is_a_script_of_its_own(folder: Path, tmp_path: Path) -> Non
     assert "b.sol:1: expected `name value`" in bad.stderr
 
 
+@pytest.mark.parametrize("rows", [" N COST\n E\n", " N COST\n E$row\n", " N COST\n"])
+def test_rows_that_a_reader_crashes_on(
+    rows: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, solution = tmp_path / "cut.mps", tmp_path / "cut.sol"
+    path.write_text(f"NAME cut\nROWS\n{rows}")
+    solution.write_text("x 1\n")
+    assert checker.main([str(path), str(solution)]) == 2
+    assert "cut.mps" in capsys.readouterr().err
+
+
 def test_the_table_has_a_line_for_each_file(folder: Path) -> None:
     with (folder / "instances.csv").open() as stream:
         rows = list(csv.DictReader(stream))

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 TOLERANCE = 1e-5  # of rows and bounds relative to 1 and their size, and of integers
 _HEADER_LINES = 10  # of an .nl file
 _COUNT = re.compile(rb"\d{1,9}")
+_ROW_KINDS = ("N", "L", "G", "E")  # of an .mps file
 _HUGE = 1e19  # SCIP's and the formats' infinity
 
 
@@ -133,9 +134,27 @@ def _completed(model: Model, v: Array, known: NDArray[np.bool_]) -> Array:
     return v
 
 
+def _require_mps(path: Path) -> None:
+    """Raise ValueError for a file on whose rows SCIP's reader of .mps files crashes."""
+    section = ""
+    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+        words = line.partition("$")[0].split()  # a comment begins with $
+        if not words or line.startswith("*"):
+            continue
+        if not line[0].isspace():
+            section = words[0]
+        elif section == "ROWS" and (len(words) != 2 or words[0] not in _ROW_KINDS):
+            raise ValueError(
+                f"{path}:{number}: expected N, L, G or E and a name of a row, got {line[:80]!r}"
+            )
+    if section != "ENDATA":
+        raise ValueError(f"{path}: expected an .mps file, which ends with ENDATA")
+
+
 def _read_mps(path: Path) -> Model:
     import pyscipopt
 
+    _require_mps(path)
     scip: Any = pyscipopt.Model()
     scip.hideOutput()
     scip.readProblem(str(path))

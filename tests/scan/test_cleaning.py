@@ -46,12 +46,26 @@ def test_triangles_wound_against_their_surface_are_turned_round() -> None:
 
 
 def test_a_scan_of_too_many_triangles_is_thinned_and_told(monkeypatch) -> None:
-    monkeypatch.setattr(cleaning, "MOST_TRIANGLES", 1000)
+    monkeypatch.setattr(cleaning, "MAX_TRIANGLES", 1000)
     line = np.linspace(0, 1, 61)
     raw = grid(line, line, lambda u, v: 0.02 * np.sin(4 * u) * np.cos(3 * v))
     thin = cleaned(raw)
     assert 200 < len(thin.triangles) <= 1000
     assert said(thin, f"{len(raw.triangles)} triangles thinned to {len(thin.triangles)}")
+
+
+def test_thinning_does_not_depend_on_the_order_of_the_file(monkeypatch) -> None:
+    monkeypatch.setattr(cleaning, "MAX_TRIANGLES", 500)
+    line = np.linspace(0, 1, 41)
+    raw = grid(line, line, lambda u, v: 0.1 * np.sin(4 * u + v))
+    soup = mesh(raw.corners.reshape(-1, 3), np.arange(3 * len(raw.triangles)).reshape(-1, 3))
+    order = np.random.default_rng(1).permutation(len(soup.triangles))
+    thin, shuffled = cleaned(soup), cleaned(mesh(soup.vertices, soup.triangles[order]))
+    assert np.array_equal(thin.vertices, shuffled.vertices)
+    assert np.array_equal(thin.triangles, shuffled.triangles)
+    assert said(thin, "at most 500 are used; corners moved by up to")
+    z = 0.1 * np.sin(4 * thin.vertices[:, 0] + thin.vertices[:, 1])
+    assert np.abs(thin.vertices[:, 2] - z).max() < 0.02
 
 
 def test_bodies_and_sheets_turn_to_face_the_free_place() -> None:

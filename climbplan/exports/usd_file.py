@@ -12,6 +12,7 @@ from climbplan.exports.motion import BodyMotion, RobotMotion
 from climbplan.plans.atomic_file import written_aside
 from climbplan.plans.check import Array
 
+_DISK = "the disk may be full"  # where the library gives no reason
 _MARKER = 0.02  # [m] half edge of a body of unknown size
 
 
@@ -57,9 +58,11 @@ def write_usd(motion: RobotMotion, out: Path) -> None:
             try:
                 is_written = stage.Export(str(named))
             except Tf.ErrorException as error:
-                raise UsageError(f"{out}: cannot be written: {error}".splitlines()[0]) from error
+                lines = [line.strip() for line in str(error).splitlines()]
+                reason = next(filter(None, lines), _DISK)
+                raise UsageError(f"{out}: cannot be written: {reason}") from error
             if not is_written:
-                raise UsageError(f"{out}: cannot be written: the disk may be full")
+                raise UsageError(f"{out}: cannot be written: {_DISK}")
             named.replace(aside)
         finally:
             named.unlink(missing_ok=True)

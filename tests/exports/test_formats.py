@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from climbplan.cli.export import FormatName
+from climbplan.errors import UsageError
 from climbplan.exports.climb_motion import climb_motion
 from climbplan.exports.formats import FORMATS, Told, told
 from climbplan.exports.limms_motion import limms_motion
@@ -160,6 +161,26 @@ def test_tables_and_arrays(plans: dict[str, Path], tmp_path: Path, kind: str) ->
             column = [float(row[f"{name}_position_rad"]) for row in rows]
             assert column == arrays["joint/position"][:, 1].tolist()
             assert tuple(arrays["joint/names"]) == motion.joints.names
+
+
+@pytest.mark.parametrize("raises", [True, False])
+def test_usd_on_a_full_disk(
+    plans: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, raises: bool
+) -> None:
+    """The library raises an error without words, or returns False."""
+    pytest.importorskip("pxr")
+    from pxr import Tf, Usd
+
+    def export(*_: object) -> bool:
+        if raises:
+            raise Tf.ErrorException("\n")
+        return False
+
+    monkeypatch.setattr(Usd.Stage, "Export", export)
+    motion = motion_of(plans, "climb")
+    with pytest.raises(UsageError, match=r"motion.usd: cannot be written: the disk may be full"):
+        FORMATS["usd"].write(motion, tmp_path / "motion.usd")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("kind", sorted(READERS))

@@ -19,7 +19,7 @@ from climbplan.scan.compiling import compiled
 from climbplan.scan.raw import Index, RawScan, chosen
 
 GRID = 1e-6  # [m] corners closer than this are one
-MAX_TRIANGLES = 100_000  # more are thinned
+MAX_TRIANGLES = 400_000  # more are thinned
 _MAX_CELLS = 2**20  # along the longest side, so that the number of a cell has 63 bits
 _LEAST_AREA = 1e-10  # [m^2]
 _NEIGHBOURS = 12  # of a point that may be an outlier

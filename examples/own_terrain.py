@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 import climbplan
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array
 
 LIMBS = {-1: ["LF", "LM", "LR"], 1: ["RF", "RM", "RR"]}
 

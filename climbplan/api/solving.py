@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from climbplan.api.ctrl_c import ctrl_c_insists
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem, Theta
 from climbplan.program.statement import Program
 

@@ -9,8 +9,8 @@ from typing import Any
 from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.api.loading import SpecSource, changed, load
 from climbplan.api.mistakes import placed_mistakes
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem
 from climbplan.spec.bookshelf.loading import LoadedShelf
 from climbplan.spec.climb.transition_loading import LoadedTransition

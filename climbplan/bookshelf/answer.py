@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from climbplan.bookshelf.scene import Array, States
+from climbplan.arrays import Array, IntArray
 
 Status = Literal["optimal", "feasible", "infeasible", "limit"]
 
@@ -16,7 +16,7 @@ class Placement:
     """Where all books are after the insertion, the inserted one last."""
 
     pose: Array  # (n + 1, 3) x [m], y [m], angle [rad]
-    state: States  # (n + 1,) of `State`
+    state: IntArray  # (n + 1,) of `State`
     slot: int  # stored books left of the inserted one
 
 

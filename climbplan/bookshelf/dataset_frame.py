@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import IntArray
 from climbplan.bookshelf.plan import NO_STATE, ShelfPlan, Solutions, totals_of, worst_overlap
 from climbplan.bookshelf.scene import PublishedTolerances, Scenes, Shelf
 from climbplan.bookshelf.scene_file import DATASET_KIND
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.plans.dataset import Dataset, DatasetFrame, Indices, solution_layout
+from climbplan.plans.dataset import Dataset, DatasetFrame, solution_layout
 
 KIND = DATASET_KIND
 _MEANINGS = ("contact", "published")
@@ -53,7 +54,7 @@ class ShelfDataset:
     """Scenes of a dataset with their solutions, as a plan, and the row that each stands in."""
 
     plan: ShelfPlan
-    rows: Indices  # (S,)
+    rows: IntArray  # (S,)
 
 
 def shelf_dataset(data: Dataset) -> ShelfDataset:

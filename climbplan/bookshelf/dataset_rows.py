@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bookshelf.dataset_frame import frame_of
 from climbplan.bookshelf.generator import DropRules, draw_scene, shelf_for
 from climbplan.bookshelf.methods.setting import MethodSetting
 from climbplan.bookshelf.methods.table import prepare
 from climbplan.bookshelf.plan import Solutions
 from climbplan.bookshelf.runs import checked, compile_first
-from climbplan.bookshelf.scene import Array, Scene, Scenes
+from climbplan.bookshelf.scene import Scene, Scenes
 from climbplan.bookshelf.scene_source import shelf_of
 from climbplan.plans.dataset import DatasetFrame
 from climbplan.plans.dataset_row import RowAnswer

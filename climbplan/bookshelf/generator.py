@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bookshelf.rectangles import half_extents
-from climbplan.bookshelf.scene import Array, PublishedTolerances, Scene, Scenes, Shelf
+from climbplan.bookshelf.scene import PublishedTolerances, Scene, Scenes, Shelf
 from climbplan.errors import LimitReached, MissingSolver
 
 WALL = 5.0  # [mm] half thickness

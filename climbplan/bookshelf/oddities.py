@@ -11,8 +11,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bookshelf.rectangles import half_extents, separation
-from climbplan.bookshelf.scene import Array, Scenes, Shelf
+from climbplan.bookshelf.scene import Scenes, Shelf
 
 DEPTH = 5e-4  # [m] of overlap, below the ground or in a wall: rounding and soft contacts stay below
 

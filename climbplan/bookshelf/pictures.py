@@ -19,9 +19,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon, Rectangle
 from matplotlib.patheffects import Normal, Stroke
 
+from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.answer import Placement, SceneAnswer
 from climbplan.bookshelf.rectangles import corners
-from climbplan.bookshelf.scene import Array, Scene, Shelf, State, States, state_label
+from climbplan.bookshelf.scene import Scene, Shelf, State, state_label
 
 # Told apart with any common colour blindness (after Okabe and Ito): both leans, both flats.
 COLORS = {
@@ -62,7 +63,7 @@ def pictured(scene: Scene, answer: SceneAnswer, title: str = "") -> Pictured:
     return Pictured(scene, answer.placement, text, title)
 
 
-def states_before(angle: Array) -> States:
+def states_before(angle: Array) -> IntArray:
     """What stored books look like by their angles alone (...,)."""
     c, s = np.cos(angle), np.sin(angle)
     state = np.where(s > 0, int(State.LEAN_LEFT), int(State.LEAN_RIGHT))

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.bookshelf.answer import Placement, SceneAnswer
 from climbplan.bookshelf.check.checker import slots
 from climbplan.bookshelf.rectangles import separation
-from climbplan.bookshelf.scene import Array, Scenes, Shelf, States
+from climbplan.bookshelf.scene import Scenes, Shelf
 from climbplan.plans.root_attributes import PlanHeader
 
 STATUSES = ("optimal", "feasible", "infeasible", "limit")
@@ -24,14 +24,14 @@ class Solutions:
     """What was found for S scenes of n stored books; no placement: NaN poses, states -1."""
 
     pose: Array  # (S, n + 1, 3) x [m], y [m], angle [rad], the inserted book last
-    state: States  # (S, n + 1) of `State`
-    slot: States  # (S,) stored books left of the inserted one
+    state: IntArray  # (S, n + 1) of `State`
+    slot: IntArray  # (S,) stored books left of the inserted one
     status: tuple[str, ...]  # (S,) of STATUSES
     objective: Array  # (S,) [mm^2] infinite without a placement
     bound: Array  # (S,) [mm^2] minus infinity where nothing is proved
     time: Array  # (S,) [s]
-    candidates_tried: States  # (S,)
-    nodes: States  # (S,) of a tree, or iterations
+    candidates_tried: IntArray  # (S,)
+    nodes: IntArray  # (S,) of a tree, or iterations
     overlap: Array  # (S,) [m] worst penetration, NaN without a placement
     message: tuple[str, ...]  # (S,) why there is no placement, or what deserves a remark
 
@@ -61,7 +61,7 @@ class Solutions:
         )
 
     @property
-    def placed(self) -> NDArray[np.bool_]:
+    def placed(self) -> BoolArray:
         """Which scenes have a placement (S,)."""
         return np.asarray(np.isfinite(self.pose).all(axis=(1, 2)), bool)
 

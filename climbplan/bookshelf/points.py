@@ -7,11 +7,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.answer import Placement
 from climbplan.bookshelf.check.checker import slots
 from climbplan.bookshelf.check.published import line_past_corners
 from climbplan.bookshelf.rectangles import corners, half_extents
-from climbplan.bookshelf.scene import Array, Scene, State, States
+from climbplan.bookshelf.scene import Scene, State
 from climbplan.bookshelf.statement import INSERTED_STATES, pairs
 from climbplan.program import Program
 
@@ -103,7 +104,7 @@ def as_stored(scene: Scene) -> Placement:
     return _placement(scene, pose, np.append(state, int(State.UPRIGHT)))
 
 
-def _placement(scene: Scene, pose: Array, state: States) -> Placement:
+def _placement(scene: Scene, pose: Array, state: IntArray) -> Placement:
     slot = int(slots(pose[None], scene.sizes[None])[0])
     return Placement(pose, state.astype(np.int64), slot)
 
@@ -121,7 +122,7 @@ def _lines(vertex: Array, angle: Array) -> tuple[Array, Array]:
     return normal, offset
 
 
-def _feet(vertex: Array, pose: Array, state: States) -> Array:
+def _feet(vertex: Array, pose: Array, state: IntArray) -> Array:
     left, right = vertex[:, 2, 0], vertex[:, 1, 0]
     foot = np.where(state == State.LEAN_LEFT, left, pose[:, 0])
     return np.where(state == State.LEAN_RIGHT, right, foot)
@@ -160,7 +161,7 @@ def _in_world(share: Array, pose: Array, size: Array) -> Array:
     return np.array([pose[0] + across * c - up * s, pose[1] + across * s + up * c])
 
 
-def _lean_on_lines(vertex: Array, state: States, normal: Array, offset: Array) -> None:
+def _lean_on_lines(vertex: Array, state: IntArray, normal: Array, offset: Array) -> None:
     """Put the lines of leaning books where the published statement wants them."""
     number = {pair: k for k, pair in enumerate(pairs(len(vertex) - 1))}
     for k in range(len(vertex) - 2):

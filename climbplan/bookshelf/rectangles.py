@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.bookshelf.scene import Array
+from climbplan.arrays import Array
 
 
 def corners(pose: Array, size: Array) -> Array:

@@ -14,12 +14,10 @@ from enum import IntEnum
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.errors import UsageError
 
-Array = NDArray[np.float64]
-States = NDArray[np.int64]
 Unit = Literal["m", "mm"]
 
 _SCALE: dict[str, float] = {"m": 1.0, "mm": 1e-3}
@@ -231,7 +229,7 @@ class Scenes:
         return (self[k] for k in range(len(self)))
 
 
-def _wrong(values: Array, first_size: int = 3) -> NDArray[np.bool_]:
+def _wrong(values: Array, first_size: int = 3) -> BoolArray:
     """Entries that are not finite or too large, or too small from column `first_size` on."""
     wrong = ~(np.abs(values) <= _LARGEST)
     wrong[..., first_size:] |= ~(values[..., first_size:] >= _SMALLEST)

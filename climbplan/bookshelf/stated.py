@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bookshelf.answer import Placement
 from climbplan.bookshelf.check.checks import PlacementCheck
 from climbplan.bookshelf.check.meanings import check_placements
@@ -18,7 +19,7 @@ from climbplan.bookshelf.points import (
     scene_of,
     settled,
 )
-from climbplan.bookshelf.scene import Array, Scene, Scenes, Shelf
+from climbplan.bookshelf.scene import Scene, Scenes, Shelf
 from climbplan.bookshelf.statement import bookshelf
 from climbplan.program import Problem, Program
 from climbplan.spec.bookshelf.model import Meaning

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bookshelf.plan import ShelfPlan, Solutions
-from climbplan.bookshelf.scene import Array
 
 TRIVIAL = 1.0  # [mm^2] scenes that cost no more need next to no movement
 

@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.certificates.rounding import down, off_by, up
 from climbplan.certificates.rows import StatedRows
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 
 TOLERANCE = 1e-10
 _MOVED = 1e-6  # a smaller move, relative, is no reason for another sweep
@@ -32,7 +30,7 @@ class Box:
         """Whether bounds cross."""
         return bool((self.lower > self.upper).any())
 
-    def holding(self, rows: StatedRows) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def holding(self, rows: StatedRows) -> tuple[BoolArray, BoolArray]:
         """Which rows have to hold, and which may have to: their binary can be 0 and 1."""
         b, low, high = rows.binary, self.lower[rows.binary], self.upper[rows.binary]
         has = (low == rows.value) & (high == rows.value)
@@ -101,7 +99,7 @@ def _by_rows(rows: StatedRows, box: Box) -> None:
     np.minimum.at(box.upper, index[here], up(np.where(data[here] < 0, *room)))
 
 
-def _sums(row: Index, part: Array, rows: int) -> tuple[Array, Array]:
+def _sums(row: IntArray, part: Array, rows: int) -> tuple[Array, Array]:
     """Sum of the parts of each row, and for each part that of the others, both rounded down."""
     infinite = np.isinf(part)
     finite = np.where(infinite, 0.0, part)

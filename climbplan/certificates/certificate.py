@@ -9,11 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, BoolArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -24,10 +22,10 @@ class Certificate:
     side, all others v <= at and v >= at.
     """
 
-    split: NDArray[np.int64]  # (T,) the variable that a node splits, -1 for a leaf
+    split: IntArray  # (T,) the variable that a node splits, -1 for a leaf
     at: Array  # (T,)
     point: Array  # (S, n) where the cost is linearised
     multiplier: sparse.csr_matrix  # (S, rows + 4 K) positive: of lower sides, negative: upper ones
     ball: Array  # (S, D) multiplier times direction
-    empty: NDArray[np.bool_]  # (S,) the multipliers prove that the leaf has no point
+    empty: BoolArray  # (S,) the multipliers prove that the leaf has no point
     bound: float  # what the leaves prove together, infinite if nothing is feasible

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.certificates.box import TOLERANCE, Box, narrowed
 from climbplan.certificates.certificate import Certificate
 from climbplan.certificates.lagrangian import curvature, lagrangian
@@ -21,7 +22,6 @@ from climbplan.certificates.rounding import down
 from climbplan.certificates.rows import stated_rows, with_planes
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 
 
 @dataclass(frozen=True)

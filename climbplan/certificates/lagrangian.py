@@ -16,11 +16,11 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from climbplan.arrays import Array, IntArray
 from climbplan.certificates.box import Box
 from climbplan.certificates.rounding import down, off_by, up
 from climbplan.certificates.rows import StatedRows
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 
 _LIFT = 1e-13  # of the largest entry: makes a Cholesky factor of a singular matrix
 
@@ -34,7 +34,7 @@ class Lagrangian:
         self.terms = 8  # more than any entry is a product of
         self.weight = 0.0  # by which it is less at points that are 1 outside of rows and balls
 
-    def add(self, entries: Array, places: Index | int = -1) -> None:
+    def add(self, entries: Array, places: IntArray | int = -1) -> None:
         """Add entries to slopes, several perhaps to one; to the constant if left out."""
         places = np.full(entries.shape, places) if isinstance(places, int) else places
         np.add.at(self.slope, places, entries)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array
 
 _UNIT, _TINY = 2.0**-52, 1e-300  # 2 u, and what is more than underflow takes
 

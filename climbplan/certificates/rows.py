@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.certificates.rounding import down, up
 from climbplan.errors import UsageError
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 
 
 @dataclass(frozen=True)
@@ -31,12 +30,12 @@ class StatedRows:
     G: sparse.csr_matrix  # (rows, N)
     lower: Array  # (rows,)
     upper: Array
-    binary: Index  # (rows,) which of v decides whether a row has to hold, -1
-    value: Index  # (rows,) that it then has
-    integer: NDArray[np.bool_]  # (N,) of v
-    first: Index  # (K,) factors of w
-    second: Index
-    w: Index  # (K,) its places in v
+    binary: IntArray  # (rows,) which of v decides whether a row has to hold, -1
+    value: IntArray  # (rows,) that it then has
+    integer: BoolArray  # (N,) of v
+    first: IntArray  # (K,) factors of w
+    second: IntArray
+    w: IntArray  # (K,) its places in v
 
 
 def stated_rows(instance: Instance) -> StatedRows:

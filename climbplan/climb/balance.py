@@ -29,10 +29,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.balance_program import NEARBY, NONE, Balanced, Lift
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import MotionScene
-from climbplan.robots.rotations import Array
 
 _SHARES = (1.0, 0.5, 0.0)  # of the margins, asked for in turn
 _DEPTHS = (1.0, 0.75, 0.5, 0.25)  # of the depth of commands beside all others, in turn

@@ -13,6 +13,7 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.equilibrium import grasp_matrix, link_torques, weight_moment
@@ -25,7 +26,6 @@ from climbplan.robots.kinematics import (
     pushed_points,
     standing_inverse,
 )
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 
 NONE = 1e-5  # [m] a shift that counts as none

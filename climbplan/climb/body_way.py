@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.scene import ClimbScene
-from climbplan.robots.rotations import Array
 
 
 @dataclass(frozen=True)

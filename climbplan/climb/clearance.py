@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.gait import poses_between
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.raw_clearance import raw_body_room
 from climbplan.climb.scene import MotionScene
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.model import FreeRegion
 
 _BETWEEN = 1e-4  # [m] kept beyond the clearance from a scan, for poses between those checked

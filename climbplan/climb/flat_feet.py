@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array, Index
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import SpecMistake
 from climbplan.robots.model import Robot
 from climbplan.spec.climb.model import CONVEX_METHODS, ClimbSpec
@@ -41,7 +41,7 @@ def flat_foot_mistakes(spec: ClimbSpec, robot: Robot, terrain: Terrain) -> Itera
 
 
 def overhanging(
-    key: str, robot: Robot, terrain: Terrain, toes: Array, region: Index
+    key: str, robot: Robot, terrain: Terrain, toes: Array, region: IntArray
 ) -> Iterator[SpecMistake]:
     """Soles about toes (N, 3) that reach beyond their surfaces (N,)."""
     if robot.sole is None or terrain.curved:

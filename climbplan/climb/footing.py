@@ -11,11 +11,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.climb.plan.climb_plan import Index
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.robots.foot import Foot
-from climbplan.robots.rotations import Array
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.soles import shrunk, without_sole
 from climbplan.terrain.surfaces import Region
@@ -45,7 +43,7 @@ def footing_with_goal(
     terrain: Terrain,
     edge: float,
     plain: tuple[Region, ...],
-    goal: tuple[Array, Index],
+    goal: tuple[Array, IntArray],
     foot: Foot | None = None,
 ) -> tuple[Region, ...]:
     """The same with toes (N, 3) of the goal left in their regions (N,); plain: without them."""
@@ -101,7 +99,7 @@ def _beside(terrain: Terrain, region: Region, radius: float) -> Array:
     return np.minimum(strip, radius)
 
 
-def _goes_on(terrain: Terrain, index: int, edge: float) -> NDArray[np.bool_]:
+def _goes_on(terrain: Terrain, index: int, edge: float) -> BoolArray:
     """(E,) edges of a region beyond which other regions, as good, hold the same limbs."""
     regions, allowed = terrain.regions, terrain.allowed
     lower, upper = terrain.bounds

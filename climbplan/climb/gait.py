@@ -12,11 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.balance import balancing_shifts
 from climbplan.climb.instants import joint_angles, standing_at
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import ClimbScene
-from climbplan.robots.rotations import Array
 
 
 def poses_between(rounds: Rounds, share: Array) -> tuple[Array, Array]:

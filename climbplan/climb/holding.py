@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.climb.postures.outer import SLACK, longest_reach
 from climbplan.climb.scene import MotionScene, load_wrench
-from climbplan.program.polytope import Array
 from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 from climbplan.spec.stated import stated
 from climbplan.terrain.surfaces import Region

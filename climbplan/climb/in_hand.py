@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from climbplan.arrays import Array
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds, Trajectory
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.trajectory import play
 from climbplan.errors import NoPlanFound
-from climbplan.robots.rotations import Array
 
 _AGAIN = 3  # times forces are planned, at most
 _MORE = 1.01  # times what the motion lacked

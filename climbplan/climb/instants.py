@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array, Index, Instants, Mask
+from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import MotionScene, load_wrench
 from climbplan.robots.kinematics import inverse, require_reachable, sole_turns, to_body
 from climbplan.robots.model import Robot
@@ -14,12 +15,12 @@ from climbplan.robots.model import Robot
 
 def instants_at(
     scene: MotionScene,
-    rounds: Index,
+    rounds: IntArray,
     com: Array,
     rpy: Array,
     toes: Array,
-    region: Index,
-    lifted: Mask,
+    region: IntArray,
+    lifted: BoolArray,
 ) -> Instants:
     """Instants with their joint angles, those of the planned pose, without sag.
 
@@ -32,12 +33,12 @@ def instants_at(
 
 def standing_at(
     scene: MotionScene,
-    rounds: Index,
+    rounds: IntArray,
     com: Array,
     rpy: Array,
     toes: Array,
-    region: Index,
-    lifted: Mask,
+    region: IntArray,
+    lifted: BoolArray,
 ) -> Instants:
     """Instants whose joint angles are not known yet (NaN).
 

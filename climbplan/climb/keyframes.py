@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.forces.planner import deflections_of, plan_forces
 from climbplan.climb.forces.soles import solve_on_feet
 from climbplan.climb.grips.planner import answers_of
 from climbplan.climb.grips.solving import solve_grips
 from climbplan.climb.grips.statement import state_grips
-from climbplan.climb.plan.climb_plan import Forces, Index, Instants, Mask, Rounds
+from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds
 from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.swing_ways import together, way_shares
@@ -24,7 +25,6 @@ from climbplan.mechanics.equilibrium import weight_moment
 from climbplan.mechanics.flat_contact import moment_of
 from climbplan.mechanics.grip import Grippers
 from climbplan.robots.kinematics import contact_points, rigid_motion, standing_inverse
-from climbplan.robots.rotations import Array
 
 # Share of a limb step's time by phase
 _UNLOAD, _LIFT, _SWING, _LOWER, _PRESS, _PUSH = 0.15, 0.1, 0.25, 0.15, 0.15, 0.2
@@ -60,8 +60,8 @@ class Keyframes:
     normal: Array  # (F, N, 3) of the surfaces that toes stand on, or are on their way to
     held: Array  # (F, N, 10) likewise
     weight: Array  # (F, 3) likewise
-    contact: Mask  # (F-1, N) toes on their surface during each segment
-    region: Index  # (F-1, N) of these surfaces
+    contact: BoolArray  # (F-1, N) toes on their surface during each segment
+    region: IntArray  # (F-1, N) of these surfaces
     share: Array  # (F-1,) nominal part of one limb step's time
     label: tuple[str, ...]  # (F-1,) where each segment stands in the gait
 
@@ -157,7 +157,7 @@ def _grips_found(
 
 
 def _all_standing(
-    scene: MotionScene, instants: Instants, pose: Index, ground: Index, toes: Array
+    scene: MotionScene, instants: Instants, pose: IntArray, ground: IntArray, toes: Array
 ) -> Instants:
     """Instants with all limbs in contact: body poses of some, surfaces under the toes of others."""
     angles = standing_inverse(
@@ -213,8 +213,8 @@ def keyframes(
     com, rpy, toes = [rounds.com[0]], [rounds.rpy[0]], [rounds.toes[0]]
     normal = [instants.normal[0]]
     load = [_start_load(scene, rounds, instants)]
-    contact: list[Mask] = []
-    region: list[Index] = []
+    contact: list[BoolArray] = []
+    region: list[IntArray] = []
     share: list[float] = []
     label: list[str] = []
     ways_left = iter(paths)
@@ -224,7 +224,7 @@ def keyframes(
         where: Array,
         under: Array,
         pressing: Load,
-        touching: Mask,
+        touching: BoolArray,
         part: float,
         name: str,
         ground: int,
@@ -251,7 +251,7 @@ def keyframes(
         was, under = instants.normal[k], instants.normal[k + 1]
         ways = together([next(ways_left) for _ in limbs])  # (P, limbs, 3)
 
-        def swung(points: Array, standing: Array = old, limbs: Index = limbs) -> Array:
+        def swung(points: Array, standing: Array = old, limbs: IntArray = limbs) -> Array:
             out = standing.copy()
             out[limbs] = points
             return out

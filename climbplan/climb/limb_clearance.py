@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Instants, Mask, Rounds
+from climbplan.arrays import Array, BoolArray
+from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.raw_clearance import THE_SCAN, Contacts, nearest_raw
 from climbplan.climb.scene import ClimbScene, MotionScene
 from climbplan.robots.capsules import Capsules, limb_capsules
@@ -29,7 +30,7 @@ from climbplan.robots.kinematics import (
     to_body,
 )
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.raw_surface import NARROW, SLENDER
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Tube
@@ -309,7 +310,7 @@ def _near_distances(solid: Solid, flat: Array, faces: Array, bound: Array) -> Ar
     return np.where((bound < 0) & _meets(faces), bound, best)
 
 
-def _meets(faces: Array) -> Mask:
+def _meets(faces: Array) -> BoolArray:
     """Whether segments with face distances (2, S, F) at their ends pass through the solid (S,)."""
     first, last = faces
     slope = last - first

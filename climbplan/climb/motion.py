@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.balance import body_way
 from climbplan.climb.clearance import body_shortfall, poses_shortfall
 from climbplan.climb.coupled.planner import COUPLED_METHODS, plan_coupled
@@ -30,7 +31,6 @@ from climbplan.climb.self_clearance import standing_overlap
 from climbplan.climb.swing import SwingBlocked, SwingMeets, swing_paths
 from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure, UsageError
 from climbplan.progress import Progress
-from climbplan.robots.rotations import Array
 from climbplan.terrain.soles import shrunk
 from climbplan.terrain.solids import Solid
 

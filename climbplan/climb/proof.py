@@ -18,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.climb.holding import pyramid, unheld
 from climbplan.climb.postures.explanation import violated
 from climbplan.climb.postures.outer import (
@@ -30,7 +31,6 @@ from climbplan.climb.postures.outer import (
 from climbplan.climb.postures.ways import ways_too_long
 from climbplan.climb.scene import ClimbScene, MotionScene, Stance, load_wrench
 from climbplan.errors import Conflict, Infeasible, Remedy
-from climbplan.program.polytope import Array
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.solvers.elastic import least_violations
 from climbplan.solvers.highs.linear import LinearProgram, solve_linear

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Index
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.robots.capsules import Capsules
-from climbplan.robots.rotations import Array
 from climbplan.terrain.raw_surface import FACING, NARROW, RISING, SLENDER, RawSurface
 from climbplan.terrain.solids import Solid
 
@@ -136,7 +135,7 @@ def _end_of_limb(
     to_toe: Array,
     radius: Array,
     places: Array,
-    which: Index,
+    which: IntArray,
     beyond: float,
 ) -> _End:
     """A last link: what narrows to the toe, or is near the surface on which the toe stands.
@@ -176,7 +175,7 @@ def _end_of_limb(
     return _End(cuts[:, :-1], cuts[:, 1:], need)
 
 
-def _behind(scan: RawSurface, triangles: Index) -> tuple[Solid, ...]:
+def _behind(scan: RawSurface, triangles: IntArray) -> tuple[Solid, ...]:
     """The material behind some triangles: whole convex bodies, or slabs behind planes."""
     if not len(triangles):
         return ()
@@ -206,7 +205,7 @@ def _behind(scan: RawSurface, triangles: Index) -> tuple[Solid, ...]:
     return tuple(found.values())
 
 
-def _touching(scan: RawSurface, candidates: Index, first: int) -> Index:
+def _touching(scan: RawSurface, candidates: IntArray, first: int) -> IntArray:
     """Those of the candidates that are connected with one of them over common corners."""
     own = {first}
     reached = set(scan.triangles[first].tolist())
@@ -264,7 +263,7 @@ def _heights(hull: Array, points: Array) -> Array:
     return points @ planes[:, :3].T + planes[:, 3]
 
 
-def _near(scan: RawSurface, points: Array, room: float) -> Index:
+def _near(scan: RawSurface, points: Array, room: float) -> IntArray:
     """Numbers of triangles whose bounds come within `room` [m] of the bounds of points."""
     flat = points.reshape(-1, 3)
     low, high = np.nanmin(flat, axis=0) - room, np.nanmax(flat, axis=0) + room

@@ -13,11 +13,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import SpecError, SpecMistake, UsageError
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.scan.body_holds import (
     NAME,
     BodyHold,

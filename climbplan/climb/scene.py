@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.flat_feet import flat_foot_mistakes, overhanging
 from climbplan.climb.footing import footing, footing_with_goal
-from climbplan.climb.plan.climb_plan import Index, Mask
 from climbplan.climb.plausible_lengths import implausible_lengths
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.mechanics.grip import Grippers, grippers_on
@@ -20,7 +19,7 @@ from climbplan.mechanics.gripper_model import load_model
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import contact_points, inverse, sole_turns, to_body
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.task_robot import heading_as, standing_as, with_grip_limit, with_stance
 from climbplan.spec.climb.model import ClimbSpec, PostureSpec
 from climbplan.spec.climb.motion import MotionSpec
@@ -53,7 +52,7 @@ class Stance:
     com: Array  # (3,) [m]
     rpy: Array  # (3,) [rad]
     toes: Array  # (N, 3) [m]
-    region: Index  # (N,)
+    region: IntArray  # (N,)
 
 
 @dataclass(frozen=True)
@@ -77,10 +76,10 @@ class ClimbScene(MotionScene):
     # Regions of the terrain without strips along edges where toes are not to stand; () for none
     footing: tuple[Region, ...] = field(default=(), kw_only=True)
     # (M, N, R) surfaces that limb i may use in round j; None for those of the terrain in all rounds
-    by_round: Mask | None = field(default=None, kw_only=True)
+    by_round: BoolArray | None = field(default=None, kw_only=True)
 
     @property
-    def alternatives(self) -> list[list[Index]]:
+    def alternatives(self) -> list[list[IntArray]]:
         """Numbers of the surfaces that limb i may use at the end of round j, [j][i]."""
         m, allowed = self.spec.task.round_count, self.terrain.allowed
         rounds = [allowed] * m if self.by_round is None else list(self.by_round)
@@ -147,12 +146,12 @@ def _stated_toe(
     return point + robot.standoff * normal, region, distance
 
 
-def toes_as_stated(robot: Robot, terrain: Terrain, toes: Array, region: Index) -> Array:
+def toes_as_stated(robot: Robot, terrain: Terrain, toes: Array, region: IntArray) -> Array:
     """Toes (N, 3) on surfaces (N,) as specs state them: of feet of finite size where they touch."""
     return contact_points(robot, toes, normals_under(terrain, toes, region))
 
 
-def normals_under(terrain: Terrain, toes: Array, region: Index) -> Array:
+def normals_under(terrain: Terrain, toes: Array, region: IntArray) -> Array:
     """Unit normals (N, 3) of surfaces (N,) at toes (N, 3)."""
     where = zip(toes, region, strict=True)
     return np.array([terrain.surfaces[int(r)].normal_at(toe) for toe, r in where])
@@ -224,7 +223,7 @@ def within_joints(
     """
     alone = robot.one_limb(limb)
 
-    def stands(points: Array, margin: float) -> NDArray[np.bool_]:
+    def stands(points: Array, margin: float) -> BoolArray:
         """(P,) whether toe and lifted toe are reached with joints that far inside their bounds."""
         kept = margin * alone.joint_unit
         normals = np.array([surface.normal_at(point) for point in points])

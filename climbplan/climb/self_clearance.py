@@ -11,14 +11,14 @@ from functools import lru_cache
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.limb_clearance import link_distances
-from climbplan.climb.plan.climb_plan import Instants, Mask
+from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.kinematics import standing_inverse
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
-from climbplan.robots.touching_parts import Pairs, limbs_room, parts_beside
+from climbplan.robots.touching_parts import limbs_room, parts_beside
 from climbplan.terrain.solids import Solid
 
 _TOLD = 2e-3  # [m] room up to which it is measured
@@ -49,7 +49,7 @@ class SelfShortfall:
 
 
 def self_shortfall(
-    robot: Robot, links: Capsules, of_limb: int | None = None, still: Mask | None = None
+    robot: Robot, links: Capsules, of_limb: int | None = None, still: BoolArray | None = None
 ) -> SelfShortfall:
     """Where parts come closest, of links (P, N, C) in the body frame; NaN are left out.
 
@@ -98,7 +98,7 @@ def standing_overlap(scene: MotionScene, instants: Instants) -> tuple[SelfShortf
     return worst, instants.label(k, robot.limb_names)
 
 
-def body_room(robot: Robot, links: Capsules, pairs: Pairs) -> Array:
+def body_room(robot: Robot, links: Capsules, pairs: IntArray) -> Array:
     """Room (P, B) [m] of links beside the body; below zero where they touch."""
     own = pairs[:, 0].astype(int), pairs[:, 1].astype(int)
     starts, ends = (v[..., own[0], own[1], :] for v in (links.starts, links.ends))

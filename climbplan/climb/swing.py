@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.climb.limb_clearance import BETWEEN, LimbShortfall, closest_link
-from climbplan.climb.plan.climb_plan import Instants, Mask, Rounds
+from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.raw_clearance import THE_SCAN, Contacts, nearest_raw, raw_toes_clear
 from climbplan.climb.scene import MotionScene
 from climbplan.climb.self_clearance import SelfShortfall, self_shortfall
@@ -24,7 +25,7 @@ from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.foot import Sole
 from climbplan.robots.kinematics import standing_inverse
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.solids import Solid
 
 _OVERLAP = 1e-9  # [m] that counts
@@ -48,7 +49,7 @@ class Swing:
     normals: Array  # (2, 3) unit normals at old and new
     where: str  # "round 3, LM lifted"
     toes: Array | None = None  # (N, 3) of all limbs as it begins [m]
-    still: Mask | None = None  # (N,) limbs that stand meanwhile
+    still: BoolArray | None = None  # (N,) limbs that stand meanwhile
     under: Array | None = None  # (N, 3) normals of the surfaces under them all
 
     @property
@@ -199,7 +200,7 @@ class _Beside:
 
     robot: Robot
     swing: Swing
-    still: Mask  # (N,)
+    still: BoolArray  # (N,)
     standing: Capsules  # (1, N, C), world; NaN of limbs out of reach
 
     @classmethod

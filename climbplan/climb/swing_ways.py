@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 
 _SPACING = 0.01  # [m] between the points at which a way is checked
 _LIFTS = (1.0, 1.6, 2.4)  # factors on the spec's lift

@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.grips.plan import may_grip_firmly
 from climbplan.climb.grips.sharing import more_of_parts
 from climbplan.climb.keyframes import PACKED, Keyframes, keyframes
-from climbplan.climb.plan.climb_plan import Forces, Index, Instants, Mask, Rounds, Trajectory
+from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds, Trajectory
 from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.plan.spans import spans_of
 from climbplan.climb.scene import MotionScene
@@ -36,7 +37,7 @@ from climbplan.robots.kinematics import (
 )
 from climbplan.robots.last_link import joint_axes_body
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 
 _PROBES = 9  # samples of a segment from which its least duration is found
 _SPEED_MARGIN = 1.1  # durations exceed what the sampled joint speeds need by this factor
@@ -113,7 +114,7 @@ def play(
     return Played(replace(motion, grips=replace(grips, grip=firm), force=driven.force), use)
 
 
-def _gripped_firmly(grip: Array, contact: Mask, may: Mask) -> Array:
+def _gripped_firmly(grip: Array, contact: BoolArray, may: BoolArray) -> Array:
     """(S, N) gripping force [N]: while limbs that may (N,) stand, the most that they are to grip.
 
     Fingers that close with no more than a hold asks for that bears nothing yet slip off it when
@@ -142,12 +143,12 @@ class _Moving:
     carried: Array  # (S, N, 3)
     normal: Array  # (S, N, 3) under toes that press
     held: Array  # (S, N, 10)
-    contact: Mask  # (S, N)
-    region: Index  # (S, N) that toes stand on
+    contact: BoolArray  # (S, N)
+    region: IntArray  # (S, N) that toes stand on
     weight: Array  # (S, 3) moment of the weight that the forces balance [N m]
 
 
-def _between(frames: Keyframes, segment: Index, share: Array) -> _Moving:
+def _between(frames: Keyframes, segment: IntArray, share: Array) -> _Moving:
     """States at shares (S,) of segments (S,)."""
 
     def mix(values: Array) -> Array:

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.body_way import BodyWay
 from climbplan.climb.postures.ways import ways_too_long
 from climbplan.climb.scene import ClimbScene, Stance
 from climbplan.climb.within_reach import reachable, within_rounds
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.spec.climb.model import MOST_ROUNDS
 
 LOOSE_GAP = 0.02  # relative, of windows that are not the last: half of them is planned again

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Mask
+from climbplan.arrays import BoolArray
 from climbplan.climb.scene import ClimbScene
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.model import Terrain
@@ -29,7 +29,7 @@ def within_rounds(scene: ClimbScene, count: int) -> Terrain:
     return replace(terrain, allowed=allowed, free_choices=choices)
 
 
-def between(scene: ClimbScene) -> Mask:
+def between(scene: ClimbScene) -> BoolArray:
     """(M, N, R) whether limb i can come to surface r by the end of round j and on to the goal.
 
     What a guide of the body is to other planners: again nothing that a plan could use is left out,
@@ -56,7 +56,7 @@ def between(scene: ClimbScene) -> Mask:
     return both
 
 
-def reachable(scene: ClimbScene, count: int) -> Mask:
+def reachable(scene: ClimbScene, count: int) -> BoolArray:
     """(M, N, R) whether limb i can come to surface r by the end of round j.
 
     Nothing that a plan of these rounds could use is left out: only what is further from a toe than

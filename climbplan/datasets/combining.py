@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import BoolArray
 from climbplan.errors import UsageError
-from climbplan.plans.dataset import Bits, Dataset, differing_frame
+from climbplan.plans.dataset import Dataset, differing_frame
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,8 @@ def merge(parts: Sequence[tuple[str, Dataset]], drop_duplicates: bool = False) -
 class Split:
     """Masks (n,) over the rows; rows that could not be drawn are in neither."""
 
-    train: Bits
-    test: Bits
+    train: BoolArray
+    test: BoolArray
 
 
 def split(data: Dataset, test_share: float, seed: int = 0) -> Split:
@@ -78,7 +79,7 @@ def split(data: Dataset, test_share: float, seed: int = 0) -> Split:
     return Split(drawn & ~test, test)
 
 
-def _again(data: Dataset) -> Bits:
+def _again(data: Dataset) -> BoolArray:
     """Rows (n,) whose problem an earlier row holds; those without a problem are none."""
     drawn = data.drawn
     again = np.zeros(data.count, bool)

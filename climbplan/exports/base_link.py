@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from climbplan.arrays import Array
 from climbplan.exports.motion import BodyMotion, continuous_quaternions
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.spec.robots.urdf.mimics import follows

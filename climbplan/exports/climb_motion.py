@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 from climbplan.errors import ClimbplanError
@@ -25,7 +26,6 @@ from climbplan.exports.motion import (
 )
 from climbplan.mechanics.equilibrium import link_torques
 from climbplan.mechanics.stiffness import joint_softness
-from climbplan.plans.check import Array
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.kinematics import (
     contact_jacobian,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.plans.check import Array
+from climbplan.arrays import Array
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.conditions import NOMINAL

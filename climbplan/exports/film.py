@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from climbplan.arrays import Array
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.exports.film_frames import HEIGHT, WIDTH, Frames
 from climbplan.plans.atomic_file import written_aside
-from climbplan.plans.check import Array
 from climbplan.reports.viewer.scene import Scene
 from climbplan.simulation.pictures import Picture
 

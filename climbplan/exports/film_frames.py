@@ -9,8 +9,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from scipy.spatial.transform import Rotation, Slerp
 
+from climbplan.arrays import Array
 from climbplan.errors import MissingSolver, UsageError
-from climbplan.plans.check import Array
 from climbplan.reports import palette
 from climbplan.reports.viewer.camera import followed, moving
 from climbplan.reports.viewer.scene import Scene, Shape, Solids, between, outline

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.plans.check import Array
 from climbplan.reading import read_text
 from climbplan.spec.yaml_source import parse_yaml
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.errors import PlanFileError
 from climbplan.exports.motion import BodyMotion, JointMotion, LatchMotion, LimbShape, RobotMotion
 from climbplan.limms.check.loads import loads_of_all
 from climbplan.limms.modules.inertia import link_bodies
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan
-from climbplan.plans.check import Array
 from climbplan.spec.limms.module import ModuleSpec
 
 _JOINTS = 6
@@ -114,7 +113,7 @@ def _torques(plan: LimmsPlan, module: ModuleSpec, time: Array) -> Array:
     return torque
 
 
-def _latches(plan: LimmsPlan, kept: NDArray[np.bool_]) -> LatchMotion:
+def _latches(plan: LimmsPlan, kept: BoolArray) -> LatchMotion:
     """What each end of each module holds on to."""
     motion = plan.motion
     held = np.stack([motion.base_anchor[kept], motion.tip_anchor[kept]], axis=-1)  # (T, L, 2)

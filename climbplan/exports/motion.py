@@ -14,11 +14,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import UnsoundPlan, UsageError
-from climbplan.plans.check import Array
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ class ContactMotion:
     names: tuple[str, ...]
     point: Array  # (T, C, 3) where they touch, beside the centres of spherical feet [m]
     force: Array  # (T, C, 3) on the robot [N]
-    touching: NDArray[np.bool_]  # (T, C)
+    touching: BoolArray  # (T, C)
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ class LatchMotion:
     """What the E ends of modules hold on to, T samples; A anchors on boxes and terrain."""
 
     ends: tuple[str, ...]  # (E,) "A_first"
-    anchor: NDArray[np.int64]  # (T, E) number in `anchor_names`, -1 of nothing, -2 of the ground
+    anchor: IntArray  # (T, E) number in `anchor_names`, -1 of nothing, -2 of the ground
     anchor_names: tuple[str, ...]  # (A + E,): anchors, then the ends themselves
     anchor_position: Array  # (T, A, 3) world frame [m]
 

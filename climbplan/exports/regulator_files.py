@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.arrays import BoolArray
 from climbplan.climb.plan.file import read_climb
 from climbplan.control import joint_regulator
 from climbplan.control.joint_regulator import JointRegulator, RegulatorTables
@@ -93,7 +94,7 @@ def tick_time(tables: RegulatorTables) -> TickTime:
     return TickTime(float(np.median(taken)), float(np.percentile(taken, 99)))
 
 
-def _placed(values: NDArray[Any], there: NDArray[np.bool_], empty: NDArray[Any]) -> NDArray[Any]:
+def _placed(values: NDArray[Any], there: BoolArray, empty: NDArray[Any]) -> NDArray[Any]:
     """(..., N, J) values (..., count) of the joints that there are, beside those of `empty`."""
     placed = np.broadcast_to(empty, (*empty.shape[:-2], *there.shape)).copy()
     placed[..., there] = values

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.exports.damping import update_rate
 from climbplan.exports.motion import JointMotion, RobotMotion
 from climbplan.exports.ros_messages import nanoseconds
-from climbplan.plans.check import Array
 
 CONTROLLER = "joint_trajectory_controller"
 _GOAL = "/joint_trajectory_controller/follow_joint_trajectory"

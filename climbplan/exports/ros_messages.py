@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import MissingSolver
 from climbplan.exports.motion import BodyMotion, RobotMotion
-from climbplan.plans.check import Array
 
 WORLD = "world"
 _COLOUR = (0.62, 0.66, 0.72, 0.6)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.exports.motion import (
     BodyMotion,
@@ -18,7 +18,6 @@ from climbplan.exports.motion import (
     continuous_quaternions,
     require_increasing,
 )
-from climbplan.plans.check import Array
 
 _MOST_RATE = 2000.0  # [Hz]
 _MOST_SAMPLES = 2_000_000
@@ -137,7 +136,7 @@ def _linear(time: Array, values: Array, wanted: Array) -> Array:
     return np.asarray((1 - share) * values[at] + share * values[after])
 
 
-def _contacts_at(motion: RobotMotion, before: NDArray[np.int64], wanted: Array) -> ContactMotion:
+def _contacts_at(motion: RobotMotion, before: IntArray, wanted: Array) -> ContactMotion:
     contacts = motion.contacts
     assert contacts is not None
     touching = contacts.touching[before]
@@ -216,11 +215,11 @@ def smooth_step(share: Array) -> tuple[Array, Array, Array]:
     )
 
 
-def _picked(body: BodyMotion, index: NDArray[np.int64]) -> BodyMotion:
+def _picked(body: BodyMotion, index: IntArray) -> BodyMotion:
     return BodyMotion(body.name, body.position[index], body.quaternion[index])
 
 
-def _loaded(joints: JointMotion, index: NDArray[np.int64], load: Array, rate: Array) -> JointMotion:
+def _loaded(joints: JointMotion, index: IntArray, load: Array, rate: Array) -> JointMotion:
     """Joints whose part by loads is what `load` (M,) says, which changes by `rate` (M,) [1/s]."""
     part, speed, more = (values[:, None] for values in smooth_step(load))
     link_angle = joints.angle if joints.link_angle is None else joints.link_angle

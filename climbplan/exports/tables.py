@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.exports.motion import RobotMotion
 from climbplan.exports.sidecar import facts_of
 from climbplan.plans.atomic_file import written_aside
-from climbplan.plans.check import Array
 from climbplan.plans.csv_file import write_csv
 
 BASE = "base"  # in names of columns: the root link of the URDF, whatever its name

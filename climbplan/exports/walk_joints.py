@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.exports.base_link import BaseLink, base_link, urdf_facts
 from climbplan.exports.damping import critical_damping
 from climbplan.exports.motion import JointLimits, JointMotion, LimbShape, RobotMotion
-from climbplan.plans.check import Array
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.walking_body import TO_WALKING
 from climbplan.robots.walking_legs import WalkingLegs

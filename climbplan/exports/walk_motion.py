@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from climbplan.arrays import Array
 from climbplan.errors import ClimbplanError
 from climbplan.exports.motion import BodyMotion, ContactMotion, RobotMotion, continuous_quaternions
 from climbplan.exports.walk_joints import WalkJoints, walk_joints
-from climbplan.plans.check import Array
 from climbplan.simulation.walking.whole_robot import robot_of_plan
 from climbplan.spec.robots.urdf.source import UrdfRobot
 from climbplan.walking.body_way import Moving, body_within

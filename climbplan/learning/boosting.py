@@ -13,12 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
 from climbplan.learning.quiet_training import quiet_training
 from climbplan.learning.trees import LEAF, Trees, joined
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 
 
 @dataclass(frozen=True)
@@ -27,10 +26,10 @@ class Boosting:
 
     trees: Trees
     value: Array  # (M,) of leaves
-    option: Index  # (T,) to whose score each tree adds
+    option: IntArray  # (T,) to whose score each tree adds
     baseline: Array  # (R,) scores without trees
-    first: Index  # (H + 1,) options first[h] to first[h + 1] are those of choice h
-    level: Index  # (U, H) option that each strategy takes
+    first: IntArray  # (H + 1,) options first[h] to first[h + 1] are those of choice h
+    level: IntArray  # (U, H) option that each strategy takes
 
     def probabilities(self, features: Array) -> Array:
         """Product of the choices' probabilities (U,), scaled to sum to 1, at features (p,)."""
@@ -65,10 +64,10 @@ class Boosting:
             raise UsageError("boosting: a strategy takes an option of another choice")
 
 
-def choices_of(library: Library) -> list[Index]:
+def choices_of(library: Library) -> list[IntArray]:
     """What strategies are made of: for each choice that differs among them its level (U,)."""
     bits = library.strategies.astype(np.int64)
-    out: list[Index] = []
+    out: list[IntArray] = []
     begin = 0
     while begin < bits.shape[1]:
         running = np.cumsum(bits[:, begin:], axis=1)

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.learning.library import Library
 from climbplan.learning.ranking import Scorer, checked_features
 from climbplan.learning.strategy import Candidate, candidate_of
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 
 
 @dataclass(frozen=True)
@@ -18,7 +17,7 @@ class ClusterRanking:
     """Which cluster each solved problem is in, and how probable each is for a new one."""
 
     library: Library
-    cluster: Index  # (S,) negative: in none
+    cluster: IntArray  # (S,) negative: in none
     scorer: Scorer
     scale: Array  # (p,) of the features in distances
 
@@ -27,11 +26,11 @@ class ClusterRanking:
         """Clusters."""
         return int(self.cluster.max()) + 1
 
-    def members(self, cluster: int) -> Index:
+    def members(self, cluster: int) -> IntArray:
         """Rows of the library in a cluster."""
         return np.flatnonzero(self.cluster == cluster)
 
-    def ranked(self, features: Array, most: int) -> Index:
+    def ranked(self, features: Array, most: int) -> IntArray:
         """The likeliest clusters, first the most probable."""
         wanted = checked_features(features, self.library)
         probability = self.scorer.probabilities(wanted)
@@ -51,13 +50,15 @@ class ClusterRanking:
                     return found
         return found
 
-    def strategies(self, features: Array, cluster: int) -> Index:
+    def strategies(self, features: Array, cluster: int) -> IntArray:
         """The cluster's nearest row of each of its strategies, nearest first."""
         rows = self._near(features, self.members(cluster))
         _, first = np.unique(self.library.strategy[rows], return_index=True)
         return np.asarray(rows[np.sort(first)])
 
-    def alike(self, features: Array, cluster: int, values: Array, alternatives: Index) -> Index:
+    def alike(
+        self, features: Array, cluster: int, values: Array, alternatives: IntArray
+    ) -> IntArray:
         """The cluster's rows with these integers, nearest first."""
         rows = self.members(cluster)
         integer = self.library.frame.integer
@@ -65,7 +66,7 @@ class ClusterRanking:
         same &= (self.library.alternatives[rows] == alternatives).all(axis=1)
         return self._near(features, rows[same])
 
-    def _near(self, features: Array, rows: Index) -> Index:
+    def _near(self, features: Array, rows: IntArray) -> IntArray:
         apart = (self.library.features[rows] - features) / self.scale
         order = np.argsort(np.einsum("sp,sp->s", apart, apart), kind="stable")
         return np.asarray(rows[order])

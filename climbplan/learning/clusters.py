@@ -12,10 +12,10 @@ from typing import Literal
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 
 Clustering = Literal["hdbscan", "optics", "dbscan", "kmeans"]
 Outliers = Literal["nearest", "drop"]
@@ -33,7 +33,7 @@ class ClusterOptions:
     outliers: Outliers = "nearest"
 
 
-def solution_columns(instance: Instance) -> Index:
+def solution_columns(instance: Instance) -> IntArray:
     """Variables that solutions are compared by: factors of products, all continuous without any."""
     products = instance.products
     factors = np.unique(np.concatenate([products.first, products.second])).astype(np.int64)
@@ -41,14 +41,14 @@ def solution_columns(instance: Instance) -> Index:
     return continuous if len(continuous) else np.flatnonzero(~instance.integer)
 
 
-def solution_vectors(library: Library, columns: Index) -> Array:
+def solution_vectors(library: Library, columns: IntArray) -> Array:
     """Solutions (S, d) by some of their variables, each in its spread over the library."""
     values = library.points[:, columns]
     deviation = values.std(axis=0)
     return np.asarray((values - values.mean(axis=0)) / np.where(deviation > 1e-9, deviation, 1.0))
 
 
-def clustered(vectors: Array, options: ClusterOptions, seed: int) -> Index:
+def clustered(vectors: Array, options: ClusterOptions, seed: int) -> IntArray:
     """The cluster (S,) of each solution, the largest first; OUTLIER where outliers are dropped.
 
     vectors: (S, d) scaled. Where no cluster is found all solutions are one, unless outliers are
@@ -76,7 +76,7 @@ def clustered(vectors: Array, options: ClusterOptions, seed: int) -> Index:
     return np.where(found, rank[out], OUTLIER)
 
 
-def _labels(vectors: Array, options: ClusterOptions, seed: int) -> Index:
+def _labels(vectors: Array, options: ClusterOptions, seed: int) -> IntArray:
     from sklearn import cluster
 
     least = min(options.least, max(len(vectors) // 2, 2))

@@ -6,12 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
-
-Mask = NDArray[np.bool_]
+from climbplan.arrays import Array, BoolArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -26,7 +22,7 @@ class Envelope:
         out = share * (self.upper - self.lower)
         return Envelope(self.lower - out, self.upper + out)
 
-    def holds(self, points: Array, slack: float = 1e-9) -> Mask:
+    def holds(self, points: Array, slack: float = 1e-9) -> BoolArray:
         """Which of the points (n, N, d) lie in the box, (n,)."""
         inside = (points >= self.lower - slack) & (points <= self.upper + slack)
         return np.asarray(inside.all(axis=(1, 2)))
@@ -37,7 +33,7 @@ EnvelopeSet = tuple[Envelope, ...]
 
 # Whether the first stage has a solution on given rows, for each of some sets of envelopes: one (n,)
 # a set. With several envelopes in a set, one of them is enough.
-FirstStageLabels = Callable[[Sequence[EnvelopeSet], Index], list[Mask]]
+FirstStageLabels = Callable[[Sequence[EnvelopeSet], IntArray], list[BoolArray]]
 
 
 def stacked(envelopes: EnvelopeSet) -> Envelope:

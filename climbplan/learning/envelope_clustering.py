@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.errors import LimitReached
-from climbplan.learning.envelope_box import Envelope, Mask, exterior
-from climbplan.program.polytope import Array
+from climbplan.learning.envelope_box import Envelope, exterior
 from climbplan.solvers.highs.mixed_linear import MixedLinearProgram, solve_mixed_linear
 
 _CLOSE = 1e-6  # of a box's span: how far a box ends before an excluded point
@@ -29,7 +29,7 @@ class Cluster:
     centre: Array  # (N, d)
     boundary: Envelope  # the largest box, before the filter
     boundary_gap: float  # relative, of its program
-    kept: Mask  # (n,) feasible points that the exterior boundary is drawn about
+    kept: BoolArray  # (n,) feasible points that the exterior boundary is drawn about
 
 
 def fit_clusters(

@@ -13,16 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.learning.envelope_box import (
     Envelope,
     EnvelopeSet,
     FirstStageLabels,
-    Mask,
     stacked,
     unstacked,
 )
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ class GeneticResult:
 
 def evolve(
     labels: FirstStageLabels,
-    feasible: Mask,
+    feasible: BoolArray,
     first: Sequence[EnvelopeSet],
     options: GeneticOptions | None = None,
     seed: int = 0,
@@ -119,9 +117,9 @@ class _Fitness:
 
 def _judged(
     labels: FirstStageLabels,
-    feasible: Mask,
+    feasible: BoolArray,
     population: Sequence[Envelope],
-    rows: Index,
+    rows: IntArray,
     options: GeneticOptions,
 ) -> list[_Fitness]:
     truth = feasible[rows]
@@ -134,7 +132,7 @@ def _judged(
     return judged
 
 
-def _balanced(feasible: Mask, count: int, rng: np.random.Generator) -> Index:
+def _balanced(feasible: BoolArray, count: int, rng: np.random.Generator) -> IntArray:
     """As many feasible as infeasible rows."""
     parts = [np.flatnonzero(feasible), np.flatnonzero(~feasible)]
     half = [min(len(p), count // 2) for p in parts]

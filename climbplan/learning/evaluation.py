@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 
 FIRST = (1, 3, 5, 10, 20, 50)
 _BINS = np.linspace(0.0, 1.0, 6)
@@ -23,9 +21,9 @@ _BINS = np.linspace(0.0, 1.0, 6)
 class Evaluation:
     """Of T problems held out: where the optimum's integers (or cluster) stand among candidates."""
 
-    place: Index  # (T,) from 0; -1 if not among them
+    place: IntArray  # (T,) from 0; -1 if not among them
     probability: Array  # (T,) of the first candidate, NaN where the strategy gives none
-    hard: NDArray[np.bool_]  # (T,) problems that are reported apart
+    hard: BoolArray  # (T,) problems that are reported apart
 
     def within(self, first: int, hard: bool = False) -> float:
         """Share of problems whose integers are among the first candidates; NaN of none."""
@@ -59,7 +57,7 @@ class Evaluation:
         }
 
 
-def held_out(groups: Index, share: float, seed: int) -> NDArray[np.bool_]:
+def held_out(groups: IntArray, share: float, seed: int) -> BoolArray:
     """Which rows (S,) to hold out: whole groups (S,), so that no scene is on both sides."""
     kinds = np.unique(groups)
     count = round(share * len(kinds))
@@ -68,7 +66,7 @@ def held_out(groups: Index, share: float, seed: int) -> NDArray[np.bool_]:
 
 
 def evaluate(
-    model: StrategyModel, test: Library, hard: Sequence[bool] | NDArray[np.bool_], most: int = 50
+    model: StrategyModel, test: Library, hard: Sequence[bool] | BoolArray, most: int = 50
 ) -> Evaluation:
     """Rank the candidates of a model for solved problems that it was not trained on."""
     strategy = model.strategy()
@@ -89,7 +87,7 @@ def evaluate(
     return Evaluation(place, probability, np.asarray(hard, bool))
 
 
-def _keys(library: Library) -> Index:
+def _keys(library: Library) -> IntArray:
     return np.ascontiguousarray(
         np.hstack(
             [

@@ -9,15 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.learning.clusters import OUTLIER, ClusterOptions
 from climbplan.learning.evaluation import Evaluation, evaluate, held_out
 from climbplan.learning.library import Library
 from climbplan.learning.model import FitOptions, StrategyModel, fit
 from climbplan.learning.model_file import ModelFile, marked, read_model, write_model
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 from climbplan.progress import Progress
 from climbplan.spec.fits.strategy import StrategySpec
 from climbplan.spec.fits.strategy_loading import LoadedStrategy
@@ -31,9 +29,9 @@ class TrainingData:
     """Solved problems and what their kind knows of them."""
 
     library: Library
-    group: Index  # (S,) rows of equal groups are never on both sides of a split
-    hard: NDArray[np.bool_]  # (S,) problems that are reported apart
-    columns: Index  # variables that solutions are clustered by
+    group: IntArray  # (S,) rows of equal groups are never on both sides of a split
+    hard: BoolArray  # (S,) problems that are reported apart
+    columns: IntArray  # variables that solutions are clustered by
     context: Mapping[str, Any]  # that a problem must share to be served
     scale: Array | None = None  # (p,) of features in distances
     hard_means: str = ""

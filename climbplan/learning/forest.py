@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.quiet_training import quiet_training
 from climbplan.learning.trees import LEAF, Trees, joined
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 
 _TREES_AT_ONCE = 20
 _NUMBERS_AT_ONCE = 1e8  # that scikit-learn keeps at their nodes: 0.8 GB
@@ -25,8 +24,8 @@ class Forest:
     """Trees whose leaves hold shares of classes, few of which are not zero."""
 
     trees: Trees
-    first: Index  # (M + 1,) entries first[m] to first[m + 1] are those of node m; inner: none
-    label: Index  # (E,) class of each entry
+    first: IntArray  # (M + 1,) entries first[m] to first[m + 1] are those of node m; inner: none
+    label: IntArray  # (E,) class of each entry
     share: Array  # (E,)
     classes: int
 
@@ -55,7 +54,13 @@ class Forest:
 
 
 def fit_forest(
-    features: Array, labels: Index, classes: int, trees: int, depth: int, seed: int, jobs: int = 1
+    features: Array,
+    labels: IntArray,
+    classes: int,
+    trees: int,
+    depth: int,
+    seed: int,
+    jobs: int = 1,
 ) -> Forest:
     """Grow a forest with scikit-learn; the same rows and seed give the same forest.
 

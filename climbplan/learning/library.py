@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
 from climbplan.plans.hdf5_writing import new_store, write_dataset, write_text
 from climbplan.program import Program
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 
 FORMAT = "climbplan/library"
 FORMAT_VERSION = 1
@@ -32,16 +30,14 @@ _LABELS = Layout(("S", "L"), kind="int")
 _INTEGER = Layout(("N",), kind="bool")
 _OPTIONS = Layout(("C",), kind="int")
 
-Bits = NDArray[np.bool_]
-
 
 @dataclass(frozen=True)
 class Frame:
     """What a library and a program must agree on."""
 
     name: str  # of the program
-    integer: Bits  # (N,) which variables are binaries
-    options: Index  # (C,) alternatives of each choice
+    integer: BoolArray  # (N,) which variables are binaries
+    options: IntArray  # (C,) alternatives of each choice
 
     @classmethod
     def of(cls, program: Program) -> Frame:
@@ -64,12 +60,12 @@ class Library:
     features: Array  # (S, p)
     points: Array  # (S, N) integers rounded
     objective: Array  # (S,)
-    alternatives: Index  # (S, C)
-    labels: Index  # (S, L)
-    strategies: Bits  # (U, B) values of the binaries
-    strategy_alternatives: Index  # (U, C)
-    strategy_labels: Index  # (U, L)
-    strategy: Index  # (S,) which one each problem has
+    alternatives: IntArray  # (S, C)
+    labels: IntArray  # (S, L)
+    strategies: BoolArray  # (U, B) values of the binaries
+    strategy_alternatives: IntArray  # (U, C)
+    strategy_labels: IntArray  # (U, L)
+    strategy: IntArray  # (S,) which one each problem has
 
     @classmethod
     def of(
@@ -78,8 +74,8 @@ class Library:
         features: Array,
         points: Array,
         objective: Array,
-        alternatives: Index | None = None,
-        labels: Index | None = None,
+        alternatives: IntArray | None = None,
+        labels: IntArray | None = None,
     ) -> Library:
         """Put solved problems together; strategies are numbered in order of appearance.
 
@@ -135,7 +131,7 @@ class Library:
         """S."""
         return len(self.features)
 
-    def subset(self, rows: Index) -> Library:
+    def subset(self, rows: IntArray) -> Library:
         """The library of some of the problems."""
         return Library.of(
             self.frame,

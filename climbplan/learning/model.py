@@ -8,6 +8,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.boosting import Boosting, fit_boosting
 from climbplan.learning.cluster_ranking import ClusterRanking
@@ -18,8 +19,6 @@ from climbplan.learning.neighbours import NearestProblems
 from climbplan.learning.network import Network, fit_network
 from climbplan.learning.ranking import RankedStrategies
 from climbplan.learning.strategy import Strategy
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 
 ModelKind = Literal["knn", "forest", "boosting", "network", "reduce"]
 MODEL_KINDS: tuple[ModelKind, ...] = get_args(ModelKind)
@@ -53,7 +52,7 @@ class StrategyModel:
     library: Library
     scale: Array  # (p,) of the features in distances
     classifier: Forest | Network | Boosting | None  # None: knn
-    cluster: Index | None  # (S,) of reduce
+    cluster: IntArray | None  # (S,) of reduce
     context: Mapping[str, Any] = field(default_factory=dict)
 
     def strategy(self) -> Strategy:
@@ -97,7 +96,7 @@ class StrategyModel:
 def fit(
     library: Library,
     options: FitOptions,
-    columns: Index,
+    columns: IntArray,
     scale: Array | None = None,
     context: Mapping[str, Any] | None = None,
 ) -> StrategyModel:
@@ -114,7 +113,7 @@ def fit(
     kind, seed, U = options.kind, options.seed, len(library.strategies)
     features, labels = library.features, library.strategy
     classifier: Forest | Network | Boosting | None = None
-    cluster: Index | None = None
+    cluster: IntArray | None = None
     if kind == "forest":
         classifier = fit_forest(features, labels, U, options.trees, options.depth, seed)
     elif kind == "network":

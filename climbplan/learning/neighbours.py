@@ -12,12 +12,11 @@ from typing import Literal
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
 from climbplan.learning.ranking import checked_features
 from climbplan.learning.strategy import Candidate, candidate_of
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 
 Order = Literal["points", "strategies", "mixed"]
 
@@ -52,7 +51,7 @@ class NearestProblems:
         wanted = checked_features(features, self.library)
         apart = (self.library.features - wanted) / self.scale
         distance = np.sqrt(np.einsum("sp,sp->s", apart, apart))
-        near: Index = np.argsort(distance, kind="stable")
+        near: IntArray = np.argsort(distance, kind="stable")
         if self.order != "points":
             _, first = np.unique(self.library.strategy[near], return_index=True)
             leading = np.sort(first)[:most]

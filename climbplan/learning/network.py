@@ -13,17 +13,16 @@ from functools import cached_property
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.quiet_training import quiet_training
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 
 
 @dataclass(frozen=True)
 class Network:
     """Layers of rectified units on standardised features; sizes[0] features, sizes[-1] classes."""
 
-    sizes: Index  # (L + 1,)
+    sizes: IntArray  # (L + 1,)
     weight: Array  # (sum of sizes[k] sizes[k + 1],) layer by layer, rows are inputs
     bias: Array  # (sum of sizes[1:],)
     mean: Array  # (p,)
@@ -70,7 +69,7 @@ class Network:
 
 def fit_network(
     features: Array,
-    labels: Index,
+    labels: IntArray,
     classes: int,
     hidden: tuple[int, ...],
     epochs: int,

@@ -7,10 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
 from climbplan.learning.strategy import Candidate, candidate_of
-from climbplan.program.polytope import Array
 
 
 class Scorer(Protocol):

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+from climbplan.arrays import Array, IntArray
 from climbplan.learning.library import Library
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 
 
 @dataclass(frozen=True)
@@ -15,7 +14,7 @@ class Candidate:
     """Integers to try, and where to start from."""
 
     values: Array  # (N,) of which only the binaries are read
-    alternatives: Index  # (C,)
+    alternatives: IntArray  # (C,)
     start: Array  # (N,)
     number: int = -1  # of the strategy in the library it comes from
     row: int = -1  # of the solved problem whose point is the start

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 
 LEAF = -1
 DEEPEST = 1000  # a walk of a million steps would seem to hang
@@ -23,13 +22,13 @@ DEEPEST = 1000  # a walk of a million steps would seem to hang
 class Trees:
     """T trees with M nodes together."""
 
-    root: Index  # (T,) first node of each tree, increasing
-    feature: Index  # (M,) compared at the node, LEAF at leaves
+    root: IntArray  # (T,) first node of each tree, increasing
+    feature: IntArray  # (M,) compared at the node, LEAF at leaves
     threshold: Array  # (M,) go left where the feature is at most this
-    left: Index  # (M,) LEAF at leaves
-    right: Index  # (M,)
+    left: IntArray  # (M,) LEAF at leaves
+    right: IntArray  # (M,)
 
-    def leaves(self, features: Array) -> Index:
+    def leaves(self, features: Array) -> IntArray:
         """The leaf (T,) that features (p,) end in, of each tree."""
         node = self.root.copy()
         while True:
@@ -74,7 +73,7 @@ def joined(trees: list[Trees]) -> Trees:
     """Trees one behind the other."""
     shift = np.cumsum([0, *(len(t.feature) for t in trees)])[:-1]
 
-    def moved(part: Index, by: int) -> Index:
+    def moved(part: IntArray, by: int) -> IntArray:
         return np.where(part == LEAF, LEAF, part + by)
 
     return Trees(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from climbplan.arrays import Array
 from climbplan.limms.bounds import Connection
-from climbplan.limms.scene import SIDES, Array, Scene
+from climbplan.limms.scene import SIDES, Scene
 
 SECOND_LEG = 0.4  # cost of each leg after the first: less than that of a module
 _EXTRA = {"throw": 0.5, "relatch": 0.25, "quadruped": 0.5}  # cost of what is harder than carrying

@@ -6,13 +6,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.bounds import on_ground
 from climbplan.limms.modules.chain import BRANCHES, in_range, inverse
 from climbplan.limms.modules.limbs import root_on_anchor, side_pose, standing_rotation
 from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.modules.reaching import drive, reach
 from climbplan.limms.modules.straight_ways import LENGTHS, leave, straight_in
-from climbplan.limms.scene import Array, Pose, Scene
+from climbplan.limms.scene import Pose, Scene
 from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import ARM, DRIVES, LEG, NOWHERE, PlanSoFar
 

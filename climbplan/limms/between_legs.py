@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.assembly import root_pose
 from climbplan.limms.bounds import on_ground
 from climbplan.limms.modules.climbing_down import climb_down
@@ -18,7 +19,7 @@ from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.modules.reaching import move_joints
 from climbplan.limms.modules.straight_ways import leave
 from climbplan.limms.placement import centre_of, yaw_of
-from climbplan.limms.scene import Array, Scene, with_box_first
+from climbplan.limms.scene import Scene, with_box_first
 from climbplan.limms.timeline import DRIVES, LEG, NOWHERE, STABLE, PlanSoFar
 
 Settle = Callable[[PlanSoFar], PlanSoFar]

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.placement import centre_of, in_world, yaw_of
-from climbplan.limms.scene import SIDE_NORMALS, Array, Patch, Scene
+from climbplan.limms.scene import SIDE_NORMALS, Patch, Scene
 from climbplan.limms.statement import held_forces
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from climbplan.limms.scene import Array, Index
+from climbplan.arrays import Array, IntArray
 
 RESIDUALS = {"box": "m", "points": "m", "axes": "rad"}  # r_pB, r_pL and r_RL, eq. (6.13)
 
@@ -13,8 +13,8 @@ RESIDUALS = {"box": "m", "points": "m", "axes": "rad"}  # r_pB, r_pL and r_RL, e
 class Convergence:
     """I iterations; those of one choice of modes have the same `attempt`."""
 
-    attempt: Index  # (I,) from 0
-    frozen: Index  # (I,) 1 where the integers were kept
+    attempt: IntArray  # (I,) from 0
+    frozen: IntArray  # (I,) 1 where the integers were kept
     box_mean: Array  # (I,) r_pB [m]
     box_max: Array
     points_mean: Array  # (I,) r_pL [m]

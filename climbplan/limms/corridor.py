@@ -13,8 +13,9 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.limms.placement import centre_of, extents, yaw_of
-from climbplan.limms.scene import Array, Index, Scene
+from climbplan.limms.scene import Scene
 
 CLEARANCE = 5e-4  # [m] of the box from what is not the ground
 TURN = np.pi / 4  # [rad] at most from one yaw that a box may be put down with to the next
@@ -132,7 +133,7 @@ def _free_blocks(scene: Scene, half: Array, others: list[Array]) -> Array:
     )
 
 
-def _largest(low: Index, high: Index) -> list[int]:
+def _largest(low: IntArray, high: IntArray) -> list[int]:
     """Which free spans of cells are in no larger one: beside each face something is taken.
 
     low: (n, 3) first cells; high: (n, 3) those after the last.

@@ -17,10 +17,10 @@ from itertools import count
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.actions import SECOND_LEG, Action, Course, Leg, place_of
 from climbplan.limms.corridor import way_length
 from climbplan.limms.means import Means
-from climbplan.limms.scene import Array
 from climbplan.limms.states import GOAL, START, Space, State
 from climbplan.limms.timeline import PlanSoFar
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from climbplan.limms.scene import Array
+from climbplan.arrays import Array
 from climbplan.limms.timeline import samples
 
 

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.cubics import box_path, knot_samples
 from climbplan.limms.modules.chain import inverse
 from climbplan.limms.modules.limbs import limb_frames, side_pose
 from climbplan.limms.modules.straight_ways import closest_branch, rates_of
 from climbplan.limms.placement import centre_of, in_world, vertical_inertia, yaw_of
-from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Pose, Scene
+from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Pose, Scene
 from climbplan.limms.statement import Limb, Trace, held_forces
 from climbplan.limms.timeline import (
     FREE,

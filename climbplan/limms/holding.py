@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.limms.arms.held_branches import (
     APPROACH_MARGIN,
     RANGE_MARGIN,
-    Mask,
     clearance,
     off_singular,
 )
@@ -17,17 +17,17 @@ from climbplan.limms.bounds import Connection, anchor_wrist, chain_stretch, side
 from climbplan.limms.modules.chain import BRANCHES, in_range
 from climbplan.limms.modules.contact import gap_to_boxes, link_segments
 from climbplan.limms.modules.limbs import arm, limb_angles, limb_points, root_on_anchor
-from climbplan.limms.scene import Array, Scene
+from climbplan.limms.scene import Scene
 
 
 @dataclass(frozen=True)
 class Held:
     """Where an arm can hold a box, and where its links are then."""
 
-    fits: Mask  # (branches, n)
+    fits: BoolArray  # (branches, n)
     links: Array  # (m, 4, 2, 3) of those that fit, in order [m]
 
-    def beside(self, scene: Scene) -> Mask:
+    def beside(self, scene: Scene) -> BoolArray:
         """Where it still can (branches, n), with all boxes of a scene but the first."""
         kept = self.fits.copy()
         if scene.boxes > 1 and len(self.links):
@@ -43,7 +43,7 @@ Known = dict[tuple[Connection, bool], Held]
 
 def held_at(
     scene: Scene, connection: Connection, places: Array, by_first: bool, known: Known
-) -> Mask:
+) -> BoolArray:
     """Where an arm can hold the box (branches, n), its first or its last end on the anchor."""
     if (connection, by_first) in known:
         return known[connection, by_first].beside(scene)
@@ -72,7 +72,7 @@ def held_at(
     return found
 
 
-def stretched_to(scene: Scene, connection: Connection, places: Array) -> Mask:
+def stretched_to(scene: Scene, connection: Connection, places: Array) -> BoolArray:
     """Where a chain, stretched out, spans from its anchor to its side of the box (n,)."""
     wrists = side_wrist(scene, connection.side, places)
     away = np.linalg.norm(wrists - anchor_wrist(scene, connection.root), axis=1)

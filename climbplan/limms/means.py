@@ -14,8 +14,8 @@ from itertools import combinations, product
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.limms.actions import Action
-from climbplan.limms.arms.held_branches import Mask
 from climbplan.limms.bounds import (
     Connection,
     access,
@@ -30,7 +30,7 @@ from climbplan.limms.corridor import centre_blocks, yaws_between
 from climbplan.limms.direct import FLIGHT, legs_misfit
 from climbplan.limms.holding import Known, held_at, stretched_to
 from climbplan.limms.placement import extents, yaw_of
-from climbplan.limms.scene import Array, Index, Scene
+from climbplan.limms.scene import Scene
 from climbplan.limms.timeline import PlanSoFar
 
 STEP = 0.12  # [m] between places
@@ -42,14 +42,14 @@ class Means:
     """An action, and between which of n places: for some row, from its begins to its ends."""
 
     action: Action
-    begin: Mask  # (rows, n)
-    end: Mask  # (rows, n)
+    begin: BoolArray  # (rows, n)
+    end: BoolArray  # (rows, n)
 
-    def onward(self, here: int) -> Mask:
+    def onward(self, here: int) -> BoolArray:
         """Places (n,) that it brings the box to from one of them."""
         return np.asarray(self.end[self.begin[:, here]].any(axis=0))
 
-    def before(self, there: Mask) -> Mask:
+    def before(self, there: BoolArray) -> BoolArray:
         """Places (n,) from which it brings the box to some of those in `there` (n,)."""
         return np.asarray(self.begin[(self.end & there).any(axis=1)].any(axis=0))
 
@@ -122,7 +122,7 @@ def all_means(scene: Scene, places: Array, by_first: frozenset[int], known: Know
     return found + list(_walked(scene, places))
 
 
-def legs_left(means: Sequence[Means], to: int, places: int) -> Index:
+def legs_left(means: Sequence[Means], to: int, places: int) -> IntArray:
     """Fewest legs (n,) from every place to one of them, `places` where none lead there.
 
     No course over the same places has fewer.
@@ -141,16 +141,16 @@ def legs_left(means: Sequence[Means], to: int, places: int) -> Index:
 
 def _holding(
     scene: Scene, places: Array, by_first: frozenset[int], known: Known
-) -> list[tuple[tuple[Connection, ...], Mask]]:
+) -> list[tuple[tuple[Connection, ...], BoolArray]]:
     """Sets of arms that hold the box, and where they can, (branches, places)."""
-    single: list[tuple[Connection, Mask]] = []
+    single: list[tuple[Connection, BoolArray]] = []
     for root in range(scene.walls):
         if access(scene, root):
             single += [
                 (c, held_at(scene, c, places, root in by_first, known))
                 for c in (Connection(root, side) for side in range(4))
             ]
-    alone: list[tuple[tuple[Connection, ...], Mask]] = [
+    alone: list[tuple[tuple[Connection, ...], BoolArray]] = [
         ((connection,), mask)
         for connection, mask in single
         if not holding_misfit(scene, (connection,))
@@ -166,7 +166,7 @@ def _holding(
     ]
 
 
-def _only_goal(like: Mask) -> Mask:
+def _only_goal(like: BoolArray) -> BoolArray:
     """Rows that end at the goal."""
     end = np.zeros_like(like)
     end[:, 1] = True

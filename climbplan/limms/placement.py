@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.limms.scene import Array
+from climbplan.arrays import Array
 
 
 def centre_of(place: Array) -> Array:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from climbplan.arrays import Array, IntArray
 from climbplan.limms.convergence import Convergence
-from climbplan.limms.scene import Array, Index
 from climbplan.plans.root_attributes import PlanHeader
 
 BOX_MODES = {1: "stable", 2: "free", 3: "manipulated", 4: "quadruped"}
@@ -24,15 +24,15 @@ class Motion:
     box_yaw: Array  # (T, B) about the vertical, box to world; boxes stay upright [rad]
     box_yaw_rate: Array  # (T, B) [rad/s]
     box_yaw_acceleration: Array  # (T, B) [rad/s^2]
-    box_mode: Index  # (T, B)
+    box_mode: IntArray  # (T, B)
     joint_position: Array  # (T, L, 8, 3) [m]
     joint_rotation: Array  # (T, L, 8, 3, 3)
     joint_angles: Array  # (T, L, 6) [rad]
     joint_velocity: Array  # (T, L, 6) [rad/s]
-    mode: Index  # (T, L)
-    base_anchor: Index  # (T, L) at the first end, -1 none
-    tip_anchor: Index  # (T, L) at the last end
-    ground_end: Index  # (T, L) end that stands on the ground, -1 none
+    mode: IntArray  # (T, L)
+    base_anchor: IntArray  # (T, L) at the first end, -1 none
+    tip_anchor: IntArray  # (T, L) at the last end
+    ground_end: IntArray  # (T, L) end that stands on the ground, -1 none
     anchor_position: Array  # (T, A, 3) [m]
     force: Array  # (T, B, 4, 3) on boxes at their anchors [N]
 

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.convergence import Convergence
 from climbplan.limms.modules.chain import forward
 from climbplan.limms.placement import in_world
 from climbplan.limms.plan import LimmsPlan, Motion
-from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Index, Points, Pose, Scene
+from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Points, Pose, Scene
 from climbplan.limms.timeline import DRIVES, PlanSoFar, Stretch
 from climbplan.spec.limms.loading import LoadedLimms
 
@@ -175,9 +176,9 @@ def motion_of(
     return motion, tuple(stages)
 
 
-def _in_plan(anchors: Index, order: Sequence[int]) -> Index:
+def _in_plan(anchors: IntArray, order: Sequence[int]) -> IntArray:
     """Anchors of a stretch by the numbers of the plan, in which boxes keep theirs."""
     on_box = (anchors >= 0) & (anchors < 4 * len(order))
     numbers = np.array(order)[np.where(on_box, anchors // 4, 0)]
-    found: Index = np.where(on_box, 4 * numbers + anchors % 4, anchors)
+    found: IntArray = np.where(on_box, 4 * numbers + anchors % 4, anchors)
     return found

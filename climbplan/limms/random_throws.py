@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.bounds import Connection, within_reach
-from climbplan.limms.scene import Array, scene_of
+from climbplan.limms.scene import scene_of
 from climbplan.spec.limms.loading import LoadedLimms, limms_of
 from climbplan.spec.source import SourceText
 from climbplan.spec.yaml_source import parse_yaml

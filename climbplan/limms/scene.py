@@ -13,13 +13,10 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.spec.limms.loading import LoadedLimms
 from climbplan.spec.limms.module import ModuleSpec
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 GRAVITY = 9.81  # [m/s^2]
 SIDES = ("+x", "-x", "+y", "-y")  # anchors of a box, one in the middle of each side
@@ -56,7 +53,7 @@ class Patch:
     upper: Array  # (2,)
     height: float  # [m]
 
-    def inside(self, points: Array, margin: float = 0.0) -> NDArray[np.bool_]:
+    def inside(self, points: Array, margin: float = 0.0) -> BoolArray:
         """Which points (..., 2 or more) lie over it, at least `margin` from its edges."""
         flat = points[..., :2]
         return np.asarray(
@@ -71,7 +68,7 @@ class Scene:
     module: ModuleSpec
     module_names: tuple[str, ...]
     stand: Array  # (L, 3) where modules stand at the start, NaN if latched [m]
-    held: Index  # (L,) anchor that a module's first end is latched to at the start, -1 none
+    held: IntArray  # (L,) anchor that a module's first end is latched to at the start, -1 none
     anchor_names: tuple[str, ...]
     wall_position: Array  # (W, 3) of the anchors on walls and ground [m]
     wall_normal: Array  # (W, 3)

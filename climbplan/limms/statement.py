@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.limms.scene import Array
+from climbplan.arrays import Array
 
 
 @dataclass(frozen=True)

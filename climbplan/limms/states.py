@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.limms.actions import Action
 from climbplan.limms.bounds import on_ground
 from climbplan.limms.corridor import CLEARANCE
@@ -22,14 +23,7 @@ from climbplan.limms.holding import Known
 from climbplan.limms.means import Means, all_means, by_first_ends, legs_left, places_of
 from climbplan.limms.modules.distances import upright_gap
 from climbplan.limms.placement import centre_of, yaw_of
-from climbplan.limms.scene import (
-    Array,
-    Index,
-    Scene,
-    stands_at_goal,
-    with_box_first,
-    without_others,
-)
+from climbplan.limms.scene import Scene, stands_at_goal, with_box_first, without_others
 from climbplan.limms.timeline import PlanSoFar
 
 START, GOAL = 0, 1  # the first two places of each box
@@ -61,10 +55,10 @@ class BoxPlaces:
     """Where one box may stand, were it the only one."""
 
     places: Array  # (n, D) start, goal, and where it can be put down [m, rad]
-    guides: tuple[Index, ...]  # fewest legs (n,) to its goal, by more and more actions
+    guides: tuple[IntArray, ...]  # fewest legs (n,) to its goal, by more and more actions
 
     @property
-    def left(self) -> Index:
+    def left(self) -> IntArray:
         """Fewest legs (n,) by all actions: no course over the same places has fewer."""
         return self.guides[-1]
 
@@ -195,7 +189,7 @@ def _others(box: int, state: State) -> tuple[int, ...]:
     return state.at[:box] + state.at[box + 1 :]
 
 
-def _guides(means: Sequence[Means], places: int) -> tuple[Index, ...]:
+def _guides(means: Sequence[Means], places: int) -> tuple[IntArray, ...]:
     """Fewest legs (n,) from every place to the goal, by plain arms first, then by more actions."""
     plain = [m for m in means if m.action.kind == "arms" and not m.action.is_chained]
     if not any(m.end[:, GOAL].any() for m in plain):  # else throws are no shorter a way

@@ -7,8 +7,8 @@ from itertools import groupby
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.limms.plan import BOX_MODES, LimmsPlan
-from climbplan.limms.scene import Array, Index
 
 _FEW_NOTES = 3
 
@@ -73,7 +73,7 @@ def module_story(plan: LimmsPlan, module: int) -> list[tuple[int, float]]:
     return _story(plan.motion.time, plan.motion.mode[:, module])
 
 
-def _story(time: Array, modes: Index) -> list[tuple[int, float]]:
+def _story(time: Array, modes: IntArray) -> list[tuple[int, float]]:
     story = []
     pairs = zip(modes[:-1], np.diff(time), strict=True)
     for mode, group in groupby(pairs, key=lambda pair: int(pair[0])):

@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.limms.modules.chain import forward
 from climbplan.limms.modules.contact import link_segments
-from climbplan.limms.scene import Array, Index, Points, Pose, Scene
+from climbplan.limms.scene import Points, Pose, Scene
 
 STEP = 0.01  # [s] between samples at most
 
@@ -32,10 +33,10 @@ class Stretch:
     base_rotation: Array  # (n, L, 3, 3)
     angles: Array  # (n, L, 6) [rad]
     rates: Array  # (n, L, 6) [rad/s]
-    mode: Index  # (L,)
-    base_anchor: Index  # (L,)
-    tip_anchor: Index  # (L,)
-    grounded: Index  # (L,) end that stands on the ground: 0, 1, or -1 none
+    mode: IntArray  # (L,)
+    base_anchor: IntArray  # (L,)
+    tip_anchor: IntArray  # (L,)
+    grounded: IntArray  # (L,) end that stands on the ground: 0, 1, or -1 none
     force: Array  # (n, 4, 3) on the box at its anchors [N]
     number: tuple[int, ...]  # (B,) of the boxes in the plan, the one that is brought first
     others: Array  # (B - 1, 3) where the others stand [m]
@@ -60,10 +61,10 @@ class PlanSoFar:
     base_position: Array  # (L, 3)
     base_rotation: Array  # (L, 3, 3)
     angles: Array  # (L, 6)
-    mode: Index
-    base_anchor: Index
-    tip_anchor: Index
-    grounded: Index
+    mode: IntArray
+    base_anchor: IntArray
+    tip_anchor: IntArray
+    grounded: IntArray
     stretches: list[Stretch] = field(default_factory=list)
 
     @classmethod

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, IntArray
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body, skew
+from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.robots.serial_chain import SerialChain
 
 _RANK_TOLERANCE = 1e-8  # of the largest singular value; collinear contacts end near 1e-16
@@ -70,13 +70,11 @@ class Balance:
 
     particular: Array  # (B, 3 n) least-norm forces [N]
     null_space: Array  # (B, 3 n, q) orthonormal columns
-    rank: NDArray[np.int64]  # (B,) 6, or less if the contacts cannot resist every load
+    rank: IntArray  # (B,) 6, or less if the contacts cannot resist every load
     residual: Array  # (B,) part of the load that no contact forces balance [N], 0 at full rank
 
 
-def balance_load(
-    arms: Array, load: Array, length: float
-) -> list[tuple[NDArray[np.int64], Balance]]:
+def balance_load(arms: Array, load: Array, length: float) -> list[tuple[IntArray, Balance]]:
     """Contact forces that balance loads, batched over instants with equally many contacts.
 
     arms: (B, n, 3) [m]; load: (B, 6) [N, N m] on the body; length [m] makes moments comparable

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.robots.foot import CORNERS, Sole
-from climbplan.robots.rotations import Array
 
 
 def moment_of(sole: Sole, normal: Array, corner_force: Array) -> Array:

@@ -24,9 +24,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.mechanics.gripper_model import GripperModel
 from climbplan.robots.gripper import Gripper
-from climbplan.robots.rotations import Array
 from climbplan.terrain.holds import flat_hold
 from climbplan.terrain.surfaces import Region, Surface
 

@@ -14,16 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
+from climbplan.arrays import Array
 from climbplan.errors import SpecError, SpecMistake, UsageError
 from climbplan.mechanics.gripper_model import MAX_ROWS, GripperModel, Prediction
 from climbplan.reading import read_text, reading
 
-Array = NDArray[np.float64]
 COLUMNS = ("alpha_deg", "beta_deg", "gamma_deg", "friction")
 FORCE = "force_N"
 _LEAST_ROWS = 20

@@ -15,14 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky
 from scipy.special import ndtri
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.reading import read_text, reading
 
-Array = NDArray[np.float64]
 FORMAT = "climbplan/gripper"
 FORMAT_VERSION = 1
 MAX_ROWS = 2000  # of a model, whose matrices have their square

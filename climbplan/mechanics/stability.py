@@ -17,12 +17,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.mechanics.stiffness import joint_softness, joint_turns
 from climbplan.robots.kinematics import by_point, held_motion, held_rows, point_hessian
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, skew
+from climbplan.robots.rotations import skew
 
 _RESISTED = 1e-8  # part of the largest stiffness: what is less is left to the load by the contacts
 
@@ -52,7 +52,7 @@ def braced_body(
     angles: Array,
     jacobian: Array,
     arms: Array,
-    contact: NDArray[np.bool_],
+    contact: BoolArray,
     normal: Array,
 ) -> BracedBody:
     """The elastic part, for rpy (B, 3) and angles (B, N, J).
@@ -84,7 +84,7 @@ def loaded_stiffness(body: BracedBody, force: Array) -> LoadedStiffness:
     return LoadedStiffness(1.0 + value[:, 0], direction)
 
 
-def stiffness_lost(body: BracedBody, rows: NDArray[np.int64], direction: Array) -> Array:
+def stiffness_lost(body: BracedBody, rows: IntArray, direction: Array) -> Array:
     """(R, N, 3) per newton: share of the elastic stiffness in given directions that forces take.
 
     direction: (R, 6) of unit elastic stiffness, for bodies `rows` (R,).
@@ -101,7 +101,7 @@ def stiffness_lost(body: BracedBody, rows: NDArray[np.int64], direction: Array) 
     return np.asarray(own - carried)
 
 
-def stiffness_lost_matrices(body: BracedBody, rows: NDArray[np.int64]) -> Array:
+def stiffness_lost_matrices(body: BracedBody, rows: IntArray) -> Array:
     """(R, N, 3, 6, 6) per newton: M with 1 - sum M f the stiffness left, relative to the elastic.
 
     Of bodies `rows` (R,). The stiffness left is at least a share t of the elastic one if and only

@@ -11,12 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.errors import ClimbplanError
 from climbplan.robots.kinematics import rigid_motion
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 
 _SINGULAR = 1e12  # condition number of a compliance beyond which a limb has no stiffness matrix
 _SLIGHT = 1e-12  # weight of the body's own deflection where contacts in a line leave it open
@@ -94,7 +93,7 @@ class Deflections:
 
 
 def deflections_for_forces(
-    compliance: Array, arms: Array, force: Array, contact: NDArray[np.bool_], compensated: bool
+    compliance: Array, arms: Array, force: Array, contact: BoolArray, compensated: bool
 ) -> Deflections:
     """Deflections with delta_wall_i = C_i f_i + B_i delta_com, the inverse of eq. (4.14).
 
@@ -146,7 +145,7 @@ def _of_points(values: Array, jacobian: Array) -> Array:
 
 
 def joint_bending(
-    robot: Robot, jacobian: Array, arms: Array, contact: NDArray[np.bool_], compensated: bool
+    robot: Robot, jacobian: Array, arms: Array, contact: BoolArray, compensated: bool
 ) -> Array:
     """D with joint command = joint angles - D f: by how much contact forces bend the joints.
 
@@ -196,7 +195,7 @@ def commanded_depth(jacobian: Array, normal: Array, bending: Array) -> Array:
     return np.asarray(np.einsum("...nj,...njml->...nml", turns, bending, optimize=True))
 
 
-def _unit_forces(shape: tuple[int, ...]) -> NDArray[np.float64]:
+def _unit_forces(shape: tuple[int, ...]) -> Array:
     """(3 N, ..., N, 3): one newton along one axis of one limb each."""
     n = shape[-1]
     units = np.eye(3 * n).reshape(3 * n, *[1] * (len(shape) - 1), n, 3)

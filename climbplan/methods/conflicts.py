@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.arrays import BoolArray
 from climbplan.errors import Conflict
 from climbplan.program.instance import Implications, Instance
 from climbplan.program.problem import Problem, Theta
@@ -79,5 +79,5 @@ def _only(problem: Problem, instance: Instance, kept: set[str]) -> Instance:
     )
 
 
-def _held(sizes: list[tuple[str, int]], kept: set[str]) -> NDArray[np.bool_]:
+def _held(sizes: list[tuple[str, int]], kept: set[str]) -> BoolArray:
     return np.concatenate([np.zeros(0, bool), *(np.full(n, name in kept) for name, n in sizes)])

@@ -12,14 +12,14 @@ from dataclasses import asdict
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.errors import UsageError
-from climbplan.learning.library import Bits, Frame, Library
+from climbplan.learning.library import Frame, Library
 from climbplan.methods.table import solve_instance
 from climbplan.methods.task import Kept, Method, MethodSettings
 from climbplan.plans.dataset import Dataset, DatasetFrame, solution_layout
 from climbplan.plans.dataset_row import RowAnswer
 from climbplan.plans.program_plan import Layouts
-from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem
 
 KIND = "program"
@@ -106,7 +106,7 @@ def frame_of(problem: Problem) -> DatasetFrame:
     )
 
 
-def integer_variables(problem: Problem) -> Bits:
+def integer_variables(problem: Problem) -> BoolArray:
     """Which variables (N,) the column `integers` holds first."""
     return Frame.of(problem.program).integer
 

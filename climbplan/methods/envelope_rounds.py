@@ -17,12 +17,12 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.strategy import Candidate
 from climbplan.methods.pinning import at_point, solve_candidate
 from climbplan.program.box import Box, propagated_box
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem
 from climbplan.reformulations.disjunctions import BigM, ConvexHull
 from climbplan.reformulations.grids import Encoding, Partition, pieces, uniform
@@ -141,7 +141,7 @@ class _Relaxed:
 
     instance: Instance
     relaxation: bool
-    alternatives: tuple[Index, ...]  # columns of the binaries of each choice
+    alternatives: tuple[IntArray, ...]  # columns of the binaries of each choice
 
     def candidate(self, source: Instance, x: Array) -> Candidate:
         chosen = [int(np.argmax(x[group])) for group in self.alternatives]

@@ -8,10 +8,10 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.learning.strategy import Candidate
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.convex.sessions import ConvexBackend, solve_convex
 from climbplan.solvers.ipopt.instances import solve_pinned

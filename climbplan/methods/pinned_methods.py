@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
 from climbplan.learning.strategy import Candidate
@@ -17,7 +18,6 @@ from climbplan.methods.reduced_programs import ReducedPrograms
 from climbplan.methods.task import Method, Outcome, Task, all_pinned, origin_of
 from climbplan.program.box import Box, product_range
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem
 from climbplan.reformulations.grids import Partition
 from climbplan.reformulations.mccormick import McCormick

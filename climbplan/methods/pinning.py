@@ -8,10 +8,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.learning.strategy import Candidate
 from climbplan.methods.local import local_method
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.solvers.result import Answer, SolverResult, judged
 
 PinnedSolver = Literal["ipopt", "sqp", "clarabel", "daqp", "osqp"]
@@ -51,7 +51,7 @@ def solve_candidate(
     return judged(instance, answer, gap, tolerance)
 
 
-def at_point(x: Array, alternatives: Index) -> Candidate:
+def at_point(x: Array, alternatives: IntArray) -> Candidate:
     """The candidate that a point stands for: its integers, and itself as the start."""
     return Candidate(values=x, alternatives=alternatives, start=x)
 

@@ -9,10 +9,10 @@ from typing import Literal
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.learning.strategy import Candidate
 from climbplan.methods.local import Local, local_method
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.sqp.method import SqpOptions
 
 Stop = Literal["first", "best"]

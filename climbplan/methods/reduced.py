@@ -16,10 +16,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.program.instance import Instance
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.envelopes import Squares
 from climbplan.reformulations.extension import Extension, RowStack, extended
@@ -35,7 +34,7 @@ class Reduction:
 
     partitions: tuple[Partition, ...]  # with the occupied pieces only
     values: Array  # (K, B) combinations of the stated binaries
-    alternatives: Index  # (K, C) and of the choices
+    alternatives: IntArray  # (K, C) and of the choices
     squares: Squares
 
     @classmethod
@@ -43,8 +42,8 @@ class Reduction:
         cls,
         partitions: Sequence[Partition],
         points: Array,
-        alternatives: Index,
-        integer: NDArray[np.bool_],
+        alternatives: IntArray,
+        integer: BoolArray,
         squares: Squares = "envelope",
         room: float = ROOM,
     ) -> Reduction:
@@ -103,9 +102,9 @@ class ReducedProgram:
     """A mixed-integer convex instance whose first variables are the statement's."""
 
     instance: Instance
-    groups: tuple[Index, ...]  # columns of the binaries of each choice
+    groups: tuple[IntArray, ...]  # columns of the binaries of each choice
 
-    def alternatives(self, x: Array) -> Index:
+    def alternatives(self, x: Array) -> IntArray:
         """Chosen alternative of each choice in a solution."""
         return np.array([int(np.argmax(x[group])) for group in self.groups], np.int64)
 
@@ -130,7 +129,7 @@ class ReducedForm:
         flat = BigM().apply(linear)
         return ReducedProgram(self._combined(instance, flat.instance, flat.binaries), flat.binaries)
 
-    def _combined(self, source: Instance, flat: Instance, groups: tuple[Index, ...]) -> Instance:
+    def _combined(self, source: Instance, flat: Instance, groups: tuple[IntArray, ...]) -> Instance:
         """Stated binaries and choices as sum_k share_k combination_k, shares chosen by a code."""
         reduction = self.reduction
         K = len(reduction.values)

@@ -15,13 +15,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.learning.cluster_ranking import ClusterRanking
 from climbplan.learning.strategy import Candidate, candidate_of
 from climbplan.methods.envelope_rounds import MICP_SOLVERS
 from climbplan.methods.reduced import ROOM, ReducedForm, Reduction
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.reformulations.envelopes import Squares
 from climbplan.reformulations.grids import Partition
 from climbplan.solvers.registry import require

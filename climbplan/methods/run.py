@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import SpecError, SpecMistake, UsageError
 from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel
@@ -17,7 +18,6 @@ from climbplan.methods.solved import library_of, model_of
 from climbplan.methods.table import MethodResult, solve_instance
 from climbplan.methods.task import Kept, MethodSettings
 from climbplan.plans.program_plan import Layouts, ProgramPlan
-from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem, StatementError, Theta
 from climbplan.progress import Progress
 from climbplan.spec.program.loading import LoadedProgram

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.certificates.certificate import Certificate
 from climbplan.errors import UsageError
 from climbplan.learning.cluster_ranking import ClusterRanking
@@ -20,7 +21,6 @@ from climbplan.methods.envelope_rounds import EnvelopeOptions
 from climbplan.methods.pinning import PINNED_SOLVERS
 from climbplan.methods.pipeline import Check, Checked, PipelineOptions, Tried, run_pipeline
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem, Theta
 from climbplan.reformulations.complementarity import Complementarity
 from climbplan.solvers.admm import AdmmOptions

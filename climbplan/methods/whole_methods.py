@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import LimitReached, UsageError
 from climbplan.methods.envelope_rounds import (
     MICP_SOLVERS,
@@ -15,8 +16,7 @@ from climbplan.methods.envelope_rounds import (
 from climbplan.methods.pinning import at_point, solve_candidate
 from climbplan.methods.task import Method, Outcome, Task, best, origin_of
 from climbplan.program.box import propagated_box
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.reformulations.base import Reformulated
 from climbplan.reformulations.complementarity import Complementarity
 from climbplan.reformulations.disjunctions import BigM
@@ -152,7 +152,7 @@ def mpcc(task: Task) -> Outcome:
 def _smoothed(
     task: Task,
     x: Array | None,
-    assignment: Index | None,
+    assignment: IntArray | None,
     homotopy: tuple[float, ...],
     method: Complementarity,
 ) -> SolverResult:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from climbplan.arrays import Array, IntArray
 from climbplan.certificates.certificate import Certificate
 from climbplan.plans.root_attributes import Origin
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.solvers.result import Status
 
 
@@ -20,7 +20,7 @@ class CertifiedRow:
     certificate: Certificate
     status: Status
     x: Array | None  # (n,) the answer
-    assignment: Index | None  # (C,) chosen alternative of each choice
+    assignment: IntArray | None  # (C,) chosen alternative of each choice
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,12 +16,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import UsageError
 from climbplan.plans.hdf5_layout import Kind, Layout
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Bits = NDArray[np.bool_]
 
 STATUSES = ("optimal", "feasible", "infeasible", "limit", "failed")
 ANSWERED = ("optimal", "feasible")
@@ -55,14 +52,14 @@ class Dataset:
 
     frame: DatasetFrame
     parameters: Array  # (n, p) NaN where not even the problem could be drawn
-    feasible: Bits  # (n,) an answer is there and was checked
+    feasible: BoolArray  # (n,) an answer is there and was checked
     solution: Mapping[str, NDArray[Any]]  # name -> (n, ...), as `frame.layouts` say
-    integers: Indices  # (n, q) -1 without an answer
+    integers: IntArray  # (n, q) -1 without an answer
     objective: Array  # (n,) NaN without an answer
     bound: Array  # (n,) minus infinity where nothing is proved
     time: Array  # (n,) [s] of the solver
-    seed: Indices  # (n,) `numpy.random.default_rng(seed)` draws the row again
-    row: Indices  # (n,) its number in the run that made it
+    seed: IntArray  # (n,) `numpy.random.default_rng(seed)` draws the row again
+    row: IntArray  # (n,) its number in the run that made it
     status: tuple[str, ...]  # (n,) of STATUSES; failed: the worker died, hung or raised
     message: tuple[str, ...]  # (n,) why there is no answer, or what deserves a remark
     name: str = ""
@@ -70,8 +67,8 @@ class Dataset:
     spec_text: str = ""
     spec_sha256: str = ""
     base_seed: int = 0
-    train: Bits | None = None  # (n,) and `test`: masks that never share a problem
-    test: Bits | None = None
+    train: BoolArray | None = None  # (n,) and `test`: masks that never share a problem
+    test: BoolArray | None = None
     timings: Mapping[str, Any] = field(default_factory=dict)
     solvers: Mapping[str, Any] = field(default_factory=dict)
     verified: bool = False
@@ -84,7 +81,7 @@ class Dataset:
         return len(self.feasible)
 
     @property
-    def drawn(self) -> Bits:
+    def drawn(self) -> BoolArray:
         """Rows (n,) that hold a problem; the sampler failed in the others."""
         return np.asarray(np.isfinite(self.parameters).all(axis=1), bool)
 
@@ -106,7 +103,7 @@ class Dataset:
         rows = np.ascontiguousarray(self.parameters) + 0.0  # no minus zero
         return tuple(hashlib.sha256(row.tobytes()).hexdigest()[:16] for row in rows)
 
-    def rows(self, chosen: Indices) -> Self:
+    def rows(self, chosen: IntArray) -> Self:
         """The dataset of some rows (k,), masks left out."""
         arrays: dict[str, Any] = {name: vars(self)[name][chosen] for name in _COLUMNS}
         texts: dict[str, Any] = {

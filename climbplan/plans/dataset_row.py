@@ -10,7 +10,8 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.plans.dataset import ANSWERED, Array, Dataset, DatasetFrame, Indices
+from climbplan.arrays import Array, IntArray
+from climbplan.plans.dataset import ANSWERED, Dataset, DatasetFrame
 
 Drawn = TypeVar("Drawn")
 
@@ -22,7 +23,7 @@ class RowAnswer:
     status: str  # of `dataset.STATUSES`
     message: str = ""
     solution: Mapping[str, NDArray[Any]] | None = None  # as the frame's layouts say, without rows
-    integers: Indices | None = None  # (q,)
+    integers: IntArray | None = None  # (q,)
     objective: float = math.nan
     bound: float = -math.inf
     time: float = 0.0  # [s]

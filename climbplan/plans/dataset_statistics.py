@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.plans.dataset import Array, Dataset
+from climbplan.arrays import Array
+from climbplan.plans.dataset import Dataset
 
 _MOST_REASONS = 12
 _COST_SHARES = (0, 25, 50, 75, 90, 99, 100)

@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.plans.root_attributes import PlanHeader
-from climbplan.program.polytope import Array
 from climbplan.program.statement import Program
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -83,8 +80,8 @@ class ProgramPlan(PlanHeader):
     parameters: Array  # (n, p)
     features: Array  # (n, d)
     x: Array  # (n, N)
-    assignment: Indices  # (n, C) chosen alternative of each choice, -1 without an answer
-    found: NDArray[np.bool_]  # (n,)
+    assignment: IntArray  # (n, C) chosen alternative of each choice, -1 without an answer
+    found: BoolArray  # (n,)
     status: tuple[str, ...]  # (n,)
     objective: Array  # (n,)
     bound: Array  # (n,) -inf where the method proves none
@@ -92,7 +89,7 @@ class ProgramPlan(PlanHeader):
     time: Array  # (n,) [s]
     method: tuple[str, ...]  # (n,)
     winner: tuple[str, ...]  # (n,) candidate, start or variant of the answer
-    tried: Indices  # (n,) candidates or starts
+    tried: IntArray  # (n,) candidates or starts
     tolerance: float  # largest residual of any block, in its unit
     stored_totals: ProgramTotals | None = field(default=None, compare=False)  # found when reading
 

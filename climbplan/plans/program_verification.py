@@ -12,13 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import SpecError, UsageError
 from climbplan.plans.check import Check, LeftOut
 from climbplan.plans.held import held_against, held_check
 from climbplan.plans.program_plan import Layouts, ProgramPlan
 from climbplan.plans.verification import Verification
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem
 from climbplan.solvers.result import relative_gap
 from climbplan.spec.holding import HeldSpec
@@ -170,7 +169,7 @@ def _block_checks(plan: ProgramPlan, problem: Problem) -> Iterator[Check]:
     yield _worst("objective", off, _OBJECTIVE, "relative", found)
 
 
-def _worst(name: str, residual: Array, limit: float, unit: str, rows: Index) -> Check:
+def _worst(name: str, residual: Array, limit: float, unit: str, rows: IntArray) -> Check:
     """The largest residual over rows; nothing to check passes."""
     if residual.size == 0:
         return _check(name, 0.0, limit, unit)

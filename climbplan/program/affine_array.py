@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array
 
 
 @dataclass(frozen=True)

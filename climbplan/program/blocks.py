@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from climbplan.arrays import Array
 from climbplan.program.affine_array import AffineArray
-from climbplan.program.polytope import Array, Polytope
+from climbplan.program.polytope import Polytope
 
 
 @dataclass(frozen=True)

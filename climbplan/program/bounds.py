@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array
 
 
 def bounds_of(

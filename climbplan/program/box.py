@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
+from climbplan.program.instance import Instance
 from climbplan.program.row_propagation import Range, RowPropagation
 
 _ROUNDS = 40
@@ -44,7 +44,7 @@ class Box:
         return Range(least, most)
 
 
-def product_range(low: Array, high: Array, first: Index, second: Index) -> Range:
+def product_range(low: Array, high: Array, first: IntArray, second: IntArray) -> Range:
     """Range of x[first] x[second] over low <= x <= high; squares are not negative."""
     ends = np.stack(
         [

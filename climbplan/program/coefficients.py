@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.arrays import Array, IntArray
 from climbplan.program.affine_array import AffineArray
-from climbplan.program.polytope import Array
 
 Pairs = list[tuple[int, int]]  # (i, j) with i <= j: the product x_i x_j
 
@@ -76,7 +76,7 @@ class JoinedAffine:
     """Rows of several kinds, in the order in which they were stated."""
 
     parts: tuple[Affine | FixedAffine, ...]
-    order: NDArray[np.int64]  # row of the parts, one after another, that stands at each place
+    order: IntArray  # row of the parts, one after another, that stands at each place
     columns: int
     _last: list[Any] = field(default_factory=list)  # matrices of the parts, and what they made
 
@@ -96,7 +96,7 @@ class Bilinear:
 
     affine: Affine | JoinedAffine
     product_function: Any  # theta -> coefficients of the product terms
-    product_row: NDArray[np.int64]
+    product_row: IntArray
     product_pair: Pairs  # of each product term
     rows: int
 
@@ -149,7 +149,7 @@ def joined_coefficients(
         return bilinear
     n = len(x_symbols)
     row, own, other = 0, 0, len(stated)
-    order: list[NDArray[np.int64]] = []
+    order: list[IntArray] = []
     place = np.zeros(len(stated), np.int64)  # row of each stated scalar
     for block in expressions:
         here = row + np.arange(len(block))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.arrays import Array, IntArray
 from climbplan.program.affine_array import AffineArray, Quadratic
 from climbplan.program.blocks import Blocks
 from climbplan.program.coefficients import (
@@ -23,7 +24,6 @@ from climbplan.program.coefficients import (
     joined_coefficients,
 )
 from climbplan.program.instance import Balls, Choice, Implications, Instance, Products
-from climbplan.program.polytope import Array
 from climbplan.program.smooth import Smooth, SmoothForm
 
 
@@ -35,7 +35,7 @@ class CompiledProgram:
     blocks: Blocks
     rows: Bilinear
     implications: Bilinear
-    binaries: NDArray[np.int64]  # of the implications
+    binaries: IntArray  # of the implications
     balls: tuple[Affine | FixedAffine | JoinedAffine, ...]
     choices: tuple[Affine | FixedAffine | JoinedAffine, ...]  # one a block; rows of all its points
     products: dict[tuple[int, int], int]  # pair -> number of the product
@@ -194,7 +194,7 @@ def compile_program(
 
 def _binaries(
     name: str, blocks: Blocks, x_symbols: Sequence[Any], theta_symbols: Sequence[Any]
-) -> NDArray[np.int64]:
+) -> IntArray:
     """Index of the binary that each implication row hangs on."""
     stated = [e for b in blocks.implications for e in b.binary]
     if not stated:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from climbplan.program.polytope import Array, Polytope
+from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.program.polytope import Polytope
 from climbplan.program.smooth import Smooth
-
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -59,8 +57,8 @@ class Choice:
 class Products:
     """K bilinear terms w_k = x[first_k] x[second_k], squares among them."""
 
-    first: Index  # (K,) first <= second
-    second: Index  # (K,)
+    first: IntArray  # (K,) first <= second
+    second: IntArray  # (K,)
 
     @property
     def count(self) -> int:
@@ -83,15 +81,15 @@ class Implications:
     Q: sparse.csr_matrix  # (m, K)
     lower: Array  # (m,)
     upper: Array  # (m,)
-    binary: Index  # (m,) index of the binary in x
-    value: NDArray[np.bool_]  # (m,)
+    binary: IntArray  # (m,) index of the binary in x
+    value: BoolArray  # (m,)
 
     @property
     def count(self) -> int:
         """m."""
         return len(self.lower)
 
-    def active(self, x: Array) -> NDArray[np.bool_]:
+    def active(self, x: Array) -> BoolArray:
         """Which rows must hold at x, binaries rounded."""
         return np.asarray((x[self.binary] > 0.5) == self.value)
 
@@ -120,7 +118,7 @@ class Instance:
     row_upper: Array  # (m,)
     balls: tuple[Balls, ...]
     choices: tuple[Choice, ...]
-    integer: NDArray[np.bool_]  # (n,)
+    integer: BoolArray  # (n,)
     products: Products
     Q: sparse.csr_matrix  # (m, K)
     implications: Implications
@@ -153,11 +151,11 @@ class Instance:
         """Exact objective at x."""
         return float(0.5 * x @ (self.P @ x) + self.q @ x + self.constant)
 
-    def assignment(self, x: Array) -> NDArray[np.int64]:
+    def assignment(self, x: Array) -> IntArray:
         """Least violated alternative of each choice at x."""
         return np.array([int(np.argmin(c.violations(x))) for c in self.choices], np.int64)
 
-    def violation(self, x: Array, assignment: NDArray[np.int64] | None = None) -> float:
+    def violation(self, x: Array, assignment: IntArray | None = None) -> float:
         """Largest violation of any constraint at x (0 if feasible)."""
         chosen = self.assignment(x) if assignment is None else assignment
         worst = [0.0, float((self.lower - x).max()), float((x - self.upper).max())]

@@ -9,7 +9,7 @@ from typing import Any, Self
 import casadi as ca
 import numpy as np
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.program.residuals import BlockResidual, RowNames, outside, worst_entry
 
-Index = NDArray[np.int64]
 Number = int | np.integer[Any]
 Term = tuple[Number, float]  # column, coefficient
 Terms = tuple[NDArray[np.integer[Any]], Array | float]  # of many rows: columns, coefficients
@@ -59,7 +58,7 @@ class LinearRows:
 
     def columns(
         self, shape: tuple[int, ...], lower: float, upper: float, integer: bool = False
-    ) -> Index:
+    ) -> IntArray:
         """New columns with the same bounds; their numbers in an array of that shape."""
         count = int(np.prod(shape))
         first = len(self.lower)
@@ -69,7 +68,7 @@ class LinearRows:
         self.cost += [0.0] * count
         return np.arange(first, first + count).reshape(shape)
 
-    def binaries(self, shape: tuple[int, ...]) -> Index:
+    def binaries(self, shape: tuple[int, ...]) -> IntArray:
         """New binary columns."""
         return self.columns(shape, 0.0, 1.0, integer=True)
 
@@ -141,7 +140,7 @@ class LinearRows:
         """(m,)."""
         return np.array(self._row_upper)
 
-    def entries(self) -> tuple[Index, Index, Array]:
+    def entries(self) -> tuple[IntArray, IntArray, Array]:
         """Row, column and coefficient of each term, in the order in which they were added."""
         row = np.repeat(np.arange(len(self)), np.diff(self._start))
         return row, np.array(self._index, np.int64), np.array(self._value)

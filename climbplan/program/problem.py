@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.program.residuals import BlockResidual
 from climbplan.program.statement import Program
 

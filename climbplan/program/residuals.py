@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.arrays import Array, IntArray
 from climbplan.program.blocks import Blocks
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class CheckReport:
 
 
 def check_blocks(
-    blocks: Blocks, instance: Instance, x: Array, assignment: NDArray[np.int64] | None = None
+    blocks: Blocks, instance: Instance, x: Array, assignment: IntArray | None = None
 ) -> CheckReport:
     """Residual of every block of the statement that an instance was made of, at x (n,).
 
@@ -107,7 +107,7 @@ def _implications(blocks: Blocks, instance: Instance, x: Array) -> Iterator[Bloc
 
 
 def _choices(
-    blocks: Blocks, instance: Instance, x: Array, chosen: NDArray[np.int64]
+    blocks: Blocks, instance: Instance, x: Array, chosen: IntArray
 ) -> Iterator[BlockResidual]:
     start = 0
     for group in blocks.choices:

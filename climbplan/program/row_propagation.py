@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array
 
 _PROGRESS = 1e-3  # a round that moves no bound by more than this share is the last
 _WEAK = 1e-7  # entries below this share of a row's largest bound no variable

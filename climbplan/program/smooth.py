@@ -13,8 +13,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.program.blocks import SmoothBlock
-from climbplan.program.polytope import Array
 from climbplan.program.scalar import scalars
 
 

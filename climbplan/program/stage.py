@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array
 
 
 @dataclass(frozen=True)

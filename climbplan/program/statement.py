@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from climbplan.arrays import Array, IntArray
 from climbplan.program.affine_array import AffineArray, Quadratic
 from climbplan.program.blocks import (
     BallBlock,
@@ -30,7 +31,7 @@ from climbplan.program.blocks import (
 from climbplan.program.bounds import bounds_of, broadcast
 from climbplan.program.compilation import CompiledProgram, compile_program
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array, Polytope
+from climbplan.program.polytope import Polytope
 from climbplan.program.residuals import CheckReport, check_blocks
 from climbplan.program.scalar import entries_of, scalars
 
@@ -310,7 +311,7 @@ class Program:
         self,
         x: Array,
         theta: Mapping[str, ArrayLike] | None = None,
-        assignment: NDArray[np.int64] | None = None,
+        assignment: IntArray | None = None,
     ) -> CheckReport:
         """Residual of every named block at x.
 

@@ -15,15 +15,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from climbplan.program.instance import Index
+from climbplan.arrays import Array, IntArray
 from climbplan.program.layout import Layout
-from climbplan.program.polytope import Array
 from climbplan.program.residuals import BlockResidual, RowNames, outside
 from climbplan.program.stage import NamedRows, Stage
 from climbplan.program.statement import Program
 
 
-def _places(name: str, names: list[str], sizes: list[int]) -> Index:
+def _places(name: str, names: list[str], sizes: list[int]) -> IntArray:
     """(K, d) where the K pieces of a name are; KeyError without any, ValueError if they differ."""
     ends = np.cumsum(sizes)
     found = [np.arange(e - d, e) for n, d, e in zip(names, sizes, ends, strict=True) if n == name]
@@ -170,11 +169,11 @@ class Trajectory(NamedRows):
             np.concatenate([np.zeros(0), *(rows.upper for rows in self._rows)]),
         )
 
-    def place(self, name: str) -> Index:
+    def place(self, name: str) -> IntArray:
         """(K, d) where the variables that were stated by a name are in x: K times d of them."""
         return _places(name, self._named, [len(part) for part in self._start])
 
-    def block(self, name: str) -> Index:
+    def block(self, name: str) -> IntArray:
         """(K, m) where the rows of a block are: K times m of them."""
         return _places(name, [r.name for r in self._rows], [len(r.lower) for r in self._rows])
 

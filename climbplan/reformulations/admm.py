@@ -14,8 +14,8 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
+from climbplan.program.instance import Instance
 from climbplan.reformulations.base import Reformulated, Reformulation
 from climbplan.reformulations.extension import Extension, extended
 from climbplan.reformulations.mccormick import McCormick
@@ -85,7 +85,7 @@ class SplitInstance:
         """The statement's variables in a point (n',) of the mixed-integer block."""
         return self.relaxed.invert(x)
 
-    def nonlinear_bounds(self, integers: Array, assignment: Index) -> Bounds:
+    def nonlinear_bounds(self, integers: Array, assignment: IntArray) -> Bounds:
         """Bounds of the block of eq. (6.12b) with the other block's integers."""
         return self.form.pinned_bounds(self.instance, integers, assignment)
 

@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 
 
 class Form(Protocol):

@@ -17,8 +17,8 @@ from typing import Literal
 
 import numpy as np
 
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
+from climbplan.program.instance import Instance
 from climbplan.reformulations.base import Reformulation
 from climbplan.reformulations.nlp_form import (
     Bounds,
@@ -37,7 +37,7 @@ class Rounded:
     """A point of the statement with integers made of a relaxed one."""
 
     x: Array  # (n,) continuous variables as they were, integers rounded
-    assignment: Index  # chosen alternative of each choice
+    assignment: IntArray  # chosen alternative of each choice
     fraction: float  # largest distance of a binary or indicator from 0 or 1 before rounding
 
 
@@ -54,7 +54,7 @@ class SmoothProgram:
         """Bounds at one value of the relaxation eps."""
         return self.form.relaxed_bounds(self.instance, eps, max(eps**self.power, LEAST_SLACK))
 
-    def start(self, x: Array, assignment: Index | None = None, blur: float = 0.0) -> Array:
+    def start(self, x: Array, assignment: IntArray | None = None, blur: float = 0.0) -> Array:
         """v (N,) at a point of the statement.
 
         blur: in [0, 1]; binaries are drawn so far towards 1/2, indicators towards equal shares.

@@ -9,13 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import UsageError
 from climbplan.program.box import propagated_box
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 
 
 @dataclass(frozen=True)
@@ -29,10 +28,10 @@ class ConditionalRows:
     Q: sparse.csr_matrix  # (m, K)
     lower: Array  # (m,)
     upper: Array  # (m,)
-    indicator: Index  # (m,)
-    value: NDArray[np.bool_]  # (m,)
+    indicator: IntArray  # (m,)
+    value: BoolArray  # (m,)
 
-    def active(self, v: Array) -> NDArray[np.bool_]:
+    def active(self, v: Array) -> BoolArray:
         """Which rows must hold at v, indicators rounded."""
         return np.asarray((v[self.indicator] > 0.5) == self.value)
 
@@ -50,7 +49,7 @@ def conditional_rows(instance: Instance) -> ConditionalRows:
     n, K = instance.size, instance.products.count
     implied = instance.implications
     A, lower, upper = [implied.A], [implied.lower], [implied.upper]
-    indicator: list[Index] = [implied.binary]
+    indicator: list[IntArray] = [implied.binary]
     at = n
     for choice in instance.choices:
         for polytope in choice.alternatives:

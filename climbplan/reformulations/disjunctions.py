@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.program.box import Box, propagated_box
-from climbplan.program.instance import Choice, Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Choice, Instance
 from climbplan.reformulations.base import Reformulated, Reformulation
 from climbplan.reformulations.extension import Extension, RowStack, extended, no_implications
 
@@ -26,9 +26,9 @@ from climbplan.reformulations.extension import Extension, RowStack, extended, no
 class Disjoined(Reformulated):
     """An instance without choices and implications, and where the binaries of choices are."""
 
-    binaries: tuple[Index, ...]  # of each choice, one an alternative
+    binaries: tuple[IntArray, ...]  # of each choice, one an alternative
 
-    def alternatives(self, x: Array) -> Index:
+    def alternatives(self, x: Array) -> IntArray:
         """Chosen alternative of each choice in a solution (n',)."""
         return np.array([int(np.argmax(x[group])) for group in self.binaries], np.int64)
 
@@ -79,7 +79,7 @@ class _Build:
     lower: list[Array]
     upper: list[Array]
     integer: list[bool]
-    groups: list[Index]  # binaries of each choice
+    groups: list[IntArray]  # binaries of each choice
     Q: list[sparse.csr_matrix]
 
     @classmethod
@@ -92,7 +92,7 @@ class _Build:
             build.add(1, [(np.zeros(count, int), group, 1.0)], 1.0, 1.0)
         return build
 
-    def variables(self, lower: Array, upper: Array, integer: bool = False) -> Index:
+    def variables(self, lower: Array, upper: Array, integer: bool = False) -> IntArray:
         """New variables; their columns."""
         start = self.instance.size + len(self.integer)
         self.lower.append(lower)
@@ -133,7 +133,7 @@ def _triplets(rows: sparse.csr_matrix) -> tuple[Array, Array, Array]:
     return entry.row, entry.col, entry.data
 
 
-def _choice_by_bounds(build: _Build, choice: Choice, group: Index, box: Box) -> None:
+def _choice_by_bounds(build: _Build, choice: Choice, group: IntArray, box: Box) -> None:
     """a y <= b where alternative r holds, and where s holds its largest value there:
     a y <= b z_r + sum_s M_s z_s, each M_s from the vertices of s or from the box.
     """
@@ -168,7 +168,7 @@ def _choice_by_bounds(build: _Build, choice: Choice, group: Index, box: Box) -> 
                 build.add(count, [(i, j, sign * value), spread], -np.inf, -sign * offset[kept])
 
 
-def _implications_by_bounds(build: _Build, instance: Instance, box: Box, which: Index) -> None:
+def _implications_by_bounds(build: _Build, instance: Instance, box: Box, which: IntArray) -> None:
     """z = v implies row <= u: row + (M - u) [z = v] <= M with M the row's largest value."""
     implied = instance.implications
     rows, Q = implied.A[which], implied.Q[which]
@@ -200,7 +200,7 @@ def _implications_by_bounds(build: _Build, instance: Instance, box: Box, which: 
         )
 
 
-def _choice_by_copies(build: _Build, choice: Choice, group: Index, box: Box) -> None:
+def _choice_by_copies(build: _Build, choice: Choice, group: IntArray, box: Box) -> None:
     """y = sum_r y_r, A_r y_r <= b_r z_r, C_r y_r = c_r z_r, y_r within the box times z_r."""
     d = choice.E.shape[0]
     reach = box.interval(choice.E)
@@ -225,7 +225,7 @@ def _choice_by_copies(build: _Build, choice: Choice, group: Index, box: Box) -> 
 
 
 def _implications_by_copies(
-    build: _Build, instance: Instance, box: Box, binary: int, rows: Index
+    build: _Build, instance: Instance, box: Box, binary: int, rows: IntArray
 ) -> None:
     """x = u + v: u holds the rows of z = 1 and the box times z, v those of z = 0 and 1 - z."""
     implied = instance.implications
@@ -252,7 +252,7 @@ def _implications_by_copies(
 def _scaled_rows(
     build: _Build,
     A: sparse.csr_matrix,
-    copy: Index,
+    copy: IntArray,
     z: int,
     lower: Array | None,
     upper: Array | None,

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array
 
 Squares = Literal["envelope", "secant"]
 

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import sparse
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.program.instance import Balls, Choice, Implications, Instance
-from climbplan.program.polytope import Array
 
 
 @dataclass
@@ -66,7 +66,7 @@ class Extension:
 
     lower: Array  # (k,)
     upper: Array  # (k,)
-    integer: NDArray[np.bool_]  # (k,)
+    integer: BoolArray  # (k,)
     A: sparse.csr_matrix  # (m, n + k)
     row_lower: Array  # (m,)
     row_upper: Array  # (m,)

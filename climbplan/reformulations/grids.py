@@ -13,10 +13,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.program.blocks import Variable
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 
 Encoding = Literal["unary", "log2"]
 _TOUCHING = 1e-9  # relative: pieces that end where the next begins leave no gap
@@ -30,7 +29,7 @@ class Partition:
     cover the variables' bounds (the arc of a unit circle in cosine and sine).
     """
 
-    variables: Index  # (d,)
+    variables: IntArray  # (d,)
     lower: Array  # (N, d)
     upper: Array  # (N, d)
     covering: bool = False

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.base import Reformulated, Reformulation
 from climbplan.reformulations.envelopes import Squares, halfspaces
@@ -31,9 +31,9 @@ class LocalForm:
     source: Instance
     linear: Instance  # products as variables behind the others, tied by nothing
     squares: Squares
-    indptr: Index  # of all rows: those of the instance, then four for each product
-    indices: Index
-    order: Index  # entry of the envelope coefficients for each stored number
+    indptr: IntArray  # of all rows: those of the instance, then four for each product
+    indices: IntArray
+    order: IntArray  # entry of the envelope coefficients for each stored number
 
     @classmethod
     def of(cls, instance: Instance, squares: Squares = "envelope") -> LocalForm:
@@ -100,7 +100,9 @@ class LocalMcCormick(Reformulation[Reformulated]):
     squares: Squares = "envelope"
 
     @classmethod
-    def of_pieces(cls, instance: Instance, mccormick: McCormick, pieces: Index) -> LocalMcCormick:
+    def of_pieces(
+        cls, instance: Instance, mccormick: McCormick, pieces: IntArray
+    ) -> LocalMcCormick:
         """The box of one piece of each partition, and of the bounds elsewhere."""
         box = factor_bounds(instance, mccormick.partitions)
         low, high = box.lower, box.upper

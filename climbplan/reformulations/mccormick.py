@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import LimitReached, UsageError
-from climbplan.program.instance import Index, Instance, Products
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance, Products
 from climbplan.reformulations.base import Reformulated, Reformulation
 from climbplan.reformulations.envelopes import (
     Corners,
@@ -56,8 +56,8 @@ class _Cells:
     corners: Corners
     x: _Factor
     y: _Factor
-    ix: Index  # (N,) piece of x in each cell
-    iy: Index  # (N,)
+    ix: IntArray  # (N,) piece of x in each cell
+    iy: IntArray  # (N,)
 
 
 @dataclass(frozen=True)
@@ -65,16 +65,16 @@ class Enveloped(Reformulated):
     """An instance without products: x, w, deltas and bits of each partition, then all weights."""
 
     partitions: tuple[Partition, ...]
-    weights: tuple[Index, ...]  # columns of delta, by partition
-    bits: tuple[Index, ...]  # columns of the code, by partition; none in unary encoding
+    weights: tuple[IntArray, ...]  # columns of delta, by partition
+    bits: tuple[IntArray, ...]  # columns of the code, by partition; none in unary encoding
     cells: tuple[_Cells, ...]
     products: Products
 
-    def pieces(self, x: Array) -> Index:
+    def pieces(self, x: Array) -> IntArray:
         """The piece of each partition that a point (n,) falls in, or is nearest to."""
         return np.array([p.piece(x) for p in self.partitions], np.int64)
 
-    def integers(self, x: Array, pieces: Index | None = None) -> Array:
+    def integers(self, x: Array, pieces: IntArray | None = None) -> Array:
         """A vector (n',) to pin: the integers of x and those that choose the pieces."""
         chosen = self.pieces(x) if pieces is None else pieces
         out = np.zeros(self.instance.size)
@@ -275,8 +275,8 @@ class EnvelopeForm:
     """The variables and rows that take the place of products, for instances with the same ones."""
 
     partitions: tuple[Partition, ...]
-    weights: tuple[Index, ...]
-    bits: tuple[Index, ...]
+    weights: tuple[IntArray, ...]
+    bits: tuple[IntArray, ...]
     cells: tuple[_Cells, ...]
     products: Products
     extension: Extension
@@ -302,7 +302,7 @@ def _parts(corners: Corners) -> tuple[Array, Array, Array]:
 
 
 def _weight_rows(
-    rows: RowStack, cells: _Cells, products: Products, n: int, deltas: list[Index]
+    rows: RowStack, cells: _Cells, products: Products, n: int, deltas: list[IntArray]
 ) -> None:
     """(x, y, w) = sum of weights times corners; weights of a piece's cells add up to its delta."""
     i, j = products.first[cells.product], products.second[cells.product]

@@ -22,8 +22,8 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
+from climbplan.program.instance import Instance
 from climbplan.reformulations.conditional_rows import canonical, conditional_rows, excess
 from climbplan.reformulations.structure import Pattern, Structure
 
@@ -71,8 +71,8 @@ class NlpForm:
     p: Any
     f: Any
     g: Any
-    rows: Index  # stated rows kept
-    conditional: Index  # conditional rows kept
+    rows: IntArray  # stated rows kept
+    conditional: IntArray  # conditional rows kept
 
     @property
     def size(self) -> int:
@@ -80,7 +80,7 @@ class NlpForm:
         return int(self.v.numel())
 
     @property
-    def binaries(self) -> Index:
+    def binaries(self) -> IntArray:
         """Indices in v of what must end at 0 or 1."""
         indicators = np.arange(self.structure.size, self.size)
         return np.concatenate([np.array(self.structure.integer, np.int64), indicators])
@@ -120,7 +120,7 @@ class NlpForm:
         )
 
     def pinned_bounds(
-        self, instance: Instance, integers: Array, assignment: Index | None = None
+        self, instance: Instance, integers: Array, assignment: IntArray | None = None
     ) -> Bounds:
         """Bounds with integers at the rounded values of `integers` (n,) and choices made.
 
@@ -185,7 +185,7 @@ def nlp_form(instance: Instance, manner: Manner) -> NlpForm:
     return _build(Structure.of(instance), manner)
 
 
-def indicators(instance: Instance, assignment: Index) -> Array:
+def indicators(instance: Instance, assignment: IntArray) -> Array:
     """d: 1 for the chosen alternative of each choice, 0 for the others."""
     groups = [
         np.eye(len(c.alternatives))[k] for c, k in zip(instance.choices, assignment, strict=True)
@@ -270,13 +270,13 @@ def _distance(z: Any, gap: Gap) -> Any:
     return 1 - ca.sqrt(z**2 + (1 - z) ** 2)
 
 
-def _ends(structure: Structure, kept: Index) -> tuple[Index, Index, Index]:
+def _ends(structure: Structure, kept: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Conditional rows bounded below, above, and equalities."""
     bounded = np.array(structure.bounded, bool).reshape(-1, 3)[kept]
     return kept[bounded[:, 0]], kept[bounded[:, 1]], kept[bounded[:, 2]]
 
 
-def _pick(expression: Any, index: Index | tuple[int, ...]) -> Any:
+def _pick(expression: Any, index: IntArray | tuple[int, ...]) -> Any:
     """Entries as a column, also none of them: of one variable CasADi takes nothing as a row."""
     return expression[[int(i) for i in index]] if len(index) else ca.SX(0, 1)
 

@@ -11,12 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import UsageError
-from climbplan.program.instance import Index, Instance, Products
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance, Products
 from climbplan.reformulations.base import Reformulated, Reformulation
 from climbplan.reformulations.extension import no_implications
 
@@ -31,8 +30,8 @@ class PinnedForm:
     lower: Array  # (m,) where the row holds
     upper: Array  # (m,)
     always: int  # the first rows hold whatever the integers are
-    choice: Index  # (a,) choice of each alternative's row
-    alternative: Index  # (a,)
+    choice: IntArray  # (a,) choice of each alternative's row
+    alternative: IntArray  # (a,)
 
     @classmethod
     def of(cls, instance: Instance) -> PinnedForm:
@@ -64,14 +63,14 @@ class PinnedForm:
             alternative=np.concatenate([np.zeros(0, np.int64), *alternative]).astype(np.int64),
         )
 
-    def active(self, values: Array, alternatives: Index) -> NDArray[np.bool_]:
+    def active(self, values: Array, alternatives: IntArray) -> BoolArray:
         """Which rows hold at the given integers, (m,)."""
         implied = self.source.implications.active(values)
         chosen = np.asarray(alternatives, np.int64)[self.choice] == self.alternative
         return np.concatenate([np.ones(self.always, bool), implied, chosen])
 
     def at(
-        self, values: Array, alternatives: Index | None = None, compact: bool = False
+        self, values: Array, alternatives: IntArray | None = None, compact: bool = False
     ) -> Instance:
         """The instance with integers at the rounded values (n,), of which only theirs are read.
 
@@ -139,7 +138,7 @@ class Pinned(Reformulation[Reformulated]):
     """Integers at `values` (n,), choices at `alternatives` (C,)."""
 
     values: Array
-    alternatives: Index
+    alternatives: IntArray
     compact: bool = False
 
     @classmethod

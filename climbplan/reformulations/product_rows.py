@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import IntArray
 from climbplan.errors import UsageError
 from climbplan.program.box import propagated_box
-from climbplan.program.instance import Index, Instance, Products
+from climbplan.program.instance import Instance, Products
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.envelopes import Squares, halfspaces
 from climbplan.reformulations.extension import Extension, RowStack, extended
@@ -78,7 +79,7 @@ def factor_bounds(
 def plain_rows(
     rows: RowStack,
     products: Products,
-    which: Index,
+    which: IntArray,
     box: Range,
     n: int,
     squares: Squares,

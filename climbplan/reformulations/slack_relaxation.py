@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from climbplan.program.instance import Choice, Index, Instance
-from climbplan.program.polytope import Array, Polytope
+from climbplan.arrays import Array, IntArray
+from climbplan.program.instance import Choice, Instance
+from climbplan.program.polytope import Polytope
 from climbplan.reformulations.base import Reformulated, Reformulation
 from climbplan.reformulations.extension import Extension, RowStack, extended
 
@@ -27,7 +28,7 @@ from climbplan.reformulations.extension import Extension, RowStack, extended
 class Slackened(Reformulated):
     """An instance whose choices are rows with slacks, the sum of which is its cost."""
 
-    slacks: tuple[Index, ...]  # columns of each choice, one an alternative; () for a single one
+    slacks: tuple[IntArray, ...]  # columns of each choice, one an alternative; () for a single one
 
     def weighted(self, x: Array, near: float) -> Slackened:
         """The same with weights 1 / (alpha + near) at the slacks of x (n',).
@@ -55,7 +56,7 @@ class SlackRelaxation(Reformulation[Slackened]):
     def apply(self, instance: Instance) -> Slackened:
         """Any instance: integers, implications and products stay as they are."""
         rows, n = RowStack(), instance.size
-        slacks: list[Index] = []
+        slacks: list[IntArray] = []
         count = 0
         for choice in instance.choices:
             several = len(choice.alternatives) > 1

@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 from scipy import sparse
 
-from climbplan.program.instance import Index, Instance
+from climbplan.arrays import IntArray
+from climbplan.program.instance import Instance
 from climbplan.program.smooth import SmoothForm
 from climbplan.reformulations.conditional_rows import canonical, conditional_rows
 
@@ -33,7 +34,7 @@ class Pattern:
         transposed = ca.Sparsity(columns, rows, list(self.indptr), list(self.indices))
         return ca.SX(transposed, values).T
 
-    def nonempty(self) -> Index:
+    def nonempty(self) -> IntArray:
         """Rows with at least one entry."""
         return np.flatnonzero(np.diff(self.indptr))
 

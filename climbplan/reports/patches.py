@@ -7,10 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.camera import Camera, clear_view
 from climbplan.robots.kinematics import joint_points_body
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Surface, Tube
 

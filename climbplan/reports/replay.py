@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
+from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.patches import limb_points
 from climbplan.robots.kinematics import standing_inverse
-from climbplan.robots.rotations import Array
 
 TOLERANCE = 1e-3  # [m] largest error of any joint when played by linear interpolation
 START = -1  # instant of samples before the first lift
@@ -25,12 +24,12 @@ class Replay:
     com: Array  # (F, 3) [m]
     rpy: Array  # (F, 3) [rad]
     joints: Array  # (F, N, 3, 3) [m], world
-    contact: Mask  # (F, N)
+    contact: BoolArray  # (F, N)
     angles: Array  # (F, N, J) [rad] that the joints have
-    instant: Index  # (F,) planned instant whose forces act, START before the first
+    instant: IntArray  # (F,) planned instant whose forces act, START before the first
 
 
-def sample_instants(plan: ClimbPlan) -> Index:
+def sample_instants(plan: ClimbPlan) -> IntArray:
     """The planned instant (T,) that each trajectory sample belongs to.
 
     A limb in the air belongs to the instant at which it is lifted, what follows to the push after
@@ -52,7 +51,7 @@ def sample_instants(plan: ClimbPlan) -> Index:
     return found
 
 
-def true_angles(plan: ClimbPlan, instant: Index) -> Array:
+def true_angles(plan: ClimbPlan, instant: IntArray) -> Array:
     """Joint angles (T, N, 3) with toes in contact where they stand, not where they are commanded.
 
     Commands press toes into the terrain; the toes stay on its surface. Limbs in the air follow
@@ -67,7 +66,7 @@ def true_angles(plan: ClimbPlan, instant: Index) -> Array:
     return np.where((held & solution.valid)[..., None], solution.best(), moving.joint_command)
 
 
-def key_frames(time: Array, values: Array, forced: NDArray[np.bool_], tolerance: float) -> Index:
+def key_frames(time: Array, values: Array, forced: BoolArray, tolerance: float) -> IntArray:
     """Indices of samples between which linear interpolation errs by at most `tolerance`.
 
     time: (T,); values: (T, D); forced: (T,) samples that must be kept. Splits at the worst sample

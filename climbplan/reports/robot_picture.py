@@ -10,6 +10,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from climbplan.arrays import Array
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
     foot_legend,
@@ -24,7 +25,6 @@ from climbplan.robots.facts import RobotFacts
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.looks import Looks, piece_places, pieces_of
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 
 _VIEWS = (("from above", 0, 1), ("front", 0, 2), ("side, from the right", 1, 2))

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.reports import palette
 from climbplan.reports.viewer.camera import followed, moving
-from climbplan.reports.viewer.scene import Array, Scene, outline
+from climbplan.reports.viewer.scene import Scene, outline
 
 _LONGEST_FORCE = 0.5  # share of what moves
 _BEFORE = 1.0  # [s] before a box first moves

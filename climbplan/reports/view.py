@@ -16,6 +16,7 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 from scipy.spatial import ConvexHull, QhullError
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.camera import Camera
@@ -28,7 +29,7 @@ from climbplan.reports.patches import (
     solid_faces,
     surface_patches,
 )
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.surfaces import Region
 
 _EDGE_ON = 0.25  # |cosine| below which a wall is drawn with its thickness

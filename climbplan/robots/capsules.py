@@ -11,13 +11,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, IntArray
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
-
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -27,7 +24,7 @@ class Capsules:
     starts: Array  # (..., N, C, 3) [m]
     ends: Array  # (..., N, C, 3) [m], nearer the toe
     radius: Array  # (N, C) [m]
-    link: Index  # (N, C) number of the joint that moves it
+    link: IntArray  # (N, C) number of the joint that moves it
     to_toe: Array  # (N, C) [m] from a last link's end to the toe; infinite of other links
 
     def moved(self, com: Array, rotation: Array) -> Self:

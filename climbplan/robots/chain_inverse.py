@@ -13,10 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.robots.chain_pose import ChainPose, ChainZero
-from climbplan.robots.rotations import Array
 
 REACHED = 1e-9  # [m] of a toe from its place
 _ITERATIONS = 80
@@ -37,14 +36,14 @@ class ChainAngles:
     """Answers for F toes."""
 
     angles: Array  # (F, J) within the bounds [rad, or m of joints that slide]
-    reached: NDArray[np.bool_]  # (F,)
+    reached: BoolArray  # (F,)
     missing: Array  # (F,) distance left [m]
 
 
 def chain_inverse(
     chain: ChainZero,
     posture: Array,
-    limbs: NDArray[np.int64],
+    limbs: IntArray,
     toes: Array,
     lower: Array,
     upper: Array,
@@ -67,7 +66,7 @@ def chain_inverse(
 def _turning_inverse(
     chain: ChainZero,
     posture: Array,
-    limbs: NDArray[np.int64],
+    limbs: IntArray,
     toes: Array,
     lower: Array,
     upper: Array,
@@ -115,7 +114,7 @@ def _turning_inverse(
     return ChainAngles(angles, missing <= REACHED, np.where(np.isnan(missing), np.inf, missing))
 
 
-def _too_far(geometry: ChainZero, toes: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
+def _too_far(geometry: ChainZero, toes: Array, lower: Array, upper: Array) -> BoolArray:
     """(F,) toes farther from the first joint than all links and slides in one line."""
     ends = np.concatenate([geometry.joints, geometry.toe[:, None]], axis=1)
     long = np.linalg.norm(np.diff(ends, axis=1), axis=-1).sum(axis=-1)
@@ -127,7 +126,7 @@ def _too_far(geometry: ChainZero, toes: Array, lower: Array, upper: Array) -> ND
     return np.asarray(np.linalg.norm(toes - geometry.joints[:, 0], axis=1) > long + REACHED)
 
 
-def _metric(pose: ChainPose, away: Array, near: NDArray[np.bool_]) -> Array:
+def _metric(pose: ChainPose, away: Array, near: BoolArray) -> Array:
     """(A, J, J) Hessian of the Lagrangian of |q - q0|^2 / 2 with the toe held, at least _FIRM.
 
     Without it, steps along the free motion overshoot where limbs are nearly stretched. away: (A, J)
@@ -154,7 +153,7 @@ def _step(
     error: Array,
     home: Array,
     metric: Array,
-    moves: NDArray[np.bool_],
+    moves: BoolArray,
     down: Array,
     up: Array,
 ) -> Array:

@@ -14,9 +14,9 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.robots.rotations import Array, skew
+from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.robots.rotations import skew
 
 RADIAN = 0.25  # [m] of a sliding joint, which count as much as one radian of a turning one
 
@@ -76,7 +76,7 @@ class ChainZero:
     slides: Array | None = None  # (..., J, 3) directions of joints that slide; None: none does
     drive: Array | None = None  # (..., J, J) motions by angles; None: each joint moves by its own
 
-    def rows(self, index: NDArray[np.int64]) -> Self:
+    def rows(self, index: IntArray) -> Self:
         """Some of the chains, or the same ones several times."""
         return type(self)(
             self.joints[index],
@@ -87,7 +87,7 @@ class ChainZero:
         )
 
     @cached_property
-    def moves(self) -> NDArray[np.bool_]:
+    def moves(self) -> BoolArray:
         """(..., J): whether an angle moves anything: a joint is there and follows no other."""
         there = np.abs(self.axes).max(axis=-1) > 0
         if self.slides is not None:

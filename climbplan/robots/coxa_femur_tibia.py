@@ -13,8 +13,9 @@ from typing import Self
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.robots.mechanism import BOUND_SLACK, InverseKinematics, Miss
-from climbplan.robots.rotations import Array, frame_in_plane
+from climbplan.robots.rotations import frame_in_plane
 
 JOINTS = ("coxa", "femur", "tibia")
 

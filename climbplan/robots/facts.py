@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.kinematics import (
     by_point,
     inverse,
@@ -18,7 +18,6 @@ from climbplan.robots.kinematics import (
     toe_body,
 )
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.task_robot import heading_as
 
 _SAMPLES = 4000  # of each limb's joints
@@ -85,7 +84,7 @@ def robot_facts(robot: Robot, seed: int = 0) -> RobotFacts:
     )
 
 
-def _standing_force(robot: Robot, valid: NDArray[np.bool_]) -> Array | None:
+def _standing_force(robot: Robot, valid: BoolArray) -> Array | None:
     """Upward forces (N,) on toes in reach that hold the weight over the stance, most even ones.
 
     Of flat feet forces (4 N,) at the corners of their soles.

@@ -17,8 +17,9 @@ from typing import Self
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.robots.mechanism import BOUND_SLACK, InverseKinematics, Miss
-from climbplan.robots.rotations import Array, frame_in_plane
+from climbplan.robots.rotations import frame_in_plane
 
 JOINTS = ("yaw", "crank F", "crank A")
 _STEP = 1e-6  # [rad] of the Hessian's difference quotients

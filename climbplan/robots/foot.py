@@ -20,7 +20,8 @@ from typing import Self
 
 import numpy as np
 
-from climbplan.robots.rotations import Array, turn_between
+from climbplan.arrays import Array
+from climbplan.robots.rotations import turn_between
 
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])  # across, along
 

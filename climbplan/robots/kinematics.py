@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.errors import ReachFailure
 from climbplan.robots.chain_pose import ChainPose
 from climbplan.robots.mechanism import InverseKinematics
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body, skew
+from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.robots.serial_chain import SerialChain
 
 

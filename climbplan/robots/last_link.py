@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 
 
 def joint_axes_body(robot: Robot, angles: Array) -> Array:

@@ -7,21 +7,19 @@ them. What is said of legs in turn, in mirrors and in groups follows from it.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Whole = NDArray[np.int64]
-Array = NDArray[np.float64]
+from climbplan.arrays import Array, IntArray
 
 MIRROR_POINT = np.array([1.0, -1.0, 1.0])  # of points, velocities and forces
 MIRROR_TURN = np.array([-1.0, 1.0, -1.0])  # of angles and angular velocities
 
 
-def mirror_legs(legs: int) -> Whole:
+def mirror_legs(legs: int) -> IntArray:
     """(L,) the leg on the other side of each."""
     return np.arange(legs, dtype=np.int64) ^ 1
 
 
-def alternating(legs: int) -> Whole:
+def alternating(legs: int) -> IntArray:
     """(L,) 0 or 1: groups that stand in turn, neighbours in different ones.
 
     Diagonals of a quadruped, tripods of a hexapod.

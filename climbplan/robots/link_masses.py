@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.robots.chain_pose import ChainPose
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.robots.serial_chain import SerialChain
 
 BODY = -1  # limb of what the body carries
@@ -18,9 +17,9 @@ class Looks:
     """Triangles in the body frame at zero joint angles; a triangle's corners have one carrier."""
 
     vertices: Array  # (V, 3) [m]
-    faces: NDArray[np.int64]  # (F, 3) rows of vertices
-    limb: NDArray[np.int64]  # (V,) that carries a vertex, BODY for the body
-    joint: NDArray[np.int64]  # (V,) of that limb, beyond which the vertex lies; 0 on the body
+    faces: IntArray  # (F, 3) rows of vertices
+    limb: IntArray  # (V,) that carries a vertex, BODY for the body
+    joint: IntArray  # (V,) of that limb, beyond which the vertex lies; 0 on the body
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class Piece:
     limb: int
     joint: int
     vertices: Array  # (V, 3) [m]
-    faces: NDArray[np.int64]  # (F, 3)
+    faces: IntArray  # (F, 3)
 
 
 def pieces_of(looks: Looks, chain: SerialChain) -> tuple[Piece, ...]:

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array, BoolArray
 
 BOUND_SLACK = 1e-9  # [rad] rounding at a joint bound is not a violation
 
@@ -27,13 +26,13 @@ class InverseKinematics:
     """
 
     angles: Array  # (..., B, N, J) [rad], wrapped into the joint bounds where possible
-    reachable: NDArray[np.bool_]  # (..., B, N) the toe lies within the links' reach
-    within_bounds: NDArray[np.bool_]  # (..., B, N) reachable and every joint within its bounds
+    reachable: BoolArray  # (..., B, N) the toe lies within the links' reach
+    within_bounds: BoolArray  # (..., B, N) reachable and every joint within its bounds
     missing: Array  # (..., B, N) [m] distance by which the toe is out of reach, 0 if reachable
     tilted: Array | None = None  # (..., B, N) [rad] by which a last link lies otherwise than asked
 
     @property
-    def valid(self) -> NDArray[np.bool_]:
+    def valid(self) -> BoolArray:
         """(..., N): at least one branch is within the joint bounds."""
         return np.asarray(self.within_bounds.any(axis=-2))
 

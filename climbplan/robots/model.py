@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.robots.chain_pose import RADIAN
 from climbplan.robots.coxa_femur_tibia import CoxaFemurTibia
 from climbplan.robots.five_bar import FiveBar, Linkage
@@ -17,7 +17,6 @@ from climbplan.robots.gripper import Gripper
 from climbplan.robots.joint_dynamics import JointDynamics, default_damping, default_rotor_inertia
 from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.mechanism import Mechanism
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.spec.robots.robot import RobotSpec
 
@@ -26,7 +25,7 @@ from climbplan.spec.robots.robot import RobotSpec
 class MountedCapsules:
     """C capsules of each of N limbs at zero angles; limbs with fewer have some twice."""
 
-    joint: NDArray[np.int64]  # (N, C) number of the joint that moves it
+    joint: IntArray  # (N, C) number of the joint that moves it
     ends: Array  # (N, C, 2, 3) of its axis, the second nearer the toe, body frame [m]
     radius: Array  # (N, C) [m]
 
@@ -84,7 +83,7 @@ class Robot:
     body_parts: tuple[Array, ...] = ()  # (V, 3) convex parts that limbs keep off; none: the hull
     # (T, 4) limb and capsule, and limb and capsule or -1 and 0 for the body: parts that touch
     # however the robot stands, by the capsules that hold them, and that nothing is said of
-    touching: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 4), np.int64))
+    touching: IntArray = field(default_factory=lambda: np.zeros((0, 4), np.int64))
     dynamics: JointDynamics | None = None  # of the joints; None: by their limits (`dynamics_of`)
 
     @property
@@ -123,7 +122,7 @@ class Robot:
         return CoxaFemurTibia(self.shoulder_body, self.mount_yaw, self.link_lengths)
 
     @property
-    def has_joint(self) -> NDArray[np.bool_]:
+    def has_joint(self) -> BoolArray:
         """(N, J): whether a limb has a joint of that number."""
         return np.array([[bool(name) for name in own] for own in self.limbs.joint_names])
 
@@ -144,7 +143,7 @@ class Robot:
         )
 
     @property
-    def slides(self) -> NDArray[np.bool_]:
+    def slides(self) -> BoolArray:
         """(N, J): joints whose angles are lengths, torques forces, and so on."""
         if isinstance(self.mechanism, SerialChain):
             return self.mechanism.sliding

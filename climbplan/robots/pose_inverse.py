@@ -11,10 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.chain_pose import ChainZero
-from climbplan.robots.rotations import Array
 
 REACHED = 1e-9  # [m] of a toe from its place, and [rad] of its link
 _ITERATIONS = 60
@@ -29,7 +28,7 @@ class PosedAngles:
     """Answers for F limbs."""
 
     angles: Array  # (F, J) within the bounds [rad]
-    reached: NDArray[np.bool_]  # (F,)
+    reached: BoolArray  # (F,)
     missing: Array  # (F, 2) distance [m] and angle [rad] left
 
 

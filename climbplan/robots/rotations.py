@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from climbplan.arrays import Array
 
 _OPPOSITE = 1e-9  # of 1 + cosine, below which vectors count as opposite
 

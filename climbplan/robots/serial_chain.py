@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.robots.chain_inverse import chain_inverse
 from climbplan.robots.chain_pose import ChainPose, ChainZero
 from climbplan.robots.mechanism import InverseKinematics, Miss
 from climbplan.robots.pose_inverse import pose_inverse
-from climbplan.robots.rotations import Array
 
 _AT_BOUND = 1e-6  # [rad], [m]
 _ON_AXIS = 1e-9  # [m] off the last joint's axis, below which a toe has no direction
@@ -62,7 +61,7 @@ class SerialChain:
         return np.tile(np.eye(joints), (limbs, 1, 1))
 
     @property
-    def sliding(self) -> NDArray[np.bool_]:
+    def sliding(self) -> BoolArray:
         """(N, J) joints that slide."""
         if self.slide_zero is None:
             return np.zeros(self.axis_zero.shape[:-1], bool)
@@ -170,7 +169,7 @@ class SerialChain:
         self,
         toes: Array,
         turns: Array,
-        limbs: NDArray[np.int64],
+        limbs: IntArray,
         lower: Array,
         upper: Array,
     ) -> InverseKinematics:

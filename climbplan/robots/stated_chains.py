@@ -17,10 +17,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.robots.chain_pose import RADIAN
 from climbplan.robots.kinematics import inverse
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.stated_limbs import Shapes, Tie
 from climbplan.robots.stated_pose import StatedPose, turned_about

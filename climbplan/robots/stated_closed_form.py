@@ -14,9 +14,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.robots.kinematics import inverse
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.stated_limbs import Shapes, Tie
 
 _CUT = 1e-9  # of the cosine of the knee angle

@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from climbplan.arrays import Array
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 
 Shapes = dict[str, tuple[int, int]]
 

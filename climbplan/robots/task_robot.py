@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
+from climbplan.arrays import Array
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 
 
 def with_stance(robot: Robot, stance: Mapping[str, tuple[float, float, float]]) -> Robot:

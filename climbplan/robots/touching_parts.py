@@ -5,22 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from climbplan.arrays import Array, IntArray
 from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 
-Pairs = NDArray[np.int64]
 _DRAWN = 60  # postures that tell which parts always touch
 _ALWAYS = 0.5  # share of these
 _ONE_PLACE = 0.01  # [m] within which joints of a hip are in one place
 _PLACES = 17  # looked at along an axis
 
 
-def parts_beside(robot: Robot, links: Capsules) -> tuple[Pairs, Pairs]:
+def parts_beside(robot: Robot, links: Capsules) -> tuple[IntArray, IntArray]:
     """Pairs that have to keep apart: of limbs and the body (B, 4), of two limbs (Q, 4).
 
     A row is limb and capsule, and limb and capsule or -1 and 0 for the body. The first link of a
@@ -44,13 +42,13 @@ def parts_beside(robot: Robot, links: Capsules) -> tuple[Pairs, Pairs]:
         or links.link[other, beside] > hip[other]
     ]
 
-    def kept(pairs: list[tuple[int, int, int, int]]) -> Pairs:
+    def kept(pairs: list[tuple[int, int, int, int]]) -> IntArray:
         return np.array([p for p in pairs if p not in left_out], np.int64).reshape(-1, 4)
 
     return kept(to_body), kept(between)
 
 
-def _hips(robot: Robot) -> NDArray[np.int64]:
+def _hips(robot: Robot) -> IntArray:
     """(N,) the last link of each limb that is a part of its hip."""
     hip = robot.has_joint.argmax(axis=1)
     if isinstance(robot.mechanism, SerialChain):
@@ -61,7 +59,7 @@ def _hips(robot: Robot) -> NDArray[np.int64]:
     return np.asarray(hip, np.int64)
 
 
-def always_touching(robot: Robot, parts: Sequence[Array]) -> Pairs:
+def always_touching(robot: Robot, parts: Sequence[Array]) -> IntArray:
     """Pairs (T, 4) that touch in most postures within joint bounds; parts: (V, 3) of the body."""
     share = np.random.default_rng(0).random((_DRAWN, robot.limb_count, robot.joint_count))
     low, high = np.clip(robot.joint_lower, -np.pi, np.pi), np.clip(robot.joint_upper, -np.pi, np.pi)
@@ -81,14 +79,14 @@ def always_touching(robot: Robot, parts: Sequence[Array]) -> Pairs:
     return np.asarray(np.concatenate([body, limbs])[touch])
 
 
-def limbs_room(links: Capsules, pairs: NDArray[np.int64]) -> Array:
+def limbs_room(links: Capsules, pairs: IntArray) -> Array:
     """Room (..., Q) [m] between capsules of two limbs, below zero where they touch."""
     a, b = (pairs[:, 0], pairs[:, 1]), (pairs[:, 2], pairs[:, 3])
     apart = np.linalg.norm(limbs_ways(links, pairs), axis=-1)
     return np.asarray(apart - links.radius[a] - links.radius[b])
 
 
-def limbs_ways(links: Capsules, pairs: Pairs) -> Array:
+def limbs_ways(links: Capsules, pairs: IntArray) -> Array:
     """Shortest ways (..., Q, 3) [m] to the first capsule's axis from that of the second."""
     a, b = (pairs[:, 0], pairs[:, 1]), (pairs[:, 2], pairs[:, 3])
     p, q = links.starts[..., a[0], a[1], :], links.ends[..., a[0], a[1], :]

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.serial_chain import SerialChain
 
 
@@ -25,12 +24,12 @@ class WalkingLegs:
     max_speed: Array  # (L, J) [rad/s], [m/s]
 
     @property
-    def there(self) -> NDArray[np.bool_]:
+    def there(self) -> BoolArray:
         """(L, J) which angles a leg has."""
         return self.chain.zero.moves
 
     @property
-    def mimics(self) -> NDArray[np.bool_]:
+    def mimics(self) -> BoolArray:
         """(L, J) joints that move by the angle of another one."""
         named = np.array([[bool(name) for name in row] for row in self.chain.names])
         return np.asarray(named & ~self.there)

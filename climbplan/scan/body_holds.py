@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array, BoolArray
 from climbplan.scan.cleaning import components, open_edges
 from climbplan.scan.fitting import FoundRegion, found_regions
 from climbplan.scan.holds import Grasping
 from climbplan.scan.panels import HEADROOM, Frame
-from climbplan.scan.raw import Mask, RawScan, ScanError, chosen
+from climbplan.scan.raw import RawScan, ScanError, chosen
 from climbplan.scan.triangles import first_met
 from climbplan.spec.climb.scan import ScanSpec
 
@@ -52,7 +52,7 @@ class BodyHold:
     label: str  # material or colour in the file
 
 
-def bodies(raw: RawScan) -> Mask:
+def bodies(raw: RawScan) -> BoolArray:
     """(T,) triangles of closed bodies, which end at no edge but may touch others."""
     if not len(raw.triangles):
         return np.zeros(0, bool)
@@ -196,7 +196,7 @@ def _hold(
 class _Side:
     """What one finger touches, for P places of the grip's centre."""
 
-    free: Mask  # (P,) it comes in and touches an outside
+    free: BoolArray  # (P,) it comes in and touches an outside
     way: Array  # (P,) [m] from the grip's centre to where
     undercut: Array  # (P,) [rad]
     aside: Array  # (P,) sine of the angle by which the side faces away
@@ -220,7 +220,7 @@ def _touched(
     return _Side(np.asarray(free), way, np.arctan2(-over, out), aside)
 
 
-def _largest_rectangle(good: Mask) -> tuple[tuple[int, int], tuple[int, int]] | None:
+def _largest_rectangle(good: BoolArray) -> tuple[tuple[int, int], tuple[int, int]] | None:
     """First and last rows and columns of the largest rectangle of good cells; None for none."""
     best, found = 0, None
     height = np.zeros(good.shape[1], np.int64)

@@ -9,14 +9,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.scan.compiling import compiled
-from climbplan.scan.raw import Index, RawScan, chosen
+from climbplan.scan.raw import RawScan, chosen
 
 GRID = 1e-6  # [m] corners closer than this are one
 MAX_TRIANGLES = 400_000  # more are thinned
@@ -71,7 +70,7 @@ def ordered(raw: RawScan) -> RawScan:
     return chosen(clean, ~again).noted(*notes)
 
 
-def open_edges(triangles: Index) -> NDArray[np.bool_]:
+def open_edges(triangles: IntArray) -> BoolArray:
     """Return (T, 3) whether the surface ends at each edge (corner k to k + 1).
 
     An edge at which closed bodies touch has an even number of triangles, and is not open.
@@ -82,11 +81,11 @@ def open_edges(triangles: Index) -> NDArray[np.bool_]:
     return np.asarray(uses[number.reshape(-1, 3)] % 2 == 1)
 
 
-def _num_open_edges(triangles: Index) -> int:
+def _num_open_edges(triangles: IntArray) -> int:
     return len(np.unique(_edge_keys(triangles)[open_edges(triangles).ravel()]))
 
 
-def _edge_keys(triangles: Index) -> Index:
+def _edge_keys(triangles: IntArray) -> IntArray:
     """(3 T,) a number for each edge (corner k to k + 1), the same in both directions."""
     if not len(triangles):
         return np.zeros(0, np.int64)
@@ -95,7 +94,7 @@ def _edge_keys(triangles: Index) -> Index:
     return np.asarray(flat[:, 0] * (int(triangles.max()) + 1) + flat[:, 1])
 
 
-def unique_rows(rows: Index) -> tuple[Index, Index]:
+def unique_rows(rows: IntArray) -> tuple[IntArray, IntArray]:
     """Return the distinct rows of (R, 3) in lexicographic order, and (R,) the number of each row.
 
     As `np.unique` with `axis=0`, in a fraction of its time and memory: columns are sorted one after
@@ -110,7 +109,7 @@ def unique_rows(rows: Index) -> tuple[Index, Index]:
     return in_order[is_first], number
 
 
-def neighbours(triangles: Index) -> Index:
+def neighbours(triangles: IntArray) -> IntArray:
     """(T, 3) the triangle across each edge (corner k to k + 1), -1 where there is not just one."""
     count = len(triangles)
     if not count:
@@ -128,7 +127,7 @@ def neighbours(triangles: Index) -> Index:
     return across.reshape(count, 3)
 
 
-def components(triangles: Index) -> Index:
+def components(triangles: IntArray) -> IntArray:
     """(T,) number of the connected surface that each triangle belongs to."""
     across = neighbours(triangles)
     own, side = np.nonzero(across >= 0)
@@ -159,7 +158,7 @@ def _wound_alike(raw: RawScan) -> np.ndarray:
 
 
 @compiled
-def sides_of(triangles: Index, across: Index) -> Index:
+def sides_of(triangles: IntArray, across: IntArray) -> IntArray:
     """Whether each triangle is wound against the first of its surface, breadth first."""
     count = len(triangles)
     side = np.full(count, -1, np.int64)

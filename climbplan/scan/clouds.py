@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import MissingSolver
 from climbplan.reading import ANY_ERROR, reading
-from climbplan.robots.rotations import Array
 from climbplan.scan.pcd import read_pcd
 from climbplan.scan.raw import RawScan, ScanError
 

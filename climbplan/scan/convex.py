@@ -7,7 +7,7 @@ import heapq
 import numpy as np
 import shapely
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 
 _CONVEX = 1e-9  # [m^2] twice the area by which a corner may turn inwards
 

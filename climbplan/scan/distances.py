@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.scan.compiling import compiled
-from climbplan.scan.raw import Index, Mask
 
 
 @compiled
@@ -132,7 +131,7 @@ def _box_gap(p: Array, q: Array, low: Array, high: Array) -> float:
 @compiled
 def nearest_triangles(
     starts: Array, ends: Array, corners: Array, enough: float
-) -> tuple[Array, Index]:
+) -> tuple[Array, IntArray]:
     """Least distances (S,) of segments (S, 3) from triangles (T, 3, 3), and the nearest (S,).
 
     Distances are `enough` [m] at most, with no nearest triangle (-1) then, and zero where a segment
@@ -169,7 +168,7 @@ def segment_distances(starts: Array, ends: Array, corners: Array, enough: float)
 @compiled
 def contact_surfaces(
     places: Array, normals: Array, corners: Array, facing: float, rising: float, slack: float
-) -> Mask:
+) -> BoolArray:
     """Which triangles (T, 3, 3) are of the surface that each contact is on, (C, T).
 
     places, normals (unit): (C, 3). facing: least cosine of normals; rising: tangent of the slope by
@@ -197,8 +196,14 @@ def contact_surfaces(
 
 @compiled
 def missing_room(
-    starts: Array, ends: Array, need: Array, contact: Index, own: Mask, corners: Array, most: float
-) -> tuple[Array, Index]:
+    starts: Array,
+    ends: Array,
+    need: Array,
+    contact: IntArray,
+    own: BoolArray,
+    corners: Array,
+    most: float,
+) -> tuple[Array, IntArray]:
     """By how much segments (S, 3) come too close to triangles (T, 3, 3), and to which, (S,).
 
     need: (S, 1 + C) [m], the room from triangles at large, then that from those of each contact; a

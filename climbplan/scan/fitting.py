@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.scan.cleaning import areas
 from climbplan.scan.convex import convex_pieces, crossed, peeled
 from climbplan.scan.growing import grown
 from climbplan.scan.panels import HEADROOM, Frame, standable
-from climbplan.scan.raw import Index, RawScan
+from climbplan.scan.raw import RawScan
 from climbplan.scan.triangles import buried
 from climbplan.spec.climb.scan import ScanSpec
 
@@ -75,8 +75,8 @@ def found_regions(raw: RawScan, spec: ScanSpec) -> tuple[FoundRegion, ...]:
 class _Plane:
     """A patch, or several in one plane."""
 
-    own: Index  # triangles
-    first: Index  # of these the ones that no patch before it has
+    own: IntArray  # triangles
+    first: IntArray  # of these the ones that no patch before it has
     normal: Array
     offset: float
 

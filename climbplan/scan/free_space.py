@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import HalfspaceIntersection, QhullError
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.scan.distances import segment_distances
 
 _LONGEST = 0.4  # [m] of a piece of the way

@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.scan.cleaning import areas, neighbours
 from climbplan.scan.compiling import compiled
-from climbplan.scan.raw import Index, RawScan
+from climbplan.scan.raw import RawScan
 
 _TURN = np.cos(np.deg2rad(35.0))  # that the surface of a patch may be off its normal
 _OVER_EDGE = np.cos(np.deg2rad(50.0))  # beyond which normals are not smoothed across an edge
@@ -27,13 +27,13 @@ _FITS = 8  # times that a plane is fitted anew
 class Patches(NamedTuple):
     """Flat patches: P of them."""
 
-    owner: Index  # (T,) the first patch of each triangle
+    owner: IntArray  # (T,) the first patch of each triangle
     normal: Array  # (P, 3) unit
     offset: Array  # (P,) normal . x on the plane [m]
-    starts: Index  # (P + 1,) of the patches in `members`
-    members: Index  # triangles of all patches
+    starts: IntArray  # (P + 1,) of the patches in `members`
+    members: IntArray  # triangles of all patches
 
-    def of(self, patch: int) -> Index:
+    def of(self, patch: int) -> IntArray:
         """The triangles of a patch."""
         return self.members[self.starts[patch] : self.starts[patch + 1]]
 
@@ -59,7 +59,7 @@ def grown(raw: RawScan, flatness: float) -> Patches:
     )
 
 
-def _smoothed(smooth: Array, normals: Array, area: Array, across: Index) -> Array:
+def _smoothed(smooth: Array, normals: Array, area: Array, across: IntArray) -> Array:
     """Normals averaged with those across edges that are not sharp, by area."""
     total = area[:, None] * smooth
     for k in range(3):
@@ -76,12 +76,12 @@ def _reach(
     offset: float,
     corners: Array,
     smooth: Array,
-    across: Index,
-    label: Index,
-    mark: Index,
+    across: IntArray,
+    label: IntArray,
+    mark: IntArray,
     stamp: int,
     flatness: float,
-    queue: Index,
+    queue: IntArray,
 ) -> int:
     """Fill `queue` with the triangles that a plane takes from a seed; their number."""
     queue[0] = seed
@@ -112,7 +112,7 @@ def _reach(
 
 
 @compiled
-def _fit(queue: Index, count: int, corners: Array, area: Array, before: Array) -> Array:
+def _fit(queue: IntArray, count: int, corners: Array, area: Array, before: Array) -> Array:
     """Normal and offset (4,) of the plane that fits triangles best, midway between the farthest."""
     mean = np.zeros(3)
     total = 0.0
@@ -155,11 +155,11 @@ def grow_patches(
     corners: Array,
     smooth: Array,
     area: Array,
-    across: Index,
-    label: Index,
-    order: Index,
+    across: IntArray,
+    label: IntArray,
+    order: IntArray,
     flatness: float,
-) -> tuple[Index, Array, Array, Index, Index]:
+) -> tuple[IntArray, Array, Array, IntArray, IntArray]:
     count = len(corners)
     taken = np.full(count, -1, np.int64)
     mark = np.full(count, -1, np.int64)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.reading import ANY_ERROR, read_text, reading
-from climbplan.robots.rotations import Array
 from climbplan.scan.clouds import cloud, read_array
 from climbplan.scan.raw import RawScan, ScanError, mesh, placed
 from climbplan.spec.climb.scan import ScanSpec

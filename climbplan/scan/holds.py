@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import LinearNDInterpolator
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array, BoolArray
 from climbplan.scan.raw import RawScan, ScanError
 
 _CELL = 2.5e-3  # [m] of the relief
@@ -122,7 +122,7 @@ def found_holds(scan: RawScan, grasping: Grasping) -> Wall:
 
 def _plane(points: Array, scan: RawScan) -> tuple[Array, Array]:
     """A point and the normal of the plane that most points lie in, facing as the scan does."""
-    kept: NDArray[np.bool_] = np.ones(len(points), bool)
+    kept: BoolArray = np.ones(len(points), bool)
     center, normal = points.mean(axis=0), np.zeros(3)
     for _ in range(_PASSES):
         center = points[kept].mean(axis=0)

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.reading import ANY_ERROR, first_line, reading
-from climbplan.robots.rotations import Array
-from climbplan.scan.raw import Index, RawScan, ScanError
+from climbplan.scan.raw import RawScan, ScanError
 
 MESHES = (".stl", ".obj", ".ply", ".glb", ".dae", ".off")
 _COLLADA = "; DAE files need pycollada: pip install 'climbplan[scan]'"
@@ -41,8 +41,8 @@ def read_mesh(path: Path) -> RawScan:
                 raise ScanError(f"{path}: not {expected} {reason}") from error
         parts = list(scene.dump()) if hasattr(scene, "dump") else [scene]
     vertices: list[Array] = []
-    triangles: list[Index] = []
-    label: list[Index] = []
+    triangles: list[IntArray] = []
+    label: list[IntArray] = []
     labels: dict[str, int] = {"": 0}
     count = 0
     for part in parts:
@@ -77,7 +77,7 @@ def _silent(logger: str) -> Iterator[None]:
         log.setLevel(before)
 
 
-def _labels(part: Any, faces: int, labels: dict[str, int]) -> Index:
+def _labels(part: Any, faces: int, labels: dict[str, int]) -> IntArray:
     """(T,) the name of the material or the colour of every triangle, as numbers in `labels`."""
     visual: Any = getattr(part, "visual", None)
     kind = getattr(visual, "kind", None)

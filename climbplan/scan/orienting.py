@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.scan.cleaning import components, ordered
 from climbplan.scan.raw import RawScan
 

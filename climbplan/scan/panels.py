@@ -8,8 +8,7 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from climbplan.robots.rotations import Array
-from climbplan.scan.raw import Index
+from climbplan.arrays import Array, IntArray
 from climbplan.scan.triangles import circles, clipped, in_frame, within_box
 
 HEADROOM = 0.05  # [m] before a region that has to be free: a limb is as thick as that at its toe
@@ -51,7 +50,7 @@ class Frame:
 
 
 def standable(
-    frame: Frame, own: Index, corners: Array, normals: Array, flatness: float, room: float
+    frame: Frame, own: IntArray, corners: Array, normals: Array, flatness: float, room: float
 ) -> shapely.Geometry:
     """The part of a patch, as a polygon of its frame, on which a toe has `room` [m] around it.
 
@@ -150,8 +149,8 @@ def _grown_bounds(polygon: shapely.Geometry, by: float) -> tuple[float, float, f
 
 
 def _near(
-    frame: Frame, own: Index, placed: Array, corners: Array, beside: float, below: float
-) -> tuple[Index, Array, tuple[Array, Array]]:
+    frame: Frame, own: IntArray, placed: Array, corners: Array, beside: float, below: float
+) -> tuple[IntArray, Array, tuple[Array, Array]]:
     """Other triangles that may reach into the box over a patch, up to the headroom.
 
     placed (P, 3, 3): corners of the patch's own triangles in its frame. Returns numbers (K,),

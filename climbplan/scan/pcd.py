@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.reading import reading
-from climbplan.robots.rotations import Array
 from climbplan.scan.raw import ScanError
 
 _MOST = 100_000_000  # points

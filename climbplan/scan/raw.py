@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import UsageError
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.spec.climb.scan import ScanSpec
-
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 # Rows are the world's axes in those of the file, by the axis that points up: right-handed
 _UP = {
@@ -34,8 +31,8 @@ class RawScan:
     """Triangles of a file, or points where it has none."""
 
     vertices: Array  # (V, 3) [m]
-    triangles: Index  # (T, 3), anticlockwise seen from free space; none in a cloud
-    label: Index  # (T,) index into `labels`
+    triangles: IntArray  # (T, 3), anticlockwise seen from free space; none in a cloud
+    label: IntArray  # (T,) index into `labels`
     labels: tuple[str, ...] = ("",)  # materials or colours
     normals: Array | None = None  # (V, 3) of a cloud that has them
     notes: tuple[str, ...] = field(default=())  # what was found and done, for people
@@ -50,7 +47,7 @@ class RawScan:
         return replace(self, notes=(*self.notes, *notes))
 
 
-def mesh(vertices: Array, triangles: Index) -> RawScan:
+def mesh(vertices: Array, triangles: IntArray) -> RawScan:
     """Triangles without materials."""
     return RawScan(
         np.asarray(vertices, float),
@@ -78,7 +75,7 @@ def cropped(raw: RawScan, lower: Array, upper: Array) -> RawScan:
     return chosen(raw, inside.all(axis=1))
 
 
-def chosen(raw: RawScan, keep: NDArray[np.bool_]) -> RawScan:
+def chosen(raw: RawScan, keep: BoolArray) -> RawScan:
     """Some triangles, and the vertices that they use."""
     used, triangles = np.unique(raw.triangles[keep], return_inverse=True)
     return replace(

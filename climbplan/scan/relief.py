@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.scan.convex import crossed
 from climbplan.scan.raw import RawScan, ScanError, mesh
 

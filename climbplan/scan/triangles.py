@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.scan.compiling import compiled
-from climbplan.scan.raw import Index
 
 
 @compiled
@@ -42,7 +41,7 @@ def within_box(corners: Array, lower: Array, upper: Array) -> np.ndarray:
 
 @compiled
 def in_frame(
-    corners: Array, number: Index, origin: Array, axes: Array
+    corners: Array, number: IntArray, origin: Array, axes: Array
 ) -> tuple[Array, Array, Array]:
     """Corners (K, 3, 3) of some triangles in a frame, with their least and largest (K, 3).
 
@@ -66,7 +65,7 @@ def in_frame(
 
 
 @compiled
-def clipped(corners: Array, low: float, high: float) -> tuple[Array, Index]:
+def clipped(corners: Array, low: float, high: float) -> tuple[Array, IntArray]:
     """Corners (K, 2) and their numbers of what of triangles (T, 3, 3) is between two heights."""
     points = np.empty((5 * len(corners), 2))
     counts = np.zeros(len(corners), np.int64)

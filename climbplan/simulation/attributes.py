@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.simulation.physical_inertia import physical_inertia
 
 

@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.errors import UsageError
 from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.model import MountedCapsules, Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.attributes import inertial_of, numbers
 from climbplan.terrain.raw_surface import SLENDER
@@ -96,7 +95,7 @@ def drive_of(robot: Robot) -> Array:
     )
 
 
-def followers(robot: Robot) -> NDArray[np.bool_]:
+def followers(robot: Robot) -> BoolArray:
     """(N, J) joints that mimic others."""
     return np.asarray(np.diagonal(drive_of(robot), axis1=-2, axis2=-1) == 0.0)
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from climbplan.arrays import Array
 from climbplan.plans.csv_file import SafeWriter
 from climbplan.reports.page_parts import Card
-from climbplan.robots.rotations import Array
 from climbplan.simulation.comparison import LEAST_SAG
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.figures import falls, leg, sag, strip

@@ -6,14 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.check.anew.feet import foot_arm, rolling
 from climbplan.climb.check.anew.soles import lying
 from climbplan.climb.check.anew.static_pose import Braced, settle
-from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.spans import spans_of
 from climbplan.reports.replay import sample_instants
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.feedforward import links_moment
 from climbplan.simulation.gripping import gripped
@@ -59,8 +60,8 @@ class LostContact:
 class Comparison:
     """Simulated beside planned at the instants reached (K of the plan's)."""
 
-    instant: Index  # (K,)
-    sample: Index  # (K,) trajectory sample taken for each
+    instant: IntArray  # (K,)
+    sample: IntArray  # (K,) trajectory sample taken for each
     # (K, N) simulated torque of the planned worst motor's limb: largest of three; forces of joints
     # that slide count as torques at `RADIAN`
     torque: Array
@@ -126,7 +127,7 @@ def compare(plan: ClimbPlan, run: Run) -> Comparison:
     )
 
 
-def predicted_sag(plan: ClimbPlan, conditions: Conditions, rows: Index, toes: Array) -> Array:
+def predicted_sag(plan: ClimbPlan, conditions: Conditions, rows: IntArray, toes: Array) -> Array:
     """(K, 3) how far below its planned place the body is held by the commands [m].
 
     The nonlinear static equilibrium of joint springs, with the run's load and the places where the
@@ -194,7 +195,7 @@ def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
     return tuple(sorted(found, key=lambda s: s.time))
 
 
-def held_toes(plan: ClimbPlan) -> Mask:
+def held_toes(plan: ClimbPlan) -> BoolArray:
     """(T, N) toes on their surfaces but for those that are let go of."""
     contact = plan.trajectory.contact.copy()
     pressed = planned_pressure(plan) >= LEAST_HELD

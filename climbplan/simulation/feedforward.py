@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.link_masses import weight_torques
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.chain_limb import chain_of
 from climbplan.simulation.conditions import Conditions

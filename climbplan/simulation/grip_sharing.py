@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.forces.cones import ConicProgram
 from climbplan.mechanics.friction import contact_frame
 from climbplan.mechanics.grip import GripCones
-from climbplan.robots.rotations import Array
 
 
 def beyond(cones: GripCones, parts: Array) -> float:

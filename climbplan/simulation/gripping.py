@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
+from climbplan.arrays import Array, BoolArray
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.spans import spans_of
 from climbplan.mechanics.grip import GripCones, grip_cones, parts_of
 from climbplan.reports.replay import sample_instants
-from climbplan.robots.rotations import Array
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.grip_sharing import beyond, shared_at_best, used
 from climbplan.simulation.gripper_model import STIFF, weld_name, wrist_joint
@@ -64,7 +64,7 @@ class Borne(NamedTuple):
     force: Array  # (N, 3) on the grippers, world frame [N]
     normal: Array  # (N,) pressure of the part of each that is nearest to slipping [N]
     shear: Array  # (N,) its shear beyond what spines hold [N]
-    closed: Mask  # (N,)
+    closed: BoolArray  # (N,)
 
 
 class _Hold(NamedTuple):
@@ -313,7 +313,7 @@ class Grips:
         return float(self.plan.trajectory.time[sample])
 
 
-def gripped(plan: ClimbPlan) -> Mask:
+def gripped(plan: ClimbPlan) -> BoolArray:
     """(T, N) grippers that have been closed on their holds for as long as closing takes."""
     moving = plan.trajectory
     out = moving.contact.copy()

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import ClimbPlan, Index
+from climbplan.arrays import IntArray
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.replay import sample_instants
 
 
-def instant_samples(plan: ClimbPlan) -> Index:
+def instant_samples(plan: ClimbPlan) -> IntArray:
     """(K,) the trajectory sample at which each instant is: mid-air, and the end of each push."""
     of = sample_instants(plan)
     found = np.full(plan.instants.count, -1, np.int64)

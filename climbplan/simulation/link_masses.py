@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.robots.link_masses import LinkMasses
-from climbplan.robots.rotations import Array
 from climbplan.simulation.conditions import Conditions
 
 _LEAST = 1e-4  # [kg] of a body, for MuJoCo

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.simulation.attributes import numbers
 from climbplan.simulation.chain_limb import motor_names
 

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.limb_clearance import foot_radius
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import UsageError
@@ -19,7 +20,6 @@ from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.joint_dynamics import dynamics_of
 from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.attributes import inertial_of, numbers
 from climbplan.simulation.chain_limb import (

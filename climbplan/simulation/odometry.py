@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
+from climbplan.arrays import BoolArray
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.replay import sample_instants
 from climbplan.simulation.gripping import gripped
 from climbplan.simulation.planned_pressure import planned_pressure
@@ -15,7 +16,7 @@ from climbplan.simulation.planned_pressure import planned_pressure
 _STANDS = 0.5  # part of its planned pressure at the next instant from which on a toe stands
 
 
-def standing(plan: ClimbPlan) -> Mask:
+def standing(plan: ClimbPlan) -> BoolArray:
     """(T, N) toes on their surfaces and pressed by half of what is planned when the body goes on.
 
     Of robots with grippers those that have had time to close.

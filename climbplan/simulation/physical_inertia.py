@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 
 _log = logging.getLogger(__name__)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.simulation.replay import load_mujoco
 
 WIDTH, HEIGHT = 480, 640  # [pixels]

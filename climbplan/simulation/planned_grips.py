@@ -7,19 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import ClimbPlan, Index
+from climbplan.arrays import Array, IntArray
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.spans import spans_of
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.gripper import wrists_at
 from climbplan.robots.last_link import last_link_body
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.holds import flat_hold
 from climbplan.terrain.surfaces import Region
 
 _AHEAD = 0.5  # [s] that fingers grip before load comes and after it has gone
 
 
-def planned_regions(plan: ClimbPlan) -> Index:
+def planned_regions(plan: ClimbPlan) -> IntArray:
     """(T, N) surface that each limb is on, of one in the air the one that it goes to."""
     instant = sample_instants(plan)
     every = np.concatenate([plan.rounds.region[:1], plan.instants.region])[instant + 1]
@@ -54,7 +55,7 @@ def planned_toe(plan: ClimbPlan, sample: int, limb: int) -> Array:
     return np.asarray(plan.instants.toes[instant[sample], limb])
 
 
-def planned_wrists(plan: ClimbPlan, region: Index) -> tuple[Array, Array]:
+def planned_wrists(plan: ClimbPlan, region: IntArray) -> tuple[Array, Array]:
     """(T, N, 3) angles of wrists [rad], between two holds on the way from one to the other.
 
     And the torques that their motors bring [N m].

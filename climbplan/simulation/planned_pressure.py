@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.kinematics import contact_jacobian, held_rows
-from climbplan.robots.rotations import Array
 
 
 def planned_pressure(plan: ClimbPlan) -> Array:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
+from climbplan.arrays import Array, BoolArray
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.spans import spans_of
 from climbplan.control.joint_regulator import Corrections, Pose, RegulatorTables, chains_of
 from climbplan.mechanics.stiffness import joint_softness
@@ -18,7 +19,7 @@ from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.kinematics import jacobian_world, rigid_motion, toe_body, toe_world
 from climbplan.robots.last_link import last_link_body
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.odometry import standing
 from climbplan.simulation.rolling import rolled
@@ -171,7 +172,7 @@ def zero_angles(robot: Robot) -> ChainZero | None:
     )
 
 
-def between_toes(compliance: Array, arms: Array, stands: Mask) -> Array:
+def between_toes(compliance: Array, arms: Array, stands: BoolArray) -> Array:
     """(..., 3N, 3N) of toe deflections (..., 3N) the part that no motion of the body explains.
 
     I - B A^-1 B^T K: the motion that balances the forces K d is taken out. compliance: (..., N, 3,

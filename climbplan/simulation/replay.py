@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
+from climbplan.arrays import Array, BoolArray
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import MissingSolver
 from climbplan.reports.replay import sample_instants
 from climbplan.robots.five_bar import FiveBar
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.chain_limb import drive_of, followers, motor_names
 from climbplan.simulation.conditions import Conditions, regulated
 from climbplan.simulation.falls import FALLEN, TUMBLED
@@ -72,8 +73,8 @@ class Run:
     normal: Array  # (S, N) pressure [N]
     shear: Array  # (S, N) [N]
     torque: Array  # (S, N, J) of the motors [N m]
-    touching: Mask  # (S, N)
-    bumped: Mask  # (S,) a link or the body touches something
+    touching: BoolArray  # (S, N)
+    bumped: BoolArray  # (S,) a link or the body touches something
     fallen: bool
     rest_com: Array  # (K, 3) body at each instant if commands stayed there, NaN if not reached [m]
     rest_toes: Array  # (K, N, 3) toes likewise [m]

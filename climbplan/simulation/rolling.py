@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 
 
 def rolled(radius: float, links: Array, normal: Array) -> Array:

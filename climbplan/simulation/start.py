@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.robots.kinematics import standing_inverse
-from climbplan.robots.rotations import Array
 from climbplan.simulation.toe import toe_radius
 from climbplan.simulation.worlds.ground import material
 from climbplan.terrain.model import Terrain

@@ -15,13 +15,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import eigh
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.control.joint_regulator import RATE
 from climbplan.mechanics.stability import braced_body, relative_stiffness
 from climbplan.reports.replay import sample_instants
 from climbplan.robots.kinematics import by_point, point_jacobian, pushed_points
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.conditions import NOMINAL
 from climbplan.simulation.model import joint_damping

@@ -10,7 +10,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.simulation.attributes import numbers
 from climbplan.simulation.toe import TOE_RADIUS
 from climbplan.terrain.raw_surface import RawSurface

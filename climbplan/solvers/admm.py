@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
+from climbplan.program.instance import Instance
 from climbplan.reformulations.admm import AdmmSplit, Norm, Relaxation, SplitInstance
 from climbplan.reformulations.nlp_form import Consensus
 from climbplan.solvers.ipopt.instances import ITERATIONS, TOLERANCE, minimise, solve_pinned
@@ -70,7 +70,7 @@ class AdmmResult:
 @dataclass(frozen=True)
 class _Iterate:
     x: Array
-    assignment: Index
+    assignment: IntArray
     violation: float
     objective: float
     number: int
@@ -178,7 +178,7 @@ def _pull(
 
 
 def _nonlinear(
-    split: SplitInstance, var1: Array, chosen: Index, consensus: Consensus, deadline: float
+    split: SplitInstance, var1: Array, chosen: IntArray, consensus: Consensus, deadline: float
 ) -> Array:
     """The nearest point to var1 + dual at which the products hold."""
     numbers = split.form.numbers(split.instance, consensus)

@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.solvers.admm import AdmmOptions, solve_admm
 from climbplan.solvers.highs.instances import solve_highs

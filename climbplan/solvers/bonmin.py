@@ -18,8 +18,8 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.reformulations.nlp_form import Manner, nlp_form
 from climbplan.solvers.ipopt.instances import TOLERANCE, middle, solve_pinned
 from climbplan.solvers.result import Answer, SolverResult, judged

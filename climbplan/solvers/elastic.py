@@ -13,8 +13,8 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
+from climbplan.program.instance import Instance
 
 _PASSES = 6
 _SOLVED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
@@ -25,7 +25,7 @@ class Violations:
     """A point and by how much each constraint fails there, zero where it holds."""
 
     x: Array  # (n,)
-    assignment: Index  # chosen alternative of each choice
+    assignment: IntArray  # chosen alternative of each choice
     balls: tuple[Array, ...]  # (K,) for each ball block
     rows: Array  # (m,)
     choices: Array  # (C,)
@@ -55,7 +55,7 @@ def least_violations(instance: Instance, start: Array) -> Violations | None:
     return best
 
 
-def _violations(instance: Instance, x: Array, assignment: Index) -> Violations:
+def _violations(instance: Instance, x: Array, assignment: IntArray) -> Violations:
     row = instance.A @ x
     outside = np.maximum(instance.row_lower - row, row - instance.row_upper)
     chosen = zip(instance.choices, assignment, strict=True)
@@ -68,7 +68,7 @@ def _violations(instance: Instance, x: Array, assignment: Index) -> Violations:
     )
 
 
-def _least_sum(instance: Instance, assignment: Index) -> Array | None:
+def _least_sum(instance: Instance, assignment: IntArray) -> Array | None:
     """min sum t over || F x + f || <= r + t, rows and chosen alternatives within t of holding."""
     n = instance.size
     slack_count = sum(b.count for b in instance.balls) + instance.A.shape[0] + len(instance.choices)
@@ -76,7 +76,7 @@ def _least_sum(instance: Instance, assignment: Index) -> Array | None:
     values: list[Array] = []
     next_slack = 0
 
-    def with_slack(rows: sparse.csr_matrix, slack: Index) -> sparse.csr_matrix:
+    def with_slack(rows: sparse.csr_matrix, slack: IntArray) -> sparse.csr_matrix:
         count = rows.shape[0]
         place = sparse.csr_matrix(
             (-np.ones(count), (np.arange(count), slack)), shape=(count, slack_count)

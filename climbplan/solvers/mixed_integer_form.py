@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.program.box import Box, propagated_box
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.separable_cost import SeparableCost, separable_cost
 from climbplan.solvers.tree.choice_table import UNBOUNDED, ChoiceTable, choice_tables
 from climbplan.solvers.tree.hulls import choice_hulls

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, IntArray
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 
-Indices = NDArray[np.int64]
 Status = Literal["optimal", "feasible", "infeasible", "limit"]
 
 FEASIBILITY = 1e-7  # largest violation of an incumbent, in the unit of the rows
@@ -23,7 +21,7 @@ ROUNDING = 1e-10  # differences between objective and bound that mean nothing
 class Known:
     """What a laxer instance of the same choices has told: its bound holds, its choices may do."""
 
-    assignment: Indices | None = None  # (C,)
+    assignment: IntArray | None = None  # (C,)
     bound: float = -np.inf
 
 
@@ -35,7 +33,7 @@ class Proposal(Protocol):
         """(n,) of which only integers are read."""
 
     @property
-    def alternatives(self) -> Indices:
+    def alternatives(self) -> IntArray:
         """(C,) chosen alternative of each choice."""
 
     @property
@@ -53,7 +51,7 @@ class SolverResult:
 
     status: Status
     x: Array | None  # (n,) incumbent
-    assignment: Indices | None  # (C,) chosen alternative of each choice
+    assignment: IntArray | None  # (C,) chosen alternative of each choice
     objective: float | None  # exact objective at x
     bound: float  # valid lower bound on the optimum, -inf if none is known
     gap: float | None  # (objective - bound) / max(|objective|, LEAST_OBJECTIVE)
@@ -74,7 +72,7 @@ class Answer:
     time: float  # [s]
     solver: str
     log: tuple[str, ...] = ()
-    assignment: Indices | None = None  # the least violated alternatives if left out
+    assignment: IntArray | None = None  # the least violated alternatives if left out
 
 
 def relative_gap(objective: float, bound: float) -> float:
@@ -88,7 +86,7 @@ def judged(instance: Instance, answer: Answer, gap: float, tolerance: float) -> 
     A point that violates a constraint by more than the tolerance is no incumbent.
     """
     x, bound, log = answer.x, answer.bound, answer.log
-    assignment: Indices | None = None
+    assignment: IntArray | None = None
     objective: float | None = None
     reached: float | None = None
     status: Status = "infeasible" if answer.infeasible else "limit"

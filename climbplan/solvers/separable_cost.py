@@ -8,8 +8,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
+from climbplan.program.instance import Instance
 
 _FLAT = 1e-12
 _ZERO = 1e-12
@@ -36,8 +36,8 @@ def separable_cost(instance: Instance) -> SeparableCost:
     P.eliminate_zeros()
     slope, constant = instance.q.copy(), instance.constant
     curved = np.flatnonzero(np.diff(P.indptr))
-    row: list[Index] = []
-    column: list[Index] = []
+    row: list[IntArray] = []
+    column: list[IntArray] = []
     value: list[Array] = []
     offsets: list[Array] = []
     count = 0

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
+from climbplan.program.instance import Instance
 from climbplan.reformulations.pinned import Pinned
 from climbplan.reformulations.slack_relaxation import SlackRelaxation
 from climbplan.solvers.convex.sessions import session, solve_convex
@@ -41,7 +41,7 @@ def solve_slack_selection(
     """
     begin = time.perf_counter()
     first = np.array([_OPEN if len(c.alternatives) > 1 else 0 for c in instance.choices], np.int64)
-    stack: list[Index] = [first]
+    stack: list[IntArray] = [first]
     programs, deepest, told = 0, 0, ""
     found: Array | None = None
     chosen = first
@@ -109,7 +109,7 @@ class _Relaxed:
         return f"the first settles {self.settled[0]} of {choices} choices{again}"
 
 
-def _relaxed(instance: Instance, chosen: Index) -> _Relaxed:
+def _relaxed(instance: Instance, chosen: IntArray) -> _Relaxed:
     choices = tuple(
         choice if k == _OPEN else replace(choice, alternatives=(choice.alternatives[k],))
         for choice, k in zip(instance.choices, chosen, strict=True)
@@ -133,7 +133,7 @@ def _relaxed(instance: Instance, chosen: Index) -> _Relaxed:
     return _Relaxed(best, tuple(settled))
 
 
-def _pinned(instance: Instance, chosen: Index, gap: float) -> Array | None:
+def _pinned(instance: Instance, chosen: IntArray, gap: float) -> Array | None:
     """The best point with these alternatives; None where there is none."""
     pinned = Pinned(np.zeros(instance.size), chosen, compact=True).apply(instance)
     return solve_convex(pinned.instance, "clarabel", gap).x

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 
 _NEGLIGIBLE = 1e-7  # relative: a gradient left over along a direction without bounds
 

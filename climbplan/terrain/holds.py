@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.robots.rotations import Array
 from climbplan.spec.climb.panel import FLAT_DEG, HoldSpec, PanelSpec, RegionHoldSpec
 
 PANEL = "panel"

@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.errors import UsageError
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.spec.climb.panel import HoldSpec, PanelSpec, RegionHoldSpec
 from climbplan.spec.climb.terrain import BoxSpec, GroundSpec, TerrainSpec, WallsSpec
 from climbplan.terrain.holds import PANEL, hold_extent, hold_of, hold_on, rectangle_on
@@ -40,7 +39,7 @@ class Terrain:
     """Contact surfaces and what must be kept clear."""
 
     surfaces: tuple[Surface, ...]  # Regions, or one Tube
-    allowed: NDArray[np.bool_]  # (N, R) limb i may stand on surface r
+    allowed: BoolArray  # (N, R) limb i may stand on surface r
     obstacles: tuple[Solid, ...]
     free_choices: tuple[tuple[FreeRegion, ...], ...]  # the body is in one region of every choice
     scan: RawSurface | None = None  # what the regions were found in
@@ -61,7 +60,7 @@ class Terrain:
         return bounds_of(self.regions)
 
     @cached_property
-    def stood_upon(self) -> NDArray[np.bool_]:
+    def stood_upon(self) -> BoolArray:
         """(N, O) obstacles with a face on which a surface lies that limb i may stand on."""
         # Regions of a scan lie as near to what was scanned as they were asked to
         near = _ON_FACE if self.scan is None else self.scan.flatness
@@ -92,7 +91,7 @@ class Terrain:
         return (*self.solids, *(s for s in self.surfaces if isinstance(s, Tube)))
 
     @cached_property
-    def stood_solids(self) -> NDArray[np.bool_]:
+    def stood_solids(self) -> BoolArray:
         """(N, S) whether limb i may stand on a face of each of `link_solids`.
 
         The material behind a surface has its plane in common with others that lie beside it.

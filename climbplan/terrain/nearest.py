@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.terrain.surfaces import Region
 
 _SLACK = 1e-9  # [m] for rounding

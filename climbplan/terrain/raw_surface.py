@@ -18,10 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array, IntArray
 
 NARROW = 0.05  # [m] last part of a limb, which narrows to its toe
 SLENDER = 0.25  # room of a limb's axis at its contact, by the distance from it
@@ -34,7 +31,7 @@ class RawSurface:
     """Triangles as they were scanned, turned to face free space."""
 
     vertices: Array  # (V, 3) [m]
-    triangles: NDArray[np.int64]  # (T, 3) anticlockwise seen from free space
+    triangles: IntArray  # (T, 3) anticlockwise seen from free space
     flatness: float  # [m] largest distance of contact regions from it
     toe_radius: float  # [m] over which its normal is averaged at a toe
     finger_depth: float = 0.0  # [m] that fingers reach beside what they grip; 0: nothing is gripped

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.robots.foot import Sole
-from climbplan.robots.rotations import Array
 from climbplan.terrain.surfaces import Region
 
 

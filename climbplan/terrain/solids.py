@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.spec.climb.terrain import SolidSpec
 
-Array = NDArray[np.float64]
 _MERGE = 1e-9  # [m] faces closer than this are one
 
 

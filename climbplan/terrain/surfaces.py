@@ -7,8 +7,8 @@ from typing import Protocol, Self
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.robots.rotations import Array
 from climbplan.terrain.holds import Hold
 from climbplan.terrain.solids import Solid
 

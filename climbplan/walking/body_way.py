@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, Array
+from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY
 
 
 @dataclass(frozen=True)

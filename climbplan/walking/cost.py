@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.walking.task import ANGLES, POSITION, VELOCITY, Array, WalkTask
+from climbplan.arrays import Array
+from climbplan.walking.task import ANGLES, POSITION, VELOCITY, WalkTask
 
 
 def cost_terms(task: WalkTask, state: Array, force: Array) -> dict[str, float]:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import PlanFileError
 from climbplan.plans.dataset import Dataset, DatasetFrame, solution_layout
 from climbplan.plans.dataset_row import RowAnswer
@@ -35,7 +36,7 @@ from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.online.features import feature_count
 from climbplan.walking.online.library import SECTION, sections_of
 from climbplan.walking.problem import build_task
-from climbplan.walking.task import STATE, Array, Gait, Start, WalkTask, WalkTrajectory
+from climbplan.walking.task import STATE, Gait, Start, WalkTask, WalkTrajectory
 from climbplan.walking.task_facts import facts_of, task_of
 
 KIND = "mpc"

@@ -15,17 +15,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.walking.ground import Ground
 from climbplan.walking.problem import ground_under
-from climbplan.walking.task import (
-    ANGLES,
-    POSITION,
-    SPIN,
-    VELOCITY,
-    Array,
-    Start,
-    WalkTask,
-)
+from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, Start, WalkTask
 
 TREADS = 4  # on either side of the floor; the last ones have no end
 WORLD = 2 + 4 * TREADS  # numbers of a world

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import shapely
 
-from climbplan.walking.ground import Array, Ground
+from climbplan.arrays import Array
+from climbplan.walking.ground import Ground
 
 _FAR = np.full(2, 1e4)  # [m] beyond all ground
 _STEP = 1e-3  # [m] that a foot rolls over

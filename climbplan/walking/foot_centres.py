@@ -12,9 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.walking.ground import Ground
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import POSITION, Array, WalkTask
+from climbplan.walking.task import POSITION, WalkTask
 
 _UP = np.array([0.0, 0.0, 1.0])
 

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.walking.ground import Ground
 from climbplan.walking.kernels.footing import stance_phases
-from climbplan.walking.task import Array, Flags, Gait, Whole
+from climbplan.walking.task import Gait
 
 UNKNOWN = -np.inf  # [m]
 
@@ -17,11 +18,11 @@ UNKNOWN = -np.inf  # [m]
 class Footing:
     """Footholds of a gait of N intervals; those after the first lift-off are free."""
 
-    foothold: Whole  # (N + 1, L) index of the free foothold, HELD or SWINGING
-    leg: Whole  # (F,) of each free foothold
-    first: Whole  # (F,) knot at which it is reached
-    last: Whole  # (F,) last knot at which it is stood on
-    region: Whole  # (F,)
+    foothold: IntArray  # (N + 1, L) index of the free foothold, HELD or SWINGING
+    leg: IntArray  # (F,) of each free foothold
+    first: IntArray  # (F,) knot at which it is reached
+    last: IntArray  # (F,) last knot at which it is stood on
+    region: IntArray  # (F,)
 
     @property
     def count(self) -> int:
@@ -36,7 +37,7 @@ def footing_of(gait: Gait) -> Footing:
     return Footing(foothold, legs, firsts, lasts, gait.region[firsts, legs])
 
 
-def gait_of(contact: Flags, region: Whole) -> Gait:
+def gait_of(contact: BoolArray, region: IntArray) -> Gait:
     """A gait whose regions are constant while a leg stands and, before that, those it goes to.
 
     region (N + 1, L): only entries at the first knot of a stance phase count, and those of knot 0.

@@ -16,7 +16,8 @@ import numpy as np
 import shapely
 from scipy.cluster.hierarchy import DisjointSet
 
-from climbplan.walking.task import Array, RigidBody, WalkTask
+from climbplan.arrays import Array
+from climbplan.walking.task import RigidBody, WalkTask
 
 _TOLERANCE = 1e-3  # [m] that checks let toes be out of their boxes, with room to spare
 _FAR = np.full(2, 1e4)  # [m] beyond all ground

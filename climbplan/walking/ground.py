@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Whole = NDArray[np.int64]
+from climbplan.arrays import Array, IntArray
 
 _FAR = 900.0  # [m]
 
@@ -100,7 +98,7 @@ class Ground:
         tangent = np.column_stack([one, 0.0 * one, x]) / np.sqrt(1.0 + x**2)[:, None]
         return np.stack([tangent, np.cross(normal, tangent), normal], axis=1)
 
-    def level_at(self, region: Whole, xy: Array) -> Array:
+    def level_at(self, region: IntArray, xy: Array) -> Array:
         """Height (...) of the planes of regions (...) at points (..., 2) [m]."""
         rise: Array = self.height[region]
         if self.slope.any():
@@ -126,7 +124,7 @@ class Ground:
         level = self.level_at(np.full(len(xy), region), xy)
         return np.column_stack([xy, level])
 
-    def outside(self, region: Whole, xy: Array) -> Array:
+    def outside(self, region: IntArray, xy: Array) -> Array:
         """How far points (..., 2) are from being inside their regions (...) [m]; <= 0 inside."""
         beyond = np.maximum(self.lower[region] - xy, xy - self.upper[region])
         worst: Array = beyond.max(axis=-1)
@@ -136,7 +134,7 @@ class Ground:
             worst = np.maximum(worst, past.max(axis=-1))
         return worst
 
-    def nearest(self, xy: Array) -> Whole:
+    def nearest(self, xy: Array) -> IntArray:
         """The region (...) that each point (..., 2) is in, or least far from."""
         beyond = np.maximum(self.lower - xy[..., None, :], xy[..., None, :] - self.upper)
         apart = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)  # (..., S)
@@ -146,10 +144,10 @@ class Ground:
             deep = self.outside(every, xy[..., None, :])
             apart = np.maximum(apart, deep)
         # Inside several (never for regions that do not overlap) the one further inside.
-        chosen: Whole = np.argmin(apart + 1e-6 * deep, axis=-1)
+        chosen: IntArray = np.argmin(apart + 1e-6 * deep, axis=-1)
         return chosen
 
-    def into(self, region: Whole, xy: Array) -> Array:
+    def into(self, region: IntArray, xy: Array) -> Array:
         """Points (..., 2) brought to footholds of regions (...): of polygons towards `inner`."""
         lower, upper, sides = self.footholds
         spot: Array = np.clip(xy, lower[region], upper[region])
@@ -161,7 +159,7 @@ class Ground:
             spot = spot + back[..., None] * (middle - spot)
         return spot
 
-    def clearance_height(self, region: Whole) -> Array:
+    def clearance_height(self, region: IntArray) -> Array:
         """Ground that a toe has to clear at each knot (N + 1, L), from its regions (N + 1, L).
 
         The higher of where it left and where it will stand; regions of swinging toes are those

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from climbplan.arrays import Array, IntArray
 from climbplan.plans.root_attributes import PlanHeader
 from climbplan.walking.answer import Improvement
-from climbplan.walking.task import Array, WalkTask, WalkTrajectory, Whole
+from climbplan.walking.task import WalkTask, WalkTrajectory
 
 
 @dataclass(frozen=True)
@@ -17,9 +18,9 @@ class LoopRecord:
     push: Array  # (T, 3) [m/s] change of velocity at each sample, which its state contains
     tick_time: Array  # (T,) [s]
     solve_time: Array  # (T,) [s]
-    candidates_tried: Whole  # (T,)
+    candidates_tried: IntArray  # (T,)
     winner: (
-        Whole  # (T,) section of the library, or -1 the plan before, -2 a named gait, -3, -4 none
+        IntArray  # (T,) section of the library, or -1 the plan before, -2 a named gait, -3, -4 none
     )
     warnings: tuple[str, ...]  # of ticks, each with its time
     samples: int  # from one knot to the next

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.urdf.walking_body import walking_body
@@ -25,7 +26,6 @@ from climbplan.walking.task import (
     SPIN,
     STATE,
     VELOCITY,
-    Array,
     Goal,
     Reference,
     RigidBody,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.spec.walking.terrain import SteppingStonesSpec
-from climbplan.walking.ground import Array
 
 
 def drawn_stones(spec: SteppingStonesSpec) -> tuple[list[str], Array, Array]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import BoolArray
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import ANGLES, POSITION, VELOCITY, Flags
+from climbplan.walking.task import ANGLES, POSITION, VELOCITY
 
 _TURNS = 1.0  # [deg] that are asked for
 _BOUNCE = 0.06  # [m] that is told: walks of a metre a second stay below it
@@ -48,6 +49,6 @@ def _tracking(plan: WalkPlan) -> str:
     return words
 
 
-def gait_words(contact: Flags) -> str:
+def gait_words(contact: BoolArray) -> str:
     """Standing legs of each interval as a number: `4 4 2 2 0 4`."""
     return " ".join(str(int(count)) for count in contact[:-1].sum(axis=1))

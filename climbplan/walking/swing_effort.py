@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.robots.urdf.pinocchio_model import UrdfModel
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.walking.swing_way import along, arch
-from climbplan.walking.task import Array
 
 _PARTS = 48  # of a swing
 _ENDS = 3  # of them that differences of differences spoil

@@ -13,8 +13,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.walking.ground import Ground
-from climbplan.walking.task import Array
 
 _HELD_BACK = (0.0, 0.1, 0.2, 0.3)  # shares of a swing in which a toe goes up or down alone
 _GLANCES = 33  # at a way, for what it has to clear

@@ -11,14 +11,11 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.walking.ground import Ground
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Whole = NDArray[np.int64]
 Integrator = Literal["euler", "mean", "rk4"]
 
 STATE = 12  # position, velocity, Z-Y-X Euler angles (roll, pitch, yaw), angular velocity (world)
@@ -161,8 +158,8 @@ class WalkTask:
 class Gait:
     """All integers of a plan of N intervals."""
 
-    contact: Flags  # (N + 1, L) the leg stands from this knot to the next
-    region: Whole  # (N + 1, L) where it stands, or is to stand next
+    contact: BoolArray  # (N + 1, L) the leg stands from this knot to the next
+    region: IntArray  # (N + 1, L) where it stands, or is to stand next
 
     @cached_property
     def key(self) -> bytes:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.swing_way import SwingWay, held_back
-from climbplan.walking.task import Array
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from climbplan.arrays import Array
 from climbplan.bench.climb.force import straight_rounds
 from climbplan.climb.forces import solving as forces_module
 from climbplan.climb.forces.literal import literal_problems, solve_cvxpy, solve_literal
@@ -26,7 +27,7 @@ from climbplan.climb.forces.statement import (
     state_forces,
 )
 from climbplan.climb.gait import plan_instants
-from climbplan.climb.plan.climb_plan import Array, Instants
+from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import LimitReached, NotProved, UsageError
 from climbplan.mechanics.stability import loaded_stiffness

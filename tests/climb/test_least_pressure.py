@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from climbplan.arrays import Array
 from climbplan.climb.check.verification import verify
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import check_forces, objective_of, state_forces
-from climbplan.climb.plan.climb_plan import Array, Instants
+from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.scene import ClimbScene

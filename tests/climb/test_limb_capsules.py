@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from climbplan.arrays import Array
 from climbplan.climb.check.convex import hull_distance
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.limb_clearance import (
@@ -26,7 +27,7 @@ from climbplan.climb.postures.limb_shape import limb_shape
 from climbplan.climb.postures.statement import LinearRotation, limb_polytopes
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.climb.swing import Swing, SwingBlocked, swing_path, swing_paths, swings_of
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.spec.examples import example_text
 from climbplan.spec.loading import load_text
 from climbplan.terrain.solids import Solid

@@ -15,6 +15,7 @@ import trimesh
 from known_surfaces import box, joined, quad, rough_chimney, rough_shaft
 
 import climbplan
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.capsules import capsules_at
 from climbplan.climb.check.scan_links import Contacts as Checked
 from climbplan.climb.check.scan_links import judge_scan_links
@@ -22,7 +23,6 @@ from climbplan.climb.check.subject import Subject
 from climbplan.climb.raw_clearance import Contacts, nearest_raw
 from climbplan.robots.capsules import straight_capsules
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.scan.raw import RawScan
 from climbplan.spec.examples import example_data
 from climbplan.terrain.raw_surface import NARROW, SLENDER, RawSurface

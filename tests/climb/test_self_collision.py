@@ -12,6 +12,7 @@ import pinocchio
 import pytest
 from urdf_walkers import QUADRUPED
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.capsules import capsules_at
 from climbplan.climb.check.anew.kinematics import body_axes, limbs_at
 from climbplan.climb.check.convex import hull_of
@@ -23,7 +24,6 @@ from climbplan.plans.check import LIMITS
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.touching_parts import parts_beside, segment_distances
 from climbplan.robots.urdf.normal_document import normal_document
 from climbplan.robots.urdf.pinocchio_model import urdf_model

@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.control import joint_regulator
 from climbplan.control.joint_regulator import RATE, Chains, JointRegulator, Pose, RegulatorTables
 from climbplan.exports.regulator_files import write_regulator
 from climbplan.robots.kinematics import toe_body
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.regulator import (
     STRETCHED,
     JointOdometry,

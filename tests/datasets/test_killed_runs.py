@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from test_dataset_run import COUNT, Inline, assert_same, expected
 from toy_rows import FRAME, ToyRows
 
+from climbplan.arrays import Array
 from climbplan.datasets import shards
 from climbplan.datasets.recipe import Recipe
 from climbplan.datasets.run import run_rows
@@ -32,7 +32,7 @@ ROW_SECONDS = 0.01
 class SlowRows(ToyRows):
     """Toy rows that take time."""
 
-    def solve(self, drawn: NDArray[np.float64]) -> RowAnswer:
+    def solve(self, drawn: Array) -> RowAnswer:
         time.sleep(ROW_SECONDS)
         return super().solve(drawn)
 

@@ -11,8 +11,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.datasets.recipe import Recipe
 from climbplan.plans.dataset import DatasetFrame, solution_layout
 from climbplan.plans.dataset_row import RowAnswer
@@ -36,22 +36,22 @@ class ToyRows:
     once: str = ""  # a directory: each row is troubled only the first time
     frame: DatasetFrame = FRAME
 
-    def draw(self, rng: np.random.Generator) -> NDArray[np.float64]:
+    def draw(self, rng: np.random.Generator) -> Array:
         drawn = rng.uniform(0.0, 1.0, 2)
         self._trouble("draw", drawn)
         return drawn
 
-    def parameters(self, drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+    def parameters(self, drawn: Array) -> Array:
         return drawn
 
-    def solve(self, drawn: NDArray[np.float64]) -> RowAnswer:
+    def solve(self, drawn: Array) -> RowAnswer:
         self._trouble("solve", drawn)
         if drawn[1] < 0.1:
             return RowAnswer("infeasible", "no way", bound=np.inf)
         sign = np.array([int(drawn[0] > 0.5)])
         return RowAnswer("optimal", "", {"x": -drawn}, sign, float(drawn.sum()), 0.0, 1e-3)
 
-    def _trouble(self, stage: str, drawn: NDArray[np.float64]) -> None:
+    def _trouble(self, stage: str, drawn: Array) -> None:
         what = self.trouble.get(stage)
         if what is None or drawn[0] >= self.below:
             return

@@ -19,11 +19,12 @@ import pytest
 import yaml
 
 import climbplan
+from climbplan.arrays import Array
 from climbplan.cli.app import run
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 from climbplan.mechanics.stiffness import joint_softness
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.chain_limb import motor_names
 from climbplan.simulation.conditions import NOMINAL, Conditions
 from climbplan.simulation.model import TIME_STEP, build_mjcf, rotor_inertia

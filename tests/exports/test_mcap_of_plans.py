@@ -18,8 +18,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import climbplan
+from climbplan.arrays import Array
 from climbplan.cli.app import run
-from climbplan.robots.rotations import Array
 
 SPECS = Path(__file__).parents[2] / "specs"
 NEAR = 1e-9

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import cart_pole as model
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
+from climbplan.arrays import Array
 from climbplan.learning.library import Frame, Library
 from climbplan.program import Program
-from climbplan.program.polytope import Array
 from climbplan.solvers.sqp.method import SqpSolver
 
 DAMPING = 0.1
@@ -79,7 +78,7 @@ def solved(program: Program, theta: dict[str, Array]) -> tuple[Array, float] | N
     return best
 
 
-def _nearby(touch: Array) -> list[NDArray[np.float64]]:
+def _nearby(touch: Array) -> list[Array]:
     """Contacts that begin or end one or two steps earlier or later."""
     out = [touch]
     for side in range(2):

@@ -6,8 +6,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.methods.pinning import at_point, solve_candidate
 from climbplan.program import Instance, Polytope, Problem, Program
 
@@ -37,7 +37,7 @@ def islands(bilinear: bool = True) -> Program:
     return p
 
 
-def draw(rng: np.random.Generator) -> dict[str, NDArray[np.float64]]:
+def draw(rng: np.random.Generator) -> dict[str, Array]:
     return {"goal": rng.uniform(-1.5, 1.5, 2)}
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from own_problems import enumerated, impossible, islands_problem
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.learning.clusters import solution_columns
 from climbplan.learning.library import Frame, Library
@@ -22,7 +23,6 @@ from climbplan.methods.pinning import PinnedSolver, at_point, solve_candidate
 from climbplan.methods.table import METHODS, solve_instance
 from climbplan.methods.task import Kept, Method, MethodSettings
 from climbplan.program import Problem, Program
-from climbplan.program.polytope import Array
 from climbplan.reformulations.mccormick import McCormick
 
 SEEDS = range(5)

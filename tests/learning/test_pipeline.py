@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from cart_pole import random_theta
 
+from climbplan.arrays import Array
 from climbplan.learning.library import Library
 from climbplan.learning.neighbours import NearestCentroids, NearestProblems
 from climbplan.learning.strategy import Candidate, Strategy
@@ -20,7 +21,6 @@ from climbplan.methods.pipeline import (
     run_pipeline,
 )
 from climbplan.program import Instance, Program
-from climbplan.program.polytope import Array
 from climbplan.solvers.registry import solve
 
 PROGRAM = data.damped()

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array
+from climbplan.arrays import Array
 from climbplan.mechanics.stability import (
     BracedBody,
     braced_body,

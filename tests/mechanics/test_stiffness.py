@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from climbplan.climb.plan.climb_plan import Array
+from climbplan.arrays import Array
 from climbplan.mechanics.equilibrium import wrench_of
 from climbplan.mechanics.stiffness import (
     SingularPosture,

@@ -14,9 +14,9 @@ import numpy as np
 import yaml
 from scipy.linalg import block_diag
 
+from climbplan.arrays import Array
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.plan.climb_plan import (
-    Array,
     ClimbPlan,
     Forces,
     Instants,

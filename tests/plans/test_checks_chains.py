@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.chains import _settled, chains_at, settled_chains
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 
 SPRING = np.array([[80.0, 60.0, 50.0, 40.0, 30.0, 30.0]])

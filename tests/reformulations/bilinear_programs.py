@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.program import Instance, Polytope, Program
-from climbplan.program.polytope import Array
 from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.convex.sessions import solve_convex
 

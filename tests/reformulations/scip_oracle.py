@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pyscipopt
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.program import Instance
 from climbplan.reformulations.conditional_rows import conditional_rows, excess
 
 
-def scip_optimum(instance: Instance, time_limit: float = 20.0) -> NDArray[np.float64] | None:
+def scip_optimum(instance: Instance, time_limit: float = 20.0) -> Array | None:
     """A global optimum x (n,), None if SCIP proves that there is none."""
     model = pyscipopt.Model()
     model.hideOutput()
@@ -69,7 +69,7 @@ def scip_optimum(instance: Instance, time_limit: float = 20.0) -> NDArray[np.flo
     return np.array([model.getVal(b) for b in x])
 
 
-def _diagonal(instance: Instance) -> list[NDArray[np.float64]]:
+def _diagonal(instance: Instance) -> list[Array]:
     """Rows of a Cholesky factor if P is positive definite where it is not zero, else none."""
     P = instance.P.toarray()
     used = np.flatnonzero(P.diagonal())

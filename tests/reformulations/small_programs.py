@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.program import Instance, Polytope, Program
 from climbplan.solvers.ipopt.instances import solve_pinned
 
@@ -35,7 +36,7 @@ def small_program(bilinear: bool) -> Program:
     return p
 
 
-def random_numbers(rng: np.random.Generator) -> dict[str, NDArray[np.float64]]:
+def random_numbers(rng: np.random.Generator) -> dict[str, Array]:
     """Parameters of the small program."""
     return {"goal": rng.uniform(-1.5, 1.5, 3), "shift": rng.uniform(-0.3, 0.3, 2)}
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from bilinear_programs import bilinear, scanned
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.program import Instance, Program
-from climbplan.program.polytope import Array
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.envelopes import halfspaces

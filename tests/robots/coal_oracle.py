@@ -13,8 +13,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from climbplan.arrays import Array
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 
 

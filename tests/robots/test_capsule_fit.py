@@ -9,11 +9,11 @@ import pytest
 import trimesh
 from urdf_walkers import QUADRUPED
 
+from climbplan.arrays import Array
 from climbplan.errors import SpecError
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.capsule_fit import capsule_of, capsules_of
 from climbplan.robots.urdf.shapes import Shape
 from climbplan.spec.robots.source import load_any_robot

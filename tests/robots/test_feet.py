@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from climbplan.arrays import Array
 from climbplan.errors import SpecError
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import (
@@ -18,7 +19,7 @@ from climbplan.robots.kinematics import (
     toe_world,
 )
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.spec.loading import load_climb
 
 SPECS = Path(__file__).parents[2] / "specs"

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from climbplan.arrays import Array
 from climbplan.errors import SpecError
 from climbplan.robots.any_robot import build_robot, without_flat_feet
 from climbplan.robots.facts import robot_facts
@@ -21,7 +22,7 @@ from climbplan.robots.kinematics import (
     toe_world,
 )
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.task_robot import heading_as
 from climbplan.spec.loading import load_climb

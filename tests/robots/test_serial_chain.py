@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from climbplan.arrays import Array
 from climbplan.errors import ReachFailure
 from climbplan.robots.coxa_femur_tibia import JOINTS
 from climbplan.robots.kinematics import (
@@ -17,7 +18,6 @@ from climbplan.robots.kinematics import (
     toe_hessian,
 )
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.spec.robots.source import load_robot
 

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 from random_chains import random_robot
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.mechanics.equilibrium import link_torques
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.kinematics import jacobian_body, joint_points_body
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.stated_chains import StatedChains
 from climbplan.robots.stated_limbs import StatedLimbs

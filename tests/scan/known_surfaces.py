@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from climbplan.scan.raw import Array, Index, RawScan, mesh
+from climbplan.arrays import Array, IntArray
+from climbplan.scan.raw import RawScan, mesh
 
 ROOM = 0.01  # [m]
 
@@ -26,7 +27,7 @@ def grid(across: Array, along: Array, height: Callable[[Array, Array], Array]) -
     return mesh(points, sheet(len(across), len(along)))
 
 
-def sheet(rows: int, columns: int) -> Index:
+def sheet(rows: int, columns: int) -> IntArray:
     number = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]
     pairs = ((a, b, d), (a, d, c))

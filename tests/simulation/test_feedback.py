@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.mechanics.stiffness import limb_compliance
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.kinematics import rigid_motion
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import NOMINAL, Conditions, regulated
 from climbplan.simulation.odometry import standing
 from climbplan.simulation.regulator import Regulator, between_toes

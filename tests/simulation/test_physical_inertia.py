@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.arrays import Array
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.attributes import inertial_of
 from climbplan.simulation.physical_inertia import physical_inertia
 

@@ -6,8 +6,8 @@ import itertools
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.program import Instance, Polytope, Program
-from climbplan.program.polytope import Array
 
 
 def polygon(name: str, corners: Array, frame: Array, origin: Array) -> Polytope:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from random_scenes import frame_of, polygon, random_polygon
 
+from climbplan.arrays import Array
 from climbplan.program import Polytope
-from climbplan.program.polytope import Array
 from climbplan.solvers.tree.choice_table import UNBOUNDED, ChoiceTable
 
 

@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 from random_products import random_products
 
+from climbplan.arrays import Array, IntArray
 from climbplan.certificates.checker import check
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer.narrowing import NarrowingSearch
 from climbplan.solvers.mixed_integer.spatial_method import solve_spatial
 
 GAP = 1e-3
 
 
-def _no_look(x: Array, assignment: Index) -> float:
+def _no_look(x: Array, assignment: IntArray) -> float:
     return np.inf
 
 

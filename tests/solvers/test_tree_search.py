@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from random_scenes import stepping_scene
 
+from climbplan.arrays import BoolArray
 from climbplan.program import Instance
 from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 from climbplan.solvers.tree.incumbent import Incumbent
-from climbplan.solvers.tree.normal_form import Flags, normal_form
+from climbplan.solvers.tree.normal_form import normal_form
 from climbplan.solvers.tree.search import Node, TreeSearch
 
 
@@ -27,7 +28,7 @@ def scene(seed: int) -> Instance:
     ).at()
 
 
-def best_with(instance: Instance, choice: int, allowed: Flags) -> float:
+def best_with(instance: Instance, choice: int, allowed: BoolArray) -> float:
     """The optimum if one choice has only some of its alternatives, infinite if there is none."""
     choices = list(instance.choices)
     kept = tuple(p for p, use in zip(choices[choice].alternatives, allowed, strict=False) if use)

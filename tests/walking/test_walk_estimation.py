@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.online.estimation import (
     ACCEL_BIAS,
@@ -27,7 +27,6 @@ from climbplan.walking.online.estimation import (
 )
 from climbplan.walking.online.sensors import SimulatedSensors
 
-Array = NDArray[np.float64]
 DT, GRAVITY = 0.005, 9.81
 QUALITY = SensorQuality()
 HIPS = np.array([[0.2, 0.16, -0.2], [0.2, -0.16, -0.2], [-0.2, 0.16, -0.2], [-0.2, -0.16, -0.2]])
@@ -60,7 +59,7 @@ class Truth:
         toes = state[:3] + HIPS @ rotation_world_body(state[6:9]).T
         return np.asarray(toes * [1, 1, 0])
 
-    def contact(self, k: int) -> NDArray[np.bool_]:
+    def contact(self, k: int) -> BoolArray:
         first = (k // KNOT) % 2 == 0
         return (
             np.array([True, True, True, True])
@@ -82,7 +81,7 @@ class Run:
 
     error: Array  # (27,)
     covariance: Array
-    standing: NDArray[np.bool_]
+    standing: BoolArray
     velocity: Array  # (K,) [m/s]
     height: Array  # (K,) [m] of the body above its feet
     drift: float  # [m]

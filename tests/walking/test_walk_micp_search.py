@@ -12,6 +12,7 @@ import pytest
 from walk_relaxations import ANGLES, SPIN, known, program_cost
 from walk_tasks import shorter, stairs_task, walk_task
 
+from climbplan.arrays import BoolArray
 from climbplan.solvers.highs.model import highs, rows_model, run_highs
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.cost import objective
@@ -38,7 +39,7 @@ from climbplan.walking.micp.steps import step
 from climbplan.walking.micp.tree import Search
 from climbplan.walking.micp.tube import tube_about
 from climbplan.walking.offline.search import SearchLimits, search
-from climbplan.walking.task import Flags, Gait, WalkTrajectory
+from climbplan.walking.task import Gait, WalkTrajectory
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,7 @@ def test_turning_of_late_knots_is_left_out_of_a_relaxation(cheap: Cheap) -> None
     assert rows[0] > rows[1] > rows[2] > 0
 
 
-def all_decided(kept: Kept, contact: Flags) -> tuple[Decision, ...]:
+def all_decided(kept: Kept, contact: BoolArray) -> tuple[Decision, ...]:
     rows = np.ndenumerate(kept.program.rows)
     return tuple(Decision(True, int(row), float(contact[at])) for at, row in rows)
 
@@ -278,7 +279,7 @@ def test_a_search_over_contacts_keeps_what_other_seeds_find() -> None:
     kept = Kept(stated.program(None), 5e-4 * least)
     drawn = list[float]()
 
-    def settled(contacts: Flags) -> float:
+    def settled(contacts: BoolArray) -> float:
         held = kept.program.box.standing(contacts)
         drawn.append(bound_drawn(stated, held, 1, lambda: 30.0, time.process_time))
         for answer in answers:

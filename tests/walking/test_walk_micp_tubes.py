@@ -12,6 +12,7 @@ import pytest
 from walk_relaxations import known
 from walk_tasks import shorter, walk_task
 
+from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.solvers.highs.model import rows_model
 from climbplan.walking.check.truth import euler_rates
@@ -23,7 +24,7 @@ from climbplan.walking.micp.motion import Motion
 from climbplan.walking.micp.relaxed import linear
 from climbplan.walking.micp.smooth import Function, sine, straight
 from climbplan.walking.micp.tube import Tube, tube_about, turning
-from climbplan.walking.task import Array, WalkTask
+from climbplan.walking.task import WalkTask
 
 
 def swaying(task: WalkTask, *rolls: float) -> Array:

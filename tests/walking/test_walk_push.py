@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from walk_tasks import LEGS, named, shorter, walk_task
 
+from climbplan.arrays import Array
 from climbplan.spec.walking.model import MpcSpec
 from climbplan.walking.check.checker import LOOP_LIMITS
 from climbplan.walking.check.truth import knot_step, toes_in_body
@@ -22,7 +23,7 @@ from climbplan.walking.online.library import Library, build_library
 from climbplan.walking.online.recovery import Study, run_study
 from climbplan.walking.online.run import settings_of, world_of
 from climbplan.walking.online.tick import OnlineController, OnlineSettings
-from climbplan.walking.task import POSITION, VELOCITY, Array, Start
+from climbplan.walking.task import POSITION, VELOCITY, Start
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bench.bookshelf.strategy_cases import Case
 from climbplan.bookshelf.methods.by_table import model_features, published_grid
 from climbplan.bookshelf.methods.features import feature_map
@@ -24,7 +25,6 @@ from climbplan.methods.envelope_rounds import MICP_SOLVERS
 from climbplan.methods.pipeline import Checked, PipelineOptions, run_pipeline
 from climbplan.methods.reduced_programs import ReducedPrograms
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.progress import Progress
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.solvers.registry import require

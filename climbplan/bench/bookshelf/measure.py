@@ -9,13 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bench.bookshelf.contenders import Contender
 from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.check.meanings import check_placements
 from climbplan.bookshelf.methods.setting import MethodSetting
 from climbplan.bookshelf.methods.table import prepare
 from climbplan.bookshelf.runs import checked, compile_first
-from climbplan.bookshelf.scene import Array, Scenes
+from climbplan.bookshelf.scene import Scenes
 from climbplan.bookshelf.summary import TRIVIAL
 from climbplan.spec.bookshelf.model import Meaning
 

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from climbplan.arrays import Array
 from climbplan.bench.bookshelf.measure import Figures, Run
-from climbplan.bookshelf.scene import Array
 from climbplan.bookshelf.summary import TRIVIAL
 
 _INK, _MUTED, _BAR, _DOT = "#1F2933", "#697586", "#0072B2", "#D55E00"

@@ -19,6 +19,7 @@ from typing import Literal
 import h5py
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.bench.bookshelf.inputs import FileGroup
 from climbplan.bookshelf.answer import Placement, SceneAnswer
 from climbplan.bookshelf.check.checker import LENGTH_LIMIT, check_contact
@@ -28,7 +29,7 @@ from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.generator import shelf_for
 from climbplan.bookshelf.plan import worst_overlap
 from climbplan.bookshelf.points import settled
-from climbplan.bookshelf.scene import Array, Scene, Scenes, Shelf, States, movement_cost
+from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
 from climbplan.bookshelf.scene_file import read_scenes
 from climbplan.errors import UsageError
 from climbplan.plans.hdf5_layout import Layout
@@ -206,7 +207,7 @@ def solve_allowing(
     return answer
 
 
-def _brought(given: PublishedSet, state: States, shelf: Shelf, limits: ExactLimits) -> Brought:
+def _brought(given: PublishedSet, state: IntArray, shelf: Shelf, limits: ExactLimits) -> Brought:
     pose = np.stack(
         [
             settled(scene, Placement(given.pose[k], state[k], 0)).pose

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
+from climbplan.arrays import Array
 from climbplan.bench.bookshelf.contenders import CONTENDERS, MEANINGS, Contender, chosen
 from climbplan.bench.bookshelf.context import NOTES, ROWS
 from climbplan.bench.bookshelf.inputs import Inputs, bench_inputs, in_turn, write_library
@@ -25,7 +26,6 @@ from climbplan.bench.bookshelf.plots import write_plots
 from climbplan.bench.bookshelf.published import PublishedReport, compare_published
 from climbplan.bench.bookshelf.table import write_context, write_methods, write_published
 from climbplan.bookshelf.exact.method import ExactLimits
-from climbplan.bookshelf.scene import Array
 from climbplan.bookshelf.summary import TRIVIAL
 from climbplan.errors import MissingSolver
 from climbplan.progress import Progress

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.bench.bookshelf.cluster_programs import ProgramTrial, cluster_programs
 from climbplan.bench.bookshelf.strategy_cases import (
     KINDS,
@@ -29,7 +30,6 @@ from climbplan.bench.bookshelf.strategy_cases import (
 )
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.methods.by_table import model_method, published_grid
-from climbplan.bookshelf.scene import Array
 from climbplan.bookshelf.summary import TRIVIAL
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
@@ -37,7 +37,6 @@ from climbplan.learning.model import StrategyModel
 from climbplan.learning.ranking import RankedStrategies
 from climbplan.methods.pinned_methods import REDUCED
 from climbplan.methods.reduced_programs import ClusterSolve, ReducedPrograms
-from climbplan.program.instance import Index
 from climbplan.progress import Progress
 
 Contender = Literal["random", "knn", "forest", "boosting", "network", "reduce"]
@@ -273,7 +272,7 @@ def _reduced(
     return replace(row, by_program=by_program / max(np.isfinite(cost).sum(), 1))
 
 
-def _halves(case: Case, amount: int) -> Index:
+def _halves(case: Case, amount: int) -> IntArray:
     """Scenes that need movement and scenes that need none, as nearly as many of each as there
     are."""
     hard = np.flatnonzero(case.optimum > TRIVIAL)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.bench.bookshelf.inputs import FileGroup
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.generator import DropRules, generate_scene, shelf_for
@@ -25,12 +26,11 @@ from climbplan.bookshelf.methods.setting import MethodSetting
 from climbplan.bookshelf.methods.shelf_context import context_of
 from climbplan.bookshelf.mirror import Solved
 from climbplan.bookshelf.points import theta_of
-from climbplan.bookshelf.scene import Array, Scene, Shelf
+from climbplan.bookshelf.scene import Scene, Shelf
 from climbplan.bookshelf.scene_file import read_scenes
 from climbplan.errors import UsageError
 from climbplan.learning.clusters import ClusterOptions, solution_columns
 from climbplan.learning.model import FitOptions, ModelKind, StrategyModel, fit
-from climbplan.program.instance import Index
 from climbplan.progress import Progress
 from climbplan.spec.bookshelf.model import ShelfSolverSpec
 
@@ -71,7 +71,7 @@ class Case:
     method: MethodSetting
     exact_ms: Array  # (S,)
 
-    def part(self, rows: Index) -> Case:
+    def part(self, rows: IntArray) -> Case:
         """Some of the scenes."""
         return Case(
             self.setting,
@@ -89,7 +89,7 @@ class TrainingScenes:
 
     rows: SceneLibrary
     count: int  # scenes; a mirror image is none of its own
-    columns: Index  # variables that solutions are clustered by
+    columns: IntArray  # variables that solutions are clustered by
     shelf: Shelf
     origin: str  # in words
 

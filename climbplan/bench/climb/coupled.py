@@ -11,6 +11,7 @@ from typing import TextIO, TypeVar
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bench.climb.coupled_cvxpy import cvxpy_stages
 from climbplan.bench.climb.coupled_layouts import bench_layouts
 from climbplan.bench.climb.coupled_micp import bench_micp
@@ -21,7 +22,6 @@ from climbplan.climb.coupled.statement import envelope_range
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import build_scene
 from climbplan.errors import LimitReached
-from climbplan.program.polytope import Array
 from climbplan.solvers.ipopt.instances import solve_ipopt
 from climbplan.spec.examples import example_text
 from climbplan.spec.loading import load_text

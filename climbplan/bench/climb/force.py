@@ -10,6 +10,7 @@ from typing import TextIO
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.forces.literal import (
     LiteralAnswer,
     LiteralProblem,
@@ -21,7 +22,7 @@ from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import ForceStatement, objective_of, state_forces
 from climbplan.climb.gait import plan_instants
-from climbplan.climb.plan.climb_plan import Array, Instants, Rounds
+from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.errors import LimitReached, MissingSolver, NoPlanFound
 from climbplan.spec.climb.model import ClimbSpec

@@ -10,13 +10,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.program.polytope import Polytope
 from climbplan.program.problem import Problem
 from climbplan.program.statement import Program
-
-Array = NDArray[np.float64]
 
 # Flyer
 STEP = 0.8  # [s]

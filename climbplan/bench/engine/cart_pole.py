@@ -11,13 +11,10 @@ State (q, theta, v, omega): cart to the right [m], pole to the left [rad], and t
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
 from climbplan.program.problem import Problem
 from climbplan.program.statement import Program
-
-Array = NDArray[np.float64]
 
 HORIZON = 20
 STEP = 0.05  # [s]

@@ -10,12 +10,10 @@ State (x, theta, v, omega): cart to the right [m], pole to the left [rad], and t
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.bench.engine.shipped import shipped_cart_pole
 from climbplan.program.problem import Problem
-
-Array = NDArray[np.float64]
 
 _STATED = shipped_cart_pole()
 TICK = _STATED.STEP  # [s] of the controller and of the plan's steps

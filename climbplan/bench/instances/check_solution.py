@@ -18,9 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from climbplan.arrays import Array, BoolArray
 
 TOLERANCE = 1e-5  # of rows and bounds relative to 1 and their size, and of integers
 _HEADER_LINES = 10  # of an .nl file
@@ -36,7 +35,7 @@ class Model:
     names: tuple[str, ...]
     lower: Array
     upper: Array
-    integer: NDArray[np.bool_]
+    integer: BoolArray
     row_lower: Array
     row_upper: Array
     objective: Callable[[Array], float]
@@ -109,7 +108,7 @@ def _beyond(small: Array, large: Array) -> Array:
     return np.asarray(off / np.maximum(1.0, np.minimum(np.abs(small), np.abs(large))))
 
 
-def _completed(model: Model, v: Array, known: NDArray[np.bool_]) -> Array:
+def _completed(model: Model, v: Array, known: BoolArray) -> Array:
     """Values of what is missing: each from a row in which it is the only one that is."""
     while not known.all():
         missing = np.flatnonzero(~known)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.bench.climb.coupled_layouts import random_layout
 from climbplan.bench.climb.force import bench_climb
 from climbplan.climb.coupled.statement import coupled_program, loadable
@@ -19,8 +19,6 @@ from climbplan.program.linear_rows import LinearRows
 from climbplan.program.statement import Program
 from climbplan.spec.climb.model import ClimbSpec
 from climbplan.spec.robots.source import load_robot
-
-Array = NDArray[np.float64]
 
 _RISE = 0.0875  # [m] a round
 _FACETS = 8

@@ -8,14 +8,12 @@ binary each. State (x, y, vx, vy) [m, m/s].
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.program.instance import Instance
 from climbplan.program.polytope import Polytope
 from climbplan.program.problem import Problem
 from climbplan.program.statement import Program
-
-Array = NDArray[np.float64]
 
 STEP = 0.8  # [s]
 SIDE = 4.0  # [m] of the table, which is square

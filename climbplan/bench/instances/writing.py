@@ -11,14 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.bench.instances.families import FAMILIES, LEVELS, Named, the_set
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.progress import Progress
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.solvers.model_file import save_model
-from climbplan.solvers.result import Indices
 
 KNOWN_SEED = 0  # of the instances whose values come with the package
 _ROOM = "climbplan.bench.instances"
@@ -85,7 +84,7 @@ def file_name(named: Named, instance: Instance) -> str:
     return named.name + (".nl" if {"products", "balls"} & instance.features else ".mps")
 
 
-def file_point(instance: Instance, x: Array, assignment: Indices | None) -> dict[str, float]:
+def file_point(instance: Instance, x: Array, assignment: IntArray | None) -> dict[str, float]:
     """A point as the file has it: x and the binaries of choices by name."""
     picks = instance.assignment(x) if assignment is None else assignment
     parts = [np.asarray(x, float)]

@@ -14,6 +14,7 @@ from typing import TextIO
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bench.walking.shipped_tasks import FORMS, shipped_task
 from climbplan.walking.check.truth import euler_rates, toes_in_body
 from climbplan.walking.draws import StartRanges, drawn_start
@@ -22,7 +23,7 @@ from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.sqp import iterate_of
 from climbplan.walking.published.layout import MOMENT, PAIRS, SQUARES, TRIPLES
 from climbplan.walking.published.program import PublishedProgram
-from climbplan.walking.task import ANGLES, RATE_RANGE, SPIN, Array, WalkTask, WalkTrajectory
+from climbplan.walking.task import ANGLES, RATE_RANGE, SPIN, WalkTask, WalkTrajectory
 
 _POINTS, _QUICK = 200, 30  # knots of walks
 _SECONDS = 60.0

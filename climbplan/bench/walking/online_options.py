@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bench.walking.shipped_tasks import shipped
 from climbplan.errors import UsageError
 from climbplan.spec.walking.model import MpcSpec
@@ -22,7 +23,7 @@ from climbplan.walking.online.run import (
 )
 from climbplan.walking.online.tick import OnlineSettings
 from climbplan.walking.problem import build_task
-from climbplan.walking.task import Array, WalkTask
+from climbplan.walking.task import WalkTask
 
 SPEC = "mpc_recovery"
 PUSHES = ((-1.0, 0.0, 0.0), (-1.5, 0.0, 0.0), (0.0, 0.5, 0.0), (-2.8, 0.0, 0.0))  # [m/s]

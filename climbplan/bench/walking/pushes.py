@@ -11,10 +11,10 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bench.walking.online_options import OnlineInputs, OnlineOptions, in_words
 from climbplan.bench.walking.recovery import recovery_table
 from climbplan.walking.online.estimation import SensorQuality
-from climbplan.walking.task import Array
 
 DELAY = 0.02  # [s]
 ASKED = (  # push [m/s], share of walks that recover

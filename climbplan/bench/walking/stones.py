@@ -8,6 +8,7 @@ from typing import TextIO
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bench.walking.shipped_tasks import shipped, shipped_task
 from climbplan.bench.walking.workers import in_order
 from climbplan.walking.check.checker import check_loop, check_trajectory, failures
@@ -20,7 +21,7 @@ from climbplan.walking.online.run import library_key, library_of, settings_of, w
 from climbplan.walking.online.tick import OnlineController
 from climbplan.walking.online.warm_up import warm_up
 from climbplan.walking.problem import build_task, sampled_task
-from climbplan.walking.task import Array, WalkTask, WalkTrajectory
+from climbplan.walking.task import WalkTask, WalkTrajectory
 
 SPEC = "mpc_stones"
 _FIELDS, _QUICK = 50, 2

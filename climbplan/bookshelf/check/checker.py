@@ -13,9 +13,10 @@ import math
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.check.checks import NamedResidual, PlacementCheck, worst_of
 from climbplan.bookshelf.rectangles import distance, half_extents, separation
-from climbplan.bookshelf.scene import Array, Scenes, Shelf, State, States
+from climbplan.bookshelf.scene import Scenes, Shelf, State
 
 LENGTH_LIMIT = 1e-5  # [m]
 ANGLE_LIMIT = 1e-4  # [rad] moves a corner by about as much
@@ -25,7 +26,7 @@ _LEAN_SIGN = {State.LEAN_LEFT: 1.0, State.LEAN_RIGHT: -1.0}
 
 
 def check_contact(
-    scenes: Scenes, pose: Array, state: States, shelf: Shelf, length_limit: float = LENGTH_LIMIT
+    scenes: Scenes, pose: Array, state: IntArray, shelf: Shelf, length_limit: float = LENGTH_LIMIT
 ) -> PlacementCheck:
     """Check placements of S scenes with n stored books.
 
@@ -62,7 +63,7 @@ def book_names(count: int) -> list[str]:
     return [f"book {k}" for k in range(count)] + ["the inserted book"]
 
 
-def slots(pose: Array, size: Array) -> States:
+def slots(pose: Array, size: Array) -> IntArray:
     """How many stored books stand left of the inserted one (S,), by their feet."""
     feet = _foot(pose, size)
     return (feet[:, :-1] < feet[:, -1:]).sum(axis=1)
@@ -77,7 +78,7 @@ def _overlap(pose: Array, size: Array, limit: float) -> NamedResidual:
     return worst_of("book.overlap", "mm", limit, 1e3 * depth, places)
 
 
-def _off_state(angle: Array, state: States) -> Array:
+def _off_state(angle: Array, state: IntArray) -> Array:
     """How far angles (S, n + 1) are from those of the states [rad]."""
     off = np.full(angle.shape, np.inf)
     for value, target in _TARGET.items():
@@ -90,14 +91,14 @@ def _off_state(angle: Array, state: States) -> Array:
     return off
 
 
-def _unstable(pose: Array, size: Array, state: States, shelf: Shelf) -> Array:
+def _unstable(pose: Array, size: Array, state: IntArray, shelf: Shelf) -> Array:
     """How much a leaning book tilts too little [rad]."""
     leaning = (state == State.LEAN_LEFT) | (state == State.LEAN_RIGHT)
     short: Array = np.where(leaning, shelf.least_lean(size) - np.abs(pose[..., 2]), 0.0)
     return short
 
 
-def _gaps(scenes: Scenes, pose: Array, state: States, shelf: Shelf) -> Array:
+def _gaps(scenes: Scenes, pose: Array, state: IntArray, shelf: Shelf) -> Array:
     """Distance of leaning books from their support beyond the contact gap (S, n + 1) [m]."""
     size, n = scenes.sizes, scenes.count
     gap = np.zeros(state.shape)

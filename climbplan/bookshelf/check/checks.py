@@ -6,11 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.bookshelf.scene import Array
-
-Flags = NDArray[np.bool_]
+from climbplan.arrays import Array, BoolArray
 
 
 @dataclass(frozen=True)
@@ -24,7 +21,7 @@ class NamedResidual:
     place: tuple[str, ...]  # (S,) where that is: "books 0 and 1", "inserted"
 
     @property
-    def passed(self) -> Flags:
+    def passed(self) -> BoolArray:
         """Which scenes pass (S,)."""
         return self.residual <= self.limit
 
@@ -46,7 +43,7 @@ class PlacementCheck:
     items: tuple[NamedResidual, ...]
 
     @property
-    def passed(self) -> Flags:
+    def passed(self) -> BoolArray:
         """Scenes in which every constraint holds (S,)."""
         return np.all([item.passed for item in self.items], axis=0)
 

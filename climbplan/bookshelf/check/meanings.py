@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.bookshelf.check.checker import LENGTH_LIMIT, check_contact
 from climbplan.bookshelf.check.checks import PlacementCheck
 from climbplan.bookshelf.check.published import check_published
-from climbplan.bookshelf.scene import Array, Scenes, Shelf, States
+from climbplan.bookshelf.scene import Scenes, Shelf
 
 
 def check_placements(
-    scenes: Scenes, pose: Array, state: States, shelf: Shelf, meaning: str
+    scenes: Scenes, pose: Array, state: IntArray, shelf: Shelf, meaning: str
 ) -> PlacementCheck:
     """Check placements of S scenes: pose (S, n + 1, 3) [m, rad], state (S, n + 1)."""
     check = check_contact if meaning == "contact" else check_published
     return check(scenes, pose, state, shelf)
 
 
-def fit_side_by_side(scenes: Scenes, shelf: Shelf) -> NDArray[np.bool_]:
+def fit_side_by_side(scenes: Scenes, shelf: Shelf) -> BoolArray:
     """Scenes (S,) whose books all fit upright or flat beside one another: these have a placement.
 
     In the meaning `contact`; books that fit to the last 0.01 mm are left out.
@@ -27,5 +27,5 @@ def fit_side_by_side(scenes: Scenes, shelf: Shelf) -> NDArray[np.bool_]:
     height, width = scenes.sizes[..., 0], scenes.sizes[..., 1]
     upright = np.where(height <= shelf.height, width, np.inf)
     flat = np.where(width <= shelf.height, height, np.inf)
-    fits: NDArray[np.bool_] = np.minimum(upright, flat).sum(axis=1) < shelf.width - LENGTH_LIMIT
+    fits: BoolArray = np.minimum(upright, flat).sum(axis=1) < shelf.width - LENGTH_LIMIT
     return fits

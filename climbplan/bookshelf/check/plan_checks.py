@@ -15,11 +15,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.bookshelf.check.checker import slots
 from climbplan.bookshelf.check.checks import NamedResidual
 from climbplan.bookshelf.check.meanings import check_placements, fit_side_by_side
 from climbplan.bookshelf.plan import NO_STATE, ShelfPlan, Solutions, totals_of, worst_overlap
-from climbplan.bookshelf.scene import Array, Scenes, State, movement_cost
+from climbplan.bookshelf.scene import Scenes, State, movement_cost
 from climbplan.bookshelf.scene_source import scenes_of, scenes_of_inline, shelf_of
 from climbplan.errors import SpecError, UsageError
 from climbplan.plans.check import Check, LeftOut, Limit
@@ -56,8 +57,6 @@ MEANINGS = {
     "book.rotation": "books are not upside down",
     "book.separation": "a line separates each two books",
 }
-
-Flags = NDArray[np.bool_]
 
 
 def plan_checks(plan: ShelfPlan, held: HeldSpec | None = None) -> Iterator[Check]:
@@ -213,7 +212,7 @@ def _constraint(item: NamedResidual, scenes: NDArray[np.intp], total: int) -> Ch
     return Check(item.name, residual, item.limit, item.unit, passed, margin, place, used)
 
 
-def _worst(name: str, residuals: Array, rows: Flags) -> Check:
+def _worst(name: str, residuals: Array, rows: BoolArray) -> Check:
     """A check over the scenes `rows`; NaN is worse than anything."""
     scenes = np.flatnonzero(rows)
     if len(scenes) == 0:
@@ -236,5 +235,5 @@ def _judge(name: str, residual: float, worst_at: str = "") -> Check:
     )
 
 
-def _chosen(scenes: Scenes, rows: Flags) -> Scenes:
+def _chosen(scenes: Scenes, rows: BoolArray) -> Scenes:
     return Scenes(scenes.pose[rows], scenes.size[rows], scenes.inserted[rows])

@@ -17,10 +17,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.check.checker import book_names
 from climbplan.bookshelf.check.checks import NamedResidual, PlacementCheck, worst_of
 from climbplan.bookshelf.rectangles import corners, separation
-from climbplan.bookshelf.scene import Array, Scenes, Shelf, State, States
+from climbplan.bookshelf.scene import Scenes, Shelf, State
 
 # What solvers leave on top of a tolerance that they use up [mm], on sines too
 ROUNDING = 1e-4
@@ -28,7 +29,7 @@ ROUNDING = 1e-4
 _TOP_RIGHT, _BOTTOM_RIGHT, _BOTTOM_LEFT, _TOP_LEFT = range(4)
 
 
-def published_states(scenes: Scenes, pose: Array, shelf: Shelf) -> States:
+def published_states(scenes: Scenes, pose: Array, shelf: Shelf) -> IntArray:
     """States (S, n + 1) that published poses (S, n + 1, 3) mean: those whose equations fit best.
 
     Of states that hold within their tolerances the flat and upright ones come first; the inserted
@@ -45,7 +46,7 @@ def published_states(scenes: Scenes, pose: Array, shelf: Shelf) -> States:
     return np.argmin(scores, axis=0).astype(np.int64)
 
 
-def check_published(scenes: Scenes, pose: Array, state: States, shelf: Shelf) -> PlacementCheck:
+def check_published(scenes: Scenes, pose: Array, state: IntArray, shelf: Shelf) -> PlacementCheck:
     """Check placements of S scenes: pose (S, n + 1, 3) [m, rad], state (S, n + 1).
 
     Residuals in mm, of angles as sines; limits are the published tolerances and a
@@ -85,7 +86,7 @@ def _separated(pose: Array, size: Array, limit: float) -> NamedResidual:
     return worst_of("book.separation", "mm", limit, 1e3 * depth, places)
 
 
-def _off_sine(pose: Array, state: States) -> Array:
+def _off_sine(pose: Array, state: IntArray) -> Array:
     """Eqs. (8.6) to (8.10) on R(2, 1), angle > 0 to the left."""
     sine = np.sin(pose[..., 2])
     off = np.abs(sine)
@@ -98,7 +99,7 @@ def _off_sine(pose: Array, state: States) -> Array:
     return off
 
 
-def _off_ground(pose: Array, size: Array, state: States) -> Array:
+def _off_ground(pose: Array, size: Array, state: IntArray) -> Array:
     """Eqs. (8.6) to (8.8) on the centre, (8.9), (8.10) on the foot [m]."""
     vertex = corners(pose, size)
     off = np.abs(pose[..., 1] - size[..., 1] / 2)
@@ -108,7 +109,7 @@ def _off_ground(pose: Array, size: Array, state: States) -> Array:
 
 
 def _leans(
-    scenes: Scenes, pose: Array, state: States, vertex: Array, shelf: Shelf
+    scenes: Scenes, pose: Array, state: IntArray, vertex: Array, shelf: Shelf
 ) -> tuple[Array, Array]:
     """Eqs. (8.9), (8.10): contact and stability of leaning books, (S, n + 1) each [m]."""
     n, rules = scenes.count, shelf.published

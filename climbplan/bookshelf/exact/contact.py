@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bookshelf.exact.compiling import compiled
 from climbplan.bookshelf.exact.pairs import (
     axis_numbers,
@@ -25,7 +26,6 @@ from climbplan.bookshelf.exact.pairs import (
     taylor,
     twist,
 )
-from climbplan.bookshelf.scene import Array
 
 _TINY = 1e-6  # of a direction's x component, below which it bounds nothing
 _ON_FACE = 1e-9  # [mm] a corner this far past a face's end counts as in front of it

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.exact.compiling import compiled
 from climbplan.bookshelf.exact.contact import pair_ceiling
 from climbplan.bookshelf.exact.pairs import box_row, pair_floor
@@ -53,17 +54,15 @@ from climbplan.bookshelf.exact.sheet import (
     TILT_GAIN,
     TOUCH,
     Sheet,
-    Whole,
     X,
 )
-from climbplan.bookshelf.scene import Array
 
 _TILT_SHARE = 2.0  # halving makes two nodes of one, splitting by state up to four
 _NARROW = 1e-7  # [rad] intervals are not halved below this
 
 
 @compiled
-def find_gains(problem: Problem, sheet: Sheet, mask: Whole) -> None:
+def find_gains(problem: Problem, sheet: Sheet, mask: IntArray) -> None:
     """Fill the gains for the node that was last relaxed.
 
     What a row promises goes to its undecided books if there are any, and otherwise to its leaning
@@ -100,7 +99,7 @@ def find_gains(problem: Problem, sheet: Sheet, mask: Whole) -> None:
 
 
 @compiled
-def _complete(problem: Problem, sheet: Sheet, mask: Whole, k: int) -> None:
+def _complete(problem: Problem, sheet: Sheet, mask: IntArray, k: int) -> None:
     """Side and tilt of a book in the completion."""
     n, seat, book = problem.stored, sheet.seat, problem.book
     seat[k, POINT_SIDE] = seat[k, SIDE]
@@ -213,7 +212,7 @@ def _find_missing_contacts(problem: Problem, sheet: Sheet) -> None:
 
 
 @compiled
-def choose(problem: Problem, sheet: Sheet, mask: Whole) -> int:
+def choose(problem: Problem, sheet: Sheet, mask: IntArray) -> int:
     """Book to split by state, n + book to split by tilt, -1 if nothing is left to split."""
     n, seat, role = problem.stored, sheet.seat, sheet.role
     best, gain = -1, 1e-9

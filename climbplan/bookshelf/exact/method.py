@@ -16,6 +16,7 @@ from functools import cache
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bookshelf.answer import Placement, SceneAnswer, Shortage, Status
 from climbplan.bookshelf.exact.pairs import box_row, pair_floor
 from climbplan.bookshelf.exact.problem import (
@@ -47,7 +48,7 @@ from climbplan.bookshelf.exact.tree import (
     offer_narrow,
     plant,
 )
-from climbplan.bookshelf.scene import Array, Scene, Scenes, Shelf, State, movement_cost
+from climbplan.bookshelf.scene import Scene, Scenes, Shelf, State, movement_cost
 
 _CAPACITY = 1024  # nodes of a new tree
 _LARGE = 65536  # a tree that has grown beyond is not used again: it takes long to empty

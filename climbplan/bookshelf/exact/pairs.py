@@ -29,8 +29,8 @@ import math
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bookshelf.exact.compiling import compiled
-from climbplan.bookshelf.scene import Array
 
 _STEEP = 0.03  # below this normal's x component planes give way to constants
 _TINY = 1e-12

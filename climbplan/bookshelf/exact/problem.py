@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bookshelf.exact.compiling import compiled
 from climbplan.bookshelf.exact.pairs import box_row, highest, lowest, pair_floor
-from climbplan.bookshelf.scene import Array, Scene, Shelf
+from climbplan.bookshelf.scene import Scene, Shelf
 
 FLAT, LEAN_LEFT, UPRIGHT, LEAN_RIGHT = 0, 1, 2, 3
 

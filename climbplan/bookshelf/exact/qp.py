@@ -11,10 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.exact.compiling import compiled
-from climbplan.bookshelf.scene import Array
 
 SOLVED, EMPTY, CUT_OFF, STUCK = 0, 1, 2, 3
 
@@ -23,7 +22,7 @@ _DEPENDENT = 1e-11  # relative pivot below which a row depends on the active one
 
 
 @compiled
-def _factorise(C: Array, active: NDArray[np.int64], count: int, factor: Array) -> bool:
+def _factorise(C: Array, active: IntArray, count: int, factor: Array) -> bool:
     """Lower Cholesky factor of the active rows' products; False if the last row depends on the
     others."""
     for i in range(count):
@@ -129,7 +128,7 @@ def solve_least_distance(C: Array, b: Array, cutoff: float, multiplier: Array, z
 def _settle(
     C: Array,
     b: Array,
-    active: NDArray[np.int64],
+    active: IntArray,
     value: Array,
     step: Array,
     factor: Array,

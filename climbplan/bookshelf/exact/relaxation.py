@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.exact.compiling import compiled
 from climbplan.bookshelf.exact.problem import (
     BEST_TILT,
@@ -41,11 +42,9 @@ from climbplan.bookshelf.exact.sheet import (
     TILT,
     WEIGHT,
     Sheet,
-    Whole,
     X,
     prepare,
 )
-from climbplan.bookshelf.scene import Array
 
 _PULL = 1e-3  # share of h^2 added to the weight of a tilt, so that the program is well posed
 _LEAN_COST = 0.3  # [mm^2] in the choice of the cheapest state
@@ -80,7 +79,7 @@ def turn_cost(problem: Problem, k: int, s: float, c: float) -> float:
 
 @compiled
 def relax(
-    problem: Problem, sheet: Sheet, slot: int, mask: Whole, span: Array, cutoff: float
+    problem: Problem, sheet: Sheet, slot: int, mask: IntArray, span: Array, cutoff: float
 ) -> tuple[int, float]:
     """How the program of a node ended, and its bound.
 
@@ -138,7 +137,7 @@ def relax(
 
 
 @compiled
-def _write_goal(problem: Problem, sheet: Sheet, mask: Whole) -> float:
+def _write_goal(problem: Problem, sheet: Sheet, mask: IntArray) -> float:
     """Targets and weights of the program's variables; returns the constant part of the cost."""
     n, goal = problem.stored, sheet.goal
     constant = 0.0
@@ -157,7 +156,7 @@ def _write_goal(problem: Problem, sheet: Sheet, mask: Whole) -> float:
 
 
 @compiled
-def _given_turn(problem: Problem, sheet: Sheet, mask: Whole, k: int) -> float:
+def _given_turn(problem: Problem, sheet: Sheet, mask: IntArray, k: int) -> float:
     """Least cost of lifting and turning a book whose tilt is given or whose state is open."""
     if sheet.role[k, STATE] >= 0:
         return turn_cost(problem, k, sheet.seat[k, 2], sheet.seat[k, 3])
@@ -229,7 +228,7 @@ def least_turn(problem: Problem, box: Array, k: int, price: float) -> float:
 
 
 @compiled
-def _lagrangian(problem: Problem, sheet: Sheet, mask: Whole) -> float:
+def _lagrangian(problem: Problem, sheet: Sheet, mask: IntArray) -> float:
     """The bound for the multipliers in column PRICE."""
     n, side = problem.stored, sheet.side
     bound = 0.0

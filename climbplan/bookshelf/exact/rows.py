@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import IntArray
 from climbplan.bookshelf.exact.compiling import compiled
 from climbplan.bookshelf.exact.contact import pair_ceiling
 from climbplan.bookshelf.exact.pairs import pair_floor
@@ -47,12 +48,11 @@ from climbplan.bookshelf.exact.sheet import (
     TOUCH_LEFT,
     TOUCH_RIGHT,
     Sheet,
-    Whole,
 )
 
 
 @compiled
-def least_floor(problem: Problem, mask: Whole, i: int, j: int) -> float:
+def least_floor(problem: Problem, mask: IntArray, i: int, j: int) -> float:
     """Least D of book i left of book j over the states that they may have."""
     least = np.inf
     for a in range(4):
@@ -65,7 +65,7 @@ def least_floor(problem: Problem, mask: Whole, i: int, j: int) -> float:
 
 @compiled
 def _floor(
-    problem: Problem, sheet: Sheet, mask: Whole, i: int, j: int
+    problem: Problem, sheet: Sheet, mask: IntArray, i: int, j: int
 ) -> tuple[float, float, float, float]:
     """Constant and plane below D of book i left of book j."""
     book, seat = problem.book, sheet.seat
@@ -139,7 +139,7 @@ def _add_creases(problem: Problem, sheet: Sheet, i: int, j: int) -> None:
 
 
 @compiled
-def write_rows(problem: Problem, sheet: Sheet, slot: int, mask: Whole) -> None:
+def write_rows(problem: Problem, sheet: Sheet, slot: int, mask: IntArray) -> None:
     """All rows of a prepared node but those that others imply."""
     n, seat = problem.stored, sheet.seat
     own = seat[n, REACH_HIGH]  # half width of the inserted book
@@ -187,7 +187,7 @@ def write_rows(problem: Problem, sheet: Sheet, slot: int, mask: Whole) -> None:
 
 
 @compiled
-def _write_walls(problem: Problem, sheet: Sheet, slot: int, mask: Whole) -> None:
+def _write_walls(problem: Problem, sheet: Sheet, slot: int, mask: IntArray) -> None:
     n, seat, left, right = problem.stored, sheet.seat, problem.left, problem.right
     own, last = seat[n, REACH_HIGH], problem.stored - 1
     _add(sheet, ALONE, n, n, 0.0, 0.0, 0.0, 0.0, 2 * own, left - right)

@@ -12,12 +12,13 @@ import math
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.exact.compiling import compiled
 from climbplan.bookshelf.exact.gains import choose, find_gains
 from climbplan.bookshelf.exact.problem import LEAN_FROM, LEAN_LEFT, LEAN_RIGHT, X0, Problem
 from climbplan.bookshelf.exact.qp import SOLVED
 from climbplan.bookshelf.exact.relaxation import cheapest_state, relax, turn_cost
-from climbplan.bookshelf.exact.sheet import STATE_GAIN, TILT, TILT_GAIN, Sheet, Whole, X
+from climbplan.bookshelf.exact.sheet import STATE_GAIN, TILT, TILT_GAIN, Sheet, X
 from climbplan.bookshelf.exact.tree import (
     BEST_SLOT,
     BOUND,
@@ -40,7 +41,6 @@ from climbplan.bookshelf.exact.tree import (
     pop,
     push,
 )
-from climbplan.bookshelf.scene import Array
 
 FINISHED, PAUSED, FULL = 0, 1, 2
 
@@ -59,7 +59,7 @@ def _cutoff(problem: Problem, tree: Tree, absolute: float, relative: float) -> f
 
 
 @compiled
-def _is_new(tree: Tree, slot: int, mask: Whole) -> bool:
+def _is_new(tree: Tree, slot: int, mask: IntArray) -> bool:
     """Whether an assignment of states is met for the first time; notes that it was."""
     key = slot + 1
     for k in range(len(mask)):
@@ -83,7 +83,7 @@ def _improve(
     sheet: Sheet,
     tree: Tree,
     slot: int,
-    mask: Whole,
+    mask: IntArray,
     tilt: Array,
     steps: int,
     accuracy: float,

@@ -9,8 +9,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.exact.compiling import compiled
 from climbplan.bookshelf.exact.pairs import box_row, highest, lowest
 from climbplan.bookshelf.exact.problem import (
@@ -24,9 +24,6 @@ from climbplan.bookshelf.exact.problem import (
 )
 from climbplan.bookshelf.exact.problem import REACH_HIGH as STATE_REACH_HIGH
 from climbplan.bookshelf.exact.problem import REACH_LOW as STATE_REACH_LOW
-from climbplan.bookshelf.scene import Array
-
-Whole = NDArray[np.int64]
 
 # Columns of `Sheet.seat`; the first seven are the book's tilts as an angle box
 MIDDLE, SIDE, REACH_LOW, REACH_HIGH = 7, 8, 9, 10
@@ -52,9 +49,9 @@ class Sheet(NamedTuple):
     """Room for the rows of one node and for what is found with them."""
 
     seat: Array  # (n + 1, columns) by book
-    role: Whole  # (n + 1, columns) by book
-    rows: Whole  # (1,) how many are used
-    pair: Whole  # (rows, columns)
+    role: IntArray  # (n + 1, columns) by book
+    rows: IntArray  # (1,) how many are used
+    pair: IntArray  # (rows, columns)
     side: Array  # (rows, columns)
     C: Array  # (rows, variables)
     goal: Array  # (variables, columns)
@@ -75,7 +72,7 @@ def new_sheet(n: int) -> Sheet:
 
 
 @compiled
-def prepare(problem: Problem, sheet: Sheet, mask: Whole, span: Array) -> int:
+def prepare(problem: Problem, sheet: Sheet, mask: IntArray, span: Array) -> int:
     """Boxes, sides, half widths and columns of a node; returns the number of variables."""
     n, book, seat, role = problem.stored, problem.book, sheet.seat, sheet.role
     columns = n

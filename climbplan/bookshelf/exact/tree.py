@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.exact.compiling import compiled
 from climbplan.bookshelf.exact.problem import (
     ALLOWED,
@@ -21,8 +22,6 @@ from climbplan.bookshelf.exact.problem import (
     WIDTH,
     Problem,
 )
-from climbplan.bookshelf.exact.sheet import Whole
-from climbplan.bookshelf.scene import Array
 
 # Columns of `Tree.whole` and `Tree.real`; the masks and the tilt intervals follow
 SLOT, BRANCH, DEPTH, MASK = 0, 1, 2, 3
@@ -42,13 +41,13 @@ _DEEPER = 1e-6  # [mm^2] a level: among equal bounds the deeper node is opened f
 class Tree(NamedTuple):
     """Open nodes and the incumbent."""
 
-    whole: Whole  # (capacity, 3 + n + 1) by node
+    whole: IntArray  # (capacity, 3 + n + 1) by node
     real: Array  # (capacity, 1 + 2 n) by node
-    pool: Whole  # (capacity, 2) heap of open nodes and list of unused ones
-    tally: Whole  # (5,)
-    tried: Whole  # keys of assignments
+    pool: IntArray  # (capacity, 2) heap of open nodes and list of unused ones
+    tally: IntArray  # (5,)
+    tried: IntArray  # keys of assignments
     best: Array  # cost; least bound of a closed node not shown empty; centres, tilts
-    best_mask: Whole  # (n + 1,)
+    best_mask: IntArray  # (n + 1,)
 
 
 def new_tree(n: int, capacity: int) -> Tree:
@@ -101,7 +100,7 @@ def offer_narrow(problem: Problem, tree: Tree) -> None:
     _push_roots(problem, tree, 1 << np.where(upright <= flat, UPRIGHT, FLAT), 1 << 30)
 
 
-def _push_roots(problem: Problem, tree: Tree, mask: Whole, depth: int) -> None:
+def _push_roots(problem: Problem, tree: Tree, mask: IntArray, depth: int) -> None:
     """One node a slot with these states."""
     n = problem.stored
     for slot in range(n + 1):

@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bookshelf.points import features_of
 from climbplan.bookshelf.rectangles import half_extents
-from climbplan.bookshelf.scene import Array, Shelf
+from climbplan.bookshelf.scene import Shelf
 from climbplan.spec.fits.strategy import ShelfFeatures
 
 Features = Callable[[dict[str, Array]], Array]  # of the statement's parameters [mm, rad]

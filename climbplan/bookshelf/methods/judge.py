@@ -6,9 +6,10 @@ import math
 import time
 from dataclasses import dataclass
 
+from climbplan.arrays import Array
 from climbplan.bookshelf.answer import Placement, SceneAnswer, Status
 from climbplan.bookshelf.points import placement_of, theta_of
-from climbplan.bookshelf.scene import Array, Scene, Scenes, Shelf, movement_cost
+from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
 from climbplan.bookshelf.stated import checked
 from climbplan.bookshelf.statement import bookshelf
 from climbplan.methods.table import MethodResult

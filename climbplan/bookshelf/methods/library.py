@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import IntArray
 from climbplan.bookshelf.dataset_frame import shelf_dataset
 from climbplan.bookshelf.methods.features import Features
 from climbplan.bookshelf.methods.shelf_context import context_of, require_context
@@ -21,7 +22,6 @@ from climbplan.learning.library import Frame, Library
 from climbplan.plans import dataset_file
 from climbplan.plans.plan_format import plan_format
 from climbplan.program import Program
-from climbplan.program.instance import Index
 from climbplan.spec.bookshelf.model import Meaning, ShelfLibrarySpec
 
 
@@ -84,7 +84,7 @@ class SceneLibrary:
     """A library, and the scene that each of its rows is of (mirror images share one)."""
 
     library: Library
-    scene: Index  # (S,)
+    scene: IntArray  # (S,)
 
 
 def mirror_middle(plan: ShelfPlan) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.climb.check.anew.capsules import Capsule
 from climbplan.climb.check.anew.kinematics import body_axes, placed
 from climbplan.climb.check.convex import (
@@ -16,8 +17,7 @@ from climbplan.climb.check.convex import (
 )
 from climbplan.climb.check.distances import chain_distance
 from climbplan.climb.check.subject import Subject
-from climbplan.climb.plan.climb_plan import Mask
-from climbplan.plans.check import Array, Check, judge_worst
+from climbplan.plans.check import Check, judge_worst
 from climbplan.terrain.raw_surface import SLENDER
 from climbplan.terrain.surfaces import Region, Tube
 
@@ -268,7 +268,7 @@ def _distances(axis: Array, solid: ConvexBody | Tube, enough: float) -> Array:
     return chain_distance(axis, solid, enough)[..., 0]
 
 
-def _stood_upon(subject: Subject) -> Iterator[Mask]:
+def _stood_upon(subject: Subject) -> Iterator[BoolArray]:
     """Yield for every solid and tube (N,) whether limbs may stand on it.
 
     They may stand on a solid if they may on a surface that lies on its face: the obstacle is behind

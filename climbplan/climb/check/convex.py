@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.kinematics import placed
-from climbplan.plans.check import Array
 from climbplan.terrain.model import STATED, Terrain
 from climbplan.terrain.surfaces import SLAB_THICKNESS, Region
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.convex import ConvexBody
-from climbplan.plans.check import Array
 
 _TOUCHING = 1e-9  # [m] a corner this close to a face belongs to it
 _NO_DIRECTION = 1e-12  # [m] a difference shorter than this has no direction

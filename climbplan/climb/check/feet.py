@@ -12,12 +12,13 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.soles import corners, lying, soles_at
 from climbplan.climb.check.convex import polygon_edges, polygon_normal
 from climbplan.climb.check.distances import chain_distance
 from climbplan.climb.check.raw_distances import distances
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Array, Check, judge_worst
+from climbplan.plans.check import Check, judge_worst
 from climbplan.terrain.surfaces import Region, Tube
 
 _TOLD = 0.05  # [m] room beside feet up to which it is measured

@@ -8,9 +8,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.spatial import QhullError
 
+from climbplan.arrays import Array
 from climbplan.climb.check.convex import hull_of, polygon_edges, polygon_normal
 from climbplan.climb.plan.climb_plan import ClimbPlan, StepLimits
-from climbplan.plans.check import Array, Check, faults_check, judge
+from climbplan.plans.check import Check, faults_check, judge
 from climbplan.robots.foot import Foot
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain

@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.kinematics import limbs_at
 from climbplan.climb.check.friction_factor import friction_factor, least_factor
 from climbplan.climb.check.grips import grip_checks
 from climbplan.climb.check.soles import parted, sole_checks
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Array, Check, judge_worst
+from climbplan.plans.check import Check, judge_worst
 
 
 def force_checks(subject: Subject) -> Iterator[Check]:

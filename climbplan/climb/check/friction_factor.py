@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.plans.check import LIMITS, Array
+from climbplan.arrays import Array
+from climbplan.plans.check import LIMITS
 
 
 def friction_factor(name: str, shear: Array, held: Array, weight: float) -> Array:

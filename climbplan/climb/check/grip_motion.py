@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.check.anew.grips import PARTS, hands_at, holds_of, spine_bounds, wrist_axes
 from climbplan.climb.check.anew.kinematics import Limbs
 from climbplan.climb.check.subject import Subject
-from climbplan.climb.plan.climb_plan import Index, Mask
-from climbplan.plans.check import Array, Check, judge_worst
+from climbplan.plans.check import Check, judge_worst
 from climbplan.robots.gripper import WRIST_JOINTS
 
 _NO_SHEAR = 1e-6  # of the weight
@@ -29,8 +29,8 @@ def motion_grips(
     subject: Subject,
     force: Array,
     limbs: Limbs,
-    instant: Index,
-    standing: Mask,
+    instant: IntArray,
+    standing: BoolArray,
     at: Callable[..., str],
 ) -> Iterator[Check]:
     """Checks of T samples: force (T, N, 3) as the joints press, limbs as they stand.

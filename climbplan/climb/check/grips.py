@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.climb.check.anew.grips import (
     PARTS,
     Hands,
@@ -18,9 +19,9 @@ from climbplan.climb.check.anew.grips import (
 )
 from climbplan.climb.check.grips_apart import grips_apart
 from climbplan.climb.check.subject import Subject
-from climbplan.climb.plan.climb_plan import ClimbPlan, Mask
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.grips import GripPlan
-from climbplan.plans.check import Array, Check, faults_check, judge_worst
+from climbplan.plans.check import Check, faults_check, judge_worst
 from climbplan.robots.gripper import WRIST_JOINTS, Gripper
 from climbplan.terrain.surfaces import Region
 
@@ -230,7 +231,7 @@ def _factors(
     """Stored safety factors are those of the stored grips."""
     plan = subject.plan
     forces, contact = plan.forces, plan.instants.contact[..., None]
-    loaded: Mask = contact & (hands.shear > _NO_SHEAR * subject.weight)
+    loaded: BoolArray = contact & (hands.shear > _NO_SHEAR * subject.weight)
     friction = np.where(loaded, hands.share(), 0.0).max(axis=(1, 2))
     use = [
         (np.abs(subject.torques + subject.link_torques) / plan.robot.max_torque).max(axis=(1, 2)),
@@ -251,7 +252,7 @@ def _factors(
     return judge_worst("safety.stored", off, lambda k, row: f"{subject.at(k)}, {names[row]}")
 
 
-def _critical(hands: Hands, spines: Array, loaded: Mask) -> Array:
+def _critical(hands: Hands, spines: Array, loaded: BoolArray) -> Array:
     """(K, N) friction coefficient at which a part slips, its spines holding as counted on."""
     own = np.stack([0 * spines, spines / 2, spines / 2], axis=-1)
     beyond = np.maximum(hands.shear - own, 0.0)

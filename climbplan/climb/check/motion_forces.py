@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.climb.check.anew.feet import touching_limbs
 from climbplan.climb.check.anew.kinematics import StandingLimbs, limbs_at
 from climbplan.climb.check.anew.static_pose import force_of, held_motion, held_rows, joints_by_body
-from climbplan.climb.plan.climb_plan import Mask
-from climbplan.plans.check import Array
 from climbplan.robots.model import Robot
 
 
@@ -34,7 +33,7 @@ def motion_forces(
     axes: Array,
     standing: StandingLimbs,
     command: Array,
-    contact: Mask,
+    contact: BoolArray,
     load: Array,
     moment: Array | None = None,
     arm: Array | None = None,

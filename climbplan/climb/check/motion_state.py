@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.check.anew.feet import foot_arm
 from climbplan.climb.check.anew.gait import Gait, gait_of
 from climbplan.climb.check.anew.kinematics import (
@@ -24,8 +25,7 @@ from climbplan.climb.check.anew.soles import lying
 from climbplan.climb.check.anew.weights import weight_on
 from climbplan.climb.check.normals import normals_of
 from climbplan.climb.check.subject import Subject
-from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
-from climbplan.plans.check import Array
+from climbplan.climb.plan.climb_plan import ClimbPlan
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,13 @@ class Motion:
 
     subject: Subject
     gait: Gait
-    lifted: Mask  # (T, N)
-    done: Index  # (T,) steps completed
+    lifted: BoolArray  # (T, N)
+    done: IntArray  # (T,) steps completed
     ground: Array  # (T, N, 3) where each limb stands, or stood
     arm: Array | None  # (T, N, 3) from there to where its foot touches; None for points [m]
     soles: Array | None  # (T, N, 3, 3) rows of flat feet that stand there
-    stood: Index  # (T, N) round of that foothold
-    bound_for: Index  # (T, N) of the one that a lifted limb is on its way to; -1 for the others
+    stood: IntArray  # (T, N) round of that foothold
+    bound_for: IntArray  # (T, N) of the one that a lifted limb is on its way to; -1 for the others
     commanded: Limbs  # as the joint commands would have them in free space
     standing: StandingLimbs  # reaching for `ground`
 
@@ -87,7 +87,7 @@ def motion_of(subject: Subject) -> Motion:
     )
 
 
-def _arms(plan: ClimbPlan, stood: Index, ground: Array) -> tuple[Array | None, Array | None]:
+def _arms(plan: ClimbPlan, stood: IntArray, ground: Array) -> tuple[Array | None, Array | None]:
     """From toes on footholds of rounds (T, N) to where their feet touch; None for point toes.
 
     And rows (T, N, 3, 3) of soles there; None for feet that are not flat.
@@ -102,11 +102,11 @@ def _arms(plan: ClimbPlan, stood: Index, ground: Array) -> tuple[Array | None, A
     return foot_arm(plan.robot, normal), soles
 
 
-def _limbs_of(plan: ClimbPlan) -> Index:
+def _limbs_of(plan: ClimbPlan) -> IntArray:
     return np.arange(plan.robot.limb_count)
 
 
-def _stood(gait: Gait, counted: Index) -> Index:
+def _stood(gait: Gait, counted: IntArray) -> IntArray:
     """(T, N) rounds whose footholds limbs are on that were placed so often (T, N)."""
     rows = np.zeros_like(counted)
     for limb in range(counted.shape[1]):
@@ -146,7 +146,7 @@ def angles_of(motion: Motion) -> Array:
     return np.where(motion.lifted[..., None], command, motion.standing.angles)
 
 
-def instants_of(motion: Motion) -> Index:
+def instants_of(motion: Motion) -> IntArray:
     """(T,) an instant whose surfaces the limbs of each sample stand on."""
     last = motion.subject.plan.instants.count - 1
     k = np.clip(2 * motion.done - 1, 0, last)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.convex import polygon_normal
-from climbplan.plans.check import Array
 from climbplan.terrain.surfaces import Region, Surface, Tube
 
 

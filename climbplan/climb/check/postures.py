@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.check.anew.gait import gait_of
 from climbplan.climb.check.convex import polygon_edges, polygon_normal
 from climbplan.climb.check.normals import normals_of
 from climbplan.climb.check.subject import Subject
-from climbplan.climb.plan.climb_plan import Index
-from climbplan.plans.check import Array, Check, judge_worst
+from climbplan.plans.check import Check, judge_worst
 from climbplan.robots.joint_units import least_room
 from climbplan.terrain.surfaces import Region, Surface, Tube
 
@@ -174,7 +174,7 @@ def _kinematics(subject: Subject) -> Iterator[Check]:
     yield judge_worst("kinematics.joint_bounds", over, subject.at, margin, used=1 + over / span)
 
 
-def _distances(surfaces: tuple[Surface, ...], region: Index, points: Array) -> Array:
+def _distances(surfaces: tuple[Surface, ...], region: IntArray, points: Array) -> Array:
     """How far points (..., 3) are off their surfaces (...) [m], along plane or past an edge."""
     distance = np.full(region.shape, np.nan)
     for index, surface in enumerate(surfaces):

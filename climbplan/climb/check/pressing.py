@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.kinematics import body_axes, limbs_at
 from climbplan.climb.check.anew.weights import link_torques
 from climbplan.climb.check.friction_factor import friction_factor, least_factor
@@ -13,7 +14,7 @@ from climbplan.climb.check.grip_motion import motion_grips, wrist_moment_on_the_
 from climbplan.climb.check.motion_forces import motion_forces
 from climbplan.climb.check.motion_state import Motion, angles_of, instants_of, load_of
 from climbplan.climb.check.soles import sole_motion_checks
-from climbplan.plans.check import Array, Check, judge_worst
+from climbplan.plans.check import Check, judge_worst
 from climbplan.robots.joint_units import largest_torques
 
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Index
-from climbplan.plans.check import Array
+from climbplan.arrays import Array, IntArray
 
 _NO_DIRECTION = 1e-12  # [m] a difference shorter than this has no direction
 _SOME = 2_000  # segments at a time
 _CHUNK = 200_000  # pairs of segment and triangle at a time
 
 
-def meeting(corners: Array, lower: Array, upper: Array) -> Index:
+def meeting(corners: Array, lower: Array, upper: Array) -> IntArray:
     """Numbers of triangles whose bounds meet a box."""
     inside = (corners.min(axis=1) <= upper) & (corners.max(axis=1) >= lower)
     return np.asarray(np.flatnonzero(inside.all(axis=1)), np.int64)

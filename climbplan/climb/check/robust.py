@@ -11,11 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.soles import centre_of_pressure, lying
 from climbplan.climb.check.anew.static_pose import Settled
 from climbplan.climb.check.grips import friction_in_hand, further_pull
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Array, Check, judge_worst, unjudged
+from climbplan.plans.check import Check, judge_worst, unjudged
 from climbplan.spec.climb.margins import MarginsSpec
 
 WHOLE = 0.95  # part of a margin that counts as kept; the rest is rounding and arcs of limbs

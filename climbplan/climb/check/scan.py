@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.check.anew.gait import gait_of
 from climbplan.climb.check.anew.kinematics import body_axes, placed
 from climbplan.climb.check.convex import hull_distance
@@ -18,8 +19,7 @@ from climbplan.climb.check.raw_distances import distances, gaps, meeting
 from climbplan.climb.check.scan_grips import gripped_sides
 from climbplan.climb.check.scan_links import TOLD, contacts_on, judge_scan_links
 from climbplan.climb.check.subject import Subject
-from climbplan.climb.plan.climb_plan import Index
-from climbplan.plans.check import Array, Check, judge_worst
+from climbplan.plans.check import Check, judge_worst
 from climbplan.terrain.model import STATED
 from climbplan.terrain.raw_surface import FACING, RawSurface
 from climbplan.terrain.surfaces import Region
@@ -39,7 +39,7 @@ def scan_checks(subject: Subject) -> Iterator[Check]:
     yield judge_scan_links("scan.limbs", subject, subject.capsules, contacts, subject.at)
 
 
-def _standing(subject: Subject) -> tuple[Index, Index, Array]:
+def _standing(subject: Subject) -> tuple[IntArray, IntArray, Array]:
     """Instants, limbs (S,) and places (S, 3) of toes that stand on what was found in the scan."""
     plan = subject.plan
     scanned = np.array(

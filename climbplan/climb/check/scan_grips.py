@@ -11,9 +11,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.raw_distances import meeting
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Array, Check, judge_worst
+from climbplan.plans.check import Check, judge_worst
 from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.surfaces import Region
 

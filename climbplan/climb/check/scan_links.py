@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.check.anew.capsules import Capsule
 from climbplan.climb.check.clearance import told_room
 from climbplan.climb.check.raw_distances import distances, meeting, nearest_on
 from climbplan.climb.check.subject import Subject
-from climbplan.climb.plan.climb_plan import Index, Mask
-from climbplan.plans.check import Array, Check, judge_worst
+from climbplan.plans.check import Check, judge_worst
 from climbplan.terrain.raw_surface import FACING, NARROW, RISING, SLENDER, RawSurface
 from climbplan.terrain.surfaces import Region
 
@@ -31,12 +31,12 @@ class Contacts:
     places: Array  # (P, N, 2, 3) [m]; NaN in the second where a limb is not on its way
     normals: Array  # (P, N, 2, 3) unit, into free space
 
-    def at(self, poses: Index) -> Contacts:
+    def at(self, poses: IntArray) -> Contacts:
         """Those of some poses."""
         return Contacts(self.places[poses], self.normals[poses])
 
 
-def contacts_on(subject: Subject, stood: Index, next_one: Index) -> Contacts:
+def contacts_on(subject: Subject, stood: IntArray, next_one: IntArray) -> Contacts:
     """Contacts of limbs on, or from, the footholds of rounds (P, N), and to others; -1 for none."""
     rounds, surfaces = subject.plan.rounds, subject.plan.terrain.surfaces
     rows = np.stack([stood, next_one], axis=-1)
@@ -81,7 +81,7 @@ def judge_scan_links(
     return judge_worst(name, radii - clear, where, margin, radii / np.maximum(clear, 1e-9))
 
 
-def _different(capsule: Capsule, contacts: Contacts) -> tuple[Index, Index]:
+def _different(capsule: Capsule, contacts: Contacts) -> tuple[IntArray, IntArray]:
     """Poses (K,) that differ in a capsule or its contacts, and which of them each is (P,)."""
     limb = capsule.limb
     stands = np.concatenate([contacts.places[:, limb], contacts.normals[:, limb]], axis=1)
@@ -185,12 +185,12 @@ def _cone(cuts: Array, place: Array, flatness: float, radius: float) -> Array:
     return np.where(asked > 0, np.minimum(asked, radius), -1.0)
 
 
-def _stood_on(corners: Array, place: Array, normal: Array, scan: RawSurface) -> Mask:
+def _stood_on(corners: Array, place: Array, normal: Array, scan: RawSurface) -> BoolArray:
     """(T,) triangles of the surface that a contact is on."""
     if not len(corners) or np.isnan(place).any():
         return np.zeros(len(corners), bool)
     own = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    alike: Mask = own @ normal >= FACING * np.linalg.norm(own, axis=1)
+    alike: BoolArray = own @ normal >= FACING * np.linalg.norm(own, axis=1)
     off = nearest_on(corners, place) - place
     height = off @ normal
     aside = np.linalg.norm(off - height[:, None] * normal, axis=1)

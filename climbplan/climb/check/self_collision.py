@@ -16,12 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.capsules import Capsule
 from climbplan.climb.check.clearance import told_room
 from climbplan.climb.check.convex import ConvexBody
 from climbplan.climb.check.distances import chain_distance
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Array, Check, judge_worst
+from climbplan.plans.check import Check, judge_worst
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.climb.check.anew.soles import (
     beyond_sole,
     centre_of_pressure,
@@ -16,8 +17,7 @@ from climbplan.climb.check.friction_factor import friction_factor, least_factor
 from climbplan.climb.check.motion_forces import MotionForces
 from climbplan.climb.check.motion_state import Motion
 from climbplan.climb.check.subject import Subject
-from climbplan.climb.plan.climb_plan import Mask
-from climbplan.plans.check import Array, Check, judge_worst
+from climbplan.plans.check import Check, judge_worst
 from climbplan.robots.foot import Sole
 
 NONE = 1e-4  # of the weight, pressure of a foot that is just set down or lifted off
@@ -75,7 +75,7 @@ def _inside(
     sole: Sole,
     axes: Array,
     wrench: tuple[Array, Array],
-    pressed: Mask,
+    pressed: BoolArray,
     at: Callable[..., str],
 ) -> Check:
     """Centres of pressure inside soles, of feet (..., N) that are pressed on."""

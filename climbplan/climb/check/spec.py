@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.gait import Gait, gait_of
 from climbplan.climb.check.anew.kinematics import body_axes
 from climbplan.climb.check.anew.spec import built_anew
@@ -22,7 +23,7 @@ from climbplan.climb.check.subject import Subject
 from climbplan.climb.check.terrain import terrain_differences
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import SpecError
-from climbplan.plans.check import Array, Check, judge
+from climbplan.plans.check import Check, judge
 from climbplan.plans.differences import Difference, apart, same
 from climbplan.spec.climb.margins import MarginsSpec
 from climbplan.spec.climb.model import ClimbSpec, GoalSpec

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.feet import foot_arm, rolling
 from climbplan.climb.check.anew.kinematics import turned
 from climbplan.climb.check.anew.soles import corners_of_wrench, lying
@@ -19,7 +20,7 @@ from climbplan.climb.check.friction_factor import friction_factor, least_factor
 from climbplan.climb.check.robust import robust_checks
 from climbplan.climb.check.soles import parted
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Array, Check, judge_worst, unjudged
+from climbplan.plans.check import Check, judge_worst, unjudged
 from climbplan.robots.joint_units import largest_torques
 from climbplan.spec.climb.margins import MarginsSpec
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.capsules import Capsule, capsules_at
 from climbplan.climb.check.anew.feet import foot_arm, touching_limbs
 from climbplan.climb.check.anew.kinematics import Limbs, body_axes, limbs_at
@@ -13,7 +14,6 @@ from climbplan.climb.check.anew.soles import corners, lying
 from climbplan.climb.check.anew.weights import link_torques, weight_on
 from climbplan.climb.check.convex import ConvexBody, hull_of, solids_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.plans.check import Array
 
 
 @dataclass(frozen=True)

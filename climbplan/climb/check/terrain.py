@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.plans.check import Array
 from climbplan.plans.differences import Difference, apart, same
 from climbplan.spec.climb.motion import MotionSpec
 from climbplan.spec.climb.panel import HoldSpec, PanelSpec

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.check.anew.capsules import capsules_at
 from climbplan.climb.check.anew.kinematics import (
     body_axes,
@@ -25,8 +26,7 @@ from climbplan.climb.check.scan_links import contacts_on, judge_scan_links
 from climbplan.climb.check.self_collision import judge_self_collision
 from climbplan.climb.check.statics import told_of_sag
 from climbplan.climb.check.subject import Subject
-from climbplan.climb.plan.climb_plan import Index, Mask
-from climbplan.plans.check import Array, Check, judge, judge_worst
+from climbplan.plans.check import Check, judge, judge_worst
 from climbplan.robots.joint_units import least_room
 
 _STRIDE = 5e-3  # [m] a swinging toe is looked at this often
@@ -70,7 +70,7 @@ def _ends(subject: Subject) -> Check:
 def _sequence(motion: Motion) -> Check:
     """Limbs lift together as in the instants, and the steps come in turn."""
     lifted, moved = motion.lifted, motion.gait.moved
-    flying: Mask = np.asarray(lifted.any(axis=1))
+    flying: BoolArray = np.asarray(lifted.any(axis=1))
     starts = np.flatnonzero(flying & ~np.append(False, flying[:-1]))
     crowded = np.flatnonzero(lifted.sum(axis=1) > moved.sum(axis=1).max())
     if len(crowded):
@@ -103,7 +103,7 @@ def _body(motion: Motion) -> Check:
     first = np.hstack([plan.rounds.com[:1], plan.rounds.rpy[:1]])  # from where it starts out
     before = np.vstack([first, stations[:-1]])
     end = stations[motion.done]
-    waits: Mask = np.asarray(motion.lifted.any(axis=1))
+    waits: BoolArray = np.asarray(motion.lifted.any(axis=1))
     start = np.where(waits[:, None], end, before[motion.done])
     pose = np.hstack([plan.trajectory.com, plan.trajectory.rpy])
     off = _off_segment(pose, start, end)  # one radian counts as one metre
@@ -202,7 +202,7 @@ class _Poses:
     points: Array  # (P, N, J + 1, 3) joints and toes [m]
 
 
-def _swinging_between(motion: Motion, at: _Poses, samples: Index, share: float) -> _Poses:
+def _swinging_between(motion: Motion, at: _Poses, samples: IntArray, share: float) -> _Poses:
     """Limbs a share of the way to the next of S samples; standing ones stay put."""
     trajectory = motion.subject.plan.trajectory
 

@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from climbplan.arrays import Array
 from climbplan.climb.coupled.preparation import Prepared
 from climbplan.climb.coupled.stages import TOLERANCE, Candidate, whole
 from climbplan.climb.coupled.statement import envelope_range
 from climbplan.climb.coupled.tightening import factors, tightened
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.grids import uniform

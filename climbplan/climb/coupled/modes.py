@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import IntArray
 from climbplan.climb.coupled.envelopes import NamedEnvelope
 from climbplan.climb.coupled.preparation import Prepared
 from climbplan.climb.coupled.stages import Candidate
 from climbplan.climb.coupled.statement import envelope_range
-from climbplan.program.instance import Choice, Index, Instance
+from climbplan.program.instance import Choice, Instance
 from climbplan.program.polytope import Polytope
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
@@ -60,7 +61,7 @@ def first_stage_with_modes(
     )
 
 
-def _columns(prepared: Prepared) -> Index:
+def _columns(prepared: Prepared) -> IntArray:
     """Columns of toes and forces of each round, (M, 6 N)."""
     toe, force = prepared.program.variables["toe"], prepared.program.variables["force"]
     m = prepared.scene.spec.task.round_count
@@ -73,7 +74,7 @@ def _mode_choice(
     envelopes: tuple[NamedEnvelope, ...],
     boxes: list[Range],
     number: int,
-    columns: Index,
+    columns: IntArray,
 ) -> Choice:
     """One of the envelopes in one round: point (toes, forces, products)."""
     products, n = form.source.products, form.source.size

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.coupled.statement import coupled_program, loadable
 from climbplan.climb.postures.explanation import explain_infeasible
 from climbplan.climb.postures.statement import PostureMargins, posture_program
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import LimitReached
 from climbplan.program import Program
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.registry import solve
 
@@ -34,7 +34,7 @@ class Prepared:
     instance: Instance  # P
     origin: Array  # (M, 3) points about which moments are taken: the bodies of postures alone
     guess: Array  # (n,) postures alone, forces at their least values
-    assignment: Index  # regions and free spaces of the postures alone
+    assignment: IntArray  # regions and free spaces of the postures alone
     bound: float  # of postures alone, valid for P
     nodes: int
     solver: str
@@ -45,7 +45,7 @@ class Prepared:
         """Time that is left [s]; a solver is given a moment at least."""
         return max(self.deadline - time.monotonic(), _MOMENT)
 
-    def pinned(self, x: Array, assignment: Index) -> Instance:
+    def pinned(self, x: Array, assignment: IntArray) -> Instance:
         """P with all choices given: continuous, with products."""
         return PinnedForm.of(self.instance).at(x, assignment, compact=True)
 

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.coupled.preparation import Prepared
 from climbplan.climb.coupled.statement import envelope_range
 from climbplan.climb.envelopes.search import least_error, linear_with
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program import Program
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.solvers.convex.sessions import solve_convex
 from climbplan.solvers.ipopt.instances import solve_ipopt
@@ -31,7 +31,7 @@ class Candidate:
     """A point with all choices made: of P1, or of P."""
 
     x: Array
-    assignment: Index
+    assignment: IntArray
     way: str  # how it was found
 
 

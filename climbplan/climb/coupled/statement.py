@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.climb.envelopes.legs import POSITION_SCALE
 from climbplan.climb.envelopes.statement import cone_rows, cross
 from climbplan.climb.postures.statement import (
@@ -28,7 +29,6 @@ from climbplan.errors import NotProved
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program import Polytope, Program
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.program.row_propagation import Range
 from climbplan.program.statement import Expression
 from climbplan.solvers.highs.linear import LinearProgram, solve_linear

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array, IntArray
 from climbplan.program.box import propagated_box
-from climbplan.program.instance import Balls, Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Balls, Instance
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.solvers.convex.sessions import session, solve_convex
@@ -38,7 +38,7 @@ class Tightened:
     infeasible: bool  # the relaxation has no such point: the known one is optimal
 
 
-def factors(instance: Instance) -> Index:
+def factors(instance: Instance) -> IntArray:
     """Variables that are in a product."""
     return np.unique(np.concatenate([instance.products.first, instance.products.second]))
 
@@ -90,7 +90,7 @@ def tightened(
     return Tightened(Range(low, high), programs, done, False)
 
 
-def _width(low: Array, high: Array, at: Index) -> float:
+def _width(low: Array, high: Array, at: IntArray) -> float:
     return float((high - low)[at].sum())
 
 

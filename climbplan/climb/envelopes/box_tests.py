@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.envelopes.first_stage import FirstStage
 from climbplan.climb.envelopes.search import least_error, without_products
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.ipopt.instances import solve_ipopt
 
 _TIME = 2.0  # [s]

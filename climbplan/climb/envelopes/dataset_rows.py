@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.envelopes.distribution import terrains_of
 from climbplan.climb.envelopes.legs import Legs
 from climbplan.climb.envelopes.relaxation import solve_relaxed
@@ -24,8 +25,7 @@ from climbplan.climb.envelopes.terrains import CORNERS, Patches, TerrainDistribu
 from climbplan.errors import LimitReached, PlanFileError, UsageError
 from climbplan.plans.dataset import Dataset, DatasetFrame, solution_layout
 from climbplan.plans.dataset_row import RowAnswer
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.robots.model import Robot
 from climbplan.spec.datasets.model import TerrainsProblemSpec
 
@@ -225,7 +225,7 @@ def labelled_rows(data: Dataset, path: Path, terrains: TerrainDistribution) -> L
     )
 
 
-def _rows(data: Dataset, chosen: Index, place: str) -> Rows:
+def _rows(data: Dataset, chosen: IntArray, place: str) -> Rows:
     decided = np.array([data.status[k] in ("feasible", "infeasible") for k in chosen], bool)
     rows = chosen[decided]
     feasible = data.feasible[rows]

@@ -15,12 +15,12 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.envelopes.search import TOLERANCE, least_error
 from climbplan.climb.envelopes.statement import PostureStatement
 from climbplan.climb.envelopes.terrains import Patches
 from climbplan.program.box import propagated_box
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.solvers.highs.linear import LinearProgram, solve_linear
@@ -37,7 +37,7 @@ class FirstStage:
 
     instance: Instance
     form: LocalForm
-    factors: Index  # (N, 6) columns of toe and force
+    factors: IntArray  # (N, 6) columns of toe and force
     bounds: Range  # of all variables
     propagate: bool = False  # whether rows cut the box
 
@@ -118,7 +118,7 @@ class FirstStage:
         return solve_ipopt(self.instance, start=x, time_limit=_NLP_TIME).x
 
 
-def _near(local: Instance, at: Index, centre: Array | None) -> LinearProgram:
+def _near(local: Instance, at: IntArray, centre: Array | None) -> LinearProgram:
     n = local.size
     if centre is None:
         return LinearProgram(

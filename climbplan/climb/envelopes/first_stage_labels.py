@@ -12,13 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.envelopes.first_stage import FirstStage, Manner
 from climbplan.climb.envelopes.legs import Legs
 from climbplan.climb.envelopes.statement import posture_statement
 from climbplan.climb.envelopes.terrains import Patches
-from climbplan.learning.envelope_box import EnvelopeSet, FirstStageLabels, Mask
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
+from climbplan.learning.envelope_box import EnvelopeSet, FirstStageLabels
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ def labels_of(
     if jobs == 1:
         return lambda sets, rows: [called(prepared, terrains.known, e, rows) for e in sets]
 
-    def labels(sets: Sequence[EnvelopeSet], rows: Index) -> list[Mask]:
+    def labels(sets: Sequence[EnvelopeSet], rows: IntArray) -> list[BoolArray]:
         parts = np.array_split(np.arange(len(sets)), min(jobs, len(sets)))
         from joblib import Parallel, delayed
 
@@ -56,7 +55,9 @@ def labels_of(
     return labels
 
 
-def called(prepared: list[FirstStage], known: Array, envelopes: EnvelopeSet, rows: Index) -> Mask:
+def called(
+    prepared: list[FirstStage], known: Array, envelopes: EnvelopeSet, rows: IntArray
+) -> BoolArray:
     """Which of the rows P1 calls feasible with one of the envelopes."""
     feasible = np.zeros(len(rows), bool)
     for e in envelopes:
@@ -72,7 +73,7 @@ def called(prepared: list[FirstStage], known: Array, envelopes: EnvelopeSet, row
 _prepared: dict[str, list[FirstStage]] = {}  # of a worker process: one set of terrains at a time
 
 
-def _share(terrains: LabelledTerrains, sets: list[EnvelopeSet], rows: Index) -> list[Mask]:
+def _share(terrains: LabelledTerrains, sets: list[EnvelopeSet], rows: IntArray) -> list[BoolArray]:
     """A worker's share."""
     if terrains.token not in _prepared:
         _prepared.clear()

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.envelopes.box_tests import holds_linear_point, holds_point
 from climbplan.climb.envelopes.first_stage import FirstStage, Manner
 from climbplan.climb.envelopes.recentring import nearest_point
@@ -15,7 +16,6 @@ from climbplan.climb.envelopes.rows import Rows
 from climbplan.climb.envelopes.statement import PostureStatement
 from climbplan.climb.envelopes.terrains import TerrainDistribution
 from climbplan.learning.envelope_box import Envelope, EnvelopeSet
-from climbplan.program.polytope import Array
 
 Method = Literal["clustering", "genetic", "heuristic"]
 _RECENTRINGS = 2

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array
 from climbplan.robots.model import Robot
 
 POSITION_SCALE = 0.7  # [m] assumed: beyond the reach of any limb from the body's centre

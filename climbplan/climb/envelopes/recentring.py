@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.climb.envelopes.first_stage import FirstStage
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.ipopt.instances import solve_ipopt
 
 _TIME = 2.0  # [s]

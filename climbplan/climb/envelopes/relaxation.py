@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.climb.envelopes.legs import INSCRIBED, Legs, ball_directions
 from climbplan.climb.envelopes.statement import COM_RANGE, FACETS, ROTATION_LIMIT
 from climbplan.climb.envelopes.terrains import CORNERS, Patches
 from climbplan.mechanics.friction import contact_frame, regular_corners
-from climbplan.program.polytope import Array
 from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 
 DIRECTIONS = ball_directions()

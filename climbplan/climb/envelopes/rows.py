@@ -10,14 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.climb.envelopes.relaxation import solve_relaxed
 from climbplan.climb.envelopes.search import find_posture, least_error, without_products
 from climbplan.climb.envelopes.statement import PostureStatement
 from climbplan.climb.envelopes.terrains import Patches, TerrainDistribution
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 
 NODES = 300  # of the search, before a terrain is left undecided
 
@@ -27,7 +26,7 @@ class Rows:
     """n labelled terrains of one distribution."""
 
     terrain: Array  # (n, p) vectors of patches
-    feasible: NDArray[np.bool_]  # (n,)
+    feasible: BoolArray  # (n,)
     point: Array  # (n, N, 6) toe [P] and force [weights] of each limb
     drawn: int  # terrains sampled
     trivial: int  # without a solution even of the linear part

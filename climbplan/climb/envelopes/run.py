@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.envelopes.dataset_rows import LabelledRows, labelled_rows
 from climbplan.climb.envelopes.distribution import terrains_of
 from climbplan.climb.envelopes.first_stage_labels import LabelledTerrains, labels_of
@@ -27,7 +28,6 @@ from climbplan.learning.envelope_box import EnvelopeSet, FirstStageLabels
 from climbplan.learning.envelope_clustering import fit_clusters
 from climbplan.learning.envelope_genetic import GeneticOptions, GeneticResult, evolve
 from climbplan.plans.dataset_file import read_dataset_file
-from climbplan.program.polytope import Array
 from climbplan.progress import Progress
 from climbplan.robots.model import Robot
 from climbplan.spec.fits.envelopes import EnvelopeFitSpec, EnvelopesSpec

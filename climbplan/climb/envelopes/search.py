@@ -14,11 +14,11 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.envelopes.relaxation import Relaxed, solve_relaxed
 from climbplan.climb.envelopes.statement import PostureStatement
 from climbplan.climb.envelopes.terrains import Patches
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.reformulations.extension import no_implications
 from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 from climbplan.solvers.ipopt.instances import solve_ipopt
@@ -136,7 +136,7 @@ def _alternate(statement: PostureStatement, instance: Instance, relaxed: Relaxed
     return None
 
 
-def least_error(instance: Instance, x: Array, held: Index) -> tuple[Array, float] | None:
+def least_error(instance: Instance, x: Array, held: IntArray) -> tuple[Array, float] | None:
     """The point that keeps x[held] and misses the rows with products least, with the miss (1-norm).
 
     x[held] is one factor of every product, so that the problem is linear. None if no point
@@ -161,7 +161,7 @@ def least_error(instance: Instance, x: Array, held: Index) -> tuple[Array, float
     return None if answer.x is None else (answer.x[:n], answer.objective)
 
 
-def linear_with(instance: Instance, x: Array, held: Index) -> Instance:
+def linear_with(instance: Instance, x: Array, held: IntArray) -> Instance:
     """The instance with x[held] given, which makes every product linear in its other factor.
 
     The instance has no implications.

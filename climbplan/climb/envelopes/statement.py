@@ -17,11 +17,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.envelopes.legs import INSCRIBED, Legs, ball_directions
 from climbplan.climb.envelopes.terrains import CORNERS, Patches
 from climbplan.mechanics.friction import contact_frame, pyramid_rows, regular_corners
 from climbplan.program import Program
-from climbplan.program.polytope import Array
 from climbplan.program.statement import Expression
 
 FACETS = 8  # of the friction pyramids

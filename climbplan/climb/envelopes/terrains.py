@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.envelopes.legs import Legs, ground_legs, standing_legs, wall_legs
 from climbplan.errors import UsageError
 from climbplan.mechanics.friction import contact_frame
-from climbplan.program.polytope import Array
 from climbplan.robots.model import Robot
 
 CORNERS = 4  # of a patch

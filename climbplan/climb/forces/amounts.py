@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.forces.cones import (
     FEASIBLE,
     ConicAnswer,
@@ -18,7 +19,6 @@ from climbplan.climb.forces.cones import (
     friction_ends,
     friction_rows,
 )
-from climbplan.climb.plan.climb_plan import Array
 
 LARGEST_MU = 5.0  # beyond any dry contact: friction is no remedy there
 LARGEST_TORQUE_FACTOR = 100.0

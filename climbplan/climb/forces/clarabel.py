@@ -8,8 +8,8 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.climb.forces.reduction import ReducedForces, halfspaces
-from climbplan.climb.plan.climb_plan import Array, Mask
 
 _LOOSER, _REGULARISATION = 1e-8, 1e-6
 _TOLERANCE = 1e-10  # feasibility and gap, in units of the load
@@ -20,7 +20,7 @@ class ConeOptima:
     """Clarabel's answers to B problems; not yet checked."""
 
     x: Array  # (B, q + 1) s and y
-    solved: Mask  # (B,)
+    solved: BoolArray  # (B,)
 
 
 def clarabel_settings(robust: bool = False) -> clarabel.DefaultSettings:

@@ -13,10 +13,10 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.forces.clarabel import clarabel_settings
 from climbplan.climb.forces.restrictions import stability_cone
 from climbplan.climb.forces.statement import ForceStatement
-from climbplan.climb.plan.climb_plan import Array, Index
 from climbplan.mechanics.equilibrium import grasp_matrix
 from climbplan.mechanics.friction import contact_frame
 
@@ -38,8 +38,8 @@ FEASIBLE = 1e-7  # violation, in units of the load and of the torque limits, tha
 class InstantCones:
     """Constraints of one instant with l limbs in contact, at n points in all."""
 
-    limb: Index  # (l,)
-    limb_of: Index  # (n,) of each point its limb's place among these
+    limb: IntArray  # (l,)
+    limb_of: IntArray  # (n,) of each point its limb's place among these
     grasp: Array  # (6, 3 n) moments divided by the lever arm scale
     load: Array  # (6,) likewise
     axes: Array  # (n, 3, 3) rows normal, tangent, bitangent

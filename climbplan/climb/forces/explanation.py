@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.forces.amounts import (
     Interval,
     LoadDirection,
@@ -19,7 +20,7 @@ from climbplan.climb.forces.conflict import Member, conflicting_members
 from climbplan.climb.forces.solving import SolvedForces
 from climbplan.climb.forces.statement import ForceStatement
 from climbplan.climb.forces.tried_remedies import tried
-from climbplan.climb.plan.climb_plan import Array, Instants
+from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import Conflict, LimitReached, NotProved, Remedy
 from climbplan.mechanics.flat_contact import beyond_sole, centre_of_pressure

@@ -15,9 +15,9 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.climb.forces.clarabel import clarabel_settings
 from climbplan.climb.forces.statement import ForceStatement
-from climbplan.climb.plan.climb_plan import Array, Mask
 from climbplan.errors import MissingSolver
 from climbplan.mechanics.friction import contact_frame
 from climbplan.mechanics.stiffness import whole_body_stiffness
@@ -36,7 +36,7 @@ class LiteralProblem:
     load: Array  # (6,)
     usable_mu: Array  # (N,) mu / S_mu
     max_torque: Array  # (N, 3)
-    contact: Mask  # (N,)
+    contact: BoolArray  # (N,)
     largest_s: float
     weight: float  # w
 

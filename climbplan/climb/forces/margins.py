@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.forces.cones import ConicProgram, instant_cones
 from climbplan.climb.forces.solving import SolvedForces, solve_forces
 from climbplan.climb.forces.statement import (
@@ -32,7 +33,6 @@ from climbplan.climb.forces.statement import (
     free_depths_of,
     standing_use,
 )
-from climbplan.climb.plan.climb_plan import Array, Index, Mask
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.friction import split_force
 from climbplan.mechanics.stability import loaded_stiffness
@@ -86,7 +86,7 @@ def _slippery(statement: ForceStatement, slip: float) -> ForceStatement:
     return replace(statement, mu=statement.mu * factor)
 
 
-def _joined(found: MarginedForces, again: MarginedForces, rows: Index) -> MarginedForces:
+def _joined(found: MarginedForces, again: MarginedForces, rows: IntArray) -> MarginedForces:
     """Answers of which some (rows) were found again."""
     force, share = found.solved.force.copy(), found.share.copy()
     force[rows], share[rows] = again.solved.force, again.share
@@ -230,7 +230,7 @@ def _attained(bare: ForceStatement, asked: ForceStatement, force: Array) -> Forc
     )
 
 
-def _least(values: Array, contact: Mask) -> Array:
+def _least(values: Array, contact: BoolArray) -> Array:
     """(K,) least of (K, N) over the toes in contact."""
     return np.asarray(np.where(contact, values, np.inf).min(axis=1))
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import BoolArray
 from climbplan.climb.forces.pyramids import Optima
 from climbplan.climb.forces.reduction import Halfspaces, ReducedForces
-from climbplan.climb.plan.climb_plan import Mask
 
 _TOLERANCE = 1e-6  # before polishing
 _ITERATIONS = 10_000
@@ -19,7 +19,7 @@ _PROXIMAL_STEPS = 6
 _SETTLED = 1e-5  # change of x between proximal steps
 
 
-def solve_osqp(group: ReducedForces, rows: Halfspaces, active: Mask | None = None) -> Optima:
+def solve_osqp(group: ReducedForces, rows: Halfspaces, active: BoolArray | None = None) -> Optima:
     """Minimise gradient . x over the rows by proximal steps, several calls an instant.
 
     `active` rows are of no use to a first-order method. Answers that could not be polished may miss

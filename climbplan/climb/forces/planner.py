@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.forces.explanation import explain, fragile_notes
 from climbplan.climb.forces.soles import solve_on_feet
 from climbplan.climb.forces.statement import (
@@ -21,7 +22,7 @@ from climbplan.climb.forces.statement import (
     torques_of,
 )
 from climbplan.climb.grips.planner import plan_grip_forces
-from climbplan.climb.plan.climb_plan import Array, Forces, Instants
+from climbplan.climb.plan.climb_plan import Forces, Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import UsageError
 from climbplan.mechanics.friction import critical_friction

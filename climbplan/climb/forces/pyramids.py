@@ -13,8 +13,8 @@ from typing import Protocol
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.climb.forces.reduction import Halfspaces, ReducedForces, halfspaces, set_friction
-from climbplan.climb.plan.climb_plan import Array, Mask
 from climbplan.mechanics.friction import regular_corners
 
 _COARSE = 3  # corners that close the second pyramid on its far side
@@ -26,15 +26,15 @@ class Optima:
     """Answers of a solver to B linear problems; not yet checked."""
 
     x: Array  # (B, q + 1) s and y
-    active: Mask  # (B, m) rows with a multiplier
-    solved: Mask  # (B,) what the solver says of itself
+    active: BoolArray  # (B, m) rows with a multiplier
+    solved: BoolArray  # (B,) what the solver says of itself
 
 
 class RowSolver(Protocol):
     """Minimises a group's objective over halfspaces."""
 
     def __call__(
-        self, group: ReducedForces, rows: Halfspaces, active: Mask | None = None
+        self, group: ReducedForces, rows: Halfspaces, active: BoolArray | None = None
     ) -> Optima: ...
 
 
@@ -66,7 +66,7 @@ def _refined(direction: Array, facets: int) -> Array:
     return np.asarray(direction[..., None] + np.concatenate([near, far]))
 
 
-def _carried_over(active: Mask, rows: Halfspaces) -> Mask:
+def _carried_over(active: BoolArray, rows: Halfspaces) -> BoolArray:
     """Rows to start the second pass from: the same joints and contacts, and the facet that begins
     at the middle corner wherever friction was active."""
     n, facets = rows.contacts, rows.facets

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.forces.statement import ForceStatement, of_limbs
-from climbplan.climb.plan.climb_plan import Array, Index
 from climbplan.mechanics.equilibrium import balance_load
 from climbplan.mechanics.friction import contact_frame, project_to_cone, pyramid_rows
 
@@ -32,8 +32,8 @@ class ReducedForces:
     x = (s, y), q unknowns y.
     """
 
-    instant: Index  # (B,) rows of the statement
-    limb: Index  # (B, n) points in contact
+    instant: IntArray  # (B,) rows of the statement
+    limb: IntArray  # (B, n) points in contact
     particular: Array  # (B, n, 3) f0
     null_space: Array  # (B, n, 3, q) Z
     torque_particular: Array  # (B, l, J) torque / limit of f0, of l limbs in contact
@@ -64,7 +64,7 @@ class ReducedForces:
         """q."""
         return self.null_space.shape[-1]
 
-    def take(self, rows: Index) -> ReducedForces:
+    def take(self, rows: IntArray) -> ReducedForces:
         """The same problem for some of the instants."""
         arrays = {name: value[rows] for name, value in vars(self).items() if np.ndim(value)}
         return replace(self, **arrays)
@@ -101,14 +101,14 @@ class Reduction:
     """All instants, reduced, and those whose contacts cannot balance the load at all."""
 
     groups: tuple[ReducedForces, ...]
-    unbalanced: Index  # instants
+    unbalanced: IntArray  # instants
 
 
 def reduce_forces(statement: ForceStatement) -> Reduction:
     """Eliminate equilibrium from the force problems of all instants."""
     count = statement.contact.sum(axis=1)
     groups: list[ReducedForces] = []
-    unbalanced: list[Index] = []
+    unbalanced: list[IntArray] = []
     for n in np.unique(count):
         rows = np.flatnonzero(count == n)
         # Instants with the same limbs in contact follow each other: they resemble each other.
@@ -133,7 +133,7 @@ def reduce_forces(statement: ForceStatement) -> Reduction:
 
 
 def _reduced(
-    statement: ForceStatement, rows: Index, limbs: Index, particular: Array, null_space: Array
+    statement: ForceStatement, rows: IntArray, limbs: IntArray, particular: Array, null_space: Array
 ) -> ReducedForces:
     at = (rows[:, None], limbs)
     axes = contact_frame(statement.normal[at]).axes

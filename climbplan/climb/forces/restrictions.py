@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.forces.statement import (
     COMMAND_RESERVE,
     ForceStatement,
@@ -21,7 +22,6 @@ from climbplan.climb.forces.statement import (
     depth_missing,
     kept,
 )
-from climbplan.climb.plan.climb_plan import Array, Index
 from climbplan.mechanics.stability import loaded_stiffness, stiffness_lost, stiffness_lost_matrices
 
 _STIFFNESS_RESERVE = 1e-3  # of the elastic stiffness: cuts ask for this much more than is needed
@@ -35,7 +35,7 @@ class Rows:
     A: Array  # (B, e, N, 3) [1/N]
     upper: Array  # (B, e)
 
-    def of_limbs(self, limb: Index) -> Array:
+    def of_limbs(self, limb: IntArray) -> Array:
         """(B, e, n, 3) columns of the limbs (B, n) in contact."""
         return np.take_along_axis(self.A, limb[:, None, :, None], axis=2)
 
@@ -57,7 +57,7 @@ def triangle(matrices: Array) -> Array:
     return np.asarray(matrices[..., row, column] * factor)
 
 
-def stability_cone(statement: ForceStatement, instants: Index) -> Rows:
+def stability_cone(statement: ForceStatement, instants: IntArray) -> Rows:
     """Rows (B, 21, N, 3) for which upper - A f is a positive semidefinite matrix: stability."""
     if (statement.stiffness_left[instants] == -np.inf).any():
         shape = (len(instants), 0, *statement.contact.shape[1:], 3)
@@ -78,7 +78,7 @@ class Restrictions:
         self.reserve = reserve
         self._cuts: dict[int, list[Array]] = {}  # (N, 3) share of the stiffness lost per newton
 
-    def broken_by(self, force: Array) -> Index:
+    def broken_by(self, force: Array) -> IntArray:
         """Instants whose forces (K, N, 3) break a restriction; its cuts are remembered."""
         buckling = self._cut(force)
         beyond = beyond_bounds(self.statement, force, self.reserve).max(axis=(1, 2))
@@ -86,7 +86,7 @@ class Restrictions:
         broken = np.maximum(beyond, shallow) > _TOLERANCE
         return np.union1d(buckling, np.flatnonzero(broken))
 
-    def _cut(self, force: Array) -> Index:
+    def _cut(self, force: Array) -> IntArray:
         """Instants that forces leave too little stiffness; the motions that tell are kept."""
         if (self.statement.stiffness_left == -np.inf).all():
             return np.empty(0, np.int64)
@@ -98,7 +98,7 @@ class Restrictions:
             self._cuts.setdefault(int(k), []).append(row)
         return buckling
 
-    def commands(self, instants: Index) -> Rows:
+    def commands(self, instants: IntArray) -> Rows:
         """Rows that keep the commands of some instants within bounds, down and up."""
         b, n = len(instants), self.statement.contact.shape[1]
         rows = self.statement.max_torque.size
@@ -107,7 +107,7 @@ class Restrictions:
         upper = kept(np.concatenate(room, axis=1).reshape(b, 2 * rows), self.reserve)
         return Rows(np.concatenate([bending, -bending], axis=1), upper)
 
-    def depths(self, instants: Index) -> Rows:
+    def depths(self, instants: IntArray) -> Rows:
         """Rows that keep commanded toes as deep inside their surfaces as asked."""
         least = self.statement.least_depth[instants]
         if (least == -np.inf).all():
@@ -118,7 +118,7 @@ class Restrictions:
         rows = -self.statement.inward[instants] * asked[..., None, None]
         return Rows(rows, np.where(asked, -least, 1.0))
 
-    def cuts(self, instants: Index) -> Rows:
+    def cuts(self, instants: IntArray) -> Rows:
         """Cuts found for some instants; those with fewer than others get idle rows."""
         n = self.statement.contact.shape[1]
         most = max((len(self._cuts.get(int(k), [])) for k in instants), default=0)

@@ -11,9 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import IntArray
 from climbplan.climb.forces.margins import MarginedForces, solve_with_margins
 from climbplan.climb.forces.statement import ForceStatement, state_forces
-from climbplan.climb.plan.climb_plan import Index, Instants
+from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.flat_contact import spread_to_corners
 
@@ -32,7 +33,7 @@ def solve_on_feet(
     margin = scene.spec.margins.sole
     if scene.robot.sole is None or margin == 0:
         return statement, solve_with_margins(scene, statement, solver, facets)
-    rows: Index = np.arange(instants.count)
+    rows: IntArray = np.arange(instants.count)
     found: MarginedForces | None = None
     for share in SHARES:
         part = _taken(instants, rows)
@@ -59,5 +60,5 @@ def solve_on_feet(
     return statement, found
 
 
-def _taken(instants: Instants, rows: Index) -> Instants:
+def _taken(instants: Instants, rows: IntArray) -> Instants:
     return Instants(**{name: value[rows] for name, value in vars(instants).items()})

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.forces.clarabel import solve_clarabel
 from climbplan.climb.forces.daqp import solve_daqp
 from climbplan.climb.forces.osqp import solve_osqp
@@ -20,7 +21,6 @@ from climbplan.climb.forces.pyramids import solve_pyramids
 from climbplan.climb.forces.reduction import ReducedForces, Reduction, reduce_forces
 from climbplan.climb.forces.restrictions import Restrictions, stability_cone
 from climbplan.climb.forces.statement import RESIDUAL_LIMIT, ForceStatement, check_forces
-from climbplan.climb.plan.climb_plan import Array, Index, Mask
 from climbplan.errors import UsageError
 
 _CUT_ROUNDS = 8  # times an instant is solved again with new restrictions
@@ -31,7 +31,7 @@ _log = logging.getLogger(__name__)
 @dataclass(frozen=True)
 class _Answers:
     force: Array  # (B, n, 3) [N]
-    solved: Mask  # (B,) what the solver says of itself
+    solved: BoolArray  # (B,) what the solver says of itself
 
 
 GroupSolver = Callable[[ReducedForces, int], _Answers]
@@ -64,8 +64,8 @@ class SolvedForces:
     """Answers of the force problems that passed the check, and which have none."""
 
     force: Array  # (K, N, 3) [N]
-    missing: Index  # instants for which no solver has an answer that holds
-    unbalanced: Index  # instants whose contacts cannot balance the load at all
+    missing: IntArray  # instants for which no solver has an answer that holds
+    unbalanced: IntArray  # instants whose contacts cannot balance the load at all
     solved_again: int  # instants left to Clarabel by another solver
 
 
@@ -102,11 +102,11 @@ def solve_forces(statement: ForceStatement, solver: str, facets: int) -> SolvedF
 def _solve_restricted(
     reduction: Reduction,
     restrictions: Restrictions,
-    instants: Index,
+    instants: IntArray,
     solver: str,
     facets: int,
     force: Array,
-    solved: Mask,
+    solved: BoolArray,
 ) -> None:
     """Solve some instants again, with all restrictions found so far."""
     for group in reduction.groups:
@@ -126,6 +126,6 @@ def _solve_restricted(
             _enter(part, SOLVERS[solver](part, facets), force, solved)
 
 
-def _enter(group: ReducedForces, answers: _Answers, force: Array, solved: Mask) -> None:
+def _enter(group: ReducedForces, answers: _Answers, force: Array, solved: BoolArray) -> None:
     force[group.instant[:, None], group.limb] = answers.force
     solved[group.instant] = answers.solved

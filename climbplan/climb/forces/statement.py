@@ -24,7 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array, Index, Instants, Mask
+from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.equilibrium import link_torques, total_load, wrench_of
 from climbplan.mechanics.friction import split_force
@@ -54,8 +55,8 @@ class ForceStatement:
     whose forces together are what a sole's force and moment can be.
     """
 
-    rounds: Index  # (K,) in which they are, from 1
-    contact: Mask  # (K, C)
+    rounds: IntArray  # (K,) in which they are, from 1
+    contact: BoolArray  # (K, C)
     arms: Array  # (K, C, 3) from the body origin to where limbs are pushed [m]
     normal: Array  # (K, C, 3) unit, into free space
     mu: Array  # (K, C)
@@ -114,11 +115,11 @@ class ForceStatement:
         return self.contact.shape[1] // self.robot.limb_count
 
     @property
-    def standing(self) -> Mask:
+    def standing(self) -> BoolArray:
         """(K, N) limbs in contact."""
         return self.contact[:, :: self.points]
 
-    def take(self, rows: Index) -> ForceStatement:
+    def take(self, rows: IntArray) -> ForceStatement:
         """The same problems for some of the instants."""
         fixed = {"max_torque"}  # arrays that are not by instant
         parts: dict[str, Any] = {

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import ClimbScene
-from climbplan.robots.rotations import Array
 from climbplan.robots.touching_parts import segment_distances
 
 _OVERLAP = 1e-9  # [m] that counts

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.forces.cones import ConicAnswer, ConicProgram
 from climbplan.climb.forces.explanation import CHOSEN, most_fragile
 from climbplan.climb.grips.program import GripInstant, conic_program, grip_instant, linear_blocks
 from climbplan.climb.grips.statement import GripStatement
-from climbplan.climb.plan.climb_plan import Array, Index, Instants
+from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import Conflict, LimitReached, NotProved, Remedy
 from climbplan.robots.rotations import rotation_world_body
@@ -29,7 +30,7 @@ _BISECTIONS = 30
 
 
 def explain_grips(
-    scene: MotionScene, instants: Instants, statement: GripStatement, missing: Index
+    scene: MotionScene, instants: Instants, statement: GripStatement, missing: IntArray
 ) -> NotProved:
     """The error that says what is missing at instants without admissible forces.
 

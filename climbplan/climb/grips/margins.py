@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.grips.program import grip_instant
 from climbplan.climb.grips.solving import SolvedGrips, by_clarabel, solve_grips
 from climbplan.climb.grips.statement import GripStatement
-from climbplan.climb.plan.climb_plan import Array, Index
 from climbplan.spec.climb.margins import MarginsSpec
 
 _KEPT = 0.95  # of the largest share: at all of it forces have no room left, and cost what they may
@@ -35,7 +35,7 @@ def solve_with_margins(
     statement: GripStatement,
     margins: MarginsSpec,
     weight: float,
-    rounds: Index,
+    rounds: IntArray,
     solver: str,
     facets: int,
 ) -> MarginedGrips:

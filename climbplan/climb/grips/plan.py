@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import BoolArray
 from climbplan.climb.grips.planner import pull_margins, wrist_torques
 from climbplan.climb.grips.statement import grip_wrists, state_grips
-from climbplan.climb.plan.climb_plan import Forces, Instants, Mask, Trajectory
+from climbplan.climb.plan.climb_plan import Forces, Instants, Trajectory
 from climbplan.climb.plan.grips import GripPlan, SpineModel
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import ReachFailure
@@ -31,7 +32,7 @@ def require_wrists(scene: MotionScene, instants: Instants) -> None:
     raise ReachFailure(names[limb], over, 0.0, instants.label(k, names))
 
 
-def may_grip_firmly(grippers: Grippers, instants: Instants) -> Mask:
+def may_grip_firmly(grippers: Grippers, instants: Instants) -> BoolArray:
     """(N,) limbs whose fingers may grip harder than they must, on every hold that they come to.
 
     What is within a cone stays there with any force in the cone added: with that of a finger along

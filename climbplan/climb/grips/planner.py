@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.grips.explanation import explain_grips, fragile_grips
 from climbplan.climb.grips.margins import solve_with_margins
 from climbplan.climb.grips.solving import SolvedGrips
 from climbplan.climb.grips.statement import GripStatement, state_grips
-from climbplan.climb.plan.climb_plan import Array, Forces, Instants
+from climbplan.climb.plan.climb_plan import Forces, Instants
 from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene import MotionScene
 from climbplan.errors import UsageError

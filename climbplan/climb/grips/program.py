@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.forces.cones import ConicProgram
 from climbplan.climb.grips.statement import GripStatement
-from climbplan.climb.plan.climb_plan import Array, Index
 from climbplan.mechanics.friction import contact_frame, pyramid_rows, regular_corners
 
 PARTS = 3  # palm and two fingers
@@ -19,7 +19,7 @@ SIZE = 3 * PARTS  # unknowns of a limb in contact
 class GripInstant:
     """One instant with n limbs in contact; forces in units of the load, x their 9 n unknowns."""
 
-    limb: Index  # (n,)
+    limb: IntArray  # (n,)
     to_wrench: Array  # (n, 7, 9) force, moment and gripping force of each limb
     grasp: Array  # (6, 9 n) moments divided by the lever arm scale
     load: Array  # (6,) likewise

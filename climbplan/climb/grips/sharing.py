@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Index, Mask
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.plan.grips import GripForces
 from climbplan.mechanics.equilibrium import grasp_matrix
 from climbplan.mechanics.grip import FIRST, SECOND, Grippers, grip_cones, parts_of
-from climbplan.robots.rotations import Array
 
 
 def more_of_parts(
     grippers: Grippers,
     normal: Array,
-    region: Index,
-    contact: Mask,
+    region: IntArray,
+    contact: BoolArray,
     arms: Array,
     force: Array,
     grips: GripForces,

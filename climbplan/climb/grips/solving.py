@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import daqp
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.grips.program import (
     SIZE,
     GripInstant,
@@ -22,7 +23,6 @@ from climbplan.climb.grips.program import (
     open_fingers,
 )
 from climbplan.climb.grips.statement import RESIDUAL_LIMIT, GripStatement
-from climbplan.climb.plan.climb_plan import Array, Index
 
 # Among forces of equal worst torque those of least squares are preferred, which makes answers
 # unique; the weight is small against s, so that it costs little of the optimum.
@@ -41,7 +41,7 @@ class SolvedGrips:
     """Forces on palms and fingers that passed the check, and instants that have none."""
 
     parts: Array  # (K, N, 3, 3) by part [N], zero for lifted limbs
-    missing: Index  # instants
+    missing: IntArray  # instants
     solved_again: int  # instants left to Clarabel
 
 

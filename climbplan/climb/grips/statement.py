@@ -23,7 +23,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array, Instants, Mask
+from climbplan.arrays import Array, BoolArray
+from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import MotionScene
 from climbplan.mechanics.equilibrium import link_torques, total_load
 from climbplan.mechanics.grip import FIRST, SECOND, GripCones, Grippers, grip_cones
@@ -41,7 +42,7 @@ class GripStatement:
     """Numbers of the force problems of K instants."""
 
     gripper: Gripper
-    contact: Mask  # (K, N)
+    contact: BoolArray  # (K, N)
     load: Array  # (K, 6) on the body [N, N m]
     normal: Array  # (K, N, 3)
     axis: Array  # (K, N, 3) from one finger to the other

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.plan.grips import GripForces, GripPlan
 from climbplan.climb.plan.promise import Promise
 from climbplan.climb.plan.world_sample import WorldSample
@@ -20,10 +20,6 @@ from climbplan.robots.model import Robot
 from climbplan.spec.robots.stored import RobotTexts
 from climbplan.terrain.model import Terrain
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.int64]
-
 
 @dataclass(frozen=True)
 class Rounds:
@@ -32,7 +28,7 @@ class Rounds:
     com: Array  # (M+1, 3) body origin [m]
     rpy: Array  # (M+1, 3) roll, pitch, yaw [rad]
     toes: Array  # (M+1, N, 3) [m]
-    region: Index  # (M+1, N) surface each toe stands on
+    region: IntArray  # (M+1, N) surface each toe stands on
 
     @property
     def count(self) -> int:
@@ -51,15 +47,15 @@ class Instants:
     A climb has 2 N a round, one limb after the other; a transition lifts several limbs at once.
     """
 
-    round: Index  # (K,) 1..M
-    lifted: Mask  # (K, N) the limbs in the air
-    contact: Mask  # (K, N) limbs that carry load
+    round: IntArray  # (K,) 1..M
+    lifted: BoolArray  # (K, N) the limbs in the air
+    contact: BoolArray  # (K, N) limbs that carry load
     com: Array  # (K, 3) planned body origin [m]
     rpy: Array  # (K, 3) [rad]
     toes: Array  # (K, N, 3) [m]; a lifted toe hovers above where it stood
     normal: Array  # (K, N, 3) unit, from the surface into free space
     mu: Array  # (K, N) friction coefficient
-    region: Index  # (K, N) surface of each toe (a lifted toe: the one it left)
+    region: IntArray  # (K, N) surface of each toe (a lifted toe: the one it left)
     joint_angles: Array  # (K, N, J) [rad]
     external_wrench: Array  # (K, 6) force and moment about the body origin beside the weight
 
@@ -117,7 +113,7 @@ class Trajectory:
     com: Array  # (T, 3) [m]
     rpy: Array  # (T, 3) [rad]
     joint_command: Array  # (T, N, J) [rad]
-    contact: Mask  # (T, N)
+    contact: BoolArray  # (T, N)
     grips: GripForces | None = None  # of robots with grippers
     force: Array | None = None  # (T, N, 3) likewise, contact forces [N]
 
@@ -148,7 +144,7 @@ class Study:
 
     keys: tuple[str, ...]  # one or two dotted keys
     values: tuple[Array, ...]  # values of each key
-    label: Index  # (len(values[0]), len(values[1]) or 1): index into `LABELS`
+    label: IntArray  # (len(values[0]), len(values[1]) or 1): index into `LABELS`
     detail: tuple[str, ...]  # message of each cell, row by row
 
     LABELS = ("feasible", "force-infeasible", "kinematics-infeasible")
@@ -205,7 +201,7 @@ class ClimbPlan(PlanHeader):
         return f"{text}; then {climbed} rounds limb by limb" if climbed else text
 
 
-def sequence_name(moved: Mask, limb_names: tuple[str, ...]) -> str:
+def sequence_name(moved: BoolArray, limb_names: tuple[str, ...]) -> str:
     """The name of a contact sequence, moved: (S, N) limbs of each step."""
     counts = "-".join(str(int(step.sum())) for step in moved)
     limbs = [" ".join(limb_names[i] for i in np.flatnonzero(step)) for step in moved]

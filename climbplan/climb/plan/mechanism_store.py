@@ -7,8 +7,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.layout import BODY_PART, CAPSULES, JOINT_DYNAMICS, LINKS, TOUCHING
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader
@@ -18,7 +18,6 @@ from climbplan.robots.joint_dynamics import JointDynamics
 from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.model import MountedCapsules, Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 
 CHAIN = {
@@ -179,7 +178,7 @@ def read_body_parts(reader: Reader) -> dict[str, Any]:
     found: dict[str, Any] = {}
     if reader.has("robot/touching"):
         found["touching"] = reader.array("robot/touching", TOUCHING)
-    parts: list[NDArray[np.float64]] = []
+    parts: list[Array] = []
     while reader.has(f"robot/body_parts/{len(parts)}"):
         parts.append(reader.array(f"robot/body_parts/{len(parts)}", BODY_PART))
     return {**found, "body_parts": tuple(parts)}

@@ -14,13 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.postures.passage import closed_way
 from climbplan.climb.postures.ways import ways_too_long
 from climbplan.climb.scene import ClimbScene, Stance, normals_under
 from climbplan.errors import Conflict, NotProved, ReachFailure, Remedy
 from climbplan.program import Program
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.robots.kinematics import require_reachable, sole_turns, to_body
 from climbplan.solvers.elastic import Violations, least_violations
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.scene import ClimbScene
 from climbplan.robots.kinematics import inverse, joint_points_body, turns_under
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 
 _STEP = 1e-5  # [m] of the differences
 _POSTURES = 1000  # sampled of a chain

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.postures.statement import region_polytope, sum_of_squares
 from climbplan.climb.scene import ClimbScene, MotionScene
 from climbplan.program import Polytope, Program
-from climbplan.program.polytope import Array
 from climbplan.program.statement import Expression
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.rotations import rotation_world_body

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linprog
 
+from climbplan.arrays import Array
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import Conflict, Remedy
-from climbplan.program.polytope import Array
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.model import FreeRegion
 

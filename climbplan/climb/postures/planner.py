@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.explanation import BOUND_SCOPE, NoPostures, explain_infeasible
 from climbplan.climb.postures.statement import LinearRotation, PostureMargins, posture_program
@@ -17,7 +18,6 @@ from climbplan.climb.scene import ClimbScene
 from climbplan.climb.within_reach import between
 from climbplan.errors import LimitReached, NotProved, UsageError
 from climbplan.program import Program
-from climbplan.program.polytope import Array
 from climbplan.solvers.model_file import save_model as write_model
 from climbplan.solvers.registry import solve
 from climbplan.solvers.result import Known, SolverResult

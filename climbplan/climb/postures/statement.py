@@ -16,14 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.climb.limb_clearance import standing_room
-from climbplan.climb.plan.climb_plan import Mask
 from climbplan.climb.postures.limb_shape import LimbShape, limb_shape
 from climbplan.climb.postures.turning import state_turns
 from climbplan.climb.scene import ClimbScene
 from climbplan.program import Polytope, Program
 from climbplan.program.affine_array import AffineArray
-from climbplan.program.polytope import Array
 from climbplan.program.statement import Expression
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.model import FreeRegion, lies_on
@@ -133,7 +132,7 @@ def limb_polytopes(
     keep: float,
     knee_keep: float,
     rotation: LinearRotation,
-    stood: Mask | None = None,
+    stood: BoolArray | None = None,
 ) -> list[Polytope]:
     """Toes and body poses before and after a round for which a limb stays beyond one face.
 
@@ -197,7 +196,7 @@ def _limb_free(p: Program, scene: ClimbScene, postures: Entries, margins: Postur
         p.one_of(f"limbs.clearance_{index}", postures, per_limb * len(postures), unit="m")
 
 
-def _stood_faces(scene: ClimbScene, limb: int, obstacle: int) -> Mask:
+def _stood_faces(scene: ClimbScene, limb: int, obstacle: int) -> BoolArray:
     """(F,) faces of an obstacle with a surface on them that a limb may stand on."""
     terrain = scene.terrain
     solid = terrain.obstacles[obstacle]

@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.program import Program
-from climbplan.program.polytope import Array
 from climbplan.robots.coxa_femur_tibia import CoxaFemurTibia
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.model import Robot

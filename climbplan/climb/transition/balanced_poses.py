@@ -11,8 +11,8 @@ import itertools
 
 import numpy as np
 
+from climbplan.arrays import IntArray
 from climbplan.climb.balance import balancing_shifts
-from climbplan.climb.plan.climb_plan import Index
 from climbplan.climb.transition.footholds import Poses
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.search import Search
@@ -35,8 +35,8 @@ def balanced_poses(scene: TransitionScene, deadline: float) -> Poses:
     pairs = list(itertools.product(kinematic.stances(), range(way.count)))[:_MOST]
     if not pairs:
         return Poses(np.zeros((0, 3)), np.zeros((0, 3)))
-    stance: Index = np.array([own for own, _ in pairs], np.int64)
-    number: Index = np.array([k for _, k in pairs], np.int64)
+    stance: IntArray = np.array([own for own, _ in pairs], np.int64)
+    number: IntArray = np.array([k for _, k in pairs], np.int64)
     lifts = stance_instants(kinematic.lab.at(way), stance, number)
     # The search's friction pyramids are inscribed in the cones of the balance
     narrower = float(np.cos(np.pi / scene.spec.force.facets))

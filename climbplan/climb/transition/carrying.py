@@ -6,17 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.in_hand import in_hand
 from climbplan.climb.looks import plan_looks
 from climbplan.climb.motion import StageClock
 from climbplan.climb.plan.climb_plan import (
-    Array,
     ClimbPlan,
     Forces,
     Instants,
-    Mask,
     Rounds,
     Sequences,
     Trajectory,
@@ -79,7 +78,7 @@ class LimbsMeet(NotProved):
         super().__init__(f"limbs meet: {words}", because=because, stage="motion")
 
 
-def complete(run: Run, rounds: Rounds, moved: Mask, first: Array) -> Complete:
+def complete(run: Run, rounds: Rounds, moved: BoolArray, first: Array) -> Complete:
     """Instants, forces and trajectory of postures; raises what each of them raises.
 
     first: (3,) where the body is at the first lift.
@@ -100,7 +99,9 @@ def complete(run: Run, rounds: Rounds, moved: Mask, first: Array) -> Complete:
     return Complete(rounds, instants, forces, trajectory)
 
 
-def verified(run: Run, rounds: Rounds, moved: Mask, first: Array) -> tuple[Complete, Verification]:
+def verified(
+    run: Run, rounds: Rounds, moved: BoolArray, first: Array
+) -> tuple[Complete, Verification]:
     """What follows from postures, and all checks of their plan; raises what `complete` raises."""
     done = complete(run, rounds, moved, first)
     with run.clock.stage("check"):

@@ -12,13 +12,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.limb_clearance import closest_link, links_room, world_capsules
-from climbplan.climb.plan.climb_plan import Array, Instants, Mask
+from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.self_clearance import body_room, standing_overlap
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.robots.touching_parts import Pairs, limbs_room, parts_beside
+from climbplan.robots.touching_parts import limbs_room, parts_beside
 
 _OVERLAP = 1e-6  # [m] that counts
 _APART = 1e-3  # [m] that capsules keep from one another, from the body and from solids
@@ -30,11 +31,11 @@ class ClearStanding:
 
     scene: TransitionScene
     links: tuple[Capsules, ...]  # by foothold: (B, N, K) in the body frame
-    alone: Mask  # (B, N, C) whether a limb meets neither terrain nor body there
-    _between: Pairs = field(repr=False)
-    _known: dict[tuple[int, int, int, int], Mask] = field(default_factory=dict, repr=False)
+    alone: BoolArray  # (B, N, C) whether a limb meets neither terrain nor body there
+    _between: IntArray = field(repr=False)
+    _known: dict[tuple[int, int, int, int], BoolArray] = field(default_factory=dict, repr=False)
 
-    def apart(self, state: tuple[int, ...]) -> Mask:
+    def apart(self, state: tuple[int, ...]) -> BoolArray:
         """(B,) whether no two limbs meet, each on a foothold or, at a number below zero, left out.
 
         True where a limb is out of reach.
@@ -49,7 +50,7 @@ class ClearStanding:
             clear &= known
         return clear
 
-    def _two_apart(self, i: int, c: int, k: int, d: int) -> Mask:
+    def _two_apart(self, i: int, c: int, k: int, d: int) -> BoolArray:
         own = self._between[(self._between[:, [0, 2]] == [i, k]).all(axis=1)]
         if not len(own):
             return np.ones(len(self.alone), bool)
@@ -99,6 +100,6 @@ def standing_trouble(scene: TransitionScene, instants: Instants) -> str | None:
     return None if meets is None else f"{meets[1]}, {meets[0].words(robot)}"
 
 
-def _kept(room: Array, least: float) -> Mask:
+def _kept(room: Array, least: float) -> BoolArray:
     """Whether there is room; so it counts where nothing is known."""
     return np.asarray(np.isnan(room) | (room > least))

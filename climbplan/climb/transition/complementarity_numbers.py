@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from climbplan.climb.plan.climb_plan import Array, Index, Mask
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.scene import load_wrench
 from climbplan.climb.transition.complementarity import (
     MOST_LOAD,
@@ -44,7 +44,7 @@ class FreeMotion:
 
     scene: TransitionScene
     program: ComplementarityProgram
-    surfaces: Index  # (N, S)
+    surfaces: IntArray  # (N, S)
     parameters: dict[str, Array]
     lower: Array
     upper: Array
@@ -72,7 +72,7 @@ def free_motion(scene: TransitionScene) -> FreeMotion:
     return FreeMotion(scene, program, surfaces, _numbers(scene, program.shape, surfaces), *bounds)
 
 
-def surfaces_of(scene: TransitionScene) -> Index:
+def surfaces_of(scene: TransitionScene) -> IntArray:
     """(N, S) flat surfaces of each limb; limbs with fewer repeat their last."""
     own = [np.flatnonzero(row) for row in scene.terrain.allowed]
     most = max(len(r) for r in own)
@@ -86,7 +86,7 @@ def _regions(scene: TransitionScene) -> tuple[Region, ...]:
     return regions
 
 
-def _bounds_room(scene: TransitionScene) -> Mask:
+def _bounds_room(scene: TransitionScene) -> BoolArray:
     """(R,) whether all other surfaces and postures are in front of a surface's plane."""
     regions = _regions(scene)
     points = np.concatenate([r.material for r in regions] + [scene.start.toes, scene.goal.toes])
@@ -107,7 +107,7 @@ def _solids(scene: TransitionScene) -> list[Solid]:
     return [*scene.terrain.obstacles, *slabs]
 
 
-def _shape_of(scene: TransitionScene, surfaces: Index) -> Shape:
+def _shape_of(scene: TransitionScene, surfaces: IntArray) -> Shape:
     solids = _solids(scene)
     polygons = not _bounds_room(scene).all()
     return Shape(
@@ -120,7 +120,7 @@ def _shape_of(scene: TransitionScene, surfaces: Index) -> Shape:
     )
 
 
-def _numbers(scene: TransitionScene, shape: Shape, surfaces: Index) -> dict[str, Array]:
+def _numbers(scene: TransitionScene, shape: Shape, surfaces: IntArray) -> dict[str, Array]:
     regions, nothing = _regions(scene), np.empty(0)
     used = [regions[index] for index in surfaces.ravel()]
     edges = [_padded(r.A, r.b, shape.edges) for r in used]
@@ -190,7 +190,9 @@ def _variable_bounds(
     return point({k: b[0] for k, b in both.items()}), point({k: b[1] for k, b in both.items()})
 
 
-def _row_bounds(scene: TransitionScene, stated: Trajectory, surfaces: Index) -> tuple[Array, Array]:
+def _row_bounds(
+    scene: TransitionScene, stated: Trajectory, surfaces: IntArray
+) -> tuple[Array, Array]:
     """Of one of a program's statements, the same in each round."""
     in_front = np.where(_bounds_room(scene)[surfaces.ravel()], -_IN_FRONT, -np.inf)
     joints = joint_bounds(scene.robot, _JOINT_ROOM, POINTS)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array, Index, Mask
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.raw_clearance import raw_body_room
 from climbplan.climb.transition.clear_standing import ClearStanding, clear_standing
 from climbplan.climb.transition.scene import TransitionScene, hull_room
@@ -25,10 +25,10 @@ class Footholds:
     """C footholds of each of N limbs; a limb with fewer repeats its goal, which `real` tells."""
 
     toe: Array  # (N, C, 3) [m]
-    region: Index  # (N, C)
+    region: IntArray  # (N, C)
     normal: Array  # (N, C, 3) unit, into free space
     mu: Array  # (N, C)
-    real: Mask  # (N, C)
+    real: BoolArray  # (N, C)
 
     @property
     def count(self) -> int:
@@ -53,7 +53,7 @@ class Poses:
 class Reach:
     """Which footholds limbs reach from which poses, and how."""
 
-    valid: Mask  # (B, N, C) in reach, and no limb in the terrain or the body
+    valid: BoolArray  # (B, N, C) in reach, and no limb in the terrain or the body
     clear: ClearStanding
     angles: Array  # (B, N, C, J) [rad], NaN where not valid
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.climb.instants import instants_at, joint_angles
-from climbplan.climb.plan.climb_plan import Array, Instants, Mask, Rounds
+from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.transition.scene import TransitionScene
 
 
-def plan_instants(scene: TransitionScene, rounds: Rounds, moved: Mask, first: Array) -> Instants:
+def plan_instants(
+    scene: TransitionScene, rounds: Rounds, moved: BoolArray, first: Array
+) -> Instants:
     """The 2 M instants of a transition with their joint angles.
 
     moved: (M, N) limbs of each round; first: (3,) where the body is at the first lift. The body

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array, Index, Mask
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.transition.complementarity_numbers import FreeMotion, found_at, free_motion
 from climbplan.climb.transition.footholds import (
     GOAL,
@@ -164,7 +164,7 @@ def _moved_elsewhere(
     return np.clip(_along(motion, holds, v, drawn, moved), motion.lower, motion.upper)
 
 
-def _too_far(scene: TransitionScene, path: Index) -> Index:
+def _too_far(scene: TransitionScene, path: IntArray) -> IntArray:
     """Limbs whose way goes straight to a goal that is further than one step."""
     far = np.linalg.norm(scene.goal.toes - scene.start.toes, axis=1) > toe_step_limits(scene)
     return np.flatnonzero(far & (path <= GOAL).all(axis=0))
@@ -172,7 +172,7 @@ def _too_far(scene: TransitionScene, path: Index) -> Index:
 
 def _random_path(
     scene: TransitionScene, holds: Footholds, limb: int, rng: np.random.Generator
-) -> Index:
+) -> IntArray:
     """Footholds (M,) of a limb after each round: its goal at once, or by one between."""
     m = scene.spec.task.rounds
     path = np.full(m, START)
@@ -188,7 +188,9 @@ def _random_path(
     return path
 
 
-def _along(motion: FreeMotion, holds: Footholds, v: Array, path: Index, moved: Mask) -> Array:
+def _along(
+    motion: FreeMotion, holds: Footholds, v: Array, path: IntArray, moved: BoolArray
+) -> Array:
     """v with toes on footholds (M, N), limbs that move not holding, others pressing."""
     shape, stated = motion.shape, motion.program.stated
     limb = np.arange(shape.limbs)
@@ -206,7 +208,7 @@ def _along(motion: FreeMotion, holds: Footholds, v: Array, path: Index, moved: M
     return out
 
 
-def admissible(scene: TransitionScene, moved: Mask) -> bool:
+def admissible(scene: TransitionScene, moved: BoolArray) -> bool:
     """Some limbs move in every round, never too many, and all that have to."""
     most = scene.robot.limb_count - scene.spec.task.supporting
     counts = moved.sum(axis=1)
@@ -230,7 +232,9 @@ def sequence_at(motion: FreeMotion, v: Array) -> tuple[Laboratory, Sequence]:
     return lab, Sequence(_states(moved), tuple(range(m + 1)), 0.0, np.inf)
 
 
-def _laboratory(scene: TransitionScene, toes: Array, poses: Poses, surfaces: Index) -> Laboratory:
+def _laboratory(
+    scene: TransitionScene, toes: Array, poses: Poses, surfaces: IntArray
+) -> Laboratory:
     """Footholds start, goal, and one after each round but the last, on their nearest surface."""
     m, n = len(toes) - 1, toes.shape[1]
     toe = np.concatenate([toes[:1], toes[-1:], toes[1:-1]]).swapaxes(0, 1)
@@ -250,7 +254,7 @@ def _laboratory(scene: TransitionScene, toes: Array, poses: Poses, surfaces: Ind
     return Laboratory(scene, holds, poses, reach_of(scene, holds, poses))
 
 
-def _states(moved: Mask) -> tuple[State, ...]:
+def _states(moved: BoolArray) -> tuple[State, ...]:
     """Foothold numbers after each round: a limb's last move takes it to its goal."""
     m, n = moved.shape
     states = np.full((m + 1, n), START)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array, Rounds
+from climbplan.arrays import Array
+from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.transition.motion_numbers import (
     JOINT_ROOM,
     MARGIN,

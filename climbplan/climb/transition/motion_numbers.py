@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array, Mask, Rounds
+from climbplan.arrays import Array, BoolArray
+from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.scene import load_wrench
 from climbplan.climb.transition.footholds import GOAL, START
 from climbplan.climb.transition.motion_statement import POINTS, Shape
@@ -76,7 +77,7 @@ def toes_of(lab: Laboratory, sequence: Sequence) -> Array:
     return lab.footholds.toe[limb, np.array(sequence.states)]
 
 
-def open_footholds(sequence: Sequence) -> Mask:
+def open_footholds(sequence: Sequence) -> BoolArray:
     """(M + 1, N) toes on footholds between, whose place is open."""
     states = np.array(sequence.states)
     return (states != START) & (states != GOAL)
@@ -182,12 +183,12 @@ def motion_numbers(
     )
 
 
-def _open_poses(scene: TransitionScene, rounds: int) -> Mask:
+def _open_poses(scene: TransitionScene, rounds: int) -> BoolArray:
     """(M, 1) whether the pose of a round is open: but for the first, unless it may be shifted."""
     return ((np.arange(rounds) > 0) | (scene.spec.posture.steps.shift_max > 0))[:, None]
 
 
-def _asked(scene: TransitionScene, sequence: Sequence) -> Mask:
+def _asked(scene: TransitionScene, sequence: Sequence) -> BoolArray:
     """(M, N, POINTS) which toes are to be in reach: old, new, hovering over old, over new."""
     open_toes, moved = open_footholds(sequence), sequence.moved
     later = _open_poses(scene, len(moved))

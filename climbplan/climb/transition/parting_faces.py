@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array, Index, Mask
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.self_clearance import body_solids
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.robots.capsules import limb_capsules
@@ -28,7 +28,7 @@ _CROSSED = 1e-9  # [m] a shorter way has no direction
 
 
 def parting_faces(
-    scene: TransitionScene, com: Array, rpy: Array, toes: Array, asked: Mask
+    scene: TransitionScene, com: Array, rpy: Array, toes: Array, asked: BoolArray
 ) -> dict[str, Array]:
     """Numbers of the program, (M, d) each, for poses (M, 3) and toes (M, P, N, 3), body frame.
 
@@ -77,7 +77,7 @@ def parting_faces(
     }
 
 
-def links_near(scene: TransitionScene, toes: Array, moved: Mask) -> LinkPairs:
+def links_near(scene: TransitionScene, toes: Array, moved: BoolArray) -> LinkPairs:
     """Links of two limbs that come close, toes (M, P, N, 3), body frame, moved (M, N).
 
     Limbs that do not move in a round stay at its first point.
@@ -90,7 +90,7 @@ def links_near(scene: TransitionScene, toes: Array, moved: Mask) -> LinkPairs:
 
 
 def parting_planes(
-    scene: TransitionScene, toes: Array, asked: Mask, moved: Mask, beside: LinkPairs
+    scene: TransitionScene, toes: Array, asked: BoolArray, moved: BoolArray, beside: LinkPairs
 ) -> dict[str, Array]:
     """Numbers of the program, (M, d) each, that part the links of two limbs; arguments as above.
 
@@ -125,7 +125,7 @@ def _angles_at(scene: TransitionScene, toes: Array) -> Array:
     return np.where(solution.valid[..., None], solution.best(), first)
 
 
-def _staying(angles: Array, moved: Mask) -> Array:
+def _staying(angles: Array, moved: BoolArray) -> Array:
     """Angles (M, P, N, J), of limbs that do not move those of the first point."""
     return np.where(moved[:, None, :, None], angles, angles[:, :1])
 
@@ -141,7 +141,7 @@ def _thickness(robot: Robot) -> Array:
     return np.maximum(thick[:, :-1], thick[:, 1:])
 
 
-def _picked(values: list[Array], which: Index) -> Array:
+def _picked(values: list[Array], which: IntArray) -> Array:
     """Of arrays (..., k) alike the one that `which` (...) names."""
     stacked = np.stack(values)
     index = which[None] if stacked.ndim == which.ndim + 1 else which[None, ..., None]

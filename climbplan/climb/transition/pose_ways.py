@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array, Index, Mask
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.transition.stances import LIFTED, Laboratory, largest_friction_factor
 
 State = tuple[int, ...]  # a foothold number for every limb
@@ -30,7 +30,7 @@ class Sequence:
     firm_poses: tuple[int, ...] = ()  # (M + 1) of the largest S_tau
 
     @property
-    def moved(self) -> Mask:
+    def moved(self) -> BoolArray:
         """(M, N) limbs of each round."""
         return np.diff(np.array(self.states), axis=0) != 0
 
@@ -102,7 +102,7 @@ def stance_of_move(state: State, after: State) -> State:
     return tuple(a if a == b else LIFTED for a, b in zip(state, after, strict=True))
 
 
-def _traced(back: list[Index], last: int) -> tuple[int, ...]:
+def _traced(back: list[IntArray], last: int) -> tuple[int, ...]:
     """The poses that lead to the last one."""
     way = [last]
     for previous in reversed(back):

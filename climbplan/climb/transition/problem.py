@@ -15,8 +15,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.motion import StageClock
-from climbplan.climb.plan.climb_plan import Array
 from climbplan.climb.transition.carrying import Run, carry_through, verified
 from climbplan.climb.transition.complementarity import complementarity_statement
 from climbplan.climb.transition.complementarity_numbers import FreeMotion, found_at, free_motion

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from climbplan.arrays import IntArray
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.plan.climb_plan import Index, sequence_name
+from climbplan.climb.plan.climb_plan import sequence_name
 from climbplan.climb.transition.footholds import GOAL, START, Poses
 from climbplan.climb.transition.pose_ways import Sequence, State, stance_of_move
 from climbplan.climb.transition.scene import TransitionScene
@@ -174,7 +175,7 @@ def _refusal(
     moved = sequence.moved
     limbs = " ".join(names[i] for i in np.flatnonzero(moved[j]))
     where = f"{sequence_name(moved, names)}: round {j + 1}, {limbs} lifted"
-    row: Index = np.array(stance, np.int64)
+    row: IntArray = np.array(stance, np.int64)
     if factor <= 0 and not balances(lab, row, pose):
         held = " ".join(names[i] for i in np.flatnonzero(~moved[j]))
         least = f"each pressing with {100 * scene.spec.search.least_load:.3g} % of the weight"
@@ -223,7 +224,7 @@ def _shifted(scene: TransitionScene) -> tuple[Remedy, ...]:
     return (Remedy(words, "posture.steps.shift_max", value),)
 
 
-def _surface_name(lab: Laboratory, limb: int, stance: Index) -> str:
+def _surface_name(lab: Laboratory, limb: int, stance: IntArray) -> str:
     return lab.scene.terrain.surfaces[lab.footholds.region[limb, stance[limb]]].name
 
 

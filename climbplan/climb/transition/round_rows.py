@@ -29,7 +29,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array
+from climbplan.arrays import Array
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.program.stage import Stage

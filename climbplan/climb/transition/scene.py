@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array
+from climbplan.arrays import Array
 from climbplan.climb.plausible_lengths import implausible_lengths
 from climbplan.climb.proof import no_support, out_of_reach
 from climbplan.climb.raw_clearance import THE_SCAN, raw_body_room

@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import Array, Mask, sequence_name
+from climbplan.arrays import Array, BoolArray
+from climbplan.climb.plan.climb_plan import sequence_name
 from climbplan.climb.transition.footholds import (
     GOAL,
     START,
@@ -59,7 +60,7 @@ class Search:
     lab: Laboratory = field(init=False)
     tally: Tally = field(default_factory=Tally)
     beside: Poses | None = None  # poses to look at beside those of the grid
-    _clear: dict[State, Mask] = field(default_factory=dict)  # state -> (B,) no limbs meet
+    _clear: dict[State, BoolArray] = field(default_factory=dict)  # state -> (B,) no limbs meet
     _use: dict[State, Array] = field(default_factory=dict)  # stance -> (B,) 1 / S_tau
 
     def __post_init__(self) -> None:
@@ -214,7 +215,7 @@ class Search:
         """Forces of all stances of a round that are not known yet."""
         if not self.forces:
             return
-        wanted: dict[State, Mask] = {}
+        wanted: dict[State, BoolArray] = {}
         for state, following in moves.items():
             for after in following:
                 stance = stance_of_move(state, after)
@@ -238,16 +239,16 @@ class Search:
         for (stance, b), use in zip(pairs, found, strict=True):
             self._use.setdefault(stance, np.full(self.lab.poses.count, np.nan))[b] = use
 
-    def _reachable(self, number: int, state: State, after: State) -> Mask:
+    def _reachable(self, number: int, state: State, after: State) -> BoolArray:
         """(B,) poses from which all limbs reach the footholds of a round, old and new, apart."""
         reach, limb = self.lab.reach, np.arange(len(state))
         both = [reach.valid[:, limb, own].all(axis=1) & self._apart(own) for own in (state, after)]
-        at: Mask = np.asarray(both[0] & both[1])
+        at: BoolArray = np.asarray(both[0] & both[1])
         if number == 0:  # the first round starts near the start pose
             at = at & np.isfinite(self.first)
         return at
 
-    def _apart(self, state: State) -> Mask:
+    def _apart(self, state: State) -> BoolArray:
         """(B,) poses from which no two limbs meet, each on its foothold."""
         if state not in self._clear:
             self._clear[state] = self.lab.reach.clear.apart(state)

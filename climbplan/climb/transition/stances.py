@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.forces.daqp import solve_daqp
 from climbplan.climb.forces.reduction import halfspaces, reduce_forces
 from climbplan.climb.forces.statement import ForceStatement, check_forces, state_forces, torque_use
-from climbplan.climb.plan.climb_plan import Array, Index, Instants
+from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import load_wrench
 from climbplan.climb.transition.footholds import Footholds, Poses, Reach, reach_of
 from climbplan.climb.transition.scene import TransitionScene
@@ -54,7 +55,7 @@ class Laboratory:
         return Laboratory(self.scene, self.footholds, poses, reach)
 
 
-def stance_instants(lab: Laboratory, stance: Index, pose: Index) -> Instants:
+def stance_instants(lab: Laboratory, stance: IntArray, pose: IntArray) -> Instants:
     """Instants (Q) of stances (Q, N) at poses (Q,); lifted limbs hang at their start foothold."""
     holds, scene = lab.footholds, lab.scene
     limb = np.arange(stance.shape[1])
@@ -87,7 +88,7 @@ def _hanging(robot: Robot) -> Array:
     return np.zeros((robot.limb_count, robot.joint_count))
 
 
-def stance_forces(lab: Laboratory, stance: Index, pose: Index) -> StanceForces:
+def stance_forces(lab: Laboratory, stance: IntArray, pose: IntArray) -> StanceForces:
     """Least torque use of stances (Q, N) at poses (Q,) with the friction asked for."""
     use = np.full(len(pose), np.inf)
     force = np.zeros((*stance.shape, 3))
@@ -125,7 +126,7 @@ def _solved(lab: Laboratory, statement: ForceStatement) -> tuple[Array, Array]:
     return np.where(solved, use, np.inf), np.where(solved[:, None, None], force, 0.0)
 
 
-def largest_friction_factor(lab: Laboratory, stance: Index, pose: Index) -> Array:
+def largest_friction_factor(lab: Laboratory, stance: IntArray, pose: IntArray) -> Array:
     """The largest S_mu (Q,) at which stances hold with the torque factor asked for; 0 for none."""
     instants = stance_instants(lab, stance, pose)
     statement = state_forces(lab.scene, instants)
@@ -143,7 +144,7 @@ def largest_friction_factor(lab: Laboratory, stance: Index, pose: Index) -> Arra
     return np.where(possible, np.exp(low), 0.0)
 
 
-def balances(lab: Laboratory, stance: Index, pose: int) -> bool:
+def balances(lab: Laboratory, stance: IntArray, pose: int) -> bool:
     """Whether a stance (N,) could hold the body with friction and torques without end."""
     statement = state_forces(lab.scene, stance_instants(lab, stance[None], np.array([pose])))
     mu = statement.mu * statement.safety_friction / _LEAST_FACTOR
@@ -151,7 +152,7 @@ def balances(lab: Laboratory, stance: Index, pose: int) -> bool:
     return bool(np.isfinite(_solved(lab, strong)[0][0]))
 
 
-def largest_torque_factor(lab: Laboratory, stance: Index, pose: int) -> float:
+def largest_torque_factor(lab: Laboratory, stance: IntArray, pose: int) -> float:
     """The largest S_tau at which a stance (N,) holds with the friction asked for; 0 for none."""
     statement = state_forces(lab.scene, stance_instants(lab, stance[None], np.array([pose])))
     motors = replace(statement, max_torque=statement.max_torque * _STRONGER)
@@ -168,7 +169,7 @@ class Slip:
     available: float  # mu
 
 
-def slipping(lab: Laboratory, stance: Index, pose: int, factor: float) -> list[Slip]:
+def slipping(lab: Laboratory, stance: IntArray, pose: int, factor: float) -> list[Slip]:
     """Contacts of a stance (N,) that use all friction at S_mu = `factor`, worst first."""
     at = np.array([pose])
     statement = state_forces(lab.scene, stance_instants(lab, stance[None], at))

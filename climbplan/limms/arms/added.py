@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.limms.modules.chain import BRANCHES, in_range, inverse
 from climbplan.limms.modules.limbs import side_pose, standing_rotation
 from climbplan.limms.modules.moving import gaps, rooted
-from climbplan.limms.scene import Array, Pose, Scene
+from climbplan.limms.scene import Pose, Scene
 from climbplan.limms.timeline import PlanSoFar
 
 _OUT = (0.3, 0.45, 0.6, 0.75)  # [m] from the anchor, along its normal
@@ -121,9 +121,7 @@ def _turning(scene: Scene, side: int, places: Array, frames: Array, path: Array)
     return best
 
 
-def _served(
-    scene: Scene, places: Array, frames: Array, ground: tuple[float, ...]
-) -> NDArray[np.bool_]:
+def _served(scene: Scene, places: Array, frames: Array, ground: tuple[float, ...]) -> BoolArray:
     """Which places (N) a module that stands on the ground reaches with its last end."""
     ok = np.zeros(len(places), bool)
     for height, ring in product(ground, _RINGS):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from climbplan.limms.scene import Array
+from climbplan.arrays import Array
 from climbplan.limms.statement import Trace
 from climbplan.limms.work import Work
 

@@ -16,17 +16,12 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from climbplan.limms.arms.held_branches import (
-    RANGE_MARGIN,
-    HeldTask,
-    Mask,
-    clearance,
-    off_singular,
-)
+from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.limms.arms.held_branches import RANGE_MARGIN, HeldTask, clearance, off_singular
 from climbplan.limms.corridor import centre_blocks, way_length
 from climbplan.limms.modules.chain import in_range
 from climbplan.limms.modules.limbs import limb_angles
-from climbplan.limms.scene import Array, Index, Scene
+from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb
 
 STEP = 0.07  # [m] between nodes
@@ -45,7 +40,7 @@ def arm_way(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[tuple[A
     nodes, places = _nodes(task)
     blocks = centre_blocks(scene)
     inside = _inside(nodes, blocks)  # (n, blocks)
-    serves: Mask = np.asarray(inside.any(axis=1))
+    serves: BoolArray = np.asarray(inside.any(axis=1))
     angles = np.zeros((len(nodes), len(limbs), 6))
     for i, limb in enumerate(limbs):
         feet = np.broadcast_to(limb.fixed_position, (len(nodes), 3))
@@ -79,13 +74,13 @@ def _nodes(task: HeldTask) -> tuple[Array, Array]:
     return nodes, (nodes - first) / steps
 
 
-def _inside(points: Array, blocks: Array) -> Mask:
+def _inside(points: Array, blocks: Array) -> BoolArray:
     """Which points are in which blocks (n, blocks)."""
     above = points[:, None] >= blocks[:, 0] - 1e-9
     return np.asarray((above & (points[:, None] <= blocks[:, 1] + 1e-9)).all(axis=2))
 
 
-def _shortest(nodes: Array, places: Array, angles: Array, inside: Mask) -> Index | None:
+def _shortest(nodes: Array, places: Array, angles: Array, inside: BoolArray) -> IntArray | None:
     """The shortest way from the first node to the second, by neighbours in a common block."""
     pairs = _neighbours(places)
     first, second = pairs.T
@@ -103,7 +98,7 @@ def _shortest(nodes: Array, places: Array, angles: Array, inside: Mask) -> Index
     return np.array(order[::-1])
 
 
-def _neighbours(places: Array) -> Index:
+def _neighbours(places: Array) -> IntArray:
     """Pairs (m, 2) of nodes that are at most a step apart along each axis; places (n, D)."""
     if len(places) < 3:
         return np.zeros((0, 2), np.int64)
@@ -123,7 +118,7 @@ def _neighbours(places: Array) -> Index:
     return np.array(pairs, np.int64).reshape(-1, 2)
 
 
-def _pieces(way: Array, inside: Mask, blocks: Array) -> list[tuple[Array, Array]]:
+def _pieces(way: Array, inside: BoolArray, blocks: Array) -> list[tuple[Array, Array]]:
     """A way cut where it goes from one block to the next; each block is kept as long as can be."""
     pieces, begin = [], 0
     while begin < len(way) - 1:
@@ -137,6 +132,6 @@ def _pieces(way: Array, inside: Mask, blocks: Array) -> list[tuple[Array, Array]
     return pieces
 
 
-def _run(holds: Mask) -> int:
+def _run(holds: BoolArray) -> int:
     """How many of the first are true without a gap."""
     return int(len(holds) if holds.all() else np.argmin(holds))

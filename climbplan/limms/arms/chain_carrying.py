@@ -8,6 +8,7 @@ from itertools import pairwise, permutations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.actions import Action
 from climbplan.limms.arms.added import Grip, grips, grounds, pairs
 from climbplan.limms.arms.branches import delivery, noted, solved_branches
@@ -20,7 +21,7 @@ from climbplan.limms.bounds import Connection, standing_places
 from climbplan.limms.modules.limbs import arm
 from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.modules.reaching import move_joints
-from climbplan.limms.scene import Array, Scene
+from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import ADDED_ARM, PlanSoFar
 

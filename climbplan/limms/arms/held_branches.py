@@ -9,8 +9,8 @@ from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.limms.corridor import Way
 from climbplan.limms.modules.chain import BRANCHES, in_range
 from climbplan.limms.modules.contact import (
@@ -22,11 +22,9 @@ from climbplan.limms.modules.contact import (
 )
 from climbplan.limms.modules.limbs import limb_angles, limb_points
 from climbplan.limms.placement import centre_of, yaw_of
-from climbplan.limms.scene import Array, Scene
+from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb
 from climbplan.spec.limms.module import ModuleSpec
-
-Mask = NDArray[np.bool_]
 
 RANGE_MARGIN = 0.02  # [rad]
 APPROACH_MARGIN = 0.15  # [rad] further where latches close
@@ -73,7 +71,7 @@ def clearance(scene: Scene, limbs: Sequence[Limb], box: Array, feet: Array, angl
     return worst
 
 
-def off_singular(module: ModuleSpec, angles: Array) -> Mask:
+def off_singular(module: ModuleSpec, angles: Array) -> BoolArray:
     """Which angles (..., 6) are far enough from poses where branches meet, as programs ask."""
     lean, bend = angles[..., 1], angles[..., 2]
     a = module.link_lengths

@@ -14,6 +14,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.arms.answers import Cut, Ends, Outcome
 from climbplan.limms.arms.held_branches import APPROACH_MARGIN, RANGE_MARGIN, SINGULAR
 from climbplan.limms.arms.loads import load_function
@@ -22,7 +23,7 @@ from climbplan.limms.modules.chain import inverse
 from climbplan.limms.modules.chain_symbols import chain_function
 from climbplan.limms.modules.limbs import limb_frames
 from climbplan.limms.placement import vertical_inertia
-from climbplan.limms.scene import GRAVITY, Array, Scene
+from climbplan.limms.scene import GRAVITY, Scene
 from climbplan.limms.statement import Limb, Trace, held_forces
 from climbplan.limms.work import work_of
 from climbplan.program.trajectory import Trajectory

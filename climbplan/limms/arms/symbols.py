@@ -13,8 +13,9 @@ from typing import TypeVar
 import casadi as ca
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.modules.chain import ROLLS
-from climbplan.limms.scene import Array, Scene
+from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb
 
 Symbol = TypeVar("Symbol", ca.SX, ca.MX)

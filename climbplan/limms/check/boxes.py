@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.check.dense import anchor_pose, events, fine_times, hermite
 from climbplan.limms.check.kinematics import turned
 from climbplan.limms.check.limits import judge
@@ -13,7 +14,7 @@ from climbplan.limms.check.loads import vertical_inertia
 from climbplan.limms.check.worst import Worst
 from climbplan.limms.modules.distances import upright_gap
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array
+from climbplan.limms.scene import GRAVITY, SIDE_NORMALS
 from climbplan.plans.check import Check
 from climbplan.spec.limms.module import ModuleSpec
 

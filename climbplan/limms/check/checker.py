@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from pydantic import ValidationError
 
+from climbplan.arrays import Array
 from climbplan.limms.check.boxes import box_checks
 from climbplan.limms.check.dense import events
 from climbplan.limms.check.kinematics import placed
@@ -18,7 +19,7 @@ from climbplan.limms.check.masses import mass_checks
 from climbplan.limms.check.motion import motion_checks
 from climbplan.limms.check.spec import spec_checks
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
-from climbplan.limms.scene import Array, Pose
+from climbplan.limms.scene import Pose
 from climbplan.plans.check import Check
 from climbplan.plans.held import held_check
 from climbplan.spec.holding import HeldSpec

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.check.dense import Stretch
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import Array
 from climbplan.spec.limms.module import ModuleSpec
 
 _STABLE = 1

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from climbplan.limms.scene import Array, Points, Pose
+from climbplan.arrays import Array
+from climbplan.limms.scene import Points, Pose
 from climbplan.spec.limms.module import ModuleSpec
 
 _ACROSS, _ALONG = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])

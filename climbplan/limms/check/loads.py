@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.check.contacts import NOBODY, Contact, contacts_of, islands
 from climbplan.limms.check.dense import (
     STEP,
@@ -31,7 +32,7 @@ from climbplan.limms.check.newton_euler import (
 )
 from climbplan.limms.modules.inertia import link_bodies
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import GRAVITY, Array
+from climbplan.limms.scene import GRAVITY
 from climbplan.spec.limms.module import ModuleSpec
 
 _SLACK = 1e-9  # part of the scale with which nobody may help: what is left over is told

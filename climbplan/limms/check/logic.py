@@ -18,11 +18,10 @@ As published, with what they leave open filled in:
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import BoolArray
 from climbplan.limms.plan import LimmsPlan
 
-Mask = NDArray[np.bool_]
 RULES = {
     1: "quadruped box: each of its anchors holds one leg",
     2: "an anchor that holds a leg: its box is a quadruped",
@@ -39,7 +38,7 @@ RULES = {
 }
 
 
-def broken(plan: LimmsPlan) -> dict[int, Mask]:
+def broken(plan: LimmsPlan) -> dict[int, BoolArray]:
     """Samples (T,) that break each rule; 0 for anchors that hold two modules or do not exist."""
     motion = plan.motion
     boxes, anchors = len(plan.box_size), len(plan.anchor_names)
@@ -92,12 +91,12 @@ def broken(plan: LimmsPlan) -> dict[int, Mask]:
     }
 
 
-def _stands_on_box(on_box: Mask, ends: np.ndarray, mode: np.ndarray) -> Mask:
+def _stands_on_box(on_box: BoolArray, ends: np.ndarray, mode: np.ndarray) -> BoolArray:
     """Modules (T, L) that are free, one end on a box and the other on no anchor."""
     return np.asarray((mode == 1) & (on_box.sum(-1) == 1) & ((ends >= 0).sum(-1) == 1))
 
 
-def _connections(ends: np.ndarray, mode: np.ndarray, anchors: int) -> tuple[Mask, Mask]:
+def _connections(ends: np.ndarray, mode: np.ndarray, anchors: int) -> tuple[BoolArray, BoolArray]:
     """Which modules carry another (T, L), and samples (T,) with a chain of the wrong kind."""
     count, modules = mode.shape
     rows = np.concatenate([ends.reshape(count, -1), mode], axis=1)

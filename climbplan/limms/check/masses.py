@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.check.dense import Stretch
 from climbplan.limms.check.kinematics import turned
 from climbplan.limms.check.limits import judge
 from climbplan.limms.check.loads import StretchLoads, loads_of_all
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import Array
 from climbplan.plans.check import Check, unjudged
 from climbplan.spec.limms.module import ModuleSpec
 

@@ -7,6 +7,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.check.dense import Stretch, anchor_pose, stretches
 from climbplan.limms.check.kinematics import on_end, on_ground
 from climbplan.limms.check.limits import judge
@@ -19,7 +20,6 @@ from climbplan.limms.modules.contact import (
     link_segments,
 )
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import Array
 from climbplan.plans.check import Check
 from climbplan.spec.limms.module import ModuleSpec
 

@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.modules.inertia import LinkBodies
-from climbplan.limms.scene import GRAVITY, Array, Points
+from climbplan.limms.scene import GRAVITY, Points
 
 # Joint k lies at point k + 1; its axis is this column of the frames on both sides of it
 JOINT_COLUMN = (2, 1, 1, 2, 1, 2)

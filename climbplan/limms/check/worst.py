@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.check.limits import judge
-from climbplan.limms.scene import Array
 from climbplan.plans.check import Check
 
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from climbplan.arrays import Array, IntArray
 from climbplan.limms.consensus.setting import POINTS, Setting
-from climbplan.limms.scene import Array, Index, Scene
+from climbplan.limms.scene import Scene
 from climbplan.program.linear_rows import LinearRows
 
 FASTEST = 6.0  # [m/s] of the box
@@ -19,32 +20,32 @@ FASTEST = 6.0  # [m/s] of the box
 class Columns:
     """Numbers of columns; K intervals, L modules, W anchors, P patches, R free blocks."""
 
-    box: Index  # (5, K) z_B: mode of the box, as in `setting`
-    legs: Index  # (1,) whether the box walks; else it is held or thrown
-    drives: Index  # (L, K) z_L1
-    arm: Index  # (L, K) z_L2
-    added: Index  # (L, K) z_L3
-    leg: Index  # (L, K) z_L4
-    hold: Index  # (4, L, K) z_S2: a side of the box is held by an arm
-    mount: Index  # (4, L, K) z_S3: a side of the box has a leg
-    wall: Index  # (W, L, K) z_W2
-    carry: Index  # (L, L, K) z_Ac: parent, child
-    ground: Index  # (P, L, K) delta_Lg: the first end stands on a patch
-    region: Index  # (R, 4, L, K + 1) delta_La of links; empty if there is one block
-    centre: Index  # (C, K) delta_Ba of the box's centre; empty if there is one block
-    position: Index  # (K + 1, 3) p_B
-    velocity: Index  # (K + 1, 3)
-    in_mode: Index  # (3, K, 3) velocity where free or leaping, held, standing
-    pull: Index  # (2, K, 3) acceleration where held, standing
-    force: Index  # (4, K, 3) of arms at the sides of the box
-    moment: Index  # (4, K, 3) of latches
-    push: Index  # (L, K, 3) of feet
-    points: Index  # (K + 1, L, 5, 3) p_L
-    moved: Index  # (L, K) largest way of a point of a module
-    takes_off: Index  # (K - 1,) whether a leap begins
-    effort: Index  # (2, K, 3) size of `pull`
-    ever: Index  # (4, L) whether a side is ever held by an arm
-    missed: Index  # (3,) distance of the box from its goal at the end
+    box: IntArray  # (5, K) z_B: mode of the box, as in `setting`
+    legs: IntArray  # (1,) whether the box walks; else it is held or thrown
+    drives: IntArray  # (L, K) z_L1
+    arm: IntArray  # (L, K) z_L2
+    added: IntArray  # (L, K) z_L3
+    leg: IntArray  # (L, K) z_L4
+    hold: IntArray  # (4, L, K) z_S2: a side of the box is held by an arm
+    mount: IntArray  # (4, L, K) z_S3: a side of the box has a leg
+    wall: IntArray  # (W, L, K) z_W2
+    carry: IntArray  # (L, L, K) z_Ac: parent, child
+    ground: IntArray  # (P, L, K) delta_Lg: the first end stands on a patch
+    region: IntArray  # (R, 4, L, K + 1) delta_La of links; empty if there is one block
+    centre: IntArray  # (C, K) delta_Ba of the box's centre; empty if there is one block
+    position: IntArray  # (K + 1, 3) p_B
+    velocity: IntArray  # (K + 1, 3)
+    in_mode: IntArray  # (3, K, 3) velocity where free or leaping, held, standing
+    pull: IntArray  # (2, K, 3) acceleration where held, standing
+    force: IntArray  # (4, K, 3) of arms at the sides of the box
+    moment: IntArray  # (4, K, 3) of latches
+    push: IntArray  # (L, K, 3) of feet
+    points: IntArray  # (K + 1, L, 5, 3) p_L
+    moved: IntArray  # (L, K) largest way of a point of a module
+    takes_off: IntArray  # (K - 1,) whether a leap begins
+    effort: IntArray  # (2, K, 3) size of `pull`
+    ever: IntArray  # (4, L) whether a side is ever held by an arm
+    missed: IntArray  # (3,) distance of the box from its goal at the end
 
 
 def columns_of(setting: Setting, table: LinearRows) -> Columns:
@@ -97,7 +98,7 @@ def _fix(setting: Setting, table: LinearRows, columns: Columns) -> None:
     scene = setting.scene
     latched = scene.held >= 0
 
-    def never(numbers: Index) -> None:
+    def never(numbers: IntArray) -> None:
         for column in np.ravel(numbers):
             table.bound(column, 0.0, 0.0)
 
@@ -124,7 +125,7 @@ def _fix(setting: Setting, table: LinearRows, columns: Columns) -> None:
     _share_out(scene, columns, never)
 
 
-def _share_out(scene: Scene, columns: Columns, never: Callable[[Index], None]) -> None:
+def _share_out(scene: Scene, columns: Columns, never: Callable[[IntArray], None]) -> None:
     """Who may take which anchor and which side as a leg: modules are alike, least ways decide.
 
     Without it the search goes through permutations of the same plan.
@@ -143,7 +144,11 @@ def _share_out(scene: Scene, columns: Columns, never: Callable[[Index], None]) -
 
 
 def _keep_nearest(
-    scene: Scene, numbers: Index, modules: Index, places: Array, never: Callable[[Index], None]
+    scene: Scene,
+    numbers: IntArray,
+    modules: IntArray,
+    places: Array,
+    never: Callable[[IntArray], None],
 ) -> None:
     """Leave each place to one module (places, L, K): least ways together."""
     away = np.linalg.norm(places[:, None] - scene.stand[modules], axis=-1)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.limms.consensus.columns import Columns
 from climbplan.limms.consensus.setting import Setting
-from climbplan.limms.scene import Array, Index
 from climbplan.program.residuals import BlockResidual
 
 
@@ -32,15 +32,15 @@ class Copy:
 class Modes:
     """The integers, by what they mean; as in `Columns`."""
 
-    box: Index  # (K,) mode of the box
-    drives: Index  # (L, K)
-    leg: Index  # (L, K)
-    hold: Index  # (L, K) side of the box that an arm holds, -1 none
-    mount: Index  # (L, K) side of the box that a leg carries
-    wall: Index  # (L, K) anchor of the terrain
-    parent: Index  # (L, K) module that an added arm is on
-    ground: Index  # (L, K) patch that the first end stands on
-    region: Index  # (K + 1, L, 4) free block of each link
+    box: IntArray  # (K,) mode of the box
+    drives: IntArray  # (L, K)
+    leg: IntArray  # (L, K)
+    hold: IntArray  # (L, K) side of the box that an arm holds, -1 none
+    mount: IntArray  # (L, K) side of the box that a leg carries
+    wall: IntArray  # (L, K) anchor of the terrain
+    parent: IntArray  # (L, K) module that an added arm is on
+    ground: IntArray  # (L, K) patch that the first end stands on
+    region: IntArray  # (K + 1, L, 4) free block of each link
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Found:
 def modes_of(setting: Setting, c: Columns, x: Array) -> Modes:
     """What the integers of a point mean."""
 
-    def chosen(columns: Index) -> Index:
+    def chosen(columns: IntArray) -> IntArray:
         values = np.round(x[columns]).astype(int)
         if not len(values):
             return np.full(values.shape[1:], -1)

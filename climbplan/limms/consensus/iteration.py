@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.consensus.copies import Copy, Found, Modes
 from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, MixedInteger
 from climbplan.limms.consensus.nonlinear import Nonlinear
 from climbplan.limms.consensus.projection import Projection
 from climbplan.limms.consensus.setting import HELD, Setting, chain_points
-from climbplan.limms.scene import Array
 from climbplan.program.residuals import BlockResidual
 
 GOOD = (0.01, 0.01, 0.1)  # [m], [m], [rad] mean residuals to reach

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.consensus.knot_modes import (
     FIXED,
     ON_BOX,
@@ -24,7 +25,7 @@ from climbplan.limms.consensus.knot_modes import (
 from climbplan.limms.consensus.module_rows import AHEAD
 from climbplan.limms.consensus.setting import CHAIN_POINTS, POINTS, Setting
 from climbplan.limms.modules.chain_symbols import chain_function
-from climbplan.limms.scene import SIDE_NORMALS, Array
+from climbplan.limms.scene import SIDE_NORMALS
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.solvers.ipopt.program import IpoptProgram
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.consensus.knot_modes import (
     FIXED,
     NOTHING,
@@ -20,7 +21,7 @@ from climbplan.limms.consensus.setting import CHAIN_POINTS, Setting
 from climbplan.limms.modules.chain import BRANCHES, forward, from_last, in_range, inverse
 from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.modules.limbs import standing_rotation
-from climbplan.limms.scene import SIDE_NORMALS, Array, Points, anchor_frame
+from climbplan.limms.scene import SIDE_NORMALS, Points, anchor_frame
 from climbplan.limms.scene import Pose as Frame
 
 _DEEP = 50.0  # [1/m] what a collision counts against squared distances

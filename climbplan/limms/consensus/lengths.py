@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.limms.consensus.setting import Setting
-from climbplan.limms.scene import Array, Index
 
 LENGTHS = "kinematics.points"  # block of rows that the planes belong to
 LONGER = 0.01  # share by which a link may be longer
@@ -21,7 +21,7 @@ LONGER = 0.01  # share by which a link may be longer
 class Lengths:
     """Planes across links in a HiGHS model, which are loosened and restored as one."""
 
-    def __init__(self, setting: Setting, points: Index, solver: Any) -> None:
+    def __init__(self, setting: Setting, points: IntArray, solver: Any) -> None:
         """points: (K + 1, L, 5, 3) columns of the ends of links."""
         self._links, self._points, self._solver = setting.links, points, solver
         self._rows: list[int] = []

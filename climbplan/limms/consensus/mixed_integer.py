@@ -13,6 +13,7 @@ import highspy
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.limms.consensus.box_rows import add_box
 from climbplan.limms.consensus.columns import Columns, columns_of
 from climbplan.limms.consensus.copies import Copy, Found, modes_of
@@ -20,7 +21,6 @@ from climbplan.limms.consensus.lengths import LENGTHS, Lengths
 from climbplan.limms.consensus.logic_rows import add_logic
 from climbplan.limms.consensus.module_rows import add_modules
 from climbplan.limms.consensus.setting import FREE, LEAPS, Setting
-from climbplan.limms.scene import Array
 from climbplan.program.linear_rows import LinearRows
 from climbplan.solvers.highs.model import highs, rows_model, run_highs
 

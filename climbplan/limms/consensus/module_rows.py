@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.limms.consensus.columns import FASTEST, Columns
 from climbplan.limms.consensus.setting import (
     LEAPS,
@@ -12,7 +13,7 @@ from climbplan.limms.consensus.setting import (
     Setting,
     start_points,
 )
-from climbplan.limms.scene import SIDE_NORMALS, Array, Index
+from climbplan.limms.scene import SIDE_NORMALS
 from climbplan.program.linear_rows import LinearRows, Number, Term
 
 MARGIN = 0.05  # [m] of what stands from edges of the ground
@@ -56,10 +57,10 @@ def _at(
     setting: Setting,
     table: LinearRows,
     name: str,
-    point: Index,
+    point: IntArray,
     places: Array,
-    chosen: Index,
-    moving: Index | None = None,
+    chosen: IntArray,
+    moving: IntArray | None = None,
 ) -> None:
     """point = moving + the chosen one of some places (n, 3), if one is chosen."""
     big = _reach(setting)
@@ -73,7 +74,7 @@ def _at(
 
 
 def _bent(
-    setting: Setting, table: LinearRows, points: Index, end: int, outward: Array, chosen: Number
+    setting: Setting, table: LinearRows, points: IntArray, end: int, outward: Array, chosen: Number
 ) -> None:
     """The link next to a latched one no further back than its joint turns (points: (5, 3)).
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.limms.consensus.copies import Copy, Modes
 from climbplan.limms.consensus.knot_modes import Hands, hands_at
 from climbplan.limms.consensus.knot_program import KnotPrograms, Pose, Solved
@@ -15,7 +16,7 @@ from climbplan.limms.consensus.knot_start import start_at
 from climbplan.limms.consensus.planes import planes_at
 from climbplan.limms.consensus.setting import CHAIN_POINTS, POINTS, STABLE, Setting, start_points
 from climbplan.limms.modules.chain import forward, from_last
-from climbplan.limms.scene import Array, Index, Points
+from climbplan.limms.scene import Points
 from climbplan.limms.scene import Pose as Frame
 
 BOX_WEIGHT, POINT_WEIGHT = 10.0, 1.0  # [1/m^2] of disagreements
@@ -33,7 +34,7 @@ class Bent:
 
     copy: Copy
     angles: Array
-    region: Index  # (K + 1, L, 4) free block of each link
+    region: IntArray  # (K + 1, L, 4) free block of each link
     violation: float  # of latches and bounds, the worst knot [m]
     penetration: float  # of links, the worst knot [m]
     seconds: float
@@ -54,7 +55,7 @@ class _Knot:
 
     solved: Solved
     penetration: float
-    region: Index
+    region: IntArray
     away: float  # of points from their targets, the mean [m]
 
     @property
@@ -122,7 +123,7 @@ class Nonlinear:
         hands: tuple[Hands, ...],
         target: _Target,
         before: Sequence[Pose],
-        region: Index,
+        region: IntArray,
         deadline: float,
     ) -> _Knot:
         """The nearest pose to the targets; begun anew where latches do not hold or links overlap.
@@ -151,7 +152,7 @@ class Nonlinear:
         target: _Target,
         pose: Pose,
         placed: Sequence[Points],
-        region: Index,
+        region: IntArray,
         deadline: float,
     ) -> _Knot:
         setting = self.setting
@@ -183,7 +184,7 @@ class Nonlinear:
         return _Knot(solved, penetration, region, float(away.mean()))
 
 
-def region_at(setting: Setting, placed: Sequence[Points], before: Index) -> Index:
+def region_at(setting: Setting, placed: Sequence[Points], before: IntArray) -> IntArray:
     """Free blocks (L, 4) of the links of poses: as before where they are in them, else nearest.
 
     A block that was chosen for straight lines between loose points may hold no pose at all.

@@ -11,14 +11,13 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.limms.consensus.copies import Copy, Found, modes_of
 from climbplan.limms.consensus.lengths import LONGER
 from climbplan.limms.consensus.mixed_integer import MixedInteger
 from climbplan.limms.consensus.nonlinear import BOX_WEIGHT, POINT_WEIGHT
-from climbplan.limms.scene import Array, Index
 from climbplan.program.instance import Balls, Implications, Instance, Products
 from climbplan.solvers.convex.clarabel import ClarabelSession
 
@@ -46,7 +45,7 @@ class Projection:
         self._upper[c.missed] = x[c.missed] + 1e-6
         self._session = ClarabelSession()
 
-    def solve(self, target: Copy, weight: float, region: Index) -> Found:
+    def solve(self, target: Copy, weight: float, region: IntArray) -> Found:
         """The nearest answer to a target, with links in free blocks (K + 1, L, 4) after the start.
 
         Where these leave no answer, blocks stay as they were.
@@ -73,7 +72,7 @@ class Projection:
             self.rows.worst(self._x),
         )
 
-    def _placed(self, region: Index) -> Array:
+    def _placed(self, region: IntArray) -> Array:
         """The last answer with other free blocks."""
         x, columns = self._x[: self._count].copy(), self.columns.region
         if len(columns):
@@ -133,7 +132,7 @@ class Projection:
         found[free] = answer.x
         return found
 
-    def _links(self, free: NDArray[np.bool_], fixed: Array) -> Balls:
+    def _links(self, free: BoolArray, fixed: Array) -> Balls:
         """Links after the start no longer than they are."""
         points = self.columns.points[1:]
         ends = points[..., 1:, :].reshape(-1, 3), points[..., :-1, :].reshape(-1, 3)
@@ -147,7 +146,7 @@ class Projection:
         return Balls(F.tocsc()[:, free].tocsr(), f, (1 + LONGER) * radius)
 
 
-def _binding(A: sparse.csr_matrix, low: Array, high: Array, lower: Array, upper: Array) -> Index:
+def _binding(A: sparse.csr_matrix, low: Array, high: Array, lower: Array, upper: Array) -> IntArray:
     """Rows that bounds do not keep already: big-M rows that are switched off fall away."""
     up, down = A.maximum(0), (-A).maximum(0)
     least, most = up @ lower - down @ upper, up @ upper - down @ lower

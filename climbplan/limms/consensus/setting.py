@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.limms.corridor import centre_blocks
-from climbplan.limms.scene import Array, Index, Scene
+from climbplan.limms.scene import Scene
 from climbplan.spec.limms.module import ModuleSpec
 
 STABLE, FREE, HELD, STANDS, LEAPS = range(5)  # modes of the box in an interval
@@ -45,7 +46,7 @@ class Setting:
     free: Array  # (R, 2, 3) largest free blocks of points [m]
     centres: Array  # (C, 2, 3) largest free blocks of the box's centre [m]
     links: Array  # (4,) lengths of the straight links [m]
-    wall_end: Index  # (L,) end that latches to the terrain: 1 last; 0 if latched at the start
+    wall_end: IntArray  # (L,) end that latches to the terrain: 1 last; 0 if latched at the start
     form: Form
 
     @property
@@ -54,7 +55,7 @@ class Setting:
         return self.intervals + 1
 
     @property
-    def box_end(self) -> Index:
+    def box_end(self) -> IntArray:
         """(L,) end with which an arm holds the box."""
         return 1 - self.wall_end
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.actions import Action
 from climbplan.limms.arms.carrying import limb_of, whole_carried
 from climbplan.limms.arms.chain_carrying import Chain
@@ -21,7 +22,7 @@ from climbplan.limms.densify import Follow
 from climbplan.limms.modules.chain import BRANCHES
 from climbplan.limms.modules.limbs import limb_angles
 from climbplan.limms.modules.moving import Blocked
-from climbplan.limms.scene import Array, Scene
+from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import PlanSoFar
 

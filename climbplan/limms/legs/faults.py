@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.legs.motion import LegMotion
 from climbplan.limms.legs.statement import BoxCut, LegCut, LegSample, LegTrace
 from climbplan.limms.modules.contact import LINKS, gap_between, gap_to_blocks, link_segments
 from climbplan.limms.modules.distances import block_gap
-from climbplan.limms.scene import Array, Scene
+from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb
 
 MARGIN = 0.006  # [m] beyond the radius

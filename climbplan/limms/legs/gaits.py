@@ -13,8 +13,9 @@ from itertools import pairwise, permutations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.corridor import Way
-from climbplan.limms.scene import SIDE_NORMALS, Array, Scene
+from climbplan.limms.scene import SIDE_NORMALS, Scene
 from climbplan.limms.statement import Limb
 
 STANCE = 0.45  # [m] of a foot from the face of the box, nominal

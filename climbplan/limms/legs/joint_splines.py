@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import BSpline
 
-from climbplan.limms.scene import Array
+from climbplan.arrays import Array
 
 
 def _knots(controls: int) -> Array:

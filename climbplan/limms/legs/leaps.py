@@ -12,15 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.limms.legs.gaits import patch_under
 from climbplan.limms.modules.chain import BRANCHES, in_range
 from climbplan.limms.modules.limbs import leg, limb_angles, limb_points
-from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Scene
+from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Scene
 from climbplan.limms.statement import Limb
-
-Mask = NDArray[np.bool_]
 
 HEIGHTS = np.arange(0.2, 0.72, 0.06)  # [m] of the box's centre over the ground at both ends
 GRID = np.arange(-0.78, 0.79, 0.06)  # [m] of the box's centre over a foothold
@@ -60,7 +58,7 @@ class _Poses:
     over: Array  # (n, 3) centre - foothold [m]
     angles: Array  # (n, 6) [rad]
     jacobian: Array  # (n, 6, 3) [rad/m]
-    level: NDArray[np.int64]  # (n,) number of the height
+    level: IntArray  # (n,) number of the height
 
 
 def find_leaps(
@@ -125,7 +123,7 @@ def _poses(scene: Scene, side: int, branch: tuple[int, int, int]) -> _Poses:
     return _Poses(over, angles, jacobian, level)
 
 
-def pose_of(scene: Scene, limb: Limb, over: Array, margin: float) -> tuple[Array, Mask]:
+def pose_of(scene: Scene, limb: Limb, over: Array, margin: float) -> tuple[Array, BoolArray]:
     """Angles (n, 6) of a leg with the box's centre at `over` (n, 3) from its foot, and whether it
     can stand so: in reach, in range, its links off ground and box as far as their ends tell."""
     feet = np.zeros_like(over)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.legs.footholds import PATCH_MARGIN
 from climbplan.limms.legs.joint_splines import rate_weights, spline_weights
 from climbplan.limms.legs.statement import (
@@ -24,7 +25,7 @@ from climbplan.limms.legs.statement import (
 )
 from climbplan.limms.legs.symbols import leg_function, limits_of
 from climbplan.limms.modules.chain_symbols import chain_function
-from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Array, Scene
+from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Scene
 from climbplan.limms.statement import Limb
 from climbplan.program.trajectory import Trajectory
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from itertools import combinations, pairwise, product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.limms.arms.held_branches import clearance
 from climbplan.limms.corridor import Way
 from climbplan.limms.legs.footholds import PATCH_MARGIN
 from climbplan.limms.legs.gaits import Gait
 from climbplan.limms.modules.chain import BRANCHES, in_range
 from climbplan.limms.modules.limbs import leg, limb_angles
-from climbplan.limms.scene import SIDE_NORMALS, Array, Scene
+from climbplan.limms.scene import SIDE_NORMALS, Scene
 from climbplan.limms.statement import Limb
 
 _SIDEWAYS = np.linspace(-0.45, 0.45, 7)
@@ -130,7 +130,7 @@ def first_stand_sets(scene: Scene, gait: Gait, way: Way, most: int) -> Iterator[
             yield tuple(c[j] for c, j in zip(choices, sets[k], strict=True))
 
 
-def enough_modules(scene: Scene, feet: Array) -> NDArray[np.bool_]:
+def enough_modules(scene: Scene, feet: Array) -> BoolArray:
     """Whether as many modules stand on each level as feet (n, 4, 3) need: they do not climb."""
     stand = scene.stand[scene.held < 0, 2]
     fits = np.ones(len(feet), bool)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from climbplan.limms.scene import Array
+from climbplan.arrays import Array
 
 SPANS = 4  # of the joint splines of a foot in the air
 CONTROLS = SPANS + 2  # their control points

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.legs.motion import leg_motion
 from climbplan.limms.legs.statement import LegTrace
-from climbplan.limms.scene import GRAVITY, Array, Pose, Scene
+from climbplan.limms.scene import GRAVITY, Pose, Scene
 from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import NOWHERE, QUADRUPED, PlanSoFar
 

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from climbplan.limms.scene import SIDE_NORMALS, Array
+from climbplan.arrays import Array
+from climbplan.limms.scene import SIDE_NORMALS
 from climbplan.limms.statement import Limb
 from climbplan.spec.limms.module import ModuleSpec
 

@@ -8,6 +8,7 @@ from itertools import permutations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.assembly import latch_box, stand_leg
 from climbplan.limms.attempts import Attempts
 from climbplan.limms.between_legs import Settle, as_it_is, come_down, headed
@@ -18,7 +19,7 @@ from climbplan.limms.legs.quadruped import solve_sound, starts
 from climbplan.limms.legs.statement import LegEnds, LegTrace
 from climbplan.limms.legs.stretches import add_leg_traces
 from climbplan.limms.modules.moving import Blocked
-from climbplan.limms.scene import Array, Scene
+from climbplan.limms.scene import Scene
 from climbplan.limms.statement import Limb
 from climbplan.limms.timeline import PlanSoFar
 

@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from climbplan.limms.scene import Array, Points, Pose
+from climbplan.arrays import Array
+from climbplan.limms.scene import Points, Pose
 from climbplan.spec.limms.module import ModuleSpec
 
 ROLLS = (True, False, False, True, False, True)

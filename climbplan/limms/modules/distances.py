@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.limms.scene import Array
+from climbplan.arrays import Array
 
 _MOST = 8192  # segments and blocks at a time
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import GRAVITY, Array, Index
+from climbplan.limms.scene import GRAVITY
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,9 @@ def loads_of(plan: LimmsPlan) -> Loads:
     return Loads(force, torque, float(own), float(plan.module["max_torque"]))
 
 
-def _bearers(plan: LimmsPlan, module: int, part: Index, at: Index) -> Iterator[tuple[int, Index]]:
+def _bearers(
+    plan: LimmsPlan, module: int, part: IntArray, at: IntArray
+) -> Iterator[tuple[int, IntArray]]:
     """A module and those that carry it, with the places in `at` (samples) where they do."""
     yield module, part
     first = len(plan.anchor_names)
@@ -64,7 +67,7 @@ def _bearers(plan: LimmsPlan, module: int, part: Index, at: Index) -> Iterator[t
                 yield from _bearers(plan, int(who), part[parent == who], at)
 
 
-def _torque(plan: LimmsPlan, module: int, at: Index, where: Array, force: Array) -> Array:
+def _torque(plan: LimmsPlan, module: int, at: IntArray, where: Array, force: Array) -> Array:
     """Largest torque (n) [N m] at any joint of a module from forces (n, 3) `where` (n, 3)."""
     motion = plan.motion
     most = np.zeros(len(at))

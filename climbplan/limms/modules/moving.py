@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.modules.chain import forward, from_last
 from climbplan.limms.modules.contact import (
     gap_between,
@@ -12,7 +13,7 @@ from climbplan.limms.modules.contact import (
     gap_within,
     link_segments,
 )
-from climbplan.limms.scene import Array, Points, Pose
+from climbplan.limms.scene import Points, Pose
 from climbplan.limms.timeline import PlanSoFar
 
 

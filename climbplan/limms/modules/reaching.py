@@ -10,8 +10,8 @@ import itertools
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.limms.modules.chain import forward, in_range
 from climbplan.limms.modules.moving import Blocked, add_motion, gaps, rooted
 from climbplan.limms.modules.rrt import connect
@@ -22,7 +22,7 @@ from climbplan.limms.modules.straight_ways import (
     leave,
     straight_in,
 )
-from climbplan.limms.scene import Array, Points, Pose
+from climbplan.limms.scene import Points, Pose
 from climbplan.limms.timeline import PlanSoFar, samples
 
 MARGIN = 0.004  # [m] kept on the way
@@ -60,10 +60,10 @@ def _dense(corners: Array) -> Array:
 
 def _free_of(
     world: PlanSoFar, module: int, root: Pose, root_end: int, margin: float
-) -> Callable[[Array], NDArray[np.bool_]]:
+) -> Callable[[Array], BoolArray]:
     """Which joint angles (n, 6) [rad] are in range and `margin` [m] off everything."""
 
-    def free(angles: Array) -> NDArray[np.bool_]:
+    def free(angles: Array) -> BoolArray:
         ok = in_range(world.scene.module, angles, 1e-3) <= 0
         if ok.any():
             points = rooted(world, root, root_end, angles[ok])
@@ -155,7 +155,7 @@ def drive(world: PlanSoFar, module: int, goal: Array, name: str, rng: np.random.
         base = Pose(places, np.broadcast_to(rotation, (len(places), 3, 3)))
         return forward(scene.module, base, np.broadcast_to(angles, (len(places), 6)))
 
-    def free(flat: Array) -> NDArray[np.bool_]:
+    def free(flat: Array) -> BoolArray:
         places = np.column_stack([flat, np.full(len(flat), start[2])])
         ground = np.zeros(len(flat), bool)
         for patch in scene.patches:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.limms.scene import Array
+from climbplan.arrays import Array, BoolArray
 
-Free = Callable[[Array], NDArray[np.bool_]]  # (n, d) -> (n,)
+Free = Callable[[Array], BoolArray]  # (n, d) -> (n,)
 
 
 def connect(

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from climbplan.arrays import Array
 from climbplan.limms.modules.chain import BRANCHES, continued, in_range, inverse
 from climbplan.limms.modules.moving import Blocked, add_motion, gaps, rooted
-from climbplan.limms.scene import Array, Pose
+from climbplan.limms.scene import Pose
 from climbplan.limms.timeline import PlanSoFar, samples
 from climbplan.spec.limms.module import ModuleSpec
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.modules.chain import forward
 from climbplan.limms.modules.contact import (
     gap_between,
@@ -14,7 +15,7 @@ from climbplan.limms.modules.contact import (
 )
 from climbplan.limms.modules.moving import Blocked
 from climbplan.limms.placement import in_world
-from climbplan.limms.scene import Array, Pose, Scene
+from climbplan.limms.scene import Pose, Scene
 from climbplan.limms.timeline import Stretch
 
 TOUCH = -5e-5  # [m] gap below which a motion is refused

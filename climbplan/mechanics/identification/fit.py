@@ -12,13 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.mechanics.identification.limb_model import Limb, limb_matrices
 from climbplan.mechanics.identification.measurements import Matrix
-from climbplan.robots.rotations import Array
 
 MODEL_ERROR = 0.05  # of a column: postures and geometry are never known exactly
 _NORMAL = 1.4826
@@ -128,7 +127,7 @@ class _Problem:
         # A place out of reach is a bad one, and less so nearer to reach: the search turns back.
         return np.where(np.isfinite(out), out, 1e3).reshape(len(self.measured), -1)
 
-    def take(self, rows: NDArray[np.int64]) -> _Problem:
+    def take(self, rows: IntArray) -> _Problem:
         own = {k: v[rows] for k, v in vars(self).items() if isinstance(v, np.ndarray)}
         return _Problem(**{**vars(self), **own})
 

@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.mechanics.identification.measurements import AngleColumns
 from climbplan.robots.kinematics import jacobian_body
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 
 
 @dataclass(frozen=True)

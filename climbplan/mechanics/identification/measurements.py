@@ -20,9 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import SpecError, SpecMistake, UsageError
 from climbplan.reading import read_text, reading
-from climbplan.robots.rotations import Array
 
 AXES = "xyz"
 _UNITS = {

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.mechanics.identification.measurements import AXES, Matrix, Series
-from climbplan.robots.rotations import Array
 
 _NORMAL = 1.4826  # standard deviation of a normal distribution by its median absolute deviation
 _BAD = 5.0  # standard deviations from the line beyond which a row is called bad

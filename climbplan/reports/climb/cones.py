@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.robots.rotations import Array
 
 RING_POINTS = 40
 

@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch as Swatch
 from matplotlib.patheffects import withStroke
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.camera import Camera
@@ -26,7 +27,6 @@ from climbplan.reports.sheet import (
     plain,
 )
 from climbplan.reports.view import View
-from climbplan.robots.rotations import Array
 
 _LONGEST = 0.26  # [m] length of the largest force
 _PANEL = 5.3  # [in] width of one picture

@@ -7,6 +7,7 @@ from matplotlib.colors import LinearSegmentedColormap, to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.camera import FRONT, SIDE
@@ -22,7 +23,6 @@ from climbplan.reports.sheet import (
 )
 from climbplan.reports.view import View
 from climbplan.robots.kinematics import standing_inverse
-from climbplan.robots.rotations import Array
 
 _SHADES = LinearSegmentedColormap.from_list("rounds", ["#D9E2EC", "#7B8FA5", "#334E68"])
 _DETAILED = 4  # postures drawn with legs

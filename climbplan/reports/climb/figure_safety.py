@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.climb.figure_series import mark_rounds, rounds_label
@@ -21,7 +22,6 @@ from climbplan.reports.sheet import (
     plain,
     style_axes,
 )
-from climbplan.robots.rotations import Array
 
 
 def _panel(ax: Axes, plan: ClimbPlan, factor: Array, asked: float, name: str) -> None:

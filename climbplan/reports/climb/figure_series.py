@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.climb.series import LimbSeries, limb_series, round_spans
@@ -26,7 +27,6 @@ from climbplan.reports.sheet import (
     plain,
     style_axes,
 )
-from climbplan.robots.rotations import Array
 
 MOST_ROUND_TICKS = 12
 _PANEL_HEIGHT = 1.75  # [in]

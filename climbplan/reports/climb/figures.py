@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.reports.climb.plan_spec import plan_spec
 from climbplan.reports.climb.series import least_at
 from climbplan.reports.climb.study_grid import study_axes
 from climbplan.robots.joint_units import torque_unit
-from climbplan.robots.rotations import Array
 
 # Unit of every number in the report, by dotted key; what is not listed is a pure number.
 UNITS = {

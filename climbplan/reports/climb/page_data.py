@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.arrays import BoolArray
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.reports import palette
 from climbplan.reports.climb.cones import force_scale
@@ -44,7 +45,7 @@ def _rounded(values: NDArray[Any], digits: int) -> list[float | None]:
     return [round(float(v), digits) if np.isfinite(v) else None for v in flat]
 
 
-def _bits(rows: NDArray[np.bool_]) -> list[str]:
+def _bits(rows: BoolArray) -> list[str]:
     """Rows of a mask as texts of 0 and 1."""
     return ["".join("1" if flag else "0" for flag in row) for row in rows]
 

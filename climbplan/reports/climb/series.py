@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.climb.plan.climb_plan import ClimbPlan, Index
+from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.robots.joint_units import torque_unit
-from climbplan.robots.rotations import Array
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class LimbSeries:
 
     name: str
     torque: Array  # (K,) |torque| of the joint nearest to its limit [N m]
-    joint: Index  # (K,) that joint
+    joint: IntArray  # (K,) that joint
     joint_names: tuple[str, ...]  # of this limb
     joint_units: tuple[str, ...]  # of their torques: N m, N of joints that slide
     torque_limit: Array  # (K,) max_torque of that joint [N m]
@@ -37,7 +36,7 @@ class LimbSeries:
     lifted: tuple[Span, ...]  # when the limb is in the air
 
 
-def spans(mask: NDArray[np.bool_]) -> tuple[Span, ...]:
+def spans(mask: BoolArray) -> tuple[Span, ...]:
     """Runs of True in a mask (K,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return tuple(

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.reports.climb.plan_spec import plan_spec
-from climbplan.robots.rotations import Array
 from climbplan.spec.base import SpecModel
 from climbplan.spec.climb.model import ClimbSpec
 from climbplan.spec.fields import Slot

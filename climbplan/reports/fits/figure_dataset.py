@@ -10,11 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from climbplan.arrays import Array
 from climbplan.bookshelf.dataset_frame import KIND, shelf_dataset
 from climbplan.bookshelf.pictures import states_before
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.scene import State
-from climbplan.plans.dataset import Array, Dataset
+from climbplan.plans.dataset import Dataset
 from climbplan.reports import palette
 from climbplan.reports.bookshelf.figures import gallery_pages
 from climbplan.reports.sheet import (

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
+from climbplan.arrays import Array
 from climbplan.climb.envelopes.run import EnvelopeRun
-from climbplan.program.polytope import Array
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
     foot_legend,

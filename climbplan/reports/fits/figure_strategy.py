@@ -10,10 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from climbplan.arrays import Array, IntArray
 from climbplan.learning.clusters import solution_vectors
 from climbplan.learning.model import StrategyModel
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
 from climbplan.reports import palette
 from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, style_axes
 
@@ -22,7 +21,7 @@ _NAMED = 8  # largest groups with a colour of their own
 _REST = "#C9D1DA"
 
 
-def spaces(model: StrategyModel, columns: Index, seed: int) -> Figure:
+def spaces(model: StrategyModel, columns: IntArray, seed: int) -> Figure:
     """Groups in the space of solutions (left) and of features (right), as Figure 8.3."""
     library = model.library
     rng = np.random.default_rng(seed)
@@ -124,7 +123,7 @@ def _plane(points: Array, seed: int) -> Array:
     return np.asarray(method.fit_transform(points))
 
 
-def _scatter(ax: Axes, plane: Array, group: Index, largest: Index) -> None:
+def _scatter(ax: Axes, plane: Array, group: IntArray, largest: IntArray) -> None:
     rest = ~np.isin(group, largest)
     ax.scatter(plane[rest, 0], plane[rest, 1], s=7, color=_REST, linewidths=0)
     for k, number in enumerate(largest):

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from climbplan.arrays import IntArray
 from climbplan.learning.evaluation import FIRST
 from climbplan.learning.model_file import FORMAT, FORMAT_VERSION, ModelFile
-from climbplan.program.instance import Index
 from climbplan.reports.fits.figure_strategy import ranks, spaces
 from climbplan.reports.page_parts import Card, Table, plain_words
 from climbplan.reports.page_template import (
@@ -50,7 +50,7 @@ def report_dict(stored: ModelFile) -> dict[str, Any]:
     return whole
 
 
-def write_report(stored: ModelFile, columns: Index, directory: Path) -> None:
+def write_report(stored: ModelFile, columns: IntArray, directory: Path) -> None:
     """Write report.json, report.html and figures/*.png into a directory.
 
     columns: variables that solutions are compared by. Raises UsageError where it cannot be written.

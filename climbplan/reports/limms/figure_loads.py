@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from climbplan.arrays import Array
 from climbplan.limms.modules.loads import loads_of
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import Array
 from climbplan.reports import palette
 from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain, style_axes
 

@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
+from climbplan.arrays import Array
 from climbplan.limms.placement import upright
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import Array
 from climbplan.reports import palette
 from climbplan.reports.camera import Camera
 from climbplan.reports.limms.obstacles import obstacles_of

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import Array
 
 
 def obstacles_of(plan: LimmsPlan) -> Array:

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 from matplotlib.axes import Axes
 
+from climbplan.arrays import Array
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import Array
 from climbplan.reports import palette
 
 _MOVED = 1e-3  # [m] of the box

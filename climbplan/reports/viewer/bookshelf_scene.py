@@ -6,10 +6,11 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bookshelf.plan import ShelfPlan
 from climbplan.bookshelf.plan_file import read_shelf_plan
 from climbplan.reports import palette
-from climbplan.reports.viewer.scene import Array, Boxes, Scene, Shape, block
+from climbplan.reports.viewer.scene import Boxes, Scene, Shape, block
 
 _DEPTH = 0.08  # [m] of books and shelf as they are drawn: the model is flat
 _PULLED = 0.14  # [m] before the shelf where the inserted book waits

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from climbplan.reports.viewer.scene import Array, Scene, Solids, between
+from climbplan.arrays import Array
+from climbplan.reports.viewer.scene import Scene, Solids, between
 
 _SAMPLES = 400  # of the way that a camera follows
 _LAG = 0.04  # of it, over which the way is smoothed

@@ -6,6 +6,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 from climbplan.reports import palette
@@ -19,18 +20,7 @@ from climbplan.reports.patches import (
     surface_patches,
 )
 from climbplan.reports.replay import START, Replay, build_replay
-from climbplan.reports.viewer.scene import (
-    Array,
-    Boxes,
-    Forces,
-    Index,
-    Path,
-    Rods,
-    Scene,
-    Shape,
-    Solids,
-    polygons,
-)
+from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, Solids, polygons
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.looks import BODY, piece_places, pieces_of
 from climbplan.robots.rotations import rotation_world_body
@@ -190,7 +180,7 @@ def _body(plan: ClimbPlan, frames: Replay, rotation: Array) -> Boxes:
 def _forces(plan: ClimbPlan, frames: Replay) -> Forces:
     instants = plan.instants
     acting = frames.instant != START
-    k: Index = np.where(acting, frames.instant, 0)
+    k: IntArray = np.where(acting, frames.instant, 0)
     pressing = acting[:, None] & instants.contact[k]  # (F, N)
     return Forces(
         point=frames.joints[:, :, -1],

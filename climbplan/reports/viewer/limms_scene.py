@@ -6,6 +6,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.limms.placement import upright
 from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan
@@ -13,17 +14,7 @@ from climbplan.limms.summary import boxes_in_words
 from climbplan.reports import palette
 from climbplan.reports.limms.obstacles import obstacles_of
 from climbplan.reports.replay import key_frames
-from climbplan.reports.viewer.scene import (
-    Array,
-    Boxes,
-    Forces,
-    Index,
-    Path,
-    Rods,
-    Scene,
-    Shape,
-    block,
-)
+from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, block
 
 _TOLERANCE = 2e-3  # [m] by which the view may be off between its samples
 _AROUND = 0.4  # [m] of ground and walls drawn beyond the motion
@@ -93,7 +84,7 @@ def scene_of_modules(plan: LimmsPlan) -> Scene:
     )
 
 
-def _captions(plan: LimmsPlan, kept: Index) -> tuple[str, ...]:
+def _captions(plan: LimmsPlan, kept: IntArray) -> tuple[str, ...]:
     motion, texts = plan.motion, []
     names = np.array([name for name, _, _ in plan.stages])
     begins = np.array([begin for _, begin, _ in plan.stages])
@@ -149,7 +140,7 @@ def _boxes(plan: LimmsPlan, center: Array, yaw: Array) -> Boxes:
     )
 
 
-def _forces(plan: LimmsPlan, kept: Index) -> Forces:
+def _forces(plan: LimmsPlan, kept: IntArray) -> Forces:
     motion = plan.motion
     count, boxes = motion.force[kept].shape[:2]
     force = motion.force[kept].reshape(count, 4 * boxes, 3)

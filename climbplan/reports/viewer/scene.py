@@ -10,11 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.int64]
+from climbplan.arrays import Array, IntArray
 
 
 @dataclass(frozen=True)
@@ -23,7 +20,7 @@ class Shape:
 
     name: str
     vertices: Array  # (V, 3) [m]
-    faces: Index  # (F, 3)
+    faces: IntArray  # (F, 3)
     color: str  # "#rrggbb"
     opacity: float = 1.0
     note: str = ""  # shown beside it, such as its friction
@@ -64,7 +61,7 @@ class Solids:
     """Triangles that move, links of a robot."""
 
     vertices: tuple[Array, ...]  # K of (V, 3) in their own frames [m]
-    faces: tuple[Index, ...]  # K of (T, 3)
+    faces: tuple[IntArray, ...]  # K of (T, 3)
     position: Array  # (F, K, 3) of their frames [m]
     rotation: Array  # (F, K, 3, 3) own to world
     color: tuple[str, ...]  # (K,)
@@ -89,7 +86,7 @@ class Scene:
     facts: tuple[str, ...]  # lines about the whole plan
     time: Array  # (F,) [s], not decreasing; a repeated time is a jump
     caption: tuple[str, ...]  # (F,)
-    marks: Index  # samples worth stopping at, increasing
+    marks: IntArray  # samples worth stopping at, increasing
     shapes: tuple[Shape, ...] = ()
     paths: tuple[Path, ...] = ()
     rods: Rods | None = None
@@ -138,7 +135,7 @@ def polygons(name: str, corners: list[Array], color: str, opacity: float, note: 
     return Shape(name, np.concatenate(corners), faces, color, opacity, note)
 
 
-def outline(shape: Shape) -> Index:
+def outline(shape: Shape) -> IntArray:
     """Edges (K, 2) of a shape that one of its triangles alone has, or that two meet at an angle."""
     corners = shape.vertices[shape.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -153,7 +150,7 @@ def outline(shape: Shape) -> Index:
     np.add.at(total, which.reshape(-1), np.tile(normal, (3, 1)))
     count = np.bincount(which.reshape(-1), minlength=len(edges))
     flat = (count == 2) & (np.linalg.norm(total, axis=1) > 2 - 1e-6)
-    found: Index = own[first[~flat]].astype(np.int64)
+    found: IntArray = own[first[~flat]].astype(np.int64)
     return found
 
 

@@ -9,8 +9,9 @@ import trimesh
 import viser
 from scipy.spatial.transform import Rotation
 
+from climbplan.arrays import Array
 from climbplan.reports import palette
-from climbplan.reports.viewer.scene import Array, Boxes, Forces, Rods, Scene, Solids, between
+from climbplan.reports.viewer.scene import Boxes, Forces, Rods, Scene, Solids, between
 
 _LONGEST_FORCE = 0.2  # share of the scene's size
 _LOAD_COLORS = np.array([[77, 163, 127], [230, 200, 60], [192, 57, 43]], float)  # 0, half, limit

@@ -6,8 +6,9 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.reports import palette
-from climbplan.reports.viewer.scene import Array, Boxes, Forces, Path, Rods, Scene, Shape, polygons
+from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, polygons
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.foot_centres import material
 from climbplan.walking.plan import WalkPlan

@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
 
+from climbplan.arrays import Array
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
     foot_legend,
@@ -22,7 +23,7 @@ from climbplan.reports.sheet import (
 )
 from climbplan.walking.online.choice import FALLBACK, KEPT, LAST, SAFE
 from climbplan.walking.plan import LoopRecord, WalkPlan
-from climbplan.walking.task import VELOCITY, Array
+from climbplan.walking.task import VELOCITY
 
 _BEFORE, _AFTER = 0.4, 1.0  # [s] of the window about a push
 _PUSH = palette.FAILURE

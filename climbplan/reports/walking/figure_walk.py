@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon, Rectangle
 
+from climbplan.arrays import Array, IntArray
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
     foot_legend,
@@ -21,7 +22,7 @@ from climbplan.reports.walking.figure_loop import even_runs, mark_pushes, push_t
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.foot_centres import material
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import ANGLES, VELOCITY, Array, Whole
+from climbplan.walking.task import ANGLES, VELOCITY
 
 _VELOCITY = "#B01E8C"
 _FORCE = palette.FAILURE
@@ -180,13 +181,13 @@ def snapshots(plan: WalkPlan) -> Figure:
     return figure
 
 
-def _moments(plan: WalkPlan) -> Whole:
+def _moments(plan: WalkPlan) -> IntArray:
     """Samples to show: evenly over the horizon, or a closed loop's knots about its first push."""
     task, pushes = plan.task, push_times(plan)
     moments = np.linspace(0, task.knots - 1, _SHOTS)
     if plan.loop is not None and pushes:
         moments = pushes[0] / task.step + plan.loop.samples * np.array(_ABOUT)
-    shown: Whole = np.unique(np.clip(moments, 0, task.knots - 1).round().astype(np.int64))
+    shown: IntArray = np.unique(np.clip(moments, 0, task.knots - 1).round().astype(np.int64))
     return shown
 
 

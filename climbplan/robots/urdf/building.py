@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.robots.foot import Foot
 from climbplan.robots.gripper import Gripper
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.touching_parts import always_touching
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS, leg_capsules

@@ -23,8 +23,8 @@ import numpy as np
 from scipy.optimize import brentq, minimize
 from scipy.spatial import ConvexHull, QhullError
 
+from climbplan.arrays import Array
 from climbplan.robots.model import MountedCapsules
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.pinocchio_model import LegAtZero
 from climbplan.robots.urdf.shapes import Shape

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.robots.joint_dynamics import (
     JointDynamics,
     default_damping,
     default_rotor_inertia,
 )
-from climbplan.robots.rotations import Array
 from climbplan.spec.robots.urdf.source import UrdfRobot
 
 Names = Sequence[tuple[str, ...]]  # joints of each leg, from base to toe

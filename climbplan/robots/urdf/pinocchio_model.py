@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import MissingSolver
-from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.normal_document import normal_document
 from climbplan.spec.document import Finding
 from climbplan.spec.robots.urdf.mimics import follows

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.urdf.normal_document import normal_document
 from climbplan.robots.urdf.pinocchio_model import UrdfModel
 from climbplan.spec.document import Finding

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.serial_chain import SerialChain
 
 _STEP = 0.01  # [m] by which boxes grow

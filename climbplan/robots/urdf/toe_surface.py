@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, QhullError
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
 from climbplan.robots.urdf.shapes import Shape
 from climbplan.spec.document import Finding

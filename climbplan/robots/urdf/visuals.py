@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, IntArray
 from climbplan.robots.looks import BODY, Looks
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.normal_document import visual_document
 from climbplan.robots.urdf.pinocchio_model import urdf_model
@@ -66,9 +65,7 @@ def looks_of(robot: UrdfRobot, built: Robot, most: int = MOST_TRIANGLES) -> Look
     return Looks(*(np.concatenate(part) for part in (vertices, faces, limbs, joints)))
 
 
-def coarser(
-    vertices: Array, faces: NDArray[np.int64], most: int = MOST_TRIANGLES
-) -> tuple[Array, NDArray[np.int64]]:
+def coarser(vertices: Array, faces: IntArray, most: int = MOST_TRIANGLES) -> tuple[Array, IntArray]:
     """Some `most` triangles (F, 3) of vertices (V, 3), by quadric errors; few stay as they are.
 
     Raises NoLooks without the library that does it.
@@ -93,7 +90,7 @@ def _place(chain: SerialChain, joint: str) -> tuple[int, int]:
     return BODY, 0
 
 
-def _triangles(geometry: Any) -> tuple[Array, NDArray[np.int64]]:
+def _triangles(geometry: Any) -> tuple[Array, IntArray]:
     """One piece of geometry in its own frame."""
     kind = type(geometry).__name__
     if kind == "Sphere":

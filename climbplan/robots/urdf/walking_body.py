@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.urdf.building import chain_at_zero, joint_angles_of
 from climbplan.robots.urdf.drives import by_leg, joint_limits
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model

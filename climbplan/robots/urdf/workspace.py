@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.serial_chain import SerialChain
 
 _POSTURES = 4000  # sampled of every leg

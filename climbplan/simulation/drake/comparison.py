@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.simulation.drake.controller import interpolate
 from climbplan.simulation.drake.exported import ExportedMotion
 from climbplan.simulation.drake.playing import Recording
-
-Array = NDArray[np.float64]
 
 BEFORE, AFTER = 0.5, 0.1  # [s] about a change of contacts, in which forces are not compared
 MIN_EFFORT = 0.02  # of motor limits or weight, below which a relative error says nothing
@@ -63,13 +61,13 @@ def compare(recording: Recording, motion: ExportedMotion, weight: float) -> Comp
     )
 
 
-def _relative(error: Array, size: Array, settled: NDArray[np.bool_], least: float) -> Array:
+def _relative(error: Array, size: Array, settled: BoolArray, least: float) -> Array:
     out = np.full(len(error), np.nan)
     np.divide(error, size, out=out, where=settled & (size > least))
     return out
 
 
-def _settled(motion: ExportedMotion, times: Array) -> NDArray[np.bool_]:
+def _settled(motion: ExportedMotion, times: Array) -> BoolArray:
     """(S,) whether no planned contact changes shortly before or after."""
     changed = (motion.touching[1:] != motion.touching[:-1]).any(axis=1)
     changes = motion.time[1:][changed]

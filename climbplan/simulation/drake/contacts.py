@@ -7,12 +7,10 @@ from math import hypot
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.simulation.drake.exported import ExportedMotion
 from climbplan.simulation.drake.plant import LAYERS, Plant
-
-Array = NDArray[np.float64]
 
 NEAR_TOE = 0.03  # [m] about the sphere of a toe, within which its link's contacts are the toe's
 SLIP = 5e-3  # [m] that a standing toe may slide

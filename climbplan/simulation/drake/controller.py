@@ -12,12 +12,10 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.control.joint_regulator import JointRegulator, read_tables
 from climbplan.simulation.drake.exported import ExportedMotion
-
-Array = NDArray[np.float64]
 
 REGULATOR = "regulator/regulator.npz"  # in the directory of an export
 

@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.errors import UsageError
-
-Array = NDArray[np.float64]
 
 MOTION_CSV, MOTION_JSON = "motion.csv", "motion.csv.json"
 _FORMAT, _VERSION = "climbplan/motion", 1
@@ -59,7 +57,7 @@ class ExportedMotion:
     gravity: Array  # (T, J) added to hold the links [N m]
     contacts: tuple[ExportedContact, ...]
     force: Array  # (T, C, 3) planned, on the robot [N]
-    touching: NDArray[np.bool_]  # (T, C) planned contact
+    touching: BoolArray  # (T, C) planned contact
     held: dict[str, float]  # joint name -> angle at which it is locked [rad]
 
     @property

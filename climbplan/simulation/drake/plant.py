@@ -11,14 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from climbplan.errors import MissingSolver
 from climbplan.simulation.drake.exported import ExportedContact, ExportedMotion
 from climbplan.simulation.drake.settings import Settings
 from climbplan.simulation.drake.terrain import TerrainSolid
-
-Array = NDArray[np.float64]
 
 STIFFNESS = 5e5  # [N/m] of a contact of a link with terrain
 # Drake lets contacts that friction holds creep, in proportion to the force and time step of each

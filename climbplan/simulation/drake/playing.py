@@ -8,15 +8,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.simulation.drake.contacts import ContactLog
 from climbplan.simulation.drake.controller import Controller, interpolate
 from climbplan.simulation.drake.exported import ExportedMotion
 from climbplan.simulation.drake.plant import Plant, pydrake
 from climbplan.simulation.drake.settings import Settings
-
-Array = NDArray[np.float64]
 
 FALLEN = 0.15  # [m] of the base from its planned place
 TUMBLED = np.deg2rad(45)  # from its planned attitude

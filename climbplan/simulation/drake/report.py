@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.simulation.drake.comparison import Comparison
 from climbplan.simulation.drake.contacts import ContactLog
 from climbplan.simulation.drake.exported import ExportedMotion
@@ -18,9 +18,6 @@ from climbplan.simulation.drake.planned_penetration import PlannedPenetration
 from climbplan.simulation.drake.plant import DISSIPATION, STICTION, STIFFNESS, Plant
 from climbplan.simulation.drake.playing import Recording
 from climbplan.simulation.drake.settings import Settings
-
-Array = NDArray[np.float64]
-
 
 MAX_GRAVITY_DIFFERENCE = 1e-3  # of torque limits, from which it is told
 

@@ -8,9 +8,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from climbplan.arrays import Array
 
 THICKNESS = 0.05  # [m] of the material behind a flat surface
 _ON_FACE = 1e-6  # [m] surfaces this close to a face of an obstacle are that face

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.limms.scene import Array
+from climbplan.arrays import Array
 from climbplan.simulation.modules.replay import Bearing, ModuleRun
 
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.limms.check.contacts import Contact
-from climbplan.limms.scene import Array, Index
 from climbplan.simulation.modules.model import Hold
 from climbplan.spec.limms.module import ModuleSpec
 
@@ -34,16 +33,18 @@ class Order:
     """What is closed now, as arrays (n, ...): it is looked at in every step."""
 
     holds: tuple[Hold, ...]
-    dof: Index  # (n, 6) of the modules' free bodies
-    root: Index  # (n,) bodies
-    link: Index  # (n,)
+    dof: IntArray  # (n, 6) of the modules' free bodies
+    root: IntArray  # (n,) bodies
+    link: IntArray  # (n,)
     own: Array  # (n, 1) from the link's frame to the end [m]
-    weld: Index  # (n,) place among the welds that are active
-    is_latch: NDArray[np.bool_]
+    weld: IntArray  # (n,) place among the welds that are active
+    is_latch: BoolArray
     felt: Array  # (n, 6) smoothed; rows are those of `Closed`
 
 
-def order_of(closed: Mapping[Hold, Closed], root: Index, ends: Index, module: ModuleSpec) -> Order:
+def order_of(
+    closed: Mapping[Hold, Closed], root: IntArray, ends: IntArray, module: ModuleSpec
+) -> Order:
     """Arrays of what is closed; root: (L,) first degree of freedom of each module, ends: (L, 2)
     bodies of their end links."""
     each, holds = closed.values(), tuple(closed)

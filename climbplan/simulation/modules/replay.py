@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.limms.check.contacts import NOBODY, Contact
 from climbplan.limms.check.kinematics import turned
 from climbplan.limms.check.loads import StretchLoads, loads_of_all
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import Array
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.modules.holding import Closed, Order, borne, order_of, too_much
 from climbplan.simulation.modules.model import (

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import Array
 from climbplan.plans.csv_file import SafeWriter
 from climbplan.reports.page_parts import Card
 from climbplan.simulation.climb_report import conditions_dict, spread

@@ -7,7 +7,7 @@ command) - weight), by p it changes by J^-T (k - f . d2p/dtheta2) J^-1. Limbs of
 
 from __future__ import annotations
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.links import (
     CURVED,

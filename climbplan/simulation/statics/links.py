@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.tuples import Springs
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.simulation.falls import FALLEN, TUMBLED
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.contact import AIR, SLIDES, STICKS

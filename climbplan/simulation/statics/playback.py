@@ -7,14 +7,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import ClimbPlan, Index
+from climbplan.arrays import Array, IntArray
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import UsageError
 from climbplan.mechanics.stiffness import joint_softness, limb_compliance
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.chain_pose import RADIAN
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.kinematics import contact_points, jacobian_world, toe_world
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.comparison import LEAST_HELD, held_toes
 from climbplan.simulation.conditions import Conditions, regulated
@@ -61,8 +62,8 @@ class Steps:
     """A plan prepared for the compiled run."""
 
     playback: Playback
-    sample: Index  # (S,) of the trajectory that each step ends at
-    instant: Index  # (S,) planned instant it belongs to, -1 before the first
+    sample: IntArray  # (S,) of the trajectory that each step ends at
+    instant: IntArray  # (S,) planned instant it belongs to, -1 before the first
 
 
 def prepare(plan: ClimbPlan, conditions: Conditions) -> Steps:
@@ -209,7 +210,7 @@ def ground_of(plan: ClimbPlan, terrain: Terrain, conditions: Conditions) -> Grou
     )
 
 
-def _samples(plan: ClimbPlan, speed: float, most: float) -> Index:
+def _samples(plan: ClimbPlan, speed: float, most: float) -> IntArray:
     """Samples at which steps end: so long apart at most [s], both sides of changes of contact."""
     time = plan.trajectory.time
     states = np.hstack([plan.trajectory.contact, standing(plan)])

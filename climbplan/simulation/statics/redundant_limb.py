@@ -10,7 +10,7 @@ joints stay.
 
 from __future__ import annotations
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.links import (
     CURVED,

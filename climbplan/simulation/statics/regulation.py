@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.control.joint_regulator import BACK, FORCE_RATE, MOST_OFFSET, RATE
-from climbplan.robots.rotations import Array
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.links import _chain
 from climbplan.simulation.statics.small_algebra import (

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import ClimbPlan, Index
+from climbplan.arrays import Array, IntArray
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.spans import spans_of
 from climbplan.reports.replay import sample_instants
 from climbplan.robots.last_link import last_link_body
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.links import _chain
 from climbplan.simulation.statics.small_algebra import _times
@@ -31,7 +32,7 @@ from climbplan.simulation.statics.tuples import (
 )
 
 
-def contact_ends(plan: ClimbPlan, sample: Index, angles: Array, toe_zero: Array) -> Array:
+def contact_ends(plan: ClimbPlan, sample: IntArray, angles: Array, toe_zero: Array) -> Array:
     """(S, N, 3) points of last links that touch, at zero angles, body frame [m].
 
     Args:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.contact import AIR, FAILED, STICKS, _touch
 from climbplan.simulation.statics.corner import _cornered, _runs_into

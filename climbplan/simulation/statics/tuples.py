@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 
 NO_REGULATOR, BY_ATTITUDE, BY_JOINTS, BY_POSE = range(4)
 

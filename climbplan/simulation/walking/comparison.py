@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.climb.plan.spans import spans_of
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.comparison import SLIP
@@ -13,7 +14,7 @@ from climbplan.simulation.replay import planned_tilt
 from climbplan.simulation.rolling import rolled
 from climbplan.simulation.walking.replay import WalkRun
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import ANGLES, POSITION, Array, Flags
+from climbplan.walking.task import ANGLES, POSITION
 
 LEAST_LOAD = 1.0  # [N] planned pressures below are left out of friction and lost contacts
 LOST = 0.02  # [s] without contact, longer than a toe that touches down a little late needs
@@ -34,7 +35,7 @@ class WalkComparison:
 
     off: Array  # (S,) distance of the body from its plan [m]
     tilt: Array  # (S,) angle between planned and simulated body [rad]
-    loaded: Flags  # (S - 1, L) legs that the plan presses
+    loaded: BoolArray  # (S - 1, L) legs that the plan presses
     force_error: Array  # |ground's force - planned| of loaded legs, in weights of the robot
     friction: Array  # (S - 1, L) simulated shear over pressure, 0 where not loaded
     friction_planned: Array  # (S - 1, L)
@@ -97,7 +98,7 @@ def _slips(plan: WalkPlan, run: WalkRun) -> tuple[WalkSlip, ...]:
     return tuple(sorted(out, key=lambda slip: slip.time))
 
 
-def _losses(plan: WalkPlan, run: WalkRun, loaded: Flags) -> tuple[WalkSlip, ...]:
+def _losses(plan: WalkPlan, run: WalkRun, loaded: BoolArray) -> tuple[WalkSlip, ...]:
     """Legs that the plan presses and that do not touch for more than LOST."""
     step, out = plan.task.step, []
     missing = np.where(loaded, step * (1.0 - run.touching[: len(loaded)]), 0.0)

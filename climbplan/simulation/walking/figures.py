@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.spans import spans_of
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
@@ -23,7 +24,7 @@ from climbplan.simulation.walking.comparison import WalkComparison
 from climbplan.simulation.walking.replay import WalkRun, euler_angles
 from climbplan.simulation.walking.whole_replay import WholeRun
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import ANGLES, POSITION, Array
+from climbplan.walking.task import ANGLES, POSITION
 
 
 def path(plan: WalkPlan, run: WalkRun) -> Figure:

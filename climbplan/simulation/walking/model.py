@@ -11,12 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.simulation.attributes import numbers
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.physical_inertia import physical_inertia
 from climbplan.walking.foot_centres import steepness
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import POSITION, Array
+from climbplan.walking.task import POSITION
 
 TIME_STEP = 1e-3  # [s]
 TOE_RADIUS = 0.005  # [m]

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import ANGLES, Array, Flags
+from climbplan.walking.task import ANGLES
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class WalkReference:
     time: Array  # (T,) [s]
     state: Array  # (T, 12)
     rotation: Array  # (T, 3, 3) body to world
-    contact: Flags  # (T, L)
+    contact: BoolArray  # (T, L)
     stand: Array  # (T, L, 3) where standing toes are [m]
     swings: tuple[tuple[Swing, ...], ...]  # of each leg
 
@@ -72,7 +73,7 @@ def walk_reference(plan: WalkPlan) -> WalkReference:
     return WalkReference(time, found.state, rotation, contact, found.toes, swings)
 
 
-def _swings(time: Array, contact: Flags, toes: Array, lift: float) -> tuple[Swing, ...]:
+def _swings(time: Array, contact: BoolArray, toes: Array, lift: float) -> tuple[Swing, ...]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], ~contact, [False]]).astype(np.int8)))
     last = len(time) - 1
     found = []

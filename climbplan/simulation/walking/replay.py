@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.replay import load_mujoco
@@ -24,7 +25,7 @@ from climbplan.simulation.walking.reference import WalkReference, walk_reference
 from climbplan.walking.online.closed_loop import fallen as lies_down
 from climbplan.walking.online.estimation import logarithm
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, Array, Flags
+from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY
 
 STIFF = 10.0  # [rad/s] natural frequency of the correction, critically damped
 REACH = 0.25  # [m] beyond its workspace at which a leg carries nothing any more
@@ -186,7 +187,7 @@ class _Walker:
             total["overreach"] = max(total["overreach"], float(over.max(initial=0.0)))
         return total
 
-    def _apply(self, pushed: Array, contact: Flags, now: float) -> None:
+    def _apply(self, pushed: Array, contact: BoolArray, now: float) -> None:
         """Leg forces on the body and on standing toes; swinging ones follow their way."""
         data = self.data
         toes, speed = data.qpos[self.at], data.qvel[self.dof]
@@ -202,7 +203,7 @@ class _Walker:
             on_toes[leg] = TOE_MASS * (_SWING**2 * off + 2 * _SWING * (going - speed[leg]))
         data.qfrc_applied[self.dof] = on_toes
 
-    def _corrected(self, sample: int, share: float, planned: Array, carries: Flags) -> Array:
+    def _corrected(self, sample: int, share: float, planned: Array, carries: BoolArray) -> Array:
         """Planned forces (L, 3) with what brings the body back, as far as friction allows."""
         if not carries.any():
             return planned
@@ -274,7 +275,7 @@ def nothing(legs: int) -> dict[str, Any]:
 
 
 def ground_forces(
-    mujoco: ModuleType, model: Any, data: Any, leg_of: NDArray[np.int64]
+    mujoco: ModuleType, model: Any, data: Any, leg_of: IntArray
 ) -> tuple[Array, Array, Array]:
     """Force (L, 3) of the ground on toes, its normal part and its shear (L,) [N].
 

@@ -16,9 +16,9 @@ from typing import Any
 import daqp
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.robots.rotations import skew
 from climbplan.robots.walking_legs import WalkingLegs
-from climbplan.walking.task import Array, Flags, Whole
 
 BODY_STIFF = 12.0  # [rad/s] of the body's way back to its path, critically damped
 SWING_STIFF = 60.0  # [rad/s] of a swinging toe's, critically damped
@@ -45,7 +45,7 @@ class Wanted:
     acceleration: Array  # (3,) of the body's origin [m/s^2]
     turning: Array  # (3,) angular [rad/s^2]
     toes: Array  # (L, 3) accelerations of toes that do not carry [m/s^2]
-    carries: Flags  # (L,) legs whose toes stand on the ground
+    carries: BoolArray  # (L,) legs whose toes stand on the ground
     force: Array  # (L, 3) planned [N]
     normal: Array  # (L, 3) of the ground under each toe
 
@@ -185,7 +185,7 @@ class WholeBodyControl:
         wanted: Wanted,
         jacobians: list[Array],
         drifts: list[Array],
-        stands: Whole,
+        stands: IntArray,
         unknowns: int,
     ) -> tuple[Array, Array]:
         """Hessian and gradient of weighted squares."""

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.simulation.walking.reference import walk_reference
 from climbplan.walking.body_way import Moving, body_within
 from climbplan.walking.plan import WalkPlan
 from climbplan.walking.swing_way import SwingWay, held_back
-from climbplan.walking.task import Array, Whole
 
 _STEP_ASIDE = 2.0  # of a box's half extents, that a toe lands off its plan at most
 _BEYOND = 1.1  # times as far as the capture point, so that the body comes back
@@ -44,7 +44,9 @@ class WholeReference:
         self.plan, self.task, self.foot = plan, plan.task, foot
         self.base = walk_reference(plan)
         self.time, self.contact = self.base.time, self.base.contact
-        self.region: Whole = plan.trajectory.gait.region  # (T, L) in the air: where toes will land
+        self.region: IntArray = (
+            plan.trajectory.gait.region
+        )  # (T, L) in the air: where toes will land
         self.normal: Array = self.task.ground.frame[self.region][..., 2, :]  # (T, L, 3)
         height = self.task.reference.height[0] - self.task.ground.standoff
         self.pendulum = float(np.sqrt(height / self.task.body.gravity))

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.simulation.conditions import NOMINAL, Conditions
@@ -38,7 +39,7 @@ from climbplan.simulation.walking.whole_robot import WholeRobot, whole_model, wh
 from climbplan.walking.check.truth import toes_in_body
 from climbplan.walking.online.estimation import logarithm
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, Array, Flags
+from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY
 
 TICK = 2  # steps of the simulation
 PUSH = 0.05  # [s] that a push takes, as a force on the body
@@ -213,7 +214,7 @@ class _Player:
             total["speed"] = np.maximum(total["speed"], fast)
         return total
 
-    def _command(self, sample: int, now: float, stands: Flags, planned: Array) -> None:
+    def _command(self, sample: int, now: float, stands: BoolArray, planned: Array) -> None:
         """Torques until the next tick."""
         data, wanted = self.data, self.reference.body(now)
         rotation = data.xmat[self.root].reshape(3, 3)
@@ -247,7 +248,9 @@ class _Player:
         self.unanswered += not self.commanded.solved
         self.torque[self.there] = self.commanded.torque
 
-    def _toes(self, now: float, stands: Flags, toes: Array, capture: Array) -> tuple[Array, Flags]:
+    def _toes(
+        self, now: float, stands: BoolArray, toes: Array, capture: Array
+    ) -> tuple[Array, BoolArray]:
         """Accelerations (L, 3) of toes that do not carry, and which carry."""
         asked, carries = np.zeros_like(toes), np.zeros_like(stands)
         speeds = self._toe_speeds()

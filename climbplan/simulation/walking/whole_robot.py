@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.drives import joint_dynamics_of
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
@@ -31,7 +32,6 @@ from climbplan.spec.walking.loading import stored_body
 from climbplan.spec.walking.model import MpcSpec
 from climbplan.spec.yaml_source import parse_yaml
 from climbplan.walking.plan import WalkPlan
-from climbplan.walking.task import Array
 
 _ROOT = 1  # of Pinocchio's joints: the free one
 _THICK = 0.1  # of a link's length, as it is drawn

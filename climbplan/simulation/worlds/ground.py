@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.robots.rotations import Array
 from climbplan.simulation.worlds.world import World
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.solids import Solid

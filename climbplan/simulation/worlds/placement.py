@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.kinematics import held_rows, jacobian_world
-from climbplan.robots.rotations import Array
 from climbplan.simulation.worlds.world import World, footholds_of
 
 

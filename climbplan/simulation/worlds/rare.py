@@ -27,9 +27,9 @@ import numpy as np
 from joblib import Parallel, delayed
 from scipy.stats import t as student
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import UsageError
-from climbplan.robots.rotations import Array
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.statics.outcome import FARTHEST, FELL, SLID, USED
 from climbplan.simulation.statics.playback import Steps, played, prepare

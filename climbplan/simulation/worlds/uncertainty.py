@@ -14,8 +14,8 @@ from zlib import crc32
 import numpy as np
 from scipy.special import ndtr
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.robots.rotations import Array
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.worlds.world import World, nominal_world
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask
+from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.spans import spans_of
-from climbplan.robots.rotations import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +43,12 @@ class World:
 class Footholds:
     """Which foothold each limb stands on or comes from, by sample of the trajectory."""
 
-    number: Index  # (T, N)
+    number: IntArray  # (T, N)
     share: Array  # (T, N) of the way to the next, 0 while it stands
     count: int  # P, of the limb that has most
 
 
-def footholds_of(contact: Mask) -> Footholds:
+def footholds_of(contact: BoolArray) -> Footholds:
     """Footholds by contacts (T, N) of a trajectory."""
     number = np.zeros(contact.shape, np.int64)
     share = np.zeros(contact.shape)

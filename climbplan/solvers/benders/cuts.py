@@ -20,16 +20,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import cho_solve
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.solvers.mixed_integer.conditional import Conditional
 from climbplan.solvers.mixed_integer.keys import KeySpace
 from climbplan.solvers.mixed_integer.memory import Move
 from climbplan.solvers.mixed_integer.numbers import MixedIntegerProgram
-from climbplan.solvers.result import Indices
 
 _PASSES = 3  # of the Lagrangian's minimum, each nearer to where that is flat
 _ROUNDING = 1e-13  # of the sums that a cut is, relative
@@ -40,7 +38,7 @@ _FLAT = 1e-9  # slope of a direction without bounds that counts as none, relativ
 class Cut:
     """Multipliers of one program with its integers given."""
 
-    key: Indices  # rows by `KeySpace`: bounds of variables, plain and conditional rows
+    key: IntArray  # rows by `KeySpace`: bounds of variables, plain and conditional rows
     y: Array  # positive at upper bounds, negative at lower ones, in the row's own unit
     star: Array  # (size,) the program's solution, with its integers
     feasible: bool  # False: a ray
@@ -59,11 +57,11 @@ class Planes:
 
     bound: Array  # (K,)
     slope: Array  # (K, E) not negative
-    star: NDArray[np.bool_]  # (K, E)
-    feasible: NDArray[np.bool_]  # (K,) False for rays
+    star: BoolArray  # (K, E)
+    feasible: BoolArray  # (K,) False for rays
 
     @classmethod
-    def without(cls, integers: NDArray[np.int64]) -> Planes:
+    def without(cls, integers: IntArray) -> Planes:
         """All but one set of integers."""
         star = integers[None] > 0
         return cls(np.ones(1), np.ones(star.shape), star, np.zeros(1, bool))
@@ -131,7 +129,9 @@ class CutForm:
         bound = bound - np.where(down, slope, 0.0).sum(axis=1)
         return Planes(bound, np.abs(slope), star ^ down, feasible)
 
-    def _conditional(self, slope: Array, cut: Indices, key: Indices, y: Array, edge: Array) -> None:
+    def _conditional(
+        self, slope: Array, cut: IntArray, key: IntArray, y: Array, edge: Array
+    ) -> None:
         """Add the most that rows are worth which an integer no longer decides."""
         here = np.flatnonzero(key >= self.space.conditional)
         if not len(here):
@@ -149,9 +149,7 @@ class CutForm:
         most -= np.bincount(at, y[here] * stated, len(pair))
         slope[pair // E, pair % E] += most
 
-    def _least(
-        self, pull: Array, shift: Array, points: Array, feasible: NDArray[np.bool_]
-    ) -> Array:
+    def _least(self, pull: Array, shift: Array, points: Array, feasible: BoolArray) -> Array:
         """(K,) least value of the Lagrangians cost + pull w + shift over the box.
 
         Of a convex function at any w: its value there, and its slope to the ends of the box.

@@ -13,10 +13,9 @@ from typing import Any
 
 import highspy
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.solvers.benders.cuts import Planes
 from climbplan.solvers.highs.model import LeftBehind, highs, linear_model, run_highs
 from climbplan.solvers.mixed_integer.conditional import Conditional
@@ -30,7 +29,7 @@ _SAFE = 1e-8  # of the unit of z: what HiGHS's tolerance of rows may be worth
 class MasterAnswer:
     """Integers to try next, and what no integers are below."""
 
-    integers: NDArray[np.int64] | None  # (E,) None: none satisfy the cuts, or the time was over
+    integers: IntArray | None  # (E,) None: none satisfy the cuts, or the time was over
     bound: float
     infeasible: bool
     nodes: int

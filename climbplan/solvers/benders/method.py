@@ -13,11 +13,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.benders.cuts import Cut, CutForm, Planes
 from climbplan.solvers.benders.master import Master
 from climbplan.solvers.benders.rays import farkas_ray
@@ -213,7 +212,7 @@ class BendersMemory:
         read: CutForm,
         sub: Subproblem,
         state: _State,
-        integers: NDArray[np.int64],
+        integers: IntArray,
     ) -> bool:
         """The convex program at some integers: its cut, and its answer if that is the best.
 

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import highspy
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.solvers.benders.cuts import Cut, CutForm
 from climbplan.solvers.highs.model import highs, linear_model, run_highs
 from climbplan.solvers.mixed_integer.conditional import Conditional
@@ -18,9 +17,7 @@ from climbplan.solvers.mixed_integer.conditional import Conditional
 _LEAST = 1e-12  # entries of a ray below this share of the largest are rounding
 
 
-def farkas_ray(
-    form: Conditional, read: CutForm, integers: NDArray[np.int64], x: Array
-) -> Cut | None:
+def farkas_ray(form: Conditional, read: CutForm, integers: IntArray, x: Array) -> Cut | None:
     """A cut that excludes integers (E,), None where none is found. x: (size,) a point near them."""
     program = read.program
     lower, upper = program.lower.copy(), program.upper.copy()

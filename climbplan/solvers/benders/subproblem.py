@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.solvers.benders.cuts import Cut
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.numbers import MixedIntegerProgram
@@ -27,7 +26,7 @@ class Subproblem:
         """Dual steps so far."""
         return int(self._run.search.main.iterations[0])
 
-    def relaxed(self) -> tuple[float, NDArray[np.int64]]:
+    def relaxed(self) -> tuple[float, IntArray]:
         """A bound of all integers, infinite if none are feasible, and integers near its point."""
         n, search = self._run.program.numbers, self._run.search
         bound = self._settled(n.lowest, n.highest)
@@ -37,7 +36,7 @@ class Subproblem:
         rounded(n, search, n.lowest, n.highest, integers)
         return bound, integers
 
-    def solve(self, integers: NDArray[np.int64]) -> tuple[Array | None, Cut | None]:
+    def solve(self, integers: IntArray) -> tuple[Array | None, Cut | None]:
         """x (size,) and the cut; no x where the program is empty, no cut where it is not solved.
 
         Where rounding stopped the solver, x violates rows and the cut is what was proved by then.
@@ -59,7 +58,7 @@ class Subproblem:
         count = int(w.count[0])
         return x, self._cut(w.row[:count], w.side[:count], w.multiplier[:count], x, True)
 
-    def _settled(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> float:
+    def _settled(self, low: IntArray, high: IntArray) -> float:
         tree, search = self._run.tree, self._run.search
         tree.low[0], tree.high[0] = low, high
         tree.bound[0], tree.state[0] = -np.inf, place.OPEN
@@ -70,9 +69,7 @@ class Subproblem:
     def _empty(self) -> bool:
         return bool(self._run.tree.state[0] == place.EMPTY_NODE)
 
-    def _cut(
-        self, row: NDArray[np.int64], side: Array, multiplier: Array, x: Array, feasible: bool
-    ) -> Cut:
+    def _cut(self, row: IntArray, side: Array, multiplier: Array, x: Array, feasible: bool) -> Cut:
         program = self._run.program
         y = side * multiplier / program.numbers.norm[row]
         keep = np.abs(y) > _LEAST * np.abs(y).max(initial=0.0)

@@ -9,8 +9,8 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.interruption import run_deaf
 from climbplan.solvers.result import Answer
 from climbplan.solvers.weak_duality import weak_dual

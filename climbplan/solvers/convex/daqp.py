@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import daqp
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.convex.clarabel import ClarabelSession
 from climbplan.solvers.interruption import run_deaf
 from climbplan.solvers.result import Answer
@@ -35,7 +34,7 @@ class DaqpSession:
     def __init__(self) -> None:
         self._model = daqp.Model()
         self._judge = ClarabelSession()
-        self._free: NDArray[np.bool_] | None = None
+        self._free: BoolArray | None = None
         self._hessian: Array = np.zeros((0, 0))
         self._matrix: Array = np.zeros((0, 0))
 

@@ -12,10 +12,10 @@ import numpy as np
 import osqp
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.program.box import propagated_box
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.interruption import run_deaf
 from climbplan.solvers.result import Answer
 from climbplan.solvers.weak_duality import weak_dual

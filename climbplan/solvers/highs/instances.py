@@ -18,10 +18,10 @@ import highspy
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.program.box import propagated_box
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.convex.sessions import solve_convex
 from climbplan.solvers.highs.model import (
     LeftBehind,

@@ -7,11 +7,10 @@ from typing import Any
 
 import highspy
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.errors import LimitReached
-from climbplan.program.polytope import Array
 from climbplan.solvers.highs.model import highs, linear_model, run_highs
 
 # Tried one after the other; a small program in a hundred thousand defeats the first
@@ -34,7 +33,7 @@ class LinearProgram:
     row_lower: Array  # (m,)
     row_upper: Array  # (m,)
 
-    def model(self, integer: NDArray[np.bool_]) -> Any:
+    def model(self, integer: BoolArray) -> Any:
         """For HiGHS; integer: (n,) which of x are whole."""
         return linear_model(
             self.cost,

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import highspy
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, BoolArray
 from climbplan.solvers.highs.linear import LinearProgram
 from climbplan.solvers.highs.model import LeftBehind, highs, run_highs
 
@@ -20,7 +19,7 @@ _FEASIBLE_POINT = 2  # HiGHS's kSolutionStatusFeasible
 class MixedLinearProgram(LinearProgram):
     """min cost'x over bounds and rows, some of x whole."""
 
-    integer: NDArray[np.bool_]  # (n,)
+    integer: BoolArray  # (n,)
 
 
 @dataclass(frozen=True)

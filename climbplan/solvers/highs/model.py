@@ -11,12 +11,11 @@ from typing import Any
 
 import highspy
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.errors import LimitReached
 from climbplan.program.linear_rows import LinearRows
-from climbplan.program.polytope import Array
 from climbplan.solvers.interruption import interruptible, run_aside, run_deaf
 
 _OVERRUN = 0.05  # [s] beyond the time limit that HiGHS keeps by itself nearly always
@@ -137,7 +136,7 @@ def linear_model(
     constant: float,
     lower: Array,
     upper: Array,
-    integer: NDArray[np.bool_],
+    integer: BoolArray,
     A: sparse.csr_matrix,
     row_lower: Array,
     row_upper: Array,

@@ -12,9 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.reformulations.nlp_form import Bounds, Manner, NlpForm, nlp_form
 from climbplan.solvers.ipopt.program import IpoptProgram, NlpPoint
 from climbplan.solvers.result import Answer, SolverResult, judged
@@ -59,7 +59,7 @@ def minimise(
 def solve_pinned(
     instance: Instance,
     start: Array,
-    assignment: Index | None = None,
+    assignment: IntArray | None = None,
     deadline: float = np.inf,
     iterations: int = ITERATIONS,
 ) -> NlpPoint:
@@ -89,7 +89,7 @@ def solve_ipopt(
     time_limit: float = np.inf,
     tolerance: float = TOLERANCE,
     start: Array | None = None,
-    assignment: Index | None = None,
+    assignment: IntArray | None = None,
 ) -> SolverResult:
     """A local optimum of an instance whose integers and choices are given by a start.
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
+from climbplan.program.instance import Instance
 from climbplan.reformulations.complementarity import Complementarity, Rounded
 from climbplan.solvers.ipopt.instances import ITERATIONS, TOLERANCE, middle, minimise, solve_pinned
 from climbplan.solvers.result import Answer, SolverResult, judged
@@ -50,7 +50,7 @@ def follow(
     instance: Instance,
     method: Complementarity,
     start: Array,
-    assignment: Index | None = None,
+    assignment: IntArray | None = None,
     homotopy: tuple[float, ...] = HOMOTOPY,
     blur: float = 0.0,
     deadline: float = np.inf,
@@ -86,7 +86,7 @@ def solve_mpcc(
     time_limit: float = np.inf,
     tolerance: float = TOLERANCE,
     start: Array | None = None,
-    assignment: Index | None = None,
+    assignment: IntArray | None = None,
     method: Complementarity | None = None,
     homotopy: tuple[float, ...] = HOMOTOPY,
     blur: float | None = None,

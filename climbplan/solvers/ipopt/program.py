@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.solvers.interruption import Deadline, interruptible
 

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array
 from climbplan.program.residuals import BlockResidual
 from climbplan.program.trajectory import Trajectory
 from climbplan.reformulations.nlp_form import Bounds

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array
 from climbplan.solvers.mixed_integer.compiling import compiled
 from climbplan.solvers.mixed_integer.working_set import (
     _SINGULAR,

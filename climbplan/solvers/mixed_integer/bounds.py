@@ -8,9 +8,8 @@ enter as tangents, which hold in the whole tree.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.solvers.mixed_integer.active_set import EMPTY, SOLVED, STUCK, _solve
 from climbplan.solvers.mixed_integer.compiling import compiled, constant
 from climbplan.solvers.mixed_integer.nodes import (
@@ -41,7 +40,7 @@ _ROUNDING = 1e-14  # what multipliers times rows and bounds are good to, relativ
 
 
 @compiled
-def _apply(n: Numbers, s: Search, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
+def _apply(n: Numbers, s: Search, low: IntArray, high: IntArray) -> None:
     """Which rows a node has, and bounds of its entities."""
     rows = s.rows
     for r in range(rows.used[0]):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import IntArray
 from climbplan.solvers.mixed_integer.active_set import EMPTY, _solve
 from climbplan.solvers.mixed_integer.bounds import (
     _apply,
@@ -29,7 +30,6 @@ from climbplan.solvers.mixed_integer.nodes import (
     WORK,
     Search,
     Tree,
-    Whole,
     _child,
     _close,
     _cutoff,
@@ -50,7 +50,7 @@ _STAY = 0.5  # share of the way from the least open bound to the cutoff at which
 
 
 @compiled
-def _measure(n: Numbers, s: Search, w: Working, low: Whole, high: Whole) -> int:
+def _measure(n: Numbers, s: Search, w: Working, low: IntArray, high: IntArray) -> int:
     """How far each undecided entity is from being decided down and up; how many are open."""
     open_count = 0
     slack = s.real[FEASIBILITY]
@@ -83,7 +83,7 @@ def _measure(n: Numbers, s: Search, w: Working, low: Whole, high: Whole) -> int:
 
 
 @compiled
-def _value_of(n: Numbers, s: Search, w: Working, e: int, low: Whole, high: Whole) -> float:
+def _value_of(n: Numbers, s: Search, w: Working, e: int, low: IntArray, high: IntArray) -> float:
     """The value of an integer with a column, or of a factor, at a relaxation's solution."""
     if low[e] == high[e] and n.spatial.cell[e] == 0.0:
         return float(low[e])
@@ -92,7 +92,7 @@ def _value_of(n: Numbers, s: Search, w: Working, e: int, low: Whole, high: Whole
 
 
 @compiled
-def _is_held(n: Numbers, s: Search, w: Working, q: int, low: Whole, high: Whole) -> bool:
+def _is_held(n: Numbers, s: Search, w: Working, q: int, low: IntArray, high: IntArray) -> bool:
     """Whether a row that holds a product has to hold, or would if no integer were split."""
     p = n.spatial
     if p.always[q]:
@@ -111,7 +111,7 @@ def _is_held(n: Numbers, s: Search, w: Working, q: int, low: Whole, high: Whole)
 
 
 @compiled
-def _measure_products(n: Numbers, s: Search, w: Working, low: Whole, high: Whole) -> int:
+def _measure_products(n: Numbers, s: Search, w: Working, low: IntArray, high: IntArray) -> int:
     """Factors of products that are off where it matters are open, too; how many products are."""
     p, open_count = n.spatial, 0
     for q in range(len(p.first)):

@@ -10,11 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.program.instance import Instance
 
 
 @dataclass(frozen=True)
@@ -24,25 +23,25 @@ class Conditional:
     size: int  # of x: the instance's variables, then switches and binaries of choices
     lower: Array  # (size,)
     upper: Array
-    integer: NDArray[np.bool_]  # (size,)
+    integer: BoolArray  # (size,)
     A: sparse.csr_matrix  # (m, size)
     row_lower: Array  # (m,)
     row_upper: Array
     C: sparse.csr_matrix  # (c, size)
     when_lower: Array  # (c,)
     when_upper: Array
-    when: Index  # (c,) the integer's place in x
-    value: Index  # (c,) 0 or 1
-    choice: tuple[Index, ...]  # of each choice its binaries, or its one switch
+    when: IntArray  # (c,) the integer's place in x
+    value: IntArray  # (c,) 0 or 1
+    choice: tuple[IntArray, ...]  # of each choice its binaries, or its one switch
 
-    def alternatives(self, x: Array) -> Index:
+    def alternatives(self, x: Array) -> IntArray:
         """Chosen alternative of each choice at x (size,)."""
         return np.array(
             [int(x[b[0]] < 0.5) if len(b) == 1 else int(np.argmax(x[b])) for b in self.choice],
             np.int64,
         )
 
-    def point(self, x: Array, assignment: Index) -> Array:
+    def point(self, x: Array, assignment: IntArray) -> Array:
         """x (n,) with the binaries of an assignment behind it."""
         out = np.zeros(self.size)
         out[: len(x)] = x

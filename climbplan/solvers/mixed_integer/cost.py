@@ -9,12 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer.row_stack import Coordinates
 
 _PROXIMAL = 1e-6  # of the cost's own curvature over the box
@@ -77,7 +76,7 @@ def cost_over(instance: Instance, space: Coordinates) -> Cost:
     )
 
 
-def _factor(regular: Array, bounded: NDArray[np.bool_]) -> Array | None:
+def _factor(regular: Array, bounded: BoolArray) -> Array | None:
     """Cholesky factor, None where a direction without bounds is flat."""
     try:
         L: Array = np.linalg.cholesky(regular).astype(float)

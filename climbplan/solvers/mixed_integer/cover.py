@@ -5,17 +5,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.program.instance import Index
+from climbplan.arrays import BoolArray, IntArray
 
 
 class Part(NamedTuple):
     """Ranges of entities, and the leaves that may meet them."""
 
-    low: Index  # (E,)
-    high: Index
-    among: Index
+    low: IntArray  # (E,)
+    high: IntArray
+    among: IntArray
 
 
 class Split(NamedTuple):
@@ -30,8 +29,8 @@ class Split(NamedTuple):
 class Leaves(NamedTuple):
     """Ranges of entities, leaf by leaf."""
 
-    low: Index  # (S, E)
-    high: Index
+    low: IntArray  # (S, E)
+    high: IntArray
 
     def meeting(self, part: Part) -> Part:
         """The same part, among those leaves only that share a point with it."""
@@ -59,7 +58,7 @@ class Leaves(NamedTuple):
         return Split(e, int(cut[e]), part._replace(high=below), part._replace(low=above))
 
 
-def _first(value: Index, where: NDArray[np.bool_], otherwise: Index) -> Index:
+def _first(value: IntArray, where: BoolArray, otherwise: IntArray) -> IntArray:
     """(E,) the value of the first leaf for which something holds."""
     at = where.argmax(axis=0)
     columns = np.arange(value.shape[1])

@@ -10,11 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.solvers.mixed_integer.compiling import compiled
-from climbplan.solvers.result import Indices
 
 _NOTHING = 1e-10  # largest entry of an equation that says nothing more, relative to its own size
 _INTEGER = 1e-3  # weight of integers as pivots
@@ -27,12 +25,12 @@ class Elimination:
 
     X: Array  # (n, k)
     center: Array  # (n,)
-    independent: Indices  # (k,) which variables w are
+    independent: IntArray  # (k,) which variables w are
     consistent: bool
 
 
 @compiled
-def reduce(E: Array, weight: Array, pivots: NDArray[np.int64]) -> float:
+def reduce(E: Array, weight: Array, pivots: IntArray) -> float:
     """Gauss-Jordan on (p, n + 1) in place; pivot of each equation, -1 where it says nothing.
 
     Returns the largest right side of an equation without variables.
@@ -69,7 +67,7 @@ def reduce(E: Array, weight: Array, pivots: NDArray[np.int64]) -> float:
     return worst
 
 
-def eliminated(E: Array, e: Array, integer: NDArray[np.bool_]) -> Elimination:
+def eliminated(E: Array, e: Array, integer: BoolArray) -> Elimination:
     """E x = e (p, n) solved for p of the variables."""
     n = E.shape[1]
     size = np.maximum(np.abs(E).max(axis=1, initial=0.0), 1e-300)[:, None]

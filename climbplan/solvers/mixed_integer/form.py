@@ -13,11 +13,10 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer.conditional import Conditional
 from climbplan.solvers.mixed_integer.cost import Cost, ceiling, cost_over
 from climbplan.solvers.mixed_integer.elimination import eliminated
@@ -36,7 +35,6 @@ from climbplan.solvers.mixed_integer.spatial_rows import (
     no_products,
     spatial_numbers,
 )
-from climbplan.solvers.result import Indices
 
 _ROUNDS = 20
 _EQUAL = 1e-12  # sides of an equation, relative
@@ -74,7 +72,7 @@ def mixed_integer_program(
     return _in_unit_rows(instance, form, space, cost, stack, factors)
 
 
-def equations(lower: Array, upper: Array) -> NDArray[np.bool_]:
+def equations(lower: Array, upper: Array) -> BoolArray:
     """(m,) which rows have the same bound on both sides."""
     return np.isfinite(upper) & (upper - lower <= _EQUAL * np.maximum(1.0, np.abs(upper)))
 
@@ -231,7 +229,7 @@ def _balls(instance: Instance, X: Array, start: Array) -> tuple[Array, Array, Ar
     return rows, centre, radius
 
 
-def _groups(form: Conditional, number: Indices) -> Indices:
+def _groups(form: Conditional, number: IntArray) -> IntArray:
     """Exactly-one group of each integer: rows that add binaries up to one."""
     group = np.full(int((number >= 0).sum()), -1)
     A = form.A

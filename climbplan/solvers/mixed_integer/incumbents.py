@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import IntArray
 from climbplan.solvers.mixed_integer.active_set import SOLVED
 from climbplan.solvers.mixed_integer.bounds import (
     _apply,
@@ -22,7 +22,6 @@ from climbplan.solvers.mixed_integer.nodes import (
     GUESSES,
     INCUMBENTS,
     Search,
-    Whole,
     _slack_cutoff,
 )
 from climbplan.solvers.mixed_integer.numbers import Numbers
@@ -34,7 +33,7 @@ _CLOSE_ROUNDS = constant(60)  # of tangents at points that may be incumbents
 
 
 @compiled
-def _guess(n: Numbers, s: Search, low: Whole, high: Whole, into: Whole) -> None:
+def _guess(n: Numbers, s: Search, low: IntArray, high: IntArray, into: IntArray) -> None:
     """Every undecided integer at its nearest value; of a group the largest is 1."""
     E = len(n.column)
     for e in range(E):
@@ -73,7 +72,7 @@ def _guess(n: Numbers, s: Search, low: Whole, high: Whole, into: Whole) -> None:
 
 
 @compiled
-def _keep(s: Search, chosen: NDArray[np.int64], objective: float) -> None:
+def _keep(s: Search, chosen: IntArray, objective: float) -> None:
     """The point at hand is the incumbent from now on."""
     s.real[BEST] = objective
     for j in range(len(s.w)):
@@ -84,7 +83,7 @@ def _keep(s: Search, chosen: NDArray[np.int64], objective: float) -> None:
 
 
 @compiled
-def _try(n: Numbers, s: Search, chosen: NDArray[np.int64], limit: int) -> bool:
+def _try(n: Numbers, s: Search, chosen: IntArray, limit: int) -> bool:
     """Solve with all integers given; True if that is a better incumbent."""
     _copy_working(s.main, s.probe)
     _apply(n, s, chosen, chosen)
@@ -105,7 +104,7 @@ def _try(n: Numbers, s: Search, chosen: NDArray[np.int64], limit: int) -> bool:
 
 
 @compiled
-def _leaf(n: Numbers, s: Search, chosen: NDArray[np.int64]) -> bool:
+def _leaf(n: Numbers, s: Search, chosen: IntArray) -> bool:
     """The solution of a node that leaves no integer open, which is the best in it.
 
     True if columns were rounded, so that the point has to be solved for again.

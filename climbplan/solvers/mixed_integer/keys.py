@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from climbplan.solvers.result import Indices
+from climbplan.arrays import IntArray
 
 VARIABLE, PLAIN, CONDITION, PAIR, BIG_M = range(5)  # what a row comes from
 
@@ -44,12 +44,12 @@ class KeySpace:
     def _big_m(self) -> int:
         return self._pairs + 4 * self.conditions**2
 
-    def pair(self, a: Indices, sign_a: ArrayLike, c: Indices, sign_c: ArrayLike) -> Indices:
+    def pair(self, a: IntArray, sign_a: ArrayLike, c: IntArray, sign_c: ArrayLike) -> IntArray:
         """Keys of pairs of sides: 1 for a row's upper bound, -1 for its lower one."""
         first = 2 * a + (np.asarray(sign_a) < 0)
         return self._pairs + (first * self.conditions + c) * 2 + (np.asarray(sign_c) < 0)
 
-    def big_m(self, row: Indices, sign: float) -> Indices:
+    def big_m(self, row: IntArray, sign: float) -> IntArray:
         """Keys of big-M rows."""
         return self._big_m + 2 * row + int(sign < 0)
 
@@ -61,15 +61,15 @@ class KeySpace:
     def _envelopes(self) -> int:
         return self._ranges + self.variables
 
-    def ranges(self, variable: Indices) -> Indices:
+    def ranges(self, variable: IntArray) -> IntArray:
         """Keys of the rows that hold values of factors and products."""
         return self._ranges + variable
 
-    def envelopes(self, count: int) -> Indices:
+    def envelopes(self, count: int) -> IntArray:
         """Keys of the planes of all products' envelopes, four by four."""
         return self._envelopes + np.arange(4 * count)
 
-    def parts(self, key: Indices) -> tuple[Indices, NDArray[np.int64], Indices]:
+    def parts(self, key: IntArray) -> tuple[IntArray, IntArray, IntArray]:
         """What a row is made of: its kind, two rows of the form, and which sides of these.
 
         Kinds are `VARIABLE`, `PLAIN`, `CONDITION`, `PAIR` and `BIG_M`, and -1 for ranges in space
@@ -94,7 +94,9 @@ class KeySpace:
         side[here, 0] = 1 - 2 * side_b
         return kind, row, side
 
-    def moved(self, key: Indices, variable: Indices, row: Indices, condition: Indices) -> Indices:
+    def moved(
+        self, key: IntArray, variable: IntArray, row: IntArray, condition: IntArray
+    ) -> IntArray:
         """Keys with every variable, row and condition replaced; -1 where that is nowhere."""
         out = np.full(len(key), -1)
         ends = [self.plain, self.conditional, self._pairs, self._big_m]
@@ -125,7 +127,7 @@ class KeySpace:
         return out
 
 
-def places(key: NDArray[np.int64], among: NDArray[np.int64]) -> Indices:
+def places(key: IntArray, among: IntArray) -> IntArray:
     """Where each key stands among others, -1 where it does not."""
     order = np.argsort(among, kind="stable")
     at = np.minimum(np.searchsorted(among[order], key), max(len(among) - 1, 0))

@@ -15,10 +15,10 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array, IntArray
 from climbplan.certificates.box import Box
 from climbplan.certificates.rows import StatedRows
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.telling import Multipliers
 
 _FIXED = 1e-10  # width of a range, relative, in which a variable is taken as a number
@@ -44,7 +44,7 @@ class _Sides:
 
     A: sparse.csr_matrix  # (m, N)
     b: Array
-    row: Index  # (m,) which row it is of
+    row: IntArray  # (m,) which row it is of
     sign: Array  # 1 for an upper side and for an equation, -1 for a lower side
 
 
@@ -165,7 +165,7 @@ def _both_sides(rows: StatedRows, box: Box, which: Any) -> _Sides:
     )
 
 
-def _bounds(box: Box, free: Index) -> _Sides:
+def _bounds(box: Box, free: IntArray) -> _Sides:
     eye = sparse.identity(len(box.lower), format="csr")
     high, low = free[np.isfinite(box.upper[free])], free[np.isfinite(box.lower[free])]
     none = np.full(len(high) + len(low), -1)
@@ -178,8 +178,8 @@ def _bounds(box: Box, free: Index) -> _Sides:
 
 
 def _balls(
-    instance: Instance, free: Index, fixed: Array
-) -> tuple[sparse.csr_matrix, Array, Array, Index]:
+    instance: Instance, free: IntArray, fixed: Array
+) -> tuple[sparse.csr_matrix, Array, Array, IntArray]:
     """(radius, F x + f) of every ball as b - A v, 1 where the radius stands, and their sizes."""
     n = instance.size
     A, b, reach, sizes = [sparse.csr_matrix((0, len(fixed)))], [], [], []

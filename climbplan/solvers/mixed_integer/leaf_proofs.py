@@ -8,12 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import IntArray
 from climbplan.certificates.box import Box
 from climbplan.certificates.certificate import Certificate
 from climbplan.certificates.checker import Checker
 from climbplan.certificates.lagrangian import lagrangian
 from climbplan.certificates.rows import StatedRows
-from climbplan.program.instance import Index, Instance
+from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.telling import Multipliers
 
 
@@ -94,7 +95,7 @@ class Written:
         )
 
 
-def _choices(instance: Instance, rows: StatedRows) -> list[tuple[int, Index]]:
+def _choices(instance: Instance, rows: StatedRows) -> list[tuple[int, IntArray]]:
     """The row of each choice, and its binaries in v."""
     out, z = [], instance.size
     row = len(rows.lower) - sum(balls.f.size for balls in instance.balls) - len(instance.choices)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
+from climbplan.program.instance import Instance
 from climbplan.solvers.sqp.method import SqpSolver
 
 _STARTS = 3  # local searches that the same integers get once there is an incumbent
@@ -21,7 +21,7 @@ class Incumbent:
     instance: Instance
     tolerance: float
     x: Array | None = None
-    assignment: Index | None = None
+    assignment: IntArray | None = None
     cost: float = np.inf
     tried: Counter[bytes] = field(default_factory=Counter)
     searches: int = 0
@@ -30,7 +30,7 @@ class Incumbent:
     def look(
         self,
         x: Array,
-        assignment: Index,
+        assignment: IntArray,
         integers: Array | None = None,
         starts: float = _STARTS,
     ) -> bool:
@@ -52,7 +52,7 @@ class Incumbent:
             return False
         return self.take(found.x, assignment)
 
-    def take(self, x: Array, assignment: Index) -> bool:
+    def take(self, x: Array, assignment: IntArray) -> bool:
         """Whether a point is feasible and better than the best so far, which it then is."""
         instance = self.instance
         if instance.violation(x, assignment) > self.tolerance:

@@ -20,16 +20,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.program.blocks import Blocks
 from climbplan.program.instance import Products
-from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.conditional import Conditional
 from climbplan.solvers.mixed_integer.keys import KeySpace, places
 from climbplan.solvers.mixed_integer.nodes import Search, Tree
 from climbplan.solvers.mixed_integer.numbers import MixedIntegerProgram
 from climbplan.solvers.mixed_integer.search import revive
-from climbplan.solvers.result import Indices
 
 _LEFT = (place.OPEN, place.CLOSED, place.EMPTY_NODE, place.LEFT)
 
@@ -38,9 +37,9 @@ _LEFT = (place.OPEN, place.CLOSED, place.EMPTY_NODE, place.LEFT)
 class Move:
     """Where variables, integers and rows of one problem stand in the next one, -1 for nowhere."""
 
-    variable: Indices  # (size,)
-    row: Indices  # (m,)
-    condition: Indices  # (c,)
+    variable: IntArray  # (size,)
+    row: IntArray  # (m,)
+    condition: IntArray  # (c,)
 
 
 @dataclass(frozen=True)
@@ -49,12 +48,12 @@ class Leaves:
 
     low: Array  # (S, E + F) integers, then factors: least values, -inf where they are free
     high: Array  # and largest ones
-    key: NDArray[np.int64]  # (S, K) of active rows, -1 behind the last
+    key: IntArray  # (S, K) of active rows, -1 behind the last
     side: NDArray[np.int8]
     multiplier: Array
     best: Array | None  # (size,) in the variables of the conditional form
-    entities: Indices  # (E,) places among the variables
-    factors: Indices  # (F,)
+    entities: IntArray  # (E,) places among the variables
+    factors: IntArray  # (F,)
     space: KeySpace
 
     @classmethod
@@ -112,7 +111,7 @@ class Leaves:
         to = move.variable[at]
         to = np.where(to >= 0, number[to], -1)
         over = to < 0
-        keep: NDArray[np.bool_] = np.ones(len(self.low), bool)
+        keep: BoolArray = np.ones(len(self.low), bool)
         best = None
         if self.best is not None:
             done = self.best[at]
@@ -172,7 +171,7 @@ class Leaves:
         return True
 
 
-def _cover(tree: Tree, count: int, most: int) -> Indices:
+def _cover(tree: Tree, count: int, most: int) -> IntArray:
     """Nodes that cover all integers: the leaves, or the parents of those that lie too deep.
 
     Nodes of a depth cover what lies below them, so that leaves above it and all nodes at it do.
@@ -220,7 +219,7 @@ def shifted(
     return Move(variable, row, condition)
 
 
-def _with_factors(variable: Indices, products: Products, begin: int) -> Indices:
+def _with_factors(variable: IntArray, products: Products, begin: int) -> IntArray:
     """(K,) where each product is that of the factors which take its place, -1 for nowhere."""
     pairs = zip(products.first, products.second, strict=True)
     number = {(int(i), int(j)): begin + q for q, (i, j) in enumerate(pairs)}
@@ -228,13 +227,13 @@ def _with_factors(variable: Indices, products: Products, begin: int) -> Indices:
     return np.array([number.get((int(i), int(j)), -1) for i, j in to.T], np.int64)
 
 
-def _placed(into: Indices, begin: int, shape: tuple[int, ...], steps: int) -> int:
+def _placed(into: IntArray, begin: int, shape: tuple[int, ...], steps: int) -> int:
     to = _along(shape, steps)
     into[begin : begin + len(to)] = np.where(to >= 0, begin + to, -1)
     return begin + len(to)
 
 
-def _along(shape: tuple[int, ...], steps: int) -> Indices:
+def _along(shape: tuple[int, ...], steps: int) -> IntArray:
     """Where each entry of a block moves to within it, -1 for out of it."""
     size = int(np.prod(shape, dtype=int))
     if not shape or shape[0] <= steps:

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.certificates.box import Box, narrowed
 from climbplan.certificates.certificate import Certificate
 from climbplan.certificates.rows import StatedRows, with_planes
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.leaf_multipliers import leaf_multipliers
 from climbplan.solvers.mixed_integer.leaf_proofs import LeafProofs, Proved, Written
 from climbplan.solvers.result import LEAST_OBJECTIVE
@@ -30,7 +30,7 @@ _MIDDLE, _ENDS = 0.25, 0.15  # weight of the middle of a range, share that a spl
 _OFTEN, _EVERY = 16, 16  # nodes that are all looked at for incumbents, and each how many after
 _SAFE = 0.1  # share of the gap by which leaves prove more than they must
 
-Look = Callable[[Array, Index], float]
+Look = Callable[[Array, IntArray], float]
 """Cost of the best point known after a local search from x (n,) with alternatives (C,)."""
 
 
@@ -118,7 +118,7 @@ class NarrowingSearch:
             self._best = min(self._best, self._look(*self._point(relaxed.v)))
         return node.proved.bound < self._enough and self._divide(node, box, relaxed.v)
 
-    def _point(self, v: Array) -> tuple[Array, Index]:
+    def _point(self, v: Array) -> tuple[Array, IntArray]:
         """x and the likeliest alternative of each choice."""
         chosen, z = [], self._instance.size
         for choice in self._instance.choices:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.solvers.mixed_integer.compiling import compiled
 from climbplan.solvers.mixed_integer.numbers import Numbers
 from climbplan.solvers.mixed_integer.working_set import (
@@ -22,8 +22,6 @@ from climbplan.solvers.mixed_integer.working_set import (
     _refactor,
 )
 from climbplan.solvers.result import LEAST_OBJECTIVE
-
-Whole = NDArray[np.int64]
 
 OPEN, BRANCHED, CLOSED, EMPTY_NODE, LEFT = 0, 1, 2, 3, 4  # what became of a node
 DONE, GROW, GROW_ROWS, PAUSE = 0, 1, 2, 3  # why a run ends
@@ -61,7 +59,7 @@ class Search(NamedTuple):
     """What a search keeps beside its nodes."""
 
     real: Array
-    whole: NDArray[np.int64]
+    whole: IntArray
     rows: Rows
     main: Working
     probe: Working
@@ -70,20 +68,20 @@ class Search(NamedTuple):
     offset: Array  # (m,)
     u: Array  # (k,)
     center: Array  # (k,)
-    tangent_to: NDArray[np.int64]  # (m,) the ball that a row is a tangent to, -1
+    tangent_to: IntArray  # (m,) the ball that a row is a tangent to, -1
     direction: Array  # (m, D) and where: a of a'(F w + f) <= radius
     w: Array  # (k,)
     best_w: Array  # (k,)
-    best_whole: NDArray[np.int64]  # (E,)
+    best_whole: IntArray  # (E,)
     gain: Array  # (2, E) sums of gains by distance, down and up
-    seen: NDArray[np.int64]  # (2, E)
+    seen: IntArray  # (2, E)
     distance: Array  # (2, E) at the node at hand
-    low: NDArray[np.int64]  # (E,) the node at hand
-    high: NDArray[np.int64]
-    hint: NDArray[np.int64]  # (H, E) integers to try first, as many as HINTED
-    chosen: NDArray[np.int64]  # (E,) integers that are tried
+    low: IntArray  # (E,) the node at hand
+    high: IntArray
+    hint: IntArray  # (H, E) integers to try first, as many as HINTED
+    chosen: IntArray  # (E,) integers that are tried
     seed: Array  # (k,) where SEEDED, with integers of `seed_whole`
-    seed_whole: NDArray[np.int64]  # (E,)
+    seed_whole: IntArray  # (E,)
     # Scratch
     spare: Array  # (2, k)
     shift: Array  # (m,)
@@ -110,7 +108,7 @@ def _slack_cutoff(s: Search) -> float:
 
 
 @compiled
-def _push(tree: Tree, whole: NDArray[np.int64], node: int) -> None:
+def _push(tree: Tree, whole: IntArray, node: int) -> None:
     heap, at = tree.heap, whole[HEAP]
     whole[HEAP] += 1
     heap[at] = node
@@ -123,7 +121,7 @@ def _push(tree: Tree, whole: NDArray[np.int64], node: int) -> None:
 
 
 @compiled
-def _pop(tree: Tree, whole: NDArray[np.int64]) -> int:
+def _pop(tree: Tree, whole: IntArray) -> int:
     heap = tree.heap
     top = heap[0]
     whole[HEAP] -= 1

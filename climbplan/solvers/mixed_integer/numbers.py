@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.solvers.mixed_integer.spatial import Spatial
-from climbplan.solvers.result import Indices
 
 ALWAYS, DECIDED, UNDECIDED = 0, 1, 2  # when a node has a row
 
@@ -23,15 +22,15 @@ class Numbers(NamedTuple):
     norm: Array  # (m,) own unit by unit of v
     offset: Array  # (m,) value in the own unit at v = 0
     when: NDArray[np.int8]  # (m,) ALWAYS, DECIDED, UNDECIDED
-    entity: NDArray[np.int64]  # (m,) integer that decides, -1
-    value: NDArray[np.int64]  # (m,) of a decided integer that has the row
+    entity: IntArray  # (m,) integer that decides, -1
+    value: IntArray  # (m,) of a decided integer that has the row
     share: Array  # (m,) of DECIDED rows: 1 / M, which makes violations comparable
-    column: NDArray[np.int64]  # (E,) row that holds an entity's value, -1 for a switch
-    first: NDArray[np.int64]  # (E + 1,) where in `rows_of` the conditional rows of an integer stand
-    rows_of: NDArray[np.int64]
-    group: NDArray[np.int64]  # (E,) exactly-one group, -1
-    lowest: NDArray[np.int64]  # (E,) root's bounds
-    highest: NDArray[np.int64]
+    column: IntArray  # (E,) row that holds an entity's value, -1 for a switch
+    first: IntArray  # (E + 1,) where in `rows_of` the conditional rows of an integer stand
+    rows_of: IntArray
+    group: IntArray  # (E,) exactly-one group, -1
+    lowest: IntArray  # (E,) root's bounds
+    highest: IntArray
     L: Array  # (k, k)
     U: Array  # (k, k) L'
     u: Array  # (k,)
@@ -59,20 +58,20 @@ class MixedIntegerProgram:
     tolerance: Array  # (m,)
     X: Array  # (size, k) x = X w + start
     start: Array  # (size,)
-    entities: Indices  # the integers' places in x
-    factors: Indices  # those of factors of products, which are numbered behind them
+    entities: IntArray  # the integers' places in x
+    factors: IntArray  # those of factors of products, which are numbered behind them
     products: int  # place of the first product in x, the size where there are none
-    key: NDArray[np.int64]  # (m,) what each row is, whatever the parameters: see `memory`
+    key: IntArray  # (m,) what each row is, whatever the parameters: see `memory`
     lower: Array  # (size,) the box that bounds and rows leave
     upper: Array
-    independent: Indices  # (k,) places of w in x
+    independent: IntArray  # (k,) places of w in x
 
     @property
     def size(self) -> int:
         """k."""
         return self.M.shape[1]
 
-    def point(self, w: Array, low: NDArray[np.int64]) -> Array:
+    def point(self, w: Array, low: IntArray) -> Array:
         """x (size,) at w with integers at `low` (E,)."""
         x = self.X @ w + self.start
         x[self.entities] = low[: len(self.entities)]

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer.compiling import compiled
 from climbplan.solvers.mixed_integer.conditional import Conditional
 from climbplan.solvers.mixed_integer.propagation import interval
@@ -20,7 +20,7 @@ _PAIRS = 4  # times as many pairs as rows: a binary with more keeps its column
 _SLACK = 1e-9
 
 
-def switches(instance: Instance, form: Conditional) -> NDArray[np.bool_]:
+def switches(instance: Instance, form: Conditional) -> BoolArray:
     """Binaries that stand in conditional rows alone, few enough of them to be paired."""
     alone = np.zeros(form.size, bool)
     alone[form.when] = True
@@ -48,17 +48,17 @@ def row_intervals(
 
 @compiled
 def paired(
-    entities: NDArray[np.int64],
-    switch: NDArray[np.bool_],
-    first: NDArray[np.int64],
-    order: NDArray[np.int64],
-    value: NDArray[np.int64],
-    free: NDArray[np.bool_],
+    entities: IntArray,
+    switch: BoolArray,
+    first: IntArray,
+    order: IntArray,
+    value: IntArray,
+    free: BoolArray,
     excess_low: Array,
     excess_high: Array,
     when_lower: Array,
     when_upper: Array,
-) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], Array, Array, Array, NDArray[np.int64]]:
+) -> tuple[IntArray, Array, IntArray, Array, Array, Array, IntArray]:
     """For each undecided switch every side of a row for 1 with every side of a row for 0.
 
     Rows, signs, excesses and the integer; sides without an excess or without a finite one are left.

@@ -12,10 +12,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from climbplan.arrays import IntArray
 from climbplan.certificates.box import Box, narrowed
 from climbplan.certificates.certificate import Certificate
 from climbplan.certificates.rows import StatedRows, with_planes
-from climbplan.program.instance import Index, Instance
+from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.cover import Leaves, Part
 from climbplan.solvers.mixed_integer.leaf_multipliers import leaf_multipliers
@@ -183,7 +184,7 @@ class _Prover:
         return j, float(0.5 * (box.lower[j] + box.upper[j]))
 
 
-def _places(instance: Instance, rows: StatedRows, of: Searched) -> Index:
+def _places(instance: Instance, rows: StatedRows, of: Searched) -> IntArray:
     """Where each entity of a search stands in v."""
     place_in_v = np.zeros(of.form.size, np.int64)
     n = instance.size

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.solvers.mixed_integer.compiling import compiled
 
 _PROGRESS = 1e-3  # share of a range by which a bound must move to be worth another look
@@ -18,7 +18,6 @@ _ROUNDING = 1e-9
 _WEAK = 1e-7  # entries below this share of a row's largest bound no variable
 _CROSSED = 1e-7  # bounds that cross by more are a proof that nothing is feasible
 
-Whole = NDArray[np.int64]
 Pointer = NDArray[np.int32]
 
 
@@ -32,7 +31,7 @@ def _tighten(
     high: float,
     lower: Array,
     upper: Array,
-    integer: NDArray[np.bool_],
+    integer: BoolArray,
 ) -> int:
     """Bounds of a row's variables from the others'; 1 if one moved, -1 if they cross."""
     least, most = 0.0, 0.0
@@ -126,9 +125,9 @@ def propagate(
     when_data: Array,
     when_lower: Array,
     when_upper: Array,
-    when: Whole,
-    value: Whole,
-    integer: NDArray[np.bool_],
+    when: IntArray,
+    value: IntArray,
+    integer: BoolArray,
     lower: Array,
     upper: Array,
     rounds: int,

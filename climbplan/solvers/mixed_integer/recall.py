@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.certificates.certificate import Certificate
-from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.conditional import Conditional
 from climbplan.solvers.mixed_integer.memory import Leaves, Move

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.solvers.mixed_integer.conditional import Conditional
 from climbplan.solvers.mixed_integer.keys import KeySpace
 from climbplan.solvers.mixed_integer.numbers import ALWAYS, DECIDED, UNDECIDED
 from climbplan.solvers.mixed_integer.pairs import paired, row_intervals
 from climbplan.solvers.mixed_integer.spatial_rows import Factors
-from climbplan.solvers.result import Indices
 
 _OUTSIDE = 1e-7  # by which a row must fail all over the box to prove that nothing is feasible
 
@@ -26,11 +25,11 @@ class Coordinates:
     start: Array  # (size,)
     lower: Array  # (size,)
     upper: Array
-    switch: NDArray[np.bool_]  # (size,)
-    equal: NDArray[np.bool_]  # (m,) plain rows that are eliminated
-    columns: Indices  # variables that are no switches
-    independent: Indices  # (k,) places of w in x
-    inside: Indices  # (k,) and among the columns
+    switch: BoolArray  # (size,)
+    equal: BoolArray  # (m,) plain rows that are eliminated
+    columns: IntArray  # variables that are no switches
+    independent: IntArray  # (k,) places of w in x
+    inside: IntArray  # (k,) and among the columns
 
 
 @dataclass(frozen=True)
@@ -41,14 +40,14 @@ class RowStack:
     base: Array  # (m,)
     low: Array
     high: Array
-    key: NDArray[np.int64]
+    key: IntArray
     when: NDArray[np.int8]  # ALWAYS, DECIDED, UNDECIDED
-    entity: Indices  # integer that decides, -1
-    value: Indices  # of a decided integer that has the row
+    entity: IntArray  # integer that decides, -1
+    value: IntArray  # of a decided integer that has the row
     share: Array  # of DECIDED rows: 1 / M
-    column: Indices  # (E,) row that holds an integer's value, -1 for a switch
-    first: Indices  # (E + 1,) where in `rows_of` the conditional rows of an integer stand
-    rows_of: Indices
+    column: IntArray  # (E,) row that holds an integer's value, -1 for a switch
+    first: IntArray  # (E + 1,) where in `rows_of` the conditional rows of an integer stand
+    rows_of: IntArray
 
 
 @dataclass
@@ -59,10 +58,10 @@ class _Pile:
     base: list[Array]
     low: list[Array]
     high: list[Array]
-    key: list[Indices]
-    when: list[Indices]
-    entity: list[Indices]
-    value: list[Indices]
+    key: list[IntArray]
+    when: list[IntArray]
+    entity: list[IntArray]
+    value: list[IntArray]
     share: list[Array]
 
     @classmethod
@@ -76,10 +75,10 @@ class _Pile:
         base: Array,
         low: Array,
         high: Array,
-        key: Indices,
+        key: IntArray,
         when: int,
-        entity: Indices | None = None,
-        value: Indices | None = None,
+        entity: IntArray | None = None,
+        value: IntArray | None = None,
         share: Array | None = None,
     ) -> None:
         """Put rows down; what decides them is nothing if left out."""
@@ -221,8 +220,8 @@ def _kept(
     space: Coordinates,
     pile: _Pile,
     plain: int,
-    order: Indices,
-    first: Indices,
+    order: IntArray,
+    first: IntArray,
 ) -> RowStack | None:
     """Without what holds all over the box, but for conditional rows and integers."""
     R, base = np.vstack(pile.R), np.concatenate(pile.base)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import IntArray
 from climbplan.solvers.mixed_integer.active_set import CUT_OFF, EMPTY, SOLVED, STUCK
 from climbplan.solvers.mixed_integer.bounds import (
     _apply,
@@ -47,7 +48,6 @@ from climbplan.solvers.mixed_integer.nodes import (
     WORK,
     Search,
     Tree,
-    Whole,
     _child,
     _close,
     _cutoff,
@@ -262,7 +262,7 @@ def revive(n: Numbers, s: Search, tree: Tree) -> None:
 
 
 @compiled
-def rounded(n: Numbers, s: Search, low: Whole, high: Whole, into: Whole) -> None:
+def rounded(n: Numbers, s: Search, low: IntArray, high: IntArray, into: IntArray) -> None:
     """Integers near the relaxation that was solved last, of a node with this range."""
     _measure(n, s, s.main, low, high)
     _guess(n, s, low, high, into)

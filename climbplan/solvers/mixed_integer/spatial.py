@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.solvers.mixed_integer.compiling import compiled
 
 _THIN = 1e-12  # length of a row that says nothing, relative to its entries
@@ -29,17 +29,17 @@ _MIDDLE = 0.25  # weight of the middle of a range beside the relaxation's value
 class Spatial(NamedTuple):
     """K products of entities, and their rows; empty arrays where there are none."""
 
-    first: NDArray[np.int64]  # (K,) entity of the first factor
-    second: NDArray[np.int64]  # (K,) the same one for squares
-    place: NDArray[np.int64]  # (K,) row that holds w
-    begin: NDArray[np.int64]  # (K,) first of the four rows of its envelope
+    first: IntArray  # (K,) entity of the first factor
+    second: IntArray  # (K,) the same one for squares
+    place: IntArray  # (K,) row that holds w
+    begin: IntArray  # (K,) first of the four rows of its envelope
     vector: Array  # (K, 3, k) w, x and y over v
     base: Array  # (K, 3) and at w = 0
     weight: Array  # (K,) by how much a row may fail for each unit that w is off
     always: NDArray[np.uint8]  # (K,) whether a plain row holds it
-    since: NDArray[np.int64]  # (K + 1,) where in the next two its conditional rows stand
-    entity: NDArray[np.int64]  # integer that decides such a row
-    value: NDArray[np.int64]  # and the value that has it
+    since: IntArray  # (K + 1,) where in the next two its conditional rows stand
+    entity: IntArray  # integer that decides such a row
+    value: IntArray  # and the value that has it
     left: Array  # (E,) of an entity in space: where its first cell begins
     cell: Array  # (E,) width of its cells, 0 for integers
     area: Array  # (K,) largest gap of the envelope on the first box
@@ -57,8 +57,8 @@ def _end(p: Spatial, e: int, cells: Any, up: int) -> Any:
 @compiled
 def _place_envelopes(
     p: Spatial,
-    low: NDArray[np.int64],
-    high: NDArray[np.int64],
+    low: IntArray,
+    high: IntArray,
     M: Array,
     T: Array,
     lower: Array,

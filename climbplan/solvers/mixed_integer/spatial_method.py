@@ -14,8 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
+from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.conditional import Conditional, conditional_form
 from climbplan.solvers.mixed_integer.form import mixed_integer_program
@@ -168,7 +168,7 @@ class SpatialMemory(Memory):
     ) -> Answer:
         """A search that narrows its nodes, and its certificate."""
 
-        def look(x: Array, assignment: Index) -> float:
+        def look(x: Array, assignment: IntArray) -> float:
             best.look(x, assignment, starts=np.inf)
             return best.cost
 
@@ -241,7 +241,7 @@ def _look_at(
     form: Conditional,
     best: Incumbent,
     w: Array,
-    integers: Index,
+    integers: IntArray,
     exact: bool = False,
 ) -> None:
     """A point of the tree as it is, where its products are exact, and a local search from it."""

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.program.box import Box, propagated_box
-from climbplan.program.instance import Index, Instance, Products
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance, Products
 from climbplan.reformulations.product_rows import linear_in_products
 from climbplan.solvers.mixed_integer.spatial import Spatial
 
@@ -29,13 +29,13 @@ class Factors:
 
     instance: Instance  # w of product q at places[q], tied to nothing
     products: Products
-    places: Index  # (K,)
+    places: IntArray  # (K,)
     weight: Array  # (K,) by how much a row may fail for each unit that w is off
-    always: Index  # (K,) 1 where a plain row holds the product
-    since: Index  # (K + 1,)
-    binary: Index  # place of the integer that decides a conditional row, product by product
-    value: Index
-    space: Index  # (F,) factors that are no integers
+    always: IntArray  # (K,) 1 where a plain row holds the product
+    since: IntArray  # (K + 1,)
+    binary: IntArray  # place of the integer that decides a conditional row, product by product
+    value: IntArray
+    space: IntArray  # (F,) factors that are no integers
 
 
 def factors_of(instance: Instance) -> Factors | None:
@@ -101,7 +101,7 @@ class Cells:
 
     left: Array  # (F,)
     width: Array  # (F,) of a cell
-    count: Index  # (F,)
+    count: IntArray  # (F,)
 
     @classmethod
     def of(cls, lower: Array, upper: Array) -> Cells:
@@ -136,7 +136,7 @@ def no_products(entities: int, k: int) -> Spatial:
 
 def spatial_numbers(
     factors: Factors,
-    number: Index,
+    number: IntArray,
     integers: int,
     cells: Cells,
     start: Array,

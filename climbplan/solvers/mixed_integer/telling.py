@@ -13,11 +13,11 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import solve_triangular
 
+from climbplan.arrays import Array, IntArray
 from climbplan.certificates.box import Box
 from climbplan.certificates.lagrangian import lagrangian
 from climbplan.certificates.rows import StatedRows
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.conditional import Conditional
 from climbplan.solvers.mixed_integer.form import equations
 from climbplan.solvers.mixed_integer.keys import BIG_M, CONDITION, PAIR, PLAIN, VARIABLE, KeySpace
@@ -45,7 +45,7 @@ class Searched(NamedTuple):
     program: MixedIntegerProgram
     search: Search
     tree: Tree
-    space: Index  # (F,) factors of products that it splits
+    space: IntArray  # (F,) factors of products that it splits
 
     @property
     def used(self) -> int:
@@ -119,7 +119,7 @@ class Telling:
 
 def _parts(
     form: Conditional, program: MixedIntegerProgram, used: int
-) -> tuple[Index, Index, Index]:
+) -> tuple[IntArray, IntArray, IntArray]:
     """Kind, rows and sides of what a search's rows are; -1 for those of products and tangents."""
     key = np.full(used, -1)
     key[: len(program.key)] = program.key
@@ -136,7 +136,9 @@ def _fails(form: Conditional, program: MixedIntegerProgram) -> tuple[Array, Arra
         return most - form.when_upper, form.when_lower - least
 
 
-def _matrix(entries: list[tuple[Index, Index, Array]], shape: tuple[int, int]) -> sparse.csr_matrix:
+def _matrix(
+    entries: list[tuple[IntArray, IntArray, Array]], shape: tuple[int, int]
+) -> sparse.csr_matrix:
     row, column, value = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     return sparse.csr_matrix((value, (row, column)), shape=shape)
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.solvers.interruption import run_aside
 from climbplan.solvers.mixed_integer import nodes as place
 from climbplan.solvers.mixed_integer.memory import Leaves
@@ -144,7 +144,7 @@ class TreeRun:
             direction=_longer(s.direction, 0, m),
         )
 
-    def propose(self, integers: NDArray[np.int64]) -> None:
+    def propose(self, integers: IntArray) -> None:
         """Sets (H, E) of integers to try at the first node, before any that it waits for."""
         n, whole = self.program.numbers, self.search.whole
         inside = ((integers >= n.lowest) & (integers <= n.highest)).all(axis=1)

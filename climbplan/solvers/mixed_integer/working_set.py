@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.solvers.mixed_integer.compiling import compiled
 
 _SINGULAR = 1e-13  # squared distance of a unit row from the span of the others, taken for none
@@ -27,28 +27,28 @@ class Rows(NamedTuple):
     upper: Array  # (m,)
     on: NDArray[np.uint8]  # (m,) which rows the node at hand has
     tolerance: Array  # (m,)
-    used: NDArray[np.int64]  # (1,) how many there are; the rest is room
+    used: IntArray  # (1,) how many there are; the rest is room
     stop: NDArray[np.uint8]  # (1,) set by whoever wants the search to end, while it runs
 
 
 class Working(NamedTuple):
     """Active rows, their multipliers and the factors L D L' of their products."""
 
-    row: NDArray[np.int64]  # (K,)
+    row: IntArray  # (K,)
     side: Array  # (K,) 1 at the upper bound, -1 at the lower one
     multiplier: Array  # (K,) not negative, but of equations
     L: Array  # (K, K) unit lower triangle
     D: Array  # (K,)
-    count: NDArray[np.int64]  # type: ignore[assignment]  # (1,) hides tuple.count
+    count: IntArray  # type: ignore[assignment]  # (1,) hides tuple.count
     active: NDArray[np.uint8]  # (m,) whether a row is in `row`
     v: Array  # (k,)
     value: Array  # (m,) M v
     ray: Array  # (K,) of an empty program: multipliers that prove it, by row of `ray_row`
-    ray_row: NDArray[np.int64]  # (K,)
+    ray_row: IntArray  # (K,)
     ray_side: Array  # (K,)
-    ray_count: NDArray[np.int64]  # (1,)
+    ray_count: IntArray  # (1,)
     spare: Array  # (3, K)
-    iterations: NDArray[np.int64]  # (1,) all in all
+    iterations: IntArray  # (1,) all in all
 
 
 def working(rows: int, columns: int) -> Working:

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.program.box import propagated_box
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.result import SolverResult, judged
 from climbplan.solvers.scip.model import ScipModel, scip_bound
 from climbplan.solvers.scip.run import claim, run_model, values

@@ -9,9 +9,9 @@ import numpy as np
 import pyscipopt
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.program.box import Box
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer_form import ChoiceRow, mixed_integer_form
 from climbplan.solvers.separable_cost import SeparableCost
 

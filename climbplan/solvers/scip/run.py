@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.solvers.interruption import run_aside
-from climbplan.solvers.result import Answer, Indices
+from climbplan.solvers.result import Answer
 
 _CLAIMS = {  # SCIP's word -> whether it claims infeasibility
     "optimal": False,
@@ -54,7 +54,7 @@ def values(model: Any, variables: list[Any]) -> Array:
 
 
 def claim(
-    model: Any, name: str, begin: float, x: Array | None, assignment: Indices | None = None
+    model: Any, name: str, begin: float, x: Array | None, assignment: IntArray | None = None
 ) -> Answer:
     """What SCIP says, with a point (n,) that was read from it; begin: of all, by `perf_counter`."""
     status, bound = model.getStatus(), float(model.getDualbound())

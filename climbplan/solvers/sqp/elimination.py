@@ -14,8 +14,7 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 
-from climbplan.program.instance import Index
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
 
 CONTRADICTION = 1e-9  # rows without variables may fail by this much, relative to their numbers
 _NOTHING = 1e-11  # coefficients below are rounding
@@ -55,8 +54,8 @@ def _root(a: float, b: float, c: float, low: float, high: float, size: float) ->
 def settled(
     A: Array,
     Q: Array,
-    first: Index,
-    second: Index,
+    first: IntArray,
+    second: IntArray,
     row_lower: Array,
     row_upper: Array,
     low: Array,
@@ -163,7 +162,7 @@ def settled(
 
 @_compiled
 def _within_ellipsoids(
-    A: Array, Q: Array, first: Index, second: Index, row_upper: Array, low: Array, high: Array
+    A: Array, Q: Array, first: IntArray, second: IntArray, row_upper: Array, low: Array, high: Array
 ) -> None:
     """Give the variables of rows that are positive sums of squares bounds a little beyond the rows.
 
@@ -193,7 +192,7 @@ def _within_ellipsoids(
 
 
 @_compiled
-def eliminated(E: Array, e: Array, preference: Array, pivot: Index) -> bool:
+def eliminated(E: Array, e: Array, preference: Array, pivot: IntArray) -> bool:
     """Solve E x = e for one variable a row, in place: E[i, pivot[i]] = 1 and 0 in other rows.
 
     preference: (n,) of variables as pivots, 0 for never. Rows that say nothing new get pivot -1.

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.reformulations.pinned import PinnedForm
@@ -46,7 +46,7 @@ class EnvelopeSolver:
         products = instance.products
         self._factors = np.unique(np.concatenate([products.first, products.second]))
 
-    def solve(self, values: Array, alternatives: Index, start: Array) -> EnvelopeAnswer:
+    def solve(self, values: Array, alternatives: IntArray, start: Array) -> EnvelopeAnswer:
         """Raises UsageError where a factor has no bounds."""
         pinned = self._pinned.at(values, alternatives)
         if (pinned.lower > pinned.upper).any():

@@ -14,9 +14,9 @@ from typing import Literal
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.solvers.convex.sessions import ConvexBackend
 from climbplan.solvers.sqp.model import ReducedModel, SqpForm
 from climbplan.solvers.sqp.step import Quadratic, Step, StepSolver, convex_part, step_solver
@@ -74,7 +74,7 @@ class SqpSolver:
         self._models: dict[bytes, ReducedModel | None] = {}  # of the integers seen so far
 
     def solve(
-        self, values: Array, alternatives: Index, start: Array, cutoff: float = np.inf
+        self, values: Array, alternatives: IntArray, start: Array, cutoff: float = np.inf
     ) -> SqpResult:
         """A local optimum at the integers of values (n,) from a start (n,).
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import UsageError
-from climbplan.program.instance import Index, Instance
-from climbplan.program.polytope import Array
+from climbplan.program.instance import Instance
 from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.sqp.elimination import eliminated, settled, thin_product
 
@@ -101,7 +100,7 @@ class ReducedModel:
 
     shift: Array  # (n,)
     basis: Array  # (n, r)
-    chosen: Index  # (r,) which variables are y
+    chosen: IntArray  # (r,) which variables are y
     P: Array
     q: Array
     constant: float
@@ -111,7 +110,7 @@ class ReducedModel:
     lower: Array  # (l,)
     upper: Array
     curves: Curves
-    factor: NDArray[np.bool_]  # (r,) whether a variable enters a product or ball
+    factor: BoolArray  # (r,) whether a variable enters a product or ball
 
     def point(self, y: Array) -> Array:
         """x (n,)."""
@@ -146,7 +145,7 @@ class SqpForm:
         )
         return cls(pinned, pinned.A.toarray(), pinned.Q.toarray(), instance.P.toarray(), balls)
 
-    def reduced(self, values: Array, alternatives: Index) -> ReducedModel | None:
+    def reduced(self, values: Array, alternatives: IntArray) -> ReducedModel | None:
         """What is left at the integers of values (n,); None if linear rows alone contradict."""
         form, source = self.pinned, self.pinned.source
         held = form.active(values, alternatives)
@@ -239,11 +238,11 @@ class SqpForm:
         Q: Array,
         lower: Array,
         upper: Array,
-        first: Index,
-        second: Index,
+        first: IntArray,
+        second: IntArray,
         basis: Array,
         shift: Array,
-        nonlinear: NDArray[np.bool_],
+        nonlinear: BoolArray,
     ) -> Curves:
         Qn = Q[nonlinear]
         used = (Qn != 0).any(axis=0)

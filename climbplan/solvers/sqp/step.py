@@ -13,8 +13,8 @@ import daqp
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.program.instance import Implications, Instance, Products
-from climbplan.program.polytope import Array
 from climbplan.solvers.convex.sessions import ConvexBackend, session
 
 _UNBOUNDED = 1e30

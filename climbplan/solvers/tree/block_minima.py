@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import daqp
 import numpy as np
 
-from climbplan.program.polytope import Array
-from climbplan.solvers.result import Indices
+from climbplan.arrays import Array, IntArray
 from climbplan.solvers.tree.branching import best_split, violations
 from climbplan.solvers.tree.certificate import proved_bound
 from climbplan.solvers.tree.components import SAME
@@ -38,7 +37,7 @@ class BlockMinimum:
     """A lower bound on one part's minimum, and the best assignment found."""
 
     bound: float  # infinite if the part has no feasible point
-    assignment: Indices | None  # alternatives of the part's choices, in order of `choices`
+    assignment: IntArray | None  # alternatives of the part's choices, in order of `choices`
     price: Array  # h_b
     nodes: int
 
@@ -83,7 +82,7 @@ class Block:
             and np.abs(known.price - price).max(initial=0.0) <= _SAME_PRICE
         )
 
-    def _allows(self, masks: Masks, assignment: Indices) -> bool:
+    def _allows(self, masks: Masks, assignment: IntArray) -> bool:
         chosen = zip(self.choices, assignment, strict=True)
         return all(masks[c] >> int(r) & 1 for c, r in chosen)
 
@@ -94,7 +93,7 @@ class Block:
         slack: float,
         limit: int,
         deadline: float,
-        hint: Indices | None = None,
+        hint: IntArray | None = None,
     ) -> BlockMinimum:
         """Branch and bound over the part alone.
 

@@ -17,8 +17,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
 from climbplan.solvers.mixed_integer.method import solve_mixed_integer
 from climbplan.solvers.mixed_integer.nodes import MOST
 from climbplan.solvers.mixed_integer.spatial_method import solve_spatial

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.program.polytope import Array
-from climbplan.solvers.result import Indices
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.solvers.tree.choice_table import Mask, Splits
 from climbplan.solvers.tree.dual_gains import RowRates
-from climbplan.solvers.tree.normal_form import ChoiceGroup, Flags, Masks, NormalForm, own_violations
+from climbplan.solvers.tree.normal_form import ChoiceGroup, Masks, NormalForm, own_violations
 from climbplan.solvers.tree.sectors import sector_splits
 
 _FLOOR, _CAP = 1e-3, 10.0  # gains count between these shares of the best two-sided gain
@@ -32,7 +31,7 @@ def violations(
     form: NormalForm,
     z: Array,
     value: Array,
-    allowed: Flags,
+    allowed: BoolArray,
     groups: Sequence[ChoiceGroup] | None = None,
 ) -> Array:
     """Violation of every allowed alternative (C, R), infinite for those not allowed.
@@ -54,7 +53,7 @@ def violations(
     return out
 
 
-def single_gains(form: NormalForm, value: Array, rates: RowRates, groups: Flags) -> Array:
+def single_gains(form: NormalForm, value: Array, rates: RowRates, groups: BoolArray) -> Array:
     """Sure rise of the bound if a choice takes an alternative (C, R)."""
     out = np.zeros(form.allowed.shape)
     for group in form.groups:
@@ -73,7 +72,7 @@ def single_gains(form: NormalForm, value: Array, rates: RowRates, groups: Flags)
 
 
 def best_split(
-    form: NormalForm, value: Array, rates: RowRates, masks: Masks, candidates: Indices
+    form: NormalForm, value: Array, rates: RowRates, masks: Masks, candidates: IntArray
 ) -> Split:
     """The division whose children gain most, by the product of their gains.
 

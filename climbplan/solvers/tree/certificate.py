@@ -9,7 +9,7 @@ import daqp
 import numpy as np
 from scipy import sparse
 
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array
 from climbplan.solvers.tree.choice_table import UNBOUNDED
 
 _SOFT = 8  # DAQP's sense of a row that may be violated at a price

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.program.instance import Choice
-from climbplan.program.polytope import Array, Polytope
+from climbplan.program.polytope import Polytope
 
 UNBOUNDED = 1e30  # no bound, in DAQP's terms
 _PARALLEL = 1e-9  # unit rows closer than this are the same direction
@@ -65,7 +66,7 @@ class ChoiceTable:
     own: OwnRows
     complete: bool  # the directions are all that are stated
     bounded: bool  # vertices of all alternatives are known
-    empty: NDArray[np.bool_]  # (R,) alternatives that are known to hold no point
+    empty: BoolArray  # (R,) alternatives that are known to hold no point
     _hulls: dict[Mask, tuple[Array, Array]] = field(default_factory=dict, repr=False)
     _splits: dict[Mask, Splits] = field(default_factory=dict, repr=False)
 
@@ -122,7 +123,7 @@ class ChoiceTable:
         """The set of all alternatives."""
         return (1 << self.count) - 1
 
-    def mask(self, allowed: NDArray[np.bool_]) -> Mask:
+    def mask(self, allowed: BoolArray) -> Mask:
         """The set of the alternatives that are flagged, (R,) or longer."""
         return int.from_bytes(np.packbits(allowed, bitorder="little").tobytes(), "little")
 
@@ -189,7 +190,7 @@ class ChoiceTable:
         return [sorted(half) for half in halves]
 
 
-def flags_of(mask: Mask, count: int) -> NDArray[np.bool_]:
+def flags_of(mask: Mask, count: int) -> BoolArray:
     """A set as flags (count,)."""
     packed = np.frombuffer(mask.to_bytes((count + 7) // 8, "little"), np.uint8)
     return np.unpackbits(packed, count=count, bitorder="little").view(np.bool_)
@@ -211,7 +212,7 @@ def choice_tables(choices: Sequence[Choice], every_row: bool = False) -> list[Ch
 class _Stated:
     own: OwnRows
     planes: NDArray[np.intp]  # directions that are the normal of an alternative's plane
-    empty: NDArray[np.bool_]  # (R,) a row without coefficients fails
+    empty: BoolArray  # (R,) a row without coefficients fails
 
 
 def _stated(alternatives: tuple[Polytope, ...]) -> _Stated:

@@ -13,9 +13,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from climbplan.arrays import Array, IntArray
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
-from climbplan.solvers.result import Indices
 from climbplan.solvers.tree.choice_table import ChoiceTable
 from climbplan.solvers.tree.stacked_choices import StackedChoices
 
@@ -35,10 +34,10 @@ class Components:
     """Part of each variable and of each choice."""
 
     count: int
-    variable: Indices  # (n,)
-    choice: Indices  # (C,), -1 if no variable enters
+    variable: IntArray  # (n,)
+    choice: IntArray  # (C,), -1 if no variable enters
 
-    def of_rows(self, rows: sparse.csr_matrix) -> Indices:
+    def of_rows(self, rows: sparse.csr_matrix) -> IntArray:
         """The part in which each row lies, -1 if in several or in none."""
         rows = sparse.csr_matrix(rows)
         m = rows.shape[0]

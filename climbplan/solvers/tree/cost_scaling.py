@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 
+from climbplan.arrays import Array, IntArray
 from climbplan.program.box import Box
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
-from climbplan.solvers.result import FEASIBILITY, Indices
+from climbplan.solvers.result import FEASIBILITY
 from climbplan.solvers.tree.components import Components, Equations
 
 _FLAT = 1e-9  # eigenvalues below this share of the largest count as zero
@@ -35,8 +35,8 @@ class ScaledCost:
     X: Array  # (n, k)
     center: Array  # (n,)
     constant: float
-    part: Indices  # (k,) part of each coordinate, ascending
-    flat: Indices  # coordinates without curvature
+    part: IntArray  # (k,) part of each coordinate, ascending
+    flat: IntArray  # coordinates without curvature
     slope: Array  # (k,) zero where the cost is curved
     extent: Array  # (k,) |z| <= extent for flat coordinates, zero elsewhere
     consistent: bool  # whether the equations have a solution
@@ -110,7 +110,7 @@ def _scaled(
     q: Array,
     start: Array,
     basis: Array,
-    index: Indices,
+    index: IntArray,
     top: float,
     box: Callable[[], Box],
 ) -> _Part:

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.program.polytope import Array
-from climbplan.solvers.result import Indices
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.solvers.tree.cost_scaling import ScaledCost
-from climbplan.solvers.tree.normal_form import Flags
 
 _RIDGE = 1e-10  # keeps nearly dependent active rows solvable; the gain stays exact
 _SMALL = 1e-14
@@ -31,7 +29,7 @@ class RowRates:
     near_drag: Array  # (2, P) loss of slope in flat coordinates
     far_drag: Array  # (2, P)
 
-    def take(self, rows: Indices) -> RowRates:
+    def take(self, rows: IntArray) -> RowRates:
         """The data of some of the rows, any shape of indices."""
         return RowRates(
             self.near[rows],
@@ -55,7 +53,7 @@ class RowRates:
 
 
 def row_rates(
-    rows: Array, active: Array, multiplier: Array, fixed: Flags, z: Array, cost: ScaledCost
+    rows: Array, active: Array, multiplier: Array, fixed: BoolArray, z: Array, cost: ScaledCost
 ) -> RowRates:
     """Rates of rows (P, k) at active rows (a, k) and the point z (k,).
 

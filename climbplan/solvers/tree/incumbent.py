@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
-from climbplan.solvers.result import LEAST_OBJECTIVE, ROUNDING, Indices
+from climbplan.solvers.result import LEAST_OBJECTIVE, ROUNDING
 from climbplan.solvers.tree.relaxation import Closed, Point, Relaxation
 
 _ROUNDS = 100  # of ball cuts
@@ -22,7 +22,7 @@ class Incumbent:
     """A feasible point."""
 
     x: Array  # (n,)
-    assignment: Indices  # (C,)
+    assignment: IntArray  # (C,)
     objective: float
 
 
@@ -50,7 +50,7 @@ class IncumbentStore:
         margin = _GAP_SHARE * self.gap * max(abs(self.objective), LEAST_OBJECTIVE)
         return self.objective - max(margin, ROUNDING)
 
-    def accept(self, z: Array, assignment: Indices) -> bool:
+    def accept(self, z: Array, assignment: IntArray) -> bool:
         """Keep a point if it is feasible and better; whether it was kept."""
         x = self.relaxation.form.x(z)
         objective = self.instance.objective(x)
@@ -61,7 +61,7 @@ class IncumbentStore:
         self.best = Incumbent(x, assignment.astype(np.int64), objective)
         return True
 
-    def complete(self, assignment: Indices, start: Point, late: Callable[[], bool]) -> bool:
+    def complete(self, assignment: IntArray, start: Point, late: Callable[[], bool]) -> bool:
         """Solve the convex problem of an assignment, once; whether it gave a better point."""
         key = assignment.tobytes()
         if key in self._tried:

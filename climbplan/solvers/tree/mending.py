@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 
-from climbplan.program.instance import Implications, Index, Instance, Products
-from climbplan.program.polytope import Array
+from climbplan.arrays import Array, IntArray
+from climbplan.program.instance import Implications, Instance, Products
 from climbplan.solvers.convex.sessions import solve_convex
 from climbplan.solvers.result import FEASIBILITY
 
@@ -23,7 +23,7 @@ _STEPS = 8
 def mended(
     instance: Instance,
     x: Array,
-    assignment: Index | None = None,
+    assignment: IntArray | None = None,
     steps: int = _STEPS,
     tolerance: float = FEASIBILITY,
 ) -> Array:
@@ -48,7 +48,7 @@ def mended(
     return best
 
 
-def _linear(instance: Instance, x: Array, chosen: Index, keep_cost: bool) -> Instance:
+def _linear(instance: Instance, x: Array, chosen: IntArray, keep_cost: bool) -> Instance:
     """Rows that hold at the integers of x, products linear about x: convex."""
     n, products = instance.size, instance.products
     number = np.arange(products.count)

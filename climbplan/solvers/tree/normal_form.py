@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.program.box import propagated_box
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
-from climbplan.solvers.result import FEASIBILITY, Indices
+from climbplan.solvers.result import FEASIBILITY
 from climbplan.solvers.tree.choice_table import UNBOUNDED, ChoiceTable, Mask, choice_tables
 from climbplan.solvers.tree.components import SAME, Components, components, equations
 from climbplan.solvers.tree.cost_scaling import ScaledCost, scaled_cost
@@ -23,7 +22,6 @@ from climbplan.solvers.tree.stacked_choices import StackedChoices
 _CERTAIN = 1e9  # where variables are not bounded: costs are taken to stay below this multiple
 _CONSTANT = 1e-9  # rows shorter than this in z do not depend on z
 
-Flags = NDArray[np.bool_]
 Masks = tuple[Mask, ...]  # allowed alternatives of every choice
 
 
@@ -39,7 +37,7 @@ class BallForm:
     f: Array  # (K, d)
     radius: Array  # (K,)
     relief: Array | None  # (K, k)
-    part: Indices  # (K,) -1 where a ball couples parts
+    part: IntArray  # (K,) -1 where a ball couples parts
 
     def vectors(self, z: Array) -> Array:
         """F z + f, (K, d)."""
@@ -55,9 +53,9 @@ class ChoiceGroup:
     """G choices with the same alternatives; their rows stand in one array."""
 
     table: ChoiceTable
-    choices: Indices  # (G,)
-    rows: Indices  # (G, D) rows of the normal form
-    points: Indices  # (G, d) entries of the choices' points
+    choices: IntArray  # (G,)
+    rows: IntArray  # (G, D) rows of the normal form
+    points: IntArray  # (G, d) entries of the choices' points
     part: int
 
 
@@ -67,7 +65,7 @@ class ChoicePoints:
 
     E: Array  # (sum d, k)
     e: Array  # (sum d,)
-    start: Indices  # (C + 1,)
+    start: IntArray  # (C + 1,)
 
 
 @dataclass(frozen=True)
@@ -88,17 +86,17 @@ class NormalForm:
     rows: Array  # (m, k) bounds and rows of the instance, then the directions of the choices
     lower: Array  # (m,)
     upper: Array  # (m,)
-    part: Indices  # (m,) -1 where a row couples parts
+    part: IntArray  # (m,) -1 where a row couples parts
     choice_rows: slice
     offset: Array  # (m,) a choice's row takes the value rows z + offset in its table
-    varying: Flags  # (m,) False for rows that do not depend on z
+    varying: BoolArray  # (m,) False for rows that do not depend on z
     groups: tuple[ChoiceGroup, ...]
     tables: tuple[ChoiceTable, ...]  # (C,)
-    start: Indices  # (C + 1,) first row of each choice
+    start: IntArray  # (C + 1,) first row of each choice
     points: ChoicePoints
     stacked: StackedChoices
-    choice_part: Indices  # (C,) -1 where a choice's point does not depend on x
-    allowed: Flags  # (C, R) alternatives not excluded from the start
+    choice_part: IntArray  # (C,) -1 where a choice's point does not depend on x
+    allowed: BoolArray  # (C, R) alternatives not excluded from the start
     balls: BallForm
     contradiction: str  # why no point is feasible, "" if nothing is known
 
@@ -123,11 +121,11 @@ class NormalForm:
         """The alternatives not excluded from the start, one set a choice."""
         return self.masks(self.allowed)
 
-    def masks(self, allowed: Flags) -> Masks:
+    def masks(self, allowed: BoolArray) -> Masks:
         """Sets of alternatives from flags (C, R)."""
         return tuple(t.mask(flags) for t, flags in zip(self.tables, allowed, strict=True))
 
-    def flags(self, masks: Masks) -> Flags:
+    def flags(self, masks: Masks) -> BoolArray:
         """Flags (C, R) from sets of alternatives."""
         width = (self.allowed.shape[1] + 7) // 8
         packed = np.frombuffer(b"".join(m.to_bytes(width, "little") for m in masks), np.uint8)
@@ -138,18 +136,18 @@ class NormalForm:
         """Bounds of all choice rows for sets of allowed alternatives."""
         return self._shifted([t.hull(m) for t, m in zip(self.tables, masks, strict=True)])
 
-    def bounds_of(self, choices: Indices, masks: Masks) -> tuple[Array, Array]:
+    def bounds_of(self, choices: IntArray, masks: Masks) -> tuple[Array, Array]:
         """Bounds of the rows of some choices, one after another, for one set each."""
         hulls = [self.tables[c].hull(m) for c, m in zip(choices, masks, strict=True)]
         return self._shifted(hulls, self.rows_of(choices))
 
-    def rows_of(self, choices: Indices) -> Indices:
+    def rows_of(self, choices: IntArray) -> IntArray:
         """The rows of some choices, one after another."""
         ranges = [np.arange(self.start[c], self.start[c + 1]) for c in choices]
         return np.concatenate([np.zeros(0, np.int64), *ranges])
 
     def _shifted(
-        self, hulls: list[tuple[Array, Array]], rows: Indices | slice | None = None
+        self, hulls: list[tuple[Array, Array]], rows: IntArray | slice | None = None
     ) -> tuple[Array, Array]:
         """Intervals in z from intervals of the tables; none where a row does not depend on z."""
         rows = self.choice_rows if rows is None else rows
@@ -279,8 +277,12 @@ def normal_form(
 
 
 def _possible(
-    tables: list[ChoiceTable], start: Indices, offset: Array, varying: Flags, points: ChoicePoints
-) -> Flags:
+    tables: list[ChoiceTable],
+    start: IntArray,
+    offset: Array,
+    varying: BoolArray,
+    points: ChoicePoints,
+) -> BoolArray:
     """Alternatives that are not empty and agree with the rows that do not depend on z, (C, R)."""
     widest = max((t.count for t in tables), default=1)
     allowed = np.zeros((len(tables), widest), bool)
@@ -303,7 +305,7 @@ def own_violations(table: ChoiceTable, points: Array) -> Array:
 
 
 def _groups(
-    tables: list[ChoiceTable], start: Indices, points: ChoicePoints, parts: Components
+    tables: list[ChoiceTable], start: IntArray, points: ChoicePoints, parts: Components
 ) -> tuple[ChoiceGroup, ...]:
     members: dict[tuple[int, int], list[int]] = {}
     for c, table in enumerate(tables):

@@ -15,8 +15,7 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.program.polytope import Array
-from climbplan.solvers.result import Indices
+from climbplan.arrays import Array, IntArray
 from climbplan.solvers.tree.certificate import proved_bound
 from climbplan.solvers.tree.choice_table import UNBOUNDED
 from climbplan.solvers.tree.components import SAME
@@ -38,7 +37,7 @@ class Point:
 
     z: Array  # (k,)
     bound: float  # value of the dual function, a lower bound in any case
-    active: Indices  # (a,) rows with a multiplier
+    active: IntArray  # (a,) rows with a multiplier
     multiplier: Array  # (a,) positive at the upper bound
     solved: bool = True  # False if DAQP failed: some rows may be violated
 
@@ -173,7 +172,7 @@ class Relaxation:
             sense[active] = np.where(point.multiplier > 0, _AT_UPPER, _AT_LOWER)
             rows = np.union1d(rows, new)
 
-    def _near(self, lower: Array, upper: Array, start: Point) -> Indices:
+    def _near(self, lower: Array, upper: Array, start: Point) -> IntArray:
         """The active rows of a point, those it violates, and some it nearly does."""
         pool = self.pool
         value = pool.M @ start.z
@@ -185,7 +184,7 @@ class Relaxation:
             return np.arange(len(slack))
         return np.sort(np.argpartition(slack, wanted)[:wanted])
 
-    def dual_value(self, active: Indices, multiplier: Array, lower: Array, upper: Array) -> float:
+    def dual_value(self, active: IntArray, multiplier: Array, lower: Array, upper: Array) -> float:
         """-1/2 |M'l|^2 - l'b + constant: a lower bound for any multipliers of the right sign.
 
         In flat coordinates the Lagrangian is linear and takes its least value at their extent.
@@ -238,7 +237,7 @@ class Relaxation:
         self.solves += 1
         return z, int(flag), info["lam"]
 
-    def _infeasible(self, rows: Indices, lower: Array, upper: Array, cutoff: float) -> Closed:
+    def _infeasible(self, rows: IntArray, lower: Array, upper: Array, cutoff: float) -> Closed:
         """What can be proved of rows that DAQP calls infeasible."""
         cost = self.form.cost
         enough = min(cutoff, self.form.ceiling)

@@ -10,10 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.program.polytope import Array
-from climbplan.solvers.result import Indices
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.solvers.tree.choice_table import UNBOUNDED
 from climbplan.solvers.tree.normal_form import NormalForm
 
@@ -64,7 +62,7 @@ class RowPool:
         return int(self._M.nbytes + self._numbers.nbytes + self._part.nbytes)
 
     @property
-    def is_own(self) -> NDArray[np.bool_]:
+    def is_own(self) -> BoolArray:
         """Which rows are those of one alternative (m,)."""
         return self._is_own[: self.count]
 
@@ -89,11 +87,11 @@ class RowPool:
         return self._numbers[2, : self.count]
 
     @property
-    def part(self) -> Indices:
+    def part(self) -> IntArray:
         """The part in which a row lies, -1 if it couples parts (m,)."""
         return self._part[: self.count]
 
-    def append(self, M: Array, lower: Array, upper: Array, part: Indices) -> None:
+    def append(self, M: Array, lower: Array, upper: Array, part: IntArray) -> None:
         """Add rows."""
         needed = self.count + len(M)
         if needed > len(self._M):

@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.program.instance import Instance
-from climbplan.program.polytope import Array
-from climbplan.solvers.result import LEAST_OBJECTIVE, Indices, Known, relative_gap
+from climbplan.solvers.result import LEAST_OBJECTIVE, Known, relative_gap
 from climbplan.solvers.tree.block_minima import BlockMinimum, blocks
 from climbplan.solvers.tree.branching import best_split, single_gains, violations
 from climbplan.solvers.tree.dual_gains import RowRates, row_rates
 from climbplan.solvers.tree.incumbent import IncumbentStore
-from climbplan.solvers.tree.normal_form import Flags, Masks, NormalForm
+from climbplan.solvers.tree.normal_form import Masks, NormalForm
 from climbplan.solvers.tree.relaxation import Closed, Point, Relaxation
 
 # Rounds of ball cuts, and the violation from which balls are cut [m]
@@ -50,7 +50,7 @@ class TreeSearch:
         tolerance: float,
         known: Known | None = None,
         most: float = np.inf,
-        proposals: Sequence[Indices] = (),
+        proposals: Sequence[IntArray] = (),
     ) -> None:
         self.instance, self.form, self.gap, self.most = instance, form, gap, most
         self.deadline, self.tolerance = deadline, tolerance
@@ -99,7 +99,7 @@ class TreeSearch:
         """The node that allows everything."""
         return Node(self.known.bound, self.form.root, self.relaxation.start(), ())
 
-    def _possible(self, assignment: Indices) -> bool:
+    def _possible(self, assignment: IntArray) -> bool:
         allowed = self.form.allowed
         if len(assignment) != len(allowed) or (assignment >= allowed.shape[1]).any():
             return False
@@ -217,7 +217,7 @@ class TreeSearch:
             self._note("incumbent")
         self.closed = min(self.closed, node.bound)
 
-    def _guess(self, nearest: Indices, minima: list[BlockMinimum | None]) -> Indices:
+    def _guess(self, nearest: IntArray, minima: list[BlockMinimum | None]) -> IntArray:
         """The parts' minimisers, and the nearest alternatives where there are none."""
         guess = nearest.copy()
         for block, minimum in zip(self.blocks, minima, strict=True):
@@ -262,12 +262,12 @@ class TreeSearch:
     def _excluded(
         self,
         node: Node,
-        allowed: Flags,
+        allowed: BoolArray,
         point: Point,
         value: Array,
         rates: RowRates,
         gains: Array,
-    ) -> Flags:
+    ) -> BoolArray:
         """Allowed alternatives less those whose sure gain reaches the cutoff: they are closed."""
         cutoff = self.incumbents.cutoff
         if np.isinf(cutoff):

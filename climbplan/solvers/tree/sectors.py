@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.program.polytope import Array
-from climbplan.solvers.result import Indices
+from climbplan.arrays import Array, IntArray
 from climbplan.solvers.tree.choice_table import ChoiceTable, Mask, Splits
 
 _WAYS = 4  # first directions that are tried, those with the fewest alternatives on both sides
@@ -25,7 +24,7 @@ def sector_splits(table: ChoiceTable, mask: Mask, point: Array) -> Splits:
     low, high = table.lower[members], table.upper[members]
     beyond, before = low > point + _CLEAR, high < point - _CLEAR  # (m, D)
     both = ~(beyond | before)
-    ways: list[list[Indices]] = []
+    ways: list[list[IntArray]] = []
     for d in np.argsort(both.sum(axis=0), kind="stable")[:_WAYS]:
         near = both[:, d]
         second = int(np.argmin((both & near[:, None]).sum(axis=0)))
@@ -55,11 +54,11 @@ def sector_splits(table: ChoiceTable, mask: Mask, point: Array) -> Splits:
     )
 
 
-def _each(members: Indices) -> list[Indices]:
+def _each(members: IntArray) -> list[IntArray]:
     return [np.array([k]) for k in range(len(members))]
 
 
-def _halves(low: Array, high: Array) -> list[Indices]:
+def _halves(low: Array, high: Array) -> list[IntArray]:
     """Two halves along the direction in which the middles are spread most."""
     middle = low + high
     if not middle.shape[1]:
@@ -68,7 +67,7 @@ def _halves(low: Array, high: Array) -> list[Indices]:
     return [np.sort(order[: len(order) // 2]), np.sort(order[len(order) // 2 :])]
 
 
-def _mask(members: Indices) -> Mask:
+def _mask(members: IntArray) -> Mask:
     flags = np.zeros(int(members.max()) + 1, bool)
     flags[members] = True
     return int.from_bytes(np.packbits(flags, bitorder="little").tobytes(), "little")

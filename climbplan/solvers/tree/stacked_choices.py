@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array, IntArray
 from climbplan.program.instance import Choice
-from climbplan.program.polytope import Array
-from climbplan.solvers.result import Indices
 from climbplan.solvers.tree.choice_table import ChoiceTable
 
 
@@ -20,10 +19,10 @@ class StackedChoices:
 
     E: sparse.csr_matrix  # (sum d, n) points of all choices
     e: Array  # (sum d,)
-    choice: Indices  # (sum d,) whose point a row of E belongs to
+    choice: IntArray  # (sum d,) whose point a row of E belongs to
     rows: sparse.csr_matrix  # (sum D, n)
     offset: Array  # (sum D,)
-    start: Indices  # (C + 1,) first row of each choice
+    start: IntArray  # (C + 1,) first row of each choice
 
     @classmethod
     def of(
@@ -35,8 +34,8 @@ class StackedChoices:
         dimension = np.array([len(c.e) for c in choices], np.int64)
         start = np.cumsum([0, *(len(t.directions) for t in tables)]).astype(np.int64)
         first = np.cumsum(dimension) - dimension
-        known: dict[int, tuple[Indices, Indices, Array]] = {}
-        entries: list[tuple[Indices, Indices, Array]] = []
+        known: dict[int, tuple[IntArray, IntArray, Array]] = {}
+        entries: list[tuple[IntArray, IntArray, Array]] = []
         for c, table in enumerate(tables):
             if id(table) not in known:
                 r, k = np.nonzero(table.directions)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
 
+from climbplan.arrays import Array, IntArray
 from climbplan.spec.base import Number, SpecModel, quantity
-
-Array = NDArray[np.float64]
 
 
 class MarginsSpec(SpecModel):
@@ -31,7 +29,7 @@ class MarginsSpec(SpecModel):
         """Whether there are any of those that grips keep."""
         return self.pull > 0 or self.slip > 0
 
-    def factors(self, rounds: NDArray[np.int64]) -> Array:
+    def factors(self, rounds: IntArray) -> Array:
         """On pressure, friction and pull, of instants in rounds (K,), counted from 1."""
         return np.array([self.rounds.get(int(number), 1.0) for number in rounds])
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.plans.check import Check, Limit, unjudged
 from climbplan.walking.check.speed import speed_residuals
 from climbplan.walking.check.terrain import (
@@ -27,7 +28,6 @@ from climbplan.walking.task import (
     POSITION,
     SPIN,
     VELOCITY,
-    Array,
     WalkTask,
     WalkTrajectory,
 )

@@ -6,7 +6,8 @@ from itertools import combinations
 
 import numpy as np
 
-from climbplan.walking.task import Array, WalkTask
+from climbplan.arrays import Array
+from climbplan.walking.task import WalkTask
 
 
 def objective_terms(task: WalkTask, state: Array, force: Array) -> dict[str, float]:

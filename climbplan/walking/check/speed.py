@@ -14,20 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.walking.check.truth import euler_rates
 from climbplan.walking.swing_way import along, arch
-from climbplan.walking.task import (
-    ANGLES,
-    POSITION,
-    SPIN,
-    VELOCITY,
-    Array,
-    Flags,
-    WalkTask,
-    WalkTrajectory,
-)
+from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, WalkTask, WalkTrajectory
 
 _PARTS = 16  # of an interval
 _FINEST = 0.005  # [s]
@@ -69,7 +61,7 @@ def speed_residuals(task: WalkTask, found: WalkTrajectory) -> Iterator[tuple[str
     yield "speed.limit", beyond, (speeds.speed / task.legs.max_speed).max(axis=2)
 
 
-def _ways(task: WalkTask, found: WalkTrajectory, share: Array) -> tuple[Array, Flags]:
+def _ways(task: WalkTask, found: WalkTrajectory, share: Array) -> tuple[Array, BoolArray]:
     """Toes (N, K + 1, L, 3) at shares (K + 1,) of intervals; which swing to where they land."""
     contact, stood = found.gait.contact, found.toes
     toes = np.repeat(stood[:-1, None], len(share), axis=1)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.walking.ground import Ground
-from climbplan.walking.task import Array, Flags, Whole
 
 _NOWHERE = -np.inf
 _ROUNDING = 1e-9  # [m]
@@ -20,7 +20,7 @@ def outlines(ground: Ground) -> list[Array]:
     return list(np.stack([np.stack(c, -1) for c in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))], 1))
 
 
-def plane_height(ground: Ground, region: Whole, xy: Array) -> Array:
+def plane_height(ground: Ground, region: IntArray, xy: Array) -> Array:
     """Height (...) of the planes of regions (...) at points (..., 2) [m]."""
     known = np.array([corners.mean(axis=0) for corners in outlines(ground)])
     away = xy - known[region]
@@ -31,7 +31,7 @@ def plane_height(ground: Ground, region: Whole, xy: Array) -> Array:
     return result
 
 
-def off_region(ground: Ground, region: Whole, toes: Array, given: Flags) -> Array:
+def off_region(ground: Ground, region: IntArray, toes: Array, given: BoolArray) -> Array:
     """How far toes (..., 3) are off the pieces of planes that are their regions (...) [m].
 
     given (...): toes that nobody set down, for which the strips along edges count as well.
@@ -61,7 +61,7 @@ def ground_at(ground: Ground, xy: Array) -> Array:
     return highest
 
 
-def normal_and_sideways(ground: Ground, region: Whole, force: Array) -> tuple[Array, Array]:
+def normal_and_sideways(ground: Ground, region: IntArray, force: Array) -> tuple[Array, Array]:
     """Parts of forces (..., 3) along the normals of regions (...) and across them [N]."""
     rise = ground.slope[region]
     normal = np.concatenate([-rise, np.ones((*rise.shape[:-1], 1))], axis=-1)
@@ -71,7 +71,7 @@ def normal_and_sideways(ground: Ground, region: Whole, force: Array) -> tuple[Ar
     return pressed, across
 
 
-def to_clear(ground: Ground, toes: Array, contact: Flags) -> Array:
+def to_clear(ground: Ground, toes: Array, contact: BoolArray) -> Array:
     """Ground (N + 1, L) that swinging toes (N + 1, L, 3) have to be lifted above [m].
 
     The highest beneath the straight ways from the knot before and to the next one, and where the

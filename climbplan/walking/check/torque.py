@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.walking.check.truth import toes_in_body
-from climbplan.walking.task import ANGLES, Array, Flags, WalkTask, WalkTrajectory
+from climbplan.walking.task import ANGLES, WalkTask, WalkTrajectory
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ def leg_loads(legs: WalkingLegs, task: WalkTask, found: WalkTrajectory) -> LegLo
     force = found.force[:-1, None] @ turned  # (N, 2, L, 3) body frame
     angles = solution.angles[..., 0, :, :]
     torque = (force[..., None, :] @ legs.chain.jacobian(angles))[..., 0, :]
-    valid: Flags = solution.valid
+    valid: BoolArray = solution.valid
     missing = np.where(both & ~valid, solution.missing[..., 0, :], 0.0)
     torque = np.where(valid[..., None], torque, np.inf)
     return LegLoads(missing, np.where(both[..., None], torque, 0.0))

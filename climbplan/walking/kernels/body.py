@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.walking.kernels.compiling import compiled
 from climbplan.walking.kernels.step import net_load, rates
-from climbplan.walking.task import Array
 
 PARTS = 4  # Runge-Kutta steps of a knot in rollouts: 20 ms at 80 ms
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.walking.kernels.body import rotation
 from climbplan.walking.kernels.compiling import compiled
-from climbplan.walking.task import Array, Flags, Whole
 
 
 @compiled
@@ -38,7 +38,7 @@ def _swinging(center: Array, half: Array, R: Array, position: Array, height: flo
 def place_toes(
     center: Array,
     half: Array,
-    foothold: Whole,
+    foothold: IntArray,
     state: Array,
     height: Array,
     start: Array,
@@ -88,7 +88,7 @@ def beyond_box(center: Array, half: Array, R: Array, state: Array, toe: Array) -
 
 @compiled
 def worst_beyond(
-    center: Array, half: Array, whole: bool, contact: Flags, state: Array, toes: Array
+    center: Array, half: Array, whole: bool, contact: BoolArray, state: Array, toes: Array
 ) -> float:
     """How far toes leave their boxes at knots 1 to N, and standing ones at knot 0 [m].
 
@@ -106,7 +106,9 @@ def worst_beyond(
 
 
 @compiled
-def worst_standing(center: Array, half: Array, state: Array, toes: Array, contact: Flags) -> float:
+def worst_standing(
+    center: Array, half: Array, state: Array, toes: Array, contact: BoolArray
+) -> float:
     """How far standing toes (L, 3) are out of their boxes in a state (12,) [m]; 0 if none is."""
     worst, R = 0.0, np.empty((3, 3))
     rotation(state[6:9], R)
@@ -119,7 +121,7 @@ def worst_standing(center: Array, half: Array, state: Array, toes: Array, contac
 @compiled
 def each_within(
     center: Array, half: Array, state: Array, toes: Array, slack: float, dt: float, room: float
-) -> Flags:
+) -> BoolArray:
     """(L,) legs whose toes (L, 3) are within `slack` of their boxes in a state (12,).
 
     And within `room` [m] where its velocity takes the body in the time dt [s], if that is not 0.

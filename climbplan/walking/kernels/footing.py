@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.walking.kernels.compiling import compiled
-from climbplan.walking.task import Array, Flags, Whole
 
 HELD = -1  # the toe stands where it stood at the start
 SWINGING = -2
 
 
 @compiled
-def stance_phases(contact: Flags) -> tuple[Whole, Whole]:
+def stance_phases(contact: BoolArray) -> tuple[IntArray, IntArray]:
     """Footholds (N + 1, L) as of `Footing`, and leg, first and last knot (F, 3) of the free ones.
 
     contact (N + 1, L). Leg by leg, in the order in which they are stood on.
@@ -67,8 +67,8 @@ def walk_cost(
 
 @compiled
 def left_of(
-    contact: Flags, state: Array, force: Array, toes: Array
-) -> tuple[Flags, Array, Array, Array]:
+    contact: BoolArray, state: Array, force: Array, toes: Array
+) -> tuple[BoolArray, Array, Array, Array]:
     """What is left of a plan after its first knot, and one more knot of the same rhythm.
 
     contact (N + 1, L), state (N + 1, 12), force and toes (N + 1, L, 3). Gives contact, state, force

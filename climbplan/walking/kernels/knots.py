@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.walking.kernels.compiling import compiled
 from climbplan.walking.kernels.step import euler_step, mean_step, net_load
-from climbplan.walking.task import Array
 
 
 @compiled

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.chain_pose import RADIAN
 from climbplan.walking.kernels.body import rotation
 from climbplan.walking.kernels.compiling import compiled
-from climbplan.walking.task import Array, Flags
 
 _ITERATIONS = 60
 _NEAR, _STILL = 1e-11, 1e-9  # [m], [rad]
@@ -125,7 +125,7 @@ def torque_rows(
     posture: Array,
     state: Array,
     toes: Array,
-    contact: Flags,
+    contact: BoolArray,
     scale: float,
     rows: Array,
 ) -> None:

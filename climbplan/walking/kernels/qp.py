@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.walking.kernels.body import rotation
 from climbplan.walking.kernels.compiling import compiled
 from climbplan.walking.kernels.step import linearised
-from climbplan.walking.task import Array, Flags, Whole
 
 _FAR = 1e30
 _ROUNDED = 0.05  # sine of a tilt
@@ -25,8 +25,8 @@ def _states(
     force: Array,
     spots: Array,
     tilt: Array,
-    foothold: Whole,
-    contact: Flags,
+    foothold: IntArray,
+    contact: BoolArray,
     begin: Array,
     force_unit: float,
     foot_unit: float,
@@ -118,7 +118,7 @@ def _objective(
     wanted: Array,
     weight: Array,
     motion: float,
-    columns: Whole,
+    columns: IntArray,
     foot: int,
     base: Array,
     ridge: float,
@@ -164,8 +164,8 @@ def _stance_rows(
     toes: Array,
     spots: Array,
     tilt: Array,
-    foothold: Whole,
-    contact: Flags,
+    foothold: IntArray,
+    contact: BoolArray,
     offset: Array,
     by: Array,
     foot_unit: float,
@@ -241,7 +241,7 @@ def _swing_rows(
     top: float,
     state: Array,
     height: Array,
-    contact: Flags,
+    contact: BoolArray,
     offset: Array,
     by: Array,
     rows: Array,
@@ -303,8 +303,8 @@ def assembled(
     half: Array,
     margin: float,
     whole: bool,
-    contact: Flags,
-    foothold: Whole,
+    contact: BoolArray,
+    foothold: IntArray,
     tilt: Array,
     height: Array,
     begin: Array,
@@ -317,7 +317,7 @@ def assembled(
     motion: float,
     base: Array,
     ridge: float,
-    columns: Whole,
+    columns: IntArray,
     force_unit: float,
     foot_unit: float,
     foot_column: int,
@@ -354,7 +354,7 @@ def assembled(
 
 
 @compiled
-def force_cost(knot: Whole, legs: int, factor: float, hessian: Array) -> None:
+def force_cost(knot: IntArray, legs: int, factor: float, hessian: Array) -> None:
     """What differences of forces cost: factor (L delta - same knot) between forces, into (Z, Z).
 
     knot (K,): of each standing leg's force.
@@ -367,7 +367,9 @@ def force_cost(knot: Whole, legs: int, factor: float, hessian: Array) -> None:
 
 
 @compiled
-def in_units(z: Array, contact: Flags, force_unit: float, foot_unit: float) -> tuple[Array, Array]:
+def in_units(
+    z: Array, contact: BoolArray, force_unit: float, foot_unit: float
+) -> tuple[Array, Array]:
     """Forces (N, L, 3) [N] and free footholds (F, 2) [m] of unknowns (Z,); contact (N + 1, L)."""
     knots, legs = contact.shape[0] - 1, contact.shape[1]
     force, column = np.zeros((knots, legs, 3)), 0

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.walking.kernels.compiling import compiled
-from climbplan.walking.task import Array, Whole
 
 _BEYOND = 100.0  # metres from the middle of its box that a metre outside is worth
 _DEEP = 1e-6  # of two regions that hold a point the one further inside
 
 
 @compiled
-def nearest_regions(points: Array, lower: Array, upper: Array, sides: Array) -> Whole:
+def nearest_regions(points: Array, lower: Array, upper: Array, sides: Array) -> IntArray:
     """The region (P,) that each point (P, 2) is in, or least far from; as `Ground.nearest`."""
     chosen = np.zeros(points.shape[0], np.int64)
     for p in range(points.shape[0]):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.walking.kernels.body import moved
 from climbplan.walking.kernels.compiling import compiled
 from climbplan.walking.kernels.feet import place_toes, worst_beyond, worst_standing
-from climbplan.walking.task import Array, Flags, Whole
 
 
 @compiled
@@ -23,7 +23,7 @@ def rolled(
     start: Array,
     toes: Array,
     force: Array,
-    contact: Flags,
+    contact: BoolArray,
 ) -> tuple[Array, float]:
     """States (N + 1, 12) at knots that forces (N, L, 3) at toes (>= N, L, 3) bring about.
 
@@ -59,8 +59,8 @@ def borne_out(
     steps: Array,
     parts: int,
     whole: bool,
-    contact: Flags,
-    foothold: Whole,
+    contact: BoolArray,
+    foothold: IntArray,
     height: Array,
     start: Array,
     held: Array,

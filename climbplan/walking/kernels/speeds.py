@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.walking.kernels.body import rotation
 from climbplan.walking.kernels.compiling import compiled
 from climbplan.walking.kernels.legs import leg_jacobian
-from climbplan.walking.task import Array, Flags, Whole
 
 GLANCES = 9  # at each interval of a swing
 _FIRST, _APART = 0.1, 0.1  # shares of the interval where they are
@@ -98,8 +98,8 @@ def speed_rows(
     lift: float,
     state: Array,
     toes: Array,
-    contact: Flags,
-    foothold: Whole,
+    contact: BoolArray,
+    foothold: IntArray,
     spots: Array,
     tilt: Array,
     offset: Array,
@@ -190,7 +190,7 @@ def speed_rows(
 
 
 @compiled
-def landing_intervals(contact: Flags) -> int:
+def landing_intervals(contact: BoolArray) -> int:
     """Intervals of swings that land within the horizon, of contact (N + 1, L)."""
     knots, legs = contact.shape
     count = 0

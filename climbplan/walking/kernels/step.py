@@ -12,10 +12,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.solvers.generated import kernel
 from climbplan.walking import dynamics
 from climbplan.walking.kernels.compiling import compiled
-from climbplan.walking.task import Array
 
 
 def _symbols() -> tuple[dynamics.Body, list[Any]]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.walking.kernels.compiling import compiled
-from climbplan.walking.task import Array, Flags, Whole
 
 _NOTHING = -1e30
 _TOUCHES = 1e-9  # [m], and of a way: ground that a way begins or ends at counts, whatever rounding
@@ -65,8 +65,8 @@ def highest_beneath(
 @compiled
 def swing_heights(
     toes: Array,
-    contact: Flags,
-    region: Whole,
+    contact: BoolArray,
+    region: IntArray,
     lower: Array,
     upper: Array,
     sides: Array,

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.walking.answer import Improvement
 from climbplan.walking.check.checker import passes
 from climbplan.walking.footing import gait_of
@@ -34,7 +35,7 @@ from climbplan.walking.micp.tree import Search
 from climbplan.walking.micp.tube import Tube, tube_about
 from climbplan.walking.offline.gaits import with_regions
 from climbplan.walking.offline.sqp import iterate_of, solve_gait
-from climbplan.walking.task import Array, Flags, WalkTask, WalkTrajectory
+from climbplan.walking.task import WalkTask, WalkTrajectory
 
 _DRAWING = 0.4  # of the time that is left, for drawing tube and ranges closer
 _BRANCHING = 0.3  # of all time, to part tubes
@@ -198,7 +199,7 @@ class Bounding:
             ended = briefly and found.nodes >= _NODES
             return not ended and self.left > 0 and not self.closed and not self.again
 
-        def settled(contacts: Flags) -> float:
+        def settled(contacts: BoolArray) -> float:
             program_of = stated.program(program.box.standing(contacts))
             drawn = drawn_by_heads(stated, program_of, self.left, self.limits.clock, _GAIT)
             if drawn is None:

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.walking.micp.tube import Tube, tube_about
-from climbplan.walking.task import ANGLES, SPIN, Array, WalkTask
+from climbplan.walking.task import ANGLES, SPIN, WalkTask
 
 _WORTH = 0.02  # of what is enough, that two tubes have to raise the bound by
 

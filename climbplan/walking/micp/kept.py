@@ -12,11 +12,11 @@ from typing import NamedTuple
 import highspy
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.solvers.highs.model import rows_model, run_highs
 from climbplan.walking.micp.mirror import left_first
 from climbplan.walking.micp.relaxed import add_rows, infeasible, linear, solve_linear
 from climbplan.walking.micp.statement import Relaxation
-from climbplan.walking.task import Array, Flags
 
 _ROUNDS = 4  # of tangents
 _UNSURE = 0.03  # of a contact, that it is worth to decide early
@@ -52,7 +52,7 @@ class Kept:
         self.row_low, self.row_high = model.row_lower, model.row_upper
         self.binaries = np.flatnonzero(model.integer)
         known = program.box
-        self.open: Flags = known.stands_low < known.stands_high
+        self.open: BoolArray = known.stands_low < known.stands_high
         self.solver = linear()
         self.solver.passModel(rows_model(model, relaxed=True))
         # What costs more ends a program by its bound, which takes no row.
@@ -117,7 +117,7 @@ class Kept:
         return found
 
     @property
-    def contacts(self) -> Flags | None:
+    def contacts(self) -> BoolArray | None:
         """Contacts (N, L), if all are decided."""
         stands, open_ = self.program.box.stands_low > 0, self.open.copy()
         at = {int(row): at for at, row in np.ndenumerate(self.program.rows)}

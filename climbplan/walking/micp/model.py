@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.program.linear_rows import LinearRows
-from climbplan.walking.task import Array
 
 _LEAST_SHARE = 1e-4  # of a square that tangents are added to
 

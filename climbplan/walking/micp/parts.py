@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.walking.micp.heads import SHORTEST, Stated, least_of_head
 from climbplan.walking.micp.kept import Decision, Kept
 from climbplan.walking.micp.ranges import Box
 from climbplan.walking.micp.statement import Relaxation
-from climbplan.walking.task import ANGLES, Array
+from climbplan.walking.task import ANGLES
 
 _FIRST = 2  # intervals whose contacts make parts first
 _FEW = 8  # parts that a whole tube makes at most

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.walking.micp.model import Lin
-from climbplan.walking.task import Array
 
 
 @dataclass(frozen=True)

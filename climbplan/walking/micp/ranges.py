@@ -6,17 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.walking.micp.tube import Tube
-from climbplan.walking.task import (
-    ANGLES,
-    POSITION,
-    SPIN,
-    STATE,
-    VELOCITY,
-    Array,
-    Flags,
-    WalkTask,
-)
+from climbplan.walking.task import ANGLES, POSITION, SPIN, STATE, VELOCITY, WalkTask
 
 
 @dataclass(frozen=True)
@@ -89,7 +81,7 @@ class Box:
             np.full((*legs, 3), most),
         )
 
-    def standing(self, contact: Flags) -> Box:
+    def standing(self, contact: BoolArray) -> Box:
         """The same of motions with these contacts (N, 4) only."""
         stands = contact.astype(float)
         return replace(self, stands_low=stands, stands_high=stands.copy())

@@ -8,9 +8,9 @@ from typing import Any
 import highspy
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.solvers.highs.model import highs, rows_model, run_highs
 from climbplan.walking.micp.model import LinearModel
-from climbplan.walking.task import Array
 
 _ROUNDS = 6  # of tangents at the optimum
 SAG = 1e-4  # of the cost that a square may be too small, then

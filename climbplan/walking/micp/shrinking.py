@@ -14,12 +14,13 @@ from collections.abc import Callable
 import highspy
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.solvers.highs.model import rows_model
 from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.ranges import Box
 from climbplan.walking.micp.relaxed import infeasible, linear, solve_linear
 from climbplan.walking.micp.statement import Relaxation
-from climbplan.walking.task import ANGLES, POSITION, Array
+from climbplan.walking.task import ANGLES, POSITION
 
 _PAD = 1e-5  # beyond what the solver says: more than its tolerance
 _WORTH = 0.02  # of a range, that a question has to be able to draw it closer by

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.walking.micp.frame import FINE, LEAST, Frame
 from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.smooth import sine, straight
-from climbplan.walking.task import Array
 
 _WHOLE = Lin(constant=1.0)  # a share of products that are there in any case
 _AHEAD, _LAST = (1, 2, 0), (2, 0, 1)

@@ -16,13 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.walking.micp.counts import Count
 from climbplan.walking.micp.model import Lin, LinearModel, total
 from climbplan.walking.micp.motion import Motion
 from climbplan.walking.micp.pieces import Height, Piece
 from climbplan.walking.micp.ranges import Box
 from climbplan.walking.micp.tube import Tube
-from climbplan.walking.task import POSITION, Array, Flags, WalkTask, WalkTrajectory, Whole
+from climbplan.walking.task import POSITION, WalkTask, WalkTrajectory
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Relaxation:
     ]  # columns of what velocities along x and y cost, but the last
     given: Array  # (2,) cost of those of them that are no variables
     most: float  # that motions cost
-    rows: Whole  # (N, L) of whether legs stand
+    rows: IntArray  # (N, L) of whether legs stand
     known: int  # the row of what motions cost
     box: Box  # what is known already
     turned: int  # knots whose turning is stated
@@ -91,7 +92,7 @@ class Relaxation:
         """Shares of contacts (N, L) at a point."""
         return np.array([[total(q.chosen for q in leg).at(x) for leg in n] for n in self.pieces])
 
-    def gait(self, x: Array, share: float = 0.5) -> tuple[Flags, Whole]:
+    def gait(self, x: Array, share: float = 0.5) -> tuple[BoolArray, IntArray]:
         """Contacts beyond a share and regions (N, L) of a point; of swinging legs -1."""
         contact = np.zeros((len(self.pieces), len(self.pieces[0])), bool)
         region = np.full((len(self.pieces), len(self.pieces[0])), -1, np.int64)

@@ -13,8 +13,8 @@ import heapq
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.walking.micp.kept import Decision, Kept
-from climbplan.walking.task import Array, Flags
 
 _PART = 40  # linear programs in the depth, before the lowest bound is next again
 
@@ -26,14 +26,16 @@ class Search:
     kept: Kept
     goes_on: Callable[[float], bool]  # asked before each program, of the bound by then
     left: Callable[[], float]  # [s] by the wall's clock
-    settled: Callable[[Flags], float]  # what motions with these contacts cost at least
+    settled: Callable[[BoolArray], float]  # what motions with these contacts cost at least
     told: Callable[[Array], None]  # of points with all contacts decided
     nodes: int = 0
     drawn: set[bytes] = field(default_factory=set)  # gaits that were settled
 
     def run(self) -> float:
         """What motions cost at least, `most` if none costs less."""
-        waiting: list[tuple[float, int, tuple[Decision, ...], Flags | None]] = [(0.0, 0, (), None)]
+        waiting: list[tuple[float, int, tuple[Decision, ...], BoolArray | None]] = [
+            (0.0, 0, (), None)
+        ]
         self.drawn.clear()
         count, whole = 0, self.kept.most  # the lowest bound of what cannot be decided further
         while waiting and self.goes_on(min(waiting[0][0], whole)) and waiting[0][0] < whole:
@@ -69,7 +71,7 @@ class Search:
 
     def node(
         self, known: float, made: tuple[Decision, ...]
-    ) -> tuple[float, tuple[Decision, Decision] | None, Flags | None] | None:
+    ) -> tuple[float, tuple[Decision, Decision] | None, BoolArray | None] | None:
         """Its bound, what is decided next, if anything, and its gait, if ranges are to be drawn.
 
         None if nothing in it is cheaper.

@@ -6,15 +6,16 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from climbplan.arrays import BoolArray, IntArray
 from climbplan.robots.leg_order import alternating, mirror_legs
 from climbplan.walking.footing import gait_of
 from climbplan.walking.ground import Ground
-from climbplan.walking.task import Flags, Gait, Whole
+from climbplan.walking.task import Gait
 
 _BESIDE = 4  # regions that a foothold may go to in one move
 
 
-def contact_moves(contact: Flags) -> list[Flags]:
+def contact_moves(contact: BoolArray) -> list[BoolArray]:
     """All contacts (N + 1, L) one move away."""
     knots, legs, moves = len(contact), contact.shape[1], []
     together = _together(legs)
@@ -36,7 +37,7 @@ def contact_moves(contact: Flags) -> list[Flags]:
     return moves
 
 
-def region_moves(gait: Gait, beside: Sequence[Whole]) -> Iterator[Gait]:
+def region_moves(gait: Gait, beside: Sequence[IntArray]) -> Iterator[Gait]:
     """The same contacts with one stance phase on another region; beside: those next to each."""
     for n in range(1, len(gait.contact)):
         for leg in range(gait.contact.shape[1]):
@@ -47,7 +48,7 @@ def region_moves(gait: Gait, beside: Sequence[Whole]) -> Iterator[Gait]:
                     yield gait_of(gait.contact, changed)
 
 
-def regions_beside(ground: Ground) -> list[Whole]:
+def regions_beside(ground: Ground) -> list[IntArray]:
     """The regions nearest to each, so many at most, nearest first."""
     low, high = ground.lower, ground.upper
     apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None])  # (S, S, 2)
@@ -63,7 +64,7 @@ def _together(legs: int) -> list[list[int]]:
     return halves + [[first, first + 1] for first in range(0, legs, 2)]
 
 
-def _flipped(contact: Flags, knots: list[int], legs: list[int]) -> Flags:
+def _flipped(contact: BoolArray, knots: list[int], legs: list[int]) -> BoolArray:
     result = contact.copy()
     result[np.ix_(knots, legs)] ^= True
     return result

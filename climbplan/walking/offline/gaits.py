@@ -7,19 +7,20 @@ from functools import cache
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.robots.leg_order import MIRROR_POINT, alternating, mirror_legs
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.footing import gait_of
 from climbplan.walking.kernels.footing import stance_phases
 from climbplan.walking.kernels.regions import best_region, nearest_regions
 from climbplan.walking.offline.sqp import guessed_states
-from climbplan.walking.task import POSITION, Array, Flags, Gait, WalkTask, Whole
+from climbplan.walking.task import POSITION, Gait, WalkTask
 
 GAITS = ("trot", "slow trot", "jump", "walking trot", "pace", "bound", "walk", "stand")
 
 
 @cache
-def steps_of(name: str, legs: int) -> Flags:
+def steps_of(name: str, legs: int) -> BoolArray:
     """Which legs stand (P, L) in the phases of a named gait, which come round.
 
     In a trot halves alternate: diagonals of a quadruped, tripods of a hexapod. In a pace sides do,
@@ -47,7 +48,7 @@ def steps_of(name: str, legs: int) -> Flags:
     return np.array(steps)
 
 
-def with_regions(task: WalkTask, contact: Flags, state: Array | None = None) -> Gait:
+def with_regions(task: WalkTask, contact: BoolArray, state: Array | None = None) -> Gait:
     """A gait with these contacts (N + 1, L), on the regions that feet would best stand on.
 
     state: (N + 1, 12) the motion to judge that by; an even one to the reference if None.
@@ -59,7 +60,7 @@ def with_regions(task: WalkTask, contact: Flags, state: Array | None = None) -> 
     return gait_of(contact, region)
 
 
-def regions_under(task: WalkTask, state: Array | None = None) -> Whole:
+def regions_under(task: WalkTask, state: Array | None = None) -> IntArray:
     """Regions (N + 1, L) nearest to the middle of the workspace boxes; at knot 0 to the toes."""
     if task.ground.count == 1:
         return np.zeros((task.knots + 1, task.body.leg_count), np.int64)
@@ -67,7 +68,7 @@ def regions_under(task: WalkTask, state: Array | None = None) -> Whole:
     ground, under = task.ground, _under(task, motion)[..., :2]
     points = np.ascontiguousarray(under.reshape(-1, 2))
     nearest = nearest_regions(points, ground.lower, ground.upper, ground.sides)
-    region: Whole = nearest.reshape(under.shape[:-1])
+    region: IntArray = nearest.reshape(under.shape[:-1])
     region[0] = task.ground.nearest(task.start.toes[:, :2])
     return region
 
@@ -79,7 +80,7 @@ def _under(task: WalkTask, motion: Array) -> Array:
     return middle
 
 
-def _within_reach(task: WalkTask, contact: Flags, motion: Array, region: Whole) -> Whole:
+def _within_reach(task: WalkTask, contact: BoolArray, motion: Array, region: IntArray) -> IntArray:
     """The same with each stance phase on the region that leaves its boxes least while it lasts.
 
     Of several that do not leave them the one nearest to the boxes' middles.
@@ -109,13 +110,13 @@ def _within_reach(task: WalkTask, contact: Flags, motion: Array, region: Whole) 
     return chosen
 
 
-def cycle(name: str, legs: int, knots: int, phase: int = 0) -> Flags:
+def cycle(name: str, legs: int, knots: int, phase: int = 0) -> BoolArray:
     """Contacts (N + 1, L) of a named gait, started at one of its phases."""
     steps = steps_of(name, legs)
     return steps[(np.arange(knots + 1) + phase) % len(steps)]
 
 
-def braked(contact: Flags, knots: int) -> Flags:
+def braked(contact: BoolArray, knots: int) -> BoolArray:
     """The same with all legs on the ground for the first `knots` knots."""
     result = contact.copy()
     result[:knots] = True
@@ -142,7 +143,7 @@ def starting_gaits(
                     yield gait
 
 
-def enough_contacts(task: WalkTask, contact: Flags) -> bool:
+def enough_contacts(task: WalkTask, contact: BoolArray) -> bool:
     """Every interval has its least number of standing legs."""
     return bool((contact[:-1].sum(axis=1) >= task.least_contacts).all())
 

@@ -16,6 +16,7 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
+from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.footing import UNKNOWN, Footing, footing_of, toe_heights
 from climbplan.walking.kernels.feet import place_toes, worst_beyond
@@ -24,7 +25,7 @@ from climbplan.walking.kernels.knots import knots_rolled
 from climbplan.walking.kernels.qp import assembled, force_cost, in_units
 from climbplan.walking.kernels.ways import swing_heights
 from climbplan.walking.offline.joint_rows import JointRows
-from climbplan.walking.task import ANGLES, POSITION, STATE, Array, Gait, WalkTask
+from climbplan.walking.task import ANGLES, POSITION, STATE, Gait, WalkTask
 
 FACETS = 8
 FOOT_SCALE = 0.1  # [m] unit of the foothold unknowns

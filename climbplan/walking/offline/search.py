@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import BoolArray
 from climbplan.walking.answer import Improvement, WalkAnswer
 from climbplan.walking.check.checker import passes
 from climbplan.walking.footing import gait_of
@@ -25,7 +26,7 @@ from climbplan.walking.offline.gaits import GAITS, enough_contacts, starting_gai
 from climbplan.walking.offline.pinned import Iterate
 from climbplan.walking.offline.sqp import ROUGHLY, GaitAnswer, iterate_of, solve_gait
 from climbplan.walking.online.warm_up import warm_up
-from climbplan.walking.task import Flags, Gait, WalkTask
+from climbplan.walking.task import Gait, WalkTask
 
 _FIRST_SHARE = 0.2  # of the QPs, for glances at named gaits
 _GLANCE = 2  # QPs
@@ -271,7 +272,7 @@ class _Search:
                 yield self.settled(gait, contact)
         yield from region_moves(gait, self.beside)
 
-    def settled(self, gait: Gait, contact: Flags) -> Gait:
+    def settled(self, gait: Gait, contact: BoolArray) -> Gait:
         """A gait with these contacts, on the regions under the best motion: others mislead."""
         if self.task.ground.count == 1 or self.best is None:
             return gait_of(contact, gait.region)

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.program.problem import Problem
 from climbplan.walking.check.checker import check_trajectory
@@ -24,7 +25,7 @@ from climbplan.walking.offline.nlp_program import (
     parts_of,
     values_of,
 )
-from climbplan.walking.task import Array, Gait, WalkTask, WalkTrajectory
+from climbplan.walking.task import Gait, WalkTask, WalkTrajectory
 
 
 def walk_problem(task: WalkTask, guess: str = "trot") -> tuple[Problem, dict[str, Array]]:

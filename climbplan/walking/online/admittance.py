@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.walking.task import Array, Flags
+from climbplan.arrays import Array, BoolArray
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class AdmittanceLegs:
             self._off = self._off + h * self._rate
 
 
-def limited(force: Array, contact: Flags, friction: float, most: float) -> Array:
+def limited(force: Array, contact: BoolArray, friction: float, most: float) -> Array:
     """What the ground can give (L, 3): no pull, within friction cones and components' limits."""
     result = np.clip(force, -most, most)
     result[:, 2] = np.maximum(result[:, 2], 0.0)

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import BoolArray
 from climbplan.walking.footing import footing_of, gait_of
 from climbplan.walking.kernels.feet import each_within
 from climbplan.walking.kernels.footing import left_of
 from climbplan.walking.offline.pinned import Iterate
 from climbplan.walking.online.attempt import REACH_SLACK
-from climbplan.walking.task import (
-    Flags,
-    Gait,
-    WalkTask,
-    WalkTrajectory,
-)
+from climbplan.walking.task import Gait, WalkTask, WalkTrajectory
 
 _QUICKEST = 8.0  # [m/s^2] that forces within friction change the velocity by
 
 
-def reachable(task: WalkTask) -> Flags:
+def reachable(task: WalkTask) -> BoolArray:
     """(L,) legs whose toes are in their boxes right now, and may be until the first interval ends.
 
     The latter where standing toes have to: the body moves on, whatever forces do within that time.
@@ -27,13 +23,13 @@ def reachable(task: WalkTask) -> Flags:
     body, start = task.body, task.start
     dt = (task.first or task.step) if task.whole_stance else 0.0
     room = REACH_SLACK + 0.5 * _QUICKEST * dt**2
-    able: Flags = each_within(
+    able: BoolArray = each_within(
         body.toe_center, body.toe_half, start.state, start.toes, REACH_SLACK, dt, room
     )
     return able
 
 
-def usable(task: WalkTask, gait: Gait, able: Flags) -> Gait | None:
+def usable(task: WalkTask, gait: Gait, able: BoolArray) -> Gait | None:
     """The gait without contacts of legs that cannot stand now; None if too few are left."""
     if not (gait.contact[0] & ~able).any():
         return gait
@@ -58,6 +54,6 @@ def motion_of(last: WalkTrajectory) -> Iterate:
     return Iterate(last.state, last.force[:-1], last.toes[footing.first, footing.leg, :2])
 
 
-def flat_gait(contact: Flags) -> Gait:
+def flat_gait(contact: BoolArray) -> Gait:
     """A gait on a single region."""
     return Gait(np.array(contact, bool), np.zeros(contact.shape, np.int64))

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.walking.kernels.body import moved
 from climbplan.walking.kernels.feet import worst_standing
 from climbplan.walking.online.admittance import AdmittanceGains
@@ -30,17 +31,7 @@ from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.perception import Noise, Perception
 from climbplan.walking.online.plant import LegForces
 from climbplan.walking.online.tick import OnlineController
-from climbplan.walking.task import (
-    STATE,
-    VELOCITY,
-    Array,
-    Flags,
-    Gait,
-    RigidBody,
-    WalkTask,
-    WalkTrajectory,
-    Whole,
-)
+from climbplan.walking.task import STATE, VELOCITY, Gait, RigidBody, WalkTask, WalkTrajectory
 
 RECOVERED = 0.25  # [m/s] off the reference at most
 SUDDEN = 50.0  # [m/s^2] beyond what planned forces explain: a push
@@ -95,7 +86,7 @@ class Loop:
     overreach: float  # [m] furthest that a standing toe was out of its box within a knot
     told: Array  # (ticks, 12) the state that the controller was told
     true: Array  # (ticks, 12) and what it was when the plan from it came into force
-    at: Whole  # (ticks,) samples of the ticks
+    at: IntArray  # (ticks,) samples of the ticks
     cut_short: bool = False  # the deadline came before the end
 
     @property
@@ -185,7 +176,7 @@ class _Run:
         self.commands: list[Command] = []
         self.told: list[Array] = []
         self.true: list[Array] = []
-        self.rows: list[tuple[Array, Array, Array, Flags, Array]] = []
+        self.rows: list[tuple[Array, Array, Array, BoolArray, Array]] = []
         self.overreach = 0.0
 
     def walked(
@@ -385,7 +376,7 @@ class _Run:
         """Of the phase that is in force, which is over by then."""
         return min((sample - self.begun) / (self.ends - self.begun), 1.0)
 
-    def lost(self, sample: int) -> Flags:
+    def lost(self, sample: int) -> BoolArray:
         """(L,) legs that make no contact."""
         lost = np.zeros(self.task.body.leg_count, bool)
         for one in self.world.lost:

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.task import Array, Flags
 
 TURN, VELOCITY, POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO_BIAS, ACCEL_BIAS = slice(9, 12), slice(12, 15)
@@ -49,7 +49,7 @@ class Sensed:
     gyro: Array  # (3,) mean angular velocity since the last sample, body frame [rad/s]
     accel: Array  # (3,) mean specific force since the last sample, body frame then [m/s^2]
     toes: Array  # (L, 3) in the body frame, from joint angles [m]
-    contact: Flags  # (L,) felt
+    contact: BoolArray  # (L,) felt
     rate: Array  # (3,) angular velocity now, body frame, for whoever needs it at once [rad/s]
     toe_rate: Array | None = None  # (L, 3) of toes in the body frame now, from joint rates [m/s]
 
@@ -71,7 +71,7 @@ def foot(leg: int) -> slice:
     return slice(_FEET + 3 * leg, _FEET + 3 * leg + 3)
 
 
-def _legs(chosen: Flags) -> list[int]:
+def _legs(chosen: BoolArray) -> list[int]:
     return [int(leg) for leg in np.flatnonzero(chosen)]
 
 
@@ -90,7 +90,7 @@ class ContactFilter:
         self.p: Array = begin.state[:3].copy()
         self.d: Array = np.zeros((legs, 3))
         self.gyro_bias, self.accel_bias = np.zeros(3), np.zeros(3)
-        self.standing: Flags = np.zeros(legs, bool)
+        self.standing: BoolArray = np.zeros(legs, bool)
         self.slips = 0  # feet that were taken anew because they moved
         self.P = np.zeros((self.size, self.size))
         # Given as errors of velocity and position themselves, whose invariant errors turn with R.

@@ -6,22 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.walking.footing import gait_of
 from climbplan.walking.ground import Ground
 from climbplan.walking.offline.gaits import with_regions
 from climbplan.walking.offline.pinned import Iterate
 from climbplan.walking.online.candidates import flat_gait
 from climbplan.walking.problem import ground_under
-from climbplan.walking.task import (
-    POSITION,
-    Array,
-    Flags,
-    Gait,
-    Goal,
-    Start,
-    WalkTask,
-    WalkTrajectory,
-)
+from climbplan.walking.task import POSITION, Gait, Goal, Start, WalkTask, WalkTrajectory
 
 
 def grounded(ground: Ground, toes: Array) -> Array:
@@ -33,7 +25,7 @@ def grounded(ground: Ground, toes: Array) -> Array:
     return np.column_stack([xy, ground.level_at(region, xy)])
 
 
-def gait_on(task: WalkTask, contact: Flags, motion: Array | None) -> Gait:
+def gait_on(task: WalkTask, contact: BoolArray, motion: Array | None) -> Gait:
     """A gait with these contacts (N + 1, L), on the regions that legs would best stand on.
 
     motion: (N + 1, 12) to judge that by; an even one to the reference if None.

@@ -6,20 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.check.truth import toes_in_body
 from climbplan.walking.kernels.ways import highest_beneath
 from climbplan.walking.online.footholds import grounded
 from climbplan.walking.online.safe_stance import braced_forces
-from climbplan.walking.task import (
-    ANGLES,
-    POSITION,
-    VELOCITY,
-    Array,
-    Flags,
-    WalkTask,
-    WalkTrajectory,
-)
+from climbplan.walking.task import ANGLES, POSITION, VELOCITY, WalkTask, WalkTrajectory
 
 _LANDING_MARGIN = 0.01  # [m]
 _RISING = 0.2  # share of a swing in which a toe goes up, and again down
@@ -30,7 +23,7 @@ EDGE = 0.019  # [m] out of its box that a standing toe comes to before its leg l
 class Phase:
     """What legs do for one knot."""
 
-    contact: Flags  # (L,) legs that are to stand
+    contact: BoolArray  # (L,) legs that are to stand
     force: Array  # (L, 3) planned [N]
     landing: Array  # (L, 3) where swinging toes are to come down
     plan: WalkTrajectory | None = None  # None before the first command
@@ -54,7 +47,7 @@ class Stance:
 
     toes: Array  # (L, 3) where legs stand, or where the way of those in the air began
     before: Array  # (L, 3) one phase earlier
-    stood: Flags  # (L,) in the phase before
+    stood: BoolArray  # (L,) in the phase before
     phase: Phase
     # (L,) shares of the phase, and of the way up and down, at which ways in the air began
     since: Array
@@ -100,7 +93,7 @@ class Stance:
         later[POSITION] += (1.0 - share) * task.step * state[VELOCITY]
         return self.lifted(legs, force, landed(task, later, self.toes), share)
 
-    def lifted(self, legs: Flags, force: Array, landing: Array, share: float) -> Stance:
+    def lifted(self, legs: BoolArray, force: Array, landing: Array, share: float) -> Stance:
         """Some standing legs (L,) leave the ground for where they are to come down (L, 3).
 
         force (L, 3): of the others from now on.
@@ -118,11 +111,11 @@ class Stance:
             risen=np.where(legs, 0.0, self.risen),
         )
 
-    def beyond(self, task: WalkTask, state: Array) -> Flags:
+    def beyond(self, task: WalkTask, state: Array) -> BoolArray:
         """(L,) standing legs that are at the edge of what they reach in a state (12,)."""
         body = task.body
         off = np.abs(toes_in_body(state, self.toes) - body.toe_center) - body.toe_half
-        found: Flags = self.phase.contact & (off.max(axis=1) > EDGE)
+        found: BoolArray = self.phase.contact & (off.max(axis=1) > EDGE)
         return found
 
     def _risen(self, share: float) -> Array:

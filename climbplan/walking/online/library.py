@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import LimitReached, UsageError
 from climbplan.plans.hdf5_layout import Layout
 from climbplan.plans.hdf5_reading import Reader, opened_store
@@ -30,12 +31,9 @@ from climbplan.walking.task import (
     SPIN,
     STATE,
     VELOCITY,
-    Array,
-    Flags,
     Start,
     WalkTask,
     WalkTrajectory,
-    Whole,
 )
 
 FORMAT = "climbplan/walk-library"
@@ -61,8 +59,8 @@ class Library:
     state: Array  # (K, M + 1, 12) horizontal positions from the first
     toes: Array  # (K, M + 1, L, 3) the same
     force: Array  # (K, M + 1, L, 3)
-    contact: Flags  # (K, M + 1, L)
-    walk: Whole  # (K,) the walk it was cut from
+    contact: BoolArray  # (K, M + 1, L)
+    walk: IntArray  # (K,) the walk it was cut from
 
     @property
     def walks(self) -> int:

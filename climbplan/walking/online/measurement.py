@@ -6,14 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.walking.task import (
-    POSITION,
-    SPIN,
-    VELOCITY,
-    Array,
-    Flags,
-    RigidBody,
-)
+from climbplan.arrays import Array, BoolArray
+from climbplan.walking.task import POSITION, SPIN, VELOCITY, RigidBody
 
 OLDEST = 0.1  # [s] of a measurement that is still used
 _LARGEST_SPEED, _LARGEST_SPIN, _LARGEST_TILT = 8.0, 25.0, 1.4  # beyond: no measurement
@@ -28,12 +22,12 @@ class Situation:
     state: Array  # (12,)
     toes: Array  # (L, 3) world [m]
     toes_before: Array  # (L, 3) one knot earlier
-    contact_before: Flags  # (L,) from one knot earlier until now
+    contact_before: BoolArray  # (L,) from one knot earlier until now
     age: float = 0.0  # [s] since it was measured, beyond what was predicted since
     unfelt: tuple[int, ...] = ()  # legs that were to stand and feel no ground
     left: float = 0.0  # [s] until the next knot, where a plan is to begin between knots
     shorter: float = 0.0  # [s] of a first interval that may be taken where no plan holds; 0: none
-    airborne: Flags | None = None  # (L,) then: in the air until that knot; None: no leg is
+    airborne: BoolArray | None = None  # (L,) then: in the air until that knot; None: no leg is
 
 
 def fault_of(situation: Situation, body: RigidBody) -> str:

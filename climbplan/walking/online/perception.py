@@ -6,19 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.walking.online.estimation import Beginning, ContactFilter, Sensed, SensorQuality
 from climbplan.walking.online.legs import Stance
 from climbplan.walking.online.sensors import SimulatedSensors
-from climbplan.walking.task import (
-    ANGLES,
-    POSITION,
-    SPIN,
-    STATE,
-    VELOCITY,
-    Array,
-    Flags,
-    WalkTask,
-)
+from climbplan.walking.task import ANGLES, POSITION, SPIN, STATE, VELOCITY, WalkTask
 
 _LISTENING = 2.0  # [s]
 
@@ -58,7 +50,7 @@ class Perception:
             for _ in range(round(_LISTENING / dt)):
                 self.feel(state, state, toes, np.ones(len(toes), bool), dt)
 
-    def feel(self, before: Array, after: Array, toes: Array, contact: Flags, dt: float) -> None:
+    def feel(self, before: Array, after: Array, toes: Array, contact: BoolArray, dt: float) -> None:
         """A sample of the sensors; toes (L, 3) in the world after it."""
         if self._filter is not None:
             self._sensed = self._sensors.sample(before, after, toes, contact, dt)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.check.truth import toes_in_body
 from climbplan.walking.kernels.body import moved
 from climbplan.walking.online.admittance import AdmittanceGains, AdmittanceLegs, limited
 from climbplan.walking.online.legs import Stance
-from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, Array, Flags, WalkTask
+from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, WalkTask
 
 
 class LegForces:
@@ -34,7 +35,7 @@ class LegForces:
             self._plan = plan.state[0].copy()
             self._planned = toes_in_body(self._plan, plan.toes[0])
 
-    def force(self, state: Array, stance: Stance, contact: Flags) -> Array:
+    def force(self, state: Array, stance: Stance, contact: BoolArray) -> Array:
         """Contact forces (L, 3) from this sample of the phase to the next; contact (L,) as made."""
         task, phase = self._task, stance.phase
         wanted, friction, most = phase.force, task.ground.friction, task.body.force_limit

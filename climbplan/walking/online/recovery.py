@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from joblib import Parallel, delayed
 
+from climbplan.arrays import Array
 from climbplan.walking.online.choice import SAFE
 from climbplan.walking.online.closed_loop import (
     Loop,
@@ -21,7 +22,7 @@ from climbplan.walking.online.closed_loop import (
 from climbplan.walking.online.library import Library
 from climbplan.walking.online.strategies import Ranking
 from climbplan.walking.online.tick import OnlineController, OnlineSettings
-from climbplan.walking.task import VELOCITY, Array, WalkTask
+from climbplan.walking.task import VELOCITY, WalkTask
 
 FIRST, WITHIN = 1.0, 0.16  # [s] when pushes come, at random within two knots
 AFTER = 1.4  # [s] from the push on

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.progress import Progress
 from climbplan.spec.walking.loading import LoadedMpc
@@ -40,7 +41,7 @@ from climbplan.walking.online.warm_up import warm_up
 from climbplan.walking.plan import LoopRecord, WalkPlan
 from climbplan.walking.problem import build_task, sampled_task
 from climbplan.walking.published.program import TOLERANCE
-from climbplan.walking.task import VELOCITY, Array, WalkTask, Whole
+from climbplan.walking.task import VELOCITY, WalkTask
 
 MOST_WARNINGS = 20  # of ticks, told one by one
 
@@ -271,7 +272,7 @@ def _solvers(form: str) -> dict[str, str]:
     return used | {"daqp": metadata.version("daqp")}
 
 
-def _whole(values: list[int]) -> Whole:
+def _whole(values: list[int]) -> IntArray:
     return np.array(values, np.int64)
 
 

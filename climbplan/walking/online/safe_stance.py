@@ -11,21 +11,12 @@ import daqp
 import numpy as np
 from scipy.linalg import block_diag
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.leg_order import alternating
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.walking.check.truth import toes_in_body
 from climbplan.walking.online.footholds import grounded
-from climbplan.walking.task import (
-    ANGLES,
-    POSITION,
-    SPIN,
-    VELOCITY,
-    Array,
-    Flags,
-    Gait,
-    WalkTask,
-    WalkTrajectory,
-)
+from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, Gait, WalkTask, WalkTrajectory
 
 _SLACK = 0.02  # [m] out of its box that a toe may be told to stand
 _FRICTION = 0.8  # share of the friction coefficient that is made use of
@@ -60,7 +51,7 @@ def safe_stance(task: WalkTask) -> WalkTrajectory:
     return WalkTrajectory(state, toes, force, Gait(contact, region))
 
 
-def _standing(task: WalkTask) -> Flags:
+def _standing(task: WalkTask) -> BoolArray:
     """(L,) legs whose toes stay in reach while the body moves on, or those of the better half.
 
     Halves alternate: diagonals, tripods. The others step.
@@ -72,14 +63,14 @@ def _standing(task: WalkTask) -> Flags:
         moved[POSITION] = task.start.state[POSITION] + share * task.steps[0] * moved[VELOCITY]
         off = np.abs(toes_in_body(moved, task.start.toes) - task.body.toe_center)
         beyond = np.maximum(beyond, (off - task.body.toe_half).max(axis=1))
-    reached: Flags = beyond <= _SLACK
+    reached: BoolArray = beyond <= _SLACK
     if 2 * reached.sum() < legs:
         halves = [alternating(legs) == half for half in (0, 1)]
         reached[min(halves, key=lambda half: beyond[half].max())] = True
     return reached
 
 
-def braced_forces(task: WalkTask, state: Array, toes: Array, stands: Flags) -> Array:
+def braced_forces(task: WalkTask, state: Array, toes: Array, stands: BoolArray) -> Array:
     """(L, 3) contact forces of the legs that stand, world frame; one leg gives next to none."""
     body = task.body
     force = np.zeros_like(toes)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.online.estimation import Sensed, SensorQuality, logarithm
-from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, Array, Flags
+from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY
 
 
 class SimulatedSensors:
@@ -26,7 +27,9 @@ class SimulatedSensors:
         self.gyro_bias: Array = gyro_bias * rng.normal(size=3)
         self.accel_bias: Array = accel_bias * rng.normal(size=3)
 
-    def sample(self, before: Array, after: Array, toes: Array, contact: Flags, dt: float) -> Sensed:
+    def sample(
+        self, before: Array, after: Array, toes: Array, contact: BoolArray, dt: float
+    ) -> Sensed:
         """Between two states (12,), dt apart; toes (L, 3) in the world at the second.
 
         The IMU integrates: its means are exact but for noise, bias and range.

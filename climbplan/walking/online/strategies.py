@@ -7,6 +7,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.learning.boosting import fit_boosting
 from climbplan.learning.clusters import ClusterOptions, clustered
 from climbplan.learning.forest import fit_forest
@@ -14,7 +15,7 @@ from climbplan.learning.library import Frame
 from climbplan.learning.library import Library as Rows
 from climbplan.learning.network import fit_network
 from climbplan.walking.online.library import Library
-from climbplan.walking.task import POSITION, Array, Whole
+from climbplan.walking.task import POSITION
 
 StrategyName = Literal["knn", "forest", "boosting", "network", "reduce"]
 _TREES, _DEPTH = 60, 30
@@ -29,7 +30,7 @@ _SAME = 1e-9  # [m], [N]
 class Ranking(Protocol):
     """Ranks the sections of a library for a situation."""
 
-    def ranked(self, features: Array, count: int) -> Whole:
+    def ranked(self, features: Array, count: int) -> IntArray:
         """Indices of at most `count` sections, best first; features (F,)."""
         ...
 
@@ -50,19 +51,19 @@ class Neighbours:
         apart: Array = self._half_norm - self._features @ features
         return apart
 
-    def ranked(self, features: Array, count: int) -> Whole:
+    def ranked(self, features: Array, count: int) -> IntArray:
         """Indices of the nearest sections, nearest first."""
         apart = self.apart(features)
         count = min(count, len(apart))
         found = np.argpartition(apart, count - 1)[:count] if count else np.zeros(0, np.int64)
-        nearest: Whole = found[np.argsort(apart[found])]
+        nearest: IntArray = found[np.argsort(apart[found])]
         return nearest
 
 
 class Trained:
     """Gaits by a classifier's probability; of each the section nearest to the situation."""
 
-    def __init__(self, library: Library, gait: Whole, model: _Classifier) -> None:
+    def __init__(self, library: Library, gait: IntArray, model: _Classifier) -> None:
         """gait (K,): class of each section, -1 of those that are never proposed."""
         self._model = model
         self._near = Neighbours(library)
@@ -70,7 +71,7 @@ class Trained:
         bounds = np.searchsorted(gait[order], np.arange(int(gait.max()) + 2))
         self._sections = [order[a:b] for a, b in pairwise(bounds)]
 
-    def ranked(self, features: Array, count: int) -> Whole:
+    def ranked(self, features: Array, count: int) -> IntArray:
         """One section of each of the likeliest gaits, likeliest first."""
         chance = self._model.probabilities(features)
         apart = self._near.apart(features)
@@ -89,13 +90,15 @@ class Reduced:
     pinned. Where they are used up those of the next likeliest cluster follow.
     """
 
-    def __init__(self, library: Library, cluster: Whole, gait: Whole, model: _Classifier) -> None:
+    def __init__(
+        self, library: Library, cluster: IntArray, gait: IntArray, model: _Classifier
+    ) -> None:
         """cluster, gait (K,): classes of each section."""
         self._model, self._gait = model, gait
         self._near = Neighbours(library)
         self._members = [np.flatnonzero(cluster == k) for k in range(int(cluster.max()) + 1)]
 
-    def ranked(self, features: Array, count: int) -> Whole:
+    def ranked(self, features: Array, count: int) -> IntArray:
         """One section of each gait of the likeliest clusters, by cluster and then by distance."""
         apart = self._near.apart(features)
         found: list[int] = []
@@ -113,7 +116,7 @@ class Reduced:
         return np.array(found[:count], np.int64)
 
 
-def clusters_of(library: Library, seed: int) -> Whole:
+def clusters_of(library: Library, seed: int) -> IntArray:
     """The cluster (K,) of each section, the largest of those compared first.
 
     Solutions are compared by what moments are products of: arms of legs that stand, and forces.
@@ -130,7 +133,7 @@ def clusters_of(library: Library, seed: int) -> Whole:
 
     drawn = np.random.default_rng(seed).choice(len(scaled), _COMPARED, replace=False)
     cluster = clustered(scaled[drawn], _CLUSTERS, seed)
-    nearest: Whole = cKDTree(scaled[drawn]).query(scaled)[1]
+    nearest: IntArray = cKDTree(scaled[drawn]).query(scaled)[1]
     return cluster[nearest]
 
 
@@ -158,7 +161,7 @@ def trained(name: StrategyName, library: Library, seed: int) -> Ranking:
     return Trained(library, gait, model)
 
 
-def commonest(labels: Whole, classes: int, most: int) -> tuple[Whole, int]:
+def commonest(labels: IntArray, classes: int, most: int) -> tuple[IntArray, int]:
     """Labels (K,) of the commonest classes alone, others -1, and how many classes are left.
 
     Where there are no more than `most` they stay as they are.

@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.walking.footing import footing_of
 from climbplan.walking.kernels.body import PARTS, moved
 from climbplan.walking.offline.gaits import cycle
@@ -41,17 +42,7 @@ from climbplan.walking.online.library import SECTION, Library
 from climbplan.walking.online.measurement import Situation, fault_of
 from climbplan.walking.online.safe_stance import safe_stance
 from climbplan.walking.online.strategies import Neighbours, Ranking
-from climbplan.walking.task import (
-    ANGLES,
-    POSITION,
-    VELOCITY,
-    Array,
-    Flags,
-    Gait,
-    Start,
-    WalkTask,
-    WalkTrajectory,
-)
+from climbplan.walking.task import ANGLES, POSITION, VELOCITY, Gait, Start, WalkTask, WalkTrajectory
 
 _FALLBACKS = (("trot", 0), ("trot", 1), ("stand", 0), ("walking trot", 0), ("walking trot", 2))
 _ELASTIC_QPS = 4
@@ -163,7 +154,7 @@ class OnlineController:
         if not steady:
             self._since = 0
         seen: set[tuple[bytes, bool]] = set()
-        soon: tuple[WalkTask, Flags] | None = None  # with a shorter first interval, where tried
+        soon: tuple[WalkTask, BoolArray] | None = None  # with a shorter first interval, where tried
         for candidate in self._candidates(task, situation, choice, able):
             if choice.tried and choice.budget.spent:
                 break
@@ -240,7 +231,7 @@ class OnlineController:
         self._attempt(self.task, stand, named, None, Choice(Budget(self.settings.effort)))
 
     def _candidates(
-        self, task: WalkTask, situation: Situation, choice: Choice, able: Flags
+        self, task: WalkTask, situation: Situation, choice: Choice, able: BoolArray
     ) -> Iterator[_Candidate]:
         """The plan before, sections of the library, and where none of them holds named gaits."""
         first: list[_Candidate] = []

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.walking.footing import Footing
 from climbplan.walking.task import (
     ANGLE_RANGE,
@@ -20,11 +21,8 @@ from climbplan.walking.task import (
     RATE_RANGE,
     SPIN,
     VELOCITY,
-    Array,
-    Flags,
     Gait,
     WalkTask,
-    Whole,
 )
 
 _TOE_RANGE = 0.08  # [m] about the middle of the box
@@ -89,16 +87,16 @@ class Layout:
         self.turned = self._new(len(self.reaches), 9)  # entries of R times it
         self.spot = self._new(footing.count, 2)
 
-    def _new(self, count: int, width: int) -> Whole:
+    def _new(self, count: int, width: int) -> IntArray:
         index = self.size + np.arange(count * width, dtype=np.int64).reshape(count, width)
         self.size += count * width
         return index
 
-    def products(self) -> tuple[Whole, Whole, Whole]:
+    def products(self) -> tuple[IntArray, IntArray, IntArray]:
         """All bilinear terms as indices of w = x y."""
         w, x, y = [], [], []
 
-        def add(product: Whole, one: Whole, other: Whole) -> None:
+        def add(product: IntArray, one: IntArray, other: IntArray) -> None:
             w.append(product.ravel())
             x.append(one.ravel())
             y.append(other.ravel())
@@ -169,7 +167,7 @@ class Layout:
         task = self.task
         low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
 
-        def cut(index: Whole, middle: Array | float, half: Array | float, kind: str) -> None:
+        def cut(index: IntArray, middle: Array | float, half: Array | float, kind: str) -> None:
             value, count = near[index], REGIONS[kind]
             width = 2 * np.broadcast_to(half, index.shape) / count
             bottom = np.broadcast_to(middle, index.shape) - count * width / 2
@@ -212,7 +210,7 @@ class Layout:
 
 
 def _reaches(task: WalkTask, gait: Gait, footing: Footing) -> Iterator[Reach]:
-    contact: Flags = gait.contact
+    contact: BoolArray = gait.contact
     for knot in range(1, task.knots + 1):
         for leg in range(task.body.leg_count):
             yield Reach(knot, leg, int(footing.foothold[knot, leg]))
@@ -220,8 +218,10 @@ def _reaches(task: WalkTask, gait: Gait, footing: Footing) -> Iterator[Reach]:
                 yield Reach(knot, leg, int(footing.foothold[knot - 1, leg]), lifts=True)
 
 
-def tracked_columns(layout: Layout) -> Whole:
+def tracked_columns(layout: Layout) -> IntArray:
     """(N, 7) indices of height, velocity and angles at knots 1 to N."""
     state = layout.state[1:]
-    columns: Whole = np.concatenate([state[:, 2:3], state[:, VELOCITY], state[:, ANGLES]], axis=1)
+    columns: IntArray = np.concatenate(
+        [state[:, 2:3], state[:, VELOCITY], state[:, ANGLES]], axis=1
+    )
     return columns

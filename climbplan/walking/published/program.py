@@ -15,13 +15,14 @@ import numpy as np
 import osqp
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.program.linear_rows import Block, LinearRows, Terms
 from climbplan.solvers.convex.osqp import run_osqp
 from climbplan.walking.kernels.footing import HELD, SWINGING
 from climbplan.walking.offline.pinned import FACETS, Iterate, PinnedProgram
 from climbplan.walking.published.layout import ENTRIES, SQUARES, Layout, tracked_columns
 from climbplan.walking.published.rows import ChangingRows
-from climbplan.walking.task import POSITION, Array
+from climbplan.walking.task import POSITION
 
 TOLERANCE = 1e-3  # absolute and relative, of OSQP: its default
 _MOST_STEPS = 4000

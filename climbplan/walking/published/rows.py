@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
+from climbplan.arrays import Array
 from climbplan.program.linear_rows import LinearRows
 from climbplan.program.residuals import BlockResidual, outside
-from climbplan.walking.task import Array
 
 
 class ChangingRows:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from climbplan.arrays import Array
 from climbplan.bench.climb.random_climbs import random_climb
 from climbplan.climb.clearance import body_shortfall, hull_world
 from climbplan.climb.gait import plan_instants
@@ -38,7 +39,7 @@ from climbplan.methods.table import solve_instance
 from climbplan.methods.task import Method
 from climbplan.program.layout import Layout
 from climbplan.robots.kinematics import joint_points_body
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.spec.climb.terrain import SolidSpec
 from climbplan.spec.loading import load_climb
 from climbplan.terrain.solids import Solid

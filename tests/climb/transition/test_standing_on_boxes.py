@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from climbplan.arrays import Array
 from climbplan.climb.check.verification import verification_of, verify
 from climbplan.climb.limb_clearance import BETWEEN, link_distances, tapered
 from climbplan.climb.plan.climb_plan import ClimbPlan
@@ -15,7 +16,6 @@ from climbplan.climb.plan.file import write_climb
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.climb.transition.scene import build_transition
 from climbplan.robots.capsules import straight_capsules
-from climbplan.robots.rotations import Array
 from climbplan.spec.climb.transition_loading import load_transition
 from climbplan.terrain.raw_surface import NARROW, SLENDER
 from climbplan.terrain.solids import Solid

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from climbplan.arrays import Array
 from climbplan.climb.check.verification import verify
-from climbplan.climb.plan.climb_plan import Array
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.transition.complementarity import Shape, complementarity_statement
 from climbplan.climb.transition.complementarity_numbers import free_motion

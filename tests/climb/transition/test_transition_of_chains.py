@@ -11,8 +11,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from climbplan.arrays import IntArray
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.plan.climb_plan import ClimbPlan, Index
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.transition.clear_standing import clear_standing
 from climbplan.climb.transition.motion import Motion, plan_motion
@@ -92,7 +93,7 @@ def test_a_refusal_tells_weak_motors_from_smooth_walls() -> None:
     found = re.search(r"([0-9.]+) times the torque limits", told)
     assert found is not None
     times = float(found[1])
-    stance: Index = np.array([[1, -1, 1, -1, 1, -1]])  # RM LR LF lifted, the others on the walls
+    stance: IntArray = np.array([[1, -1, 1, -1, 1, -1]])  # RM LR LF lifted, the others on the walls
     for factor, holds in ((1.0, False), (1.01 * times, True)):
         robot = replace(smooth.robot, max_torque=factor * smooth.robot.max_torque)
         lab = Search(replace(smooth, robot=robot)).lab

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
+from climbplan.arrays import IntArray
 from climbplan.climb.forces.statement import state_forces
-from climbplan.climb.plan.climb_plan import Index
 from climbplan.climb.transition.footholds import GOAL, START
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.climb.transition.pose_ways import stance_of_move
@@ -66,7 +66,7 @@ def test_every_limb_moves_once_and_safety_is_as_asked(tripods: Search) -> None:
         assert sequence.poses[-1] == tripods.lab.poses.count - 1
 
 
-def linear_oracle(lab: Laboratory, stance: Index, pose: int) -> bool:
+def linear_oracle(lab: Laboratory, stance: IntArray, pose: int) -> bool:
     """Admissible forces exist: a linear program of its own on pyramids of 32 sides."""
     scene = lab.scene
     st = state_forces(scene, stance_instants(lab, stance[None], np.array([pose])))

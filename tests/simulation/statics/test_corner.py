@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.contact import SLIDES
 from climbplan.simulation.statics.corner import _onto_cone, _runs_into

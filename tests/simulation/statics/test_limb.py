@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.simulation.statics.compiling import compiled
 from climbplan.simulation.statics.limb import _held
 from climbplan.simulation.statics.links import SOFTEST, _chain, _softness, _volume

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.errors import UsageError
-from climbplan.robots.rotations import Array
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.worlds.judging import judge_plan
 from climbplan.simulation.worlds.rare import rare_dict, rare_falls, rare_told, split

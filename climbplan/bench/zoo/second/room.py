@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bench.zoo.second.stances import (
     Limbs,
     Stance,
@@ -24,7 +25,6 @@ from climbplan.bench.zoo.second.stances import (
     reached,
 )
 from climbplan.bench.zoo.second.subject import Subject
-from climbplan.robots.rotations import Array
 
 _HALF = np.array([0.02, 0.03, 0.02])  # [m] of the box across, along and up
 _KEPT = np.deg2rad(2.0)

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array, IntArray
 from climbplan.robots.urdf.pinocchio_model import UrdfModel
 
 _STEPS = 25  # of Newton's method on one coordinate of a toe
@@ -23,8 +22,6 @@ _FLAT = 1e-12  # [m/rad]^2, below which no joint moves a toe towards its surface
 _FOUND = 30  # steps of damped Newton on whole toes
 _DAMPED = 1e-6  # [m^2/rad^2]
 _TURN = 0.5  # [rad] that a joint turns at most in one step
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -59,7 +56,7 @@ class Limbs:
         legs = [robot.spec.legs[name] for name in self.names]
         self.frames = [int(self.model.getFrameId(leg.toe, pin.FrameType.BODY)) for leg in legs]
         self.offsets = [np.array(leg.toe_offset, float) for leg in legs]
-        self.columns: list[Ints] = [
+        self.columns: list[IntArray] = [
             np.array([self.model.idx_vs[self.model.getJointId(j.name)] for j in own], np.int64)
             for own in self.joints
         ]

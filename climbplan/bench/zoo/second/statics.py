@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linprog
 
+from climbplan.arrays import Array
 from climbplan.bench.zoo.second.stances import Limbs, Stance, Surface
-from climbplan.robots.rotations import Array
 
 _FACETS = 16
 _COSTLY = 1e3  # of what is added, beside the share

@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bench.zoo.second.stances import Limbs, Stance, Surface
 from climbplan.bench.zoo.second.way import Walls, Way
-from climbplan.robots.rotations import Array
 
 Limb = int
 Held = dict[Limb, tuple[float, Stance]]  # by limb that is lifted: rank of the load, and its stance

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.bench.zoo.second.stances import Limbs, Stance, Surface, reached
 from climbplan.bench.zoo.second.statics import least_load
-from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.proposal.touching import Parts
 
 _DRAWN = 60  # poses of the body for each limb that is lifted

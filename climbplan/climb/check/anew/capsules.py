@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.chains import joint_motions, slide_directions, turned_about
-from climbplan.plans.check import Array
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 

@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from climbplan.plans.check import Array
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.serial_chain import SerialChain
 
 _ITERATIONS = 40
@@ -163,7 +162,7 @@ def settled_chains(
     return found
 
 
-def _chains_of_rows(chain: SerialChain, rows: NDArray[np.bool_]) -> SerialChain:
+def _chains_of_rows(chain: SerialChain, rows: BoolArray) -> SerialChain:
     """Chains of the rows (...) that are true, where a chain ends elsewhere in each row.
 
     Chains whose feet roll have a toe (..., N, 3) for each row; others have one (N, 3) for all.
@@ -181,7 +180,7 @@ def _settled(
     command: Array,
     spring: Array,
     arm: Array | None,
-) -> tuple[SettledChains, NDArray[np.bool_]]:
+) -> tuple[SettledChains, BoolArray]:
     """Newton's method from angles `start` (..., N, J), and where it has come to rest (..., N)."""
     shape, count = start.shape, start.shape[-1]
     q = start.copy()

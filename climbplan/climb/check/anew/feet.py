@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.chains import turned_back
 from climbplan.climb.check.anew.kinematics import Limbs, chain_of
-from climbplan.plans.check import Array
 from climbplan.robots.model import Robot
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.plans.check import Array
+from climbplan.arrays import Array
 from climbplan.robots.five_bar import FiveBar
 
 _STEP = 1e-6  # [rad]

@@ -11,21 +11,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.plan.climb_plan import ClimbPlan, Index, Mask, Rounds
-from climbplan.plans.check import Array
+from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.climb.plan.climb_plan import ClimbPlan, Rounds
 
 
 @dataclass(frozen=True)
 class Gait:
     """K instants in S = K / 2 steps."""
 
-    moved: Mask  # (S, N) the limbs of each step
-    round: Index  # (S,) the round of each step, 1..M
-    stood: Index  # (K, N) the round whose foothold each limb is on, or left; 0 for the start
+    moved: BoolArray  # (S, N) the limbs of each step
+    round: IntArray  # (S,) the round of each step, 1..M
+    stood: IntArray  # (K, N) the round whose foothold each limb is on, or left; 0 for the start
     station_com: Array  # (S + 1, 3) where the body waits before each step and after the last
     station_rpy: Array  # (S + 1, 3)
     shift: Array  # (S, 3) of these off the straight way, zero where plans may not leave it
-    broken: Mask  # (K,) limbs lifted where none or some should be, out of turn, or of another round
+    broken: BoolArray  # (K,) limbs lifted where none or some should be, out of turn or round
 
     @property
     def steps(self) -> int:
@@ -43,11 +43,11 @@ class Gait:
         return self.station_rpy[self._station]
 
     @property
-    def _station(self) -> Index:
+    def _station(self) -> IntArray:
         instant = np.arange(2 * self.steps)
         return instant // 2 + instant % 2
 
-    def order(self) -> Index:
+    def order(self) -> IntArray:
         """(S,) the first limb of each step."""
         return np.argmax(self.moved, axis=1)
 
@@ -84,7 +84,7 @@ def gait_of(plan: ClimbPlan) -> Gait:
     return Gait(moved, number, stood, com, rpy, shift, broken)
 
 
-def _not_a_climb(lifted: Mask, number: Index) -> Mask:
+def _not_a_climb(lifted: BoolArray, number: IntArray) -> BoolArray:
     """(K,) instants at odds with one limb a step, each once a round, always in the same order."""
     count, limbs = lifted.shape
     step = np.arange(count) // 2
@@ -98,7 +98,7 @@ def _not_a_climb(lifted: Mask, number: Index) -> Mask:
     return np.asarray(broken | (number != step // limbs + 1))
 
 
-def _stations(rounds: Rounds, number: Index) -> tuple[Array, Array]:
+def _stations(rounds: Rounds, number: IntArray) -> tuple[Array, Array]:
     """Body poses (S + 1, 3) and (S + 1, 3): of Q steps in a round each takes it 1/Q further."""
     total = np.bincount(number, minlength=rounds.count + 1)
     behind = np.array([int(np.sum(number[: s + 1] == r)) for s, r in enumerate(number)])

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from climbplan.climb.plan.climb_plan import ClimbPlan, Index
+from climbplan.arrays import Array, IntArray
+from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.grips import GripForces, SpineModel
-from climbplan.plans.check import Array
 from climbplan.robots.gripper import Gripper
 from climbplan.terrain.surfaces import Region
 
@@ -88,7 +88,7 @@ def hands_at(
     force: Array,
     grips: GripForces,
     normal: Array,
-    region: Index,
+    region: IntArray,
     holds: Holds,
     spines: Array,
     span: float,

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.chains import chains_at, settled_chains
 from climbplan.climb.check.anew.five_bars import five_bars_at, settled_five_bars
 from climbplan.climb.check.anew.settled_soles import settled_soles
-from climbplan.plans.check import Array
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain

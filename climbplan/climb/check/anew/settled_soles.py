@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.chains import SettledChains, chain_turned, chains_at
-from climbplan.plans.check import Array
 from climbplan.robots.foot import Sole
 from climbplan.robots.serial_chain import SerialChain
 

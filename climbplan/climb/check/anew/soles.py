@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import nnls
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.chains import chain_turned
 from climbplan.climb.check.anew.kinematics import chain_of, turned
-from climbplan.plans.check import Array
 from climbplan.robots.foot import Sole
 from climbplan.robots.model import Robot
 

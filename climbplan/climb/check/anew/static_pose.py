@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.climb.check.anew.chains import chains_at
 from climbplan.climb.check.anew.kinematics import (
     Limbs,
@@ -20,8 +21,6 @@ from climbplan.climb.check.anew.kinematics import (
     standing_limbs,
     turned,
 )
-from climbplan.climb.plan.climb_plan import Mask
-from climbplan.plans.check import Array
 from climbplan.robots.model import Robot
 
 _STEP = 1e-6  # [m, rad] of the difference quotients
@@ -38,7 +37,7 @@ class Braced:
 
     robot: Robot
     toes: Array  # (K, N, 3) that the terrain holds: where feet of finite size touch [m]
-    contact: Mask  # (K, N)
+    contact: BoolArray  # (K, N)
     command: Array  # (K, N, J) [rad]
     alike: Array  # (K, N, J) joint angles that tell which way the limbs bend [rad]
     load: Array  # (K, 6) force and moment on the body, weight included

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.check.anew.chains import chains_at, points_of_links
-from climbplan.plans.check import Array
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 

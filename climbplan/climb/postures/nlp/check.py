@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.clearance import body_shortfall, hull_world
 from climbplan.climb.gait import plan_instants, poses_between
 from climbplan.climb.limb_clearance import (
@@ -26,7 +27,7 @@ from climbplan.climb.scene import ClimbScene
 from climbplan.climb.self_clearance import standing_overlap
 from climbplan.climb.swing import TOE_CLEARANCE, SwingBlocked, swing_paths
 from climbplan.errors import NotProved, ReachFailure
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.surfaces import Tube
 
 TOLERANCE = 1e-6  # [m] or [rad]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.terrain.solids import Solid
 
 _TOUCHING = 1e-6  # [m] a corner this close to a face belongs to it

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.arrays import Array, IntArray
 from climbplan.climb.gait import poses_between
 from climbplan.climb.limb_clearance import standing_room
-from climbplan.climb.plan.climb_plan import Index, Rounds
+from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.layout import (
     MOMENTS,
     Moment,
@@ -22,7 +23,7 @@ from climbplan.climb.postures.nlp.layout import (
 from climbplan.climb.postures.nlp.links import parting_planes
 from climbplan.climb.scene import ClimbScene
 from climbplan.robots.kinematics import inverse, joint_points_body
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.stated_robot import stated_limbs
 from climbplan.terrain.model import FreeRegion
 from climbplan.terrain.surfaces import Region, Tube
@@ -39,7 +40,7 @@ class Guess:
 
     label: str
     rounds: Rounds  # postures, need not satisfy anything; regions are pinned
-    free: Index  # (M, choices) free region of the body in every round
+    free: IntArray  # (M, choices) free region of the body in every round
 
 
 def shape_of(scene: ClimbScene) -> Shape:
@@ -241,7 +242,7 @@ def to_rounds(scene: ClimbScene, guess: Guess, x: Array) -> Rounds:
     )
 
 
-def put_on_surfaces(scene: ClimbScene, toes: Array, region: Index) -> None:
+def put_on_surfaces(scene: ClimbScene, toes: Array, region: IntArray) -> None:
     """Toes (M+1, N, 3) onto their surfaces, in place, but for those of the start."""
     for j, limb in np.ndindex(*region[1:].shape):
         surface = scene.terrain.surfaces[region[j + 1, limb]]

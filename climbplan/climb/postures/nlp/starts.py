@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linprog
 
-from climbplan.climb.plan.climb_plan import Index, Rounds
+from climbplan.arrays import Array, IntArray
+from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.numbers import Guess, put_on_surfaces
 from climbplan.climb.postures.planner import LINEAR_ROTATION_LIMIT, plan_postures
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import NoPlanFound
 from climbplan.robots.kinematics import to_body
-from climbplan.robots.rotations import Array, rotation_world_body
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.model import FreeRegion
 
 _DETOUR = 0.1  # [m] spread of the body's way about the straight line
@@ -87,7 +88,7 @@ class _BodyWay:
 
     com: Array  # (M+1, 3)
     rpy: Array  # (M+1, 3)
-    free: Index  # (M, choices)
+    free: IntArray  # (M, choices)
 
     @property
     def length(self) -> float:
@@ -159,7 +160,7 @@ def _misses(scene: ClimbScene, free: FreeRegion, corners: Array) -> Array:
     return np.asarray((corners @ free.A.T - free.b + keep).max(axis=(-2, -1)))
 
 
-def _roomiest(scene: ClimbScene, rounds: Rounds) -> Index:
+def _roomiest(scene: ClimbScene, rounds: Rounds) -> IntArray:
     """The free region (M, choices) that holds each round best."""
     corners = _corners(scene, rounds.com, rounds.rpy)
     chosen = np.zeros((rounds.count, len(scene.terrain.free_choices)), np.int64)
@@ -176,7 +177,7 @@ def _free_regions(
     rng: np.random.Generator,
     spread: float,
     meeting: Meeting,
-) -> Index:
+) -> IntArray:
     """Free regions (M, choices) near a way, each meeting the next (shortest path over rounds).
 
     With spread, regions weigh differently in every start, so that starts pass obstacles on

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from climbplan.arrays import Array
 from climbplan.climb.postures.nlp.check import check_postures
 from climbplan.climb.postures.nlp.numbers import (
     JOINT_MARGINS,
@@ -21,7 +22,6 @@ from climbplan.climb.postures.nlp.numbers import (
 )
 from climbplan.climb.postures.nlp.statement import posture_trajectory
 from climbplan.climb.scene import ClimbScene
-from climbplan.program.polytope import Array
 from climbplan.program.problem import Problem
 
 

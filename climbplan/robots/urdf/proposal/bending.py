@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.urdf.proposal.braces import CLEARANCE, IN_HAND, SAFETY, WALLS
 from climbplan.robots.urdf.proposal.holding import holding_share
 from climbplan.robots.urdf.proposal.postures import (

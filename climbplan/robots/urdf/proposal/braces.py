@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.proposal.holding import Lack
 from climbplan.robots.urdf.proposal.postures import SHIFTED, Legs, Posture, bracing_postures

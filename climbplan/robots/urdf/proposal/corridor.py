@@ -11,12 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.urdf.proposal.holding import Lack, holding_share, lack_of
 from climbplan.robots.urdf.proposal.postures import (
     BESIDE,
     Legs,
-    Mask,
     Posture,
     best_of,
     clear_of_body,
@@ -40,7 +39,7 @@ _ABOVE = 0.05  # of reach that links stay above the feet
 
 def corridor_postures(
     legs: Legs,
-    arms: Mask,
+    arms: BoolArray,
     center: Callable[[Array], Array],
     clearance: float,
     mu: float,

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
 from climbplan.robots.urdf.proposal.toes import Toe, toe_at
 from climbplan.robots.urdf.shapes import Shape

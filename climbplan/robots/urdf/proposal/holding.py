@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linprog
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.serial_chain import SerialChain
 
 _FACETS = 8

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.urdf.pinocchio_model import UrdfModel
 from climbplan.robots.urdf.proposal.touching import Parts, parts_of
 from climbplan.spec.robots.urdf.tree import UrdfTree

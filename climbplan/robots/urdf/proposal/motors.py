@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.urdf.workspace import common_reach
 from climbplan.spec.robots.urdf.model import FEWEST_FLAT_FEET
 from climbplan.spec.robots.urdf.tree import UrdfJoint

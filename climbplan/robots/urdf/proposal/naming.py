@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 
 _ROWS = {1: ("",), 2: ("F", "R"), 3: ("F", "M", "R")}  # front, middle, rear
 _HIGHER = 0.15  # [m] by which arms begin above legs

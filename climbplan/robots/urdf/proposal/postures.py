@@ -12,17 +12,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.chain_inverse import chain_inverse
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.proposal.holding import Lack, holding_share, lack_of
 from climbplan.robots.urdf.proposal.quality import Quality, quality_of
 from climbplan.robots.urdf.workspace import common_reach
-
-Mask = NDArray[np.bool_]
 
 _SAMPLES = 4000  # postures of every leg
 _NEAREST = 40  # of these looked at for each toe
@@ -77,7 +74,7 @@ class Legs:
         return self.chain.joint_zero[:, 0]
 
     @property
-    def away(self) -> Mask:
+    def away(self) -> BoolArray:
         """(N, P) joints and toe that have to be out of the body: not its first two, nor near."""
         points = self.chain.joint_points(np.zeros((1, *self.lower.shape)))[0]
         along = np.cumsum(np.linalg.norm(np.diff(points, axis=1), axis=-1), axis=1)
@@ -179,8 +176,8 @@ def bracing_postures(
 
 
 def reached_angles(
-    legs: Legs, toes: Array, force: Array, grounded: Mask | None = None
-) -> tuple[Array, Mask]:
+    legs: Legs, toes: Array, force: Array, grounded: BoolArray | None = None
+) -> tuple[Array, BoolArray]:
     """Angles (C, N, J) for toes (C, N, 3), mirrored legs bent alike, and whether they get there.
 
     grounded: (N,) limbs whose joints have to be above their toes; all, if left out.
@@ -232,7 +229,7 @@ def reached_angles(
     return angles, reached
 
 
-def clear_of_body(legs: Legs, points: Array) -> Mask:
+def clear_of_body(legs: Legs, points: Array) -> BoolArray:
     """(F, N) whether knees are outside the body's box; links at the first joints may not be."""
     low, high = legs.box
     inside = ((points > low) & (points < high)).all(axis=-1)  # (F, N, P)
@@ -243,7 +240,7 @@ def best_of(
     quality: Quality,
     angles: Array,
     toes: Array,
-    fine: Mask,
+    fine: BoolArray,
     count: int,
     gap: Array | None = None,
 ) -> list[Posture]:

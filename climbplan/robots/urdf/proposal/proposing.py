@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import SpecError, UsageError
-from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.pinocchio_model import LegAtZero
 from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.ends import ends_of

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.serial_chain import SerialChain
 
 _TURN = 0.5  # [rad] to which the first order is trusted

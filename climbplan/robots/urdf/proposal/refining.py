@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.urdf.proposal.holding import moved_share
 from climbplan.robots.urdf.proposal.postures import (
     LEAST_ROOM,

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.model import Robot
-from climbplan.robots.rotations import Array
 from climbplan.robots.touching_parts import limbs_room, parts_beside
 from climbplan.robots.urdf.building import chain_at_zero, joint_angles_of, robot_of_urdf
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS

@@ -13,16 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array, BoolArray
 from climbplan.robots.pose_inverse import pose_inverse
-from climbplan.robots.rotations import Array
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.urdf.proposal.postures import (
-    LEAST_ROOM,
-    Legs,
-    Mask,
-    Posture,
-    clear_of_body,
-)
+from climbplan.robots.urdf.proposal.postures import LEAST_ROOM, Legs, Posture, clear_of_body
 from climbplan.robots.urdf.proposal.soles import Soles
 
 _LOW = np.arange(0.70, 0.96, 0.04)  # shares of reach that soles are below hips
@@ -85,7 +79,7 @@ def _bent(legs: Legs, toes: Array, level: Array) -> Array:
     return angles
 
 
-def _chosen(legs: Legs, limb: int, before: Array, answers: Array, reached: Mask) -> Array:
+def _chosen(legs: Legs, limb: int, before: Array, answers: Array, reached: BoolArray) -> Array:
     """Of answers (S, J) the one bent as the other leg is, else the one farthest from its bounds.
 
     NaN where none is reached.

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
 from climbplan.robots.urdf.proposal.toes import Toe, toe_at
 from climbplan.robots.urdf.shapes import Shape

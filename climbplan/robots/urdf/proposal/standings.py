@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.robots.rotations import Array
 from climbplan.robots.urdf.building import LEAST_BALL
 from climbplan.robots.urdf.proposal.braces import CLEARANCE, IN_HAND, SAFETY, lacking
 from climbplan.robots.urdf.proposal.corridor import corridor_postures

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.urdf.proposal.leaning import reaching_under
 from climbplan.robots.urdf.proposal.postures import Posture
 from climbplan.robots.urdf.proposal.proposing import LYING, legs_of, settled

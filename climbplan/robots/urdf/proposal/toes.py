@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 from climbplan.robots.urdf.pinocchio_model import UrdfModel
 from climbplan.robots.urdf.shapes import Shape
 from climbplan.robots.urdf.toe_surface import offset_in_link

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from climbplan.robots.rotations import Array
+from climbplan.arrays import Array
 
 
 def scalar(value: str) -> str:

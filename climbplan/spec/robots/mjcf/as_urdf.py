@@ -14,14 +14,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.spec.robots.mjcf.compiled import Mjcf, compiled
-from climbplan.spec.robots.mjcf.places import (
-    Array,
-    line_attribute,
-    origin_element,
-    rotation,
-    words,
-)
+from climbplan.spec.robots.mjcf.places import line_attribute, origin_element, rotation, words
 from climbplan.spec.robots.mjcf.shapes import Shapes
 from climbplan.spec.robots.urdf.xml import Element, UrdfFault
 

@@ -7,9 +7,8 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from climbplan.arrays import Array
 
 
 def rotation(library: Any, quat_wxyz: Any) -> Array:

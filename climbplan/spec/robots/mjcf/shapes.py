@@ -12,14 +12,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.spec.robots.mjcf.compiled import Mjcf
-from climbplan.spec.robots.mjcf.places import (
-    Array,
-    line_attribute,
-    origin_element,
-    rotation,
-    words,
-)
+from climbplan.spec.robots.mjcf.places import line_attribute, origin_element, rotation, words
 from climbplan.spec.robots.urdf.xml import UrdfFault
 
 _SHOWN = 3  # groups of shapes that are seen, from the first

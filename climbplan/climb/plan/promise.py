@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 CONFIDENCE = 0.95
 
@@ -71,6 +71,6 @@ def promise_of(told: Mapping[str, Any]) -> Promise:
 def interval_of(falls: int, worlds: int) -> tuple[float, float]:
     """Exact interval of a probability (Clopper and Pearson), by `falls` among `worlds`."""
     tail = (1 - CONFIDENCE) / 2
-    low = float(beta.ppf(tail, falls, worlds - falls + 1)) if falls else 0.0
-    high = float(beta.ppf(1 - tail, falls + 1, worlds - falls)) if falls < worlds else 1.0
+    low = float(betaincinv(falls, worlds - falls + 1, tail)) if falls else 0.0
+    high = float(betaincinv(falls + 1, worlds - falls, 1 - tail)) if falls < worlds else 1.0
     return low, high

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 CONFIDENCE = 0.95
 
@@ -12,6 +12,6 @@ def clopper_pearson(falls: int, worlds: int) -> tuple[float, float]:
     if worlds == 0:
         return 0.0, 1.0
     tail = (1 - CONFIDENCE) / 2
-    low = float(beta.ppf(tail, falls, worlds - falls + 1)) if falls else 0.0
-    high = float(beta.ppf(1 - tail, falls + 1, worlds - falls)) if falls < worlds else 1.0
+    low = float(betaincinv(falls, worlds - falls + 1, tail)) if falls else 0.0
+    high = float(betaincinv(falls + 1, worlds - falls, 1 - tail)) if falls < worlds else 1.0
     return low, high

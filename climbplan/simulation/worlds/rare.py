@@ -25,7 +25,7 @@ from functools import partial
 
 import numpy as np
 from joblib import Parallel, delayed
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
@@ -83,7 +83,7 @@ class Rare:
         Where none found any, the upper limit is that of the plain worlds that stood.
         """
         p, error = self.probability, self.error
-        times = float(student.ppf((1 + CONFIDENCE) / 2, len(self.estimates) - 1))
+        times = float(stdtrit(len(self.estimates) - 1, (1 + CONFIDENCE) / 2))
         if p == 0.0:
             return 0.0, clopper_pearson(0, self.worlds)[1]
         if (self.estimates > 0).all():

@@ -42,10 +42,10 @@ def held_against(path: Path, loaded: object, shown: str) -> HeldSpec:
     Raises UsageError where the plan is of another kind than the spec.
     """
     from climbplan.plans.spec_text import stored_spec_text
+    from climbplan.spec.climb.loading import LoadedClimb
     from climbplan.spec.climb.transition_loading import LoadedTransition
     from climbplan.spec.holding import held_spec
     from climbplan.spec.loaded import LoadedSpec
-    from climbplan.spec.loading import LoadedClimb
 
     kind = require_holdable(path, shown)
     own = str(vars(vars(loaded).get("spec", loaded))["kind"])

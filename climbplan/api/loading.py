@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import BaseModel
 
 from climbplan.errors import UsageError
 from climbplan.spec.loaded import LoadedSpec
-from climbplan.spec.loading import AnyLoaded, load_source
+from climbplan.spec.loading import load_source
 from climbplan.spec.overrides import Override
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.yaml_source import write_yaml
+
+if TYPE_CHECKING:
+    from climbplan.spec.loading import AnyLoaded
 
 NAME = "spec"  # of specs that are no files
 

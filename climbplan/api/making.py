@@ -11,17 +11,15 @@ from typing import TYPE_CHECKING
 from climbplan.api.mistakes import placed_mistakes
 from climbplan.errors import UsageError
 from climbplan.progress import Progress
-from climbplan.spec.bookshelf.loading import LoadedShelf
-from climbplan.spec.climb.transition_loading import LoadedTransition
-from climbplan.spec.climb.uncertainty import states_uncertainty
-from climbplan.spec.limms.loading import LoadedLimms
 from climbplan.spec.loaded import LoadedSpec
-from climbplan.spec.loading import LoadedClimb
-from climbplan.spec.robots.urdf.source import UrdfRobot
-from climbplan.spec.walking.loading import LoadedMpc
 
 if TYPE_CHECKING:
     from climbplan.climb.plan.climb_plan import ClimbPlan
+    from climbplan.spec.bookshelf.loading import LoadedShelf
+    from climbplan.spec.climb.loading import LoadedClimb
+    from climbplan.spec.climb.transition_loading import LoadedTransition
+    from climbplan.spec.limms.loading import LoadedLimms
+    from climbplan.spec.walking.loading import LoadedMpc
 
 LIBRARY_FILE = "library.h5"
 
@@ -57,7 +55,8 @@ def make(loaded: object, options: MakingOptions | None = None) -> Made:
     Raises SpecError, with lines, for what only planning finds wrong; UsageError for a spec that is
     no plan's; NoPlanFound where there is none, or none was found.
     """
-    by_kind = next((made for kind, made in _MAKERS.items() if isinstance(loaded, kind)), None)
+    spec = getattr(loaded, "spec", None)
+    by_kind = _MAKERS.get(getattr(spec, "kind", ""))
     if by_kind is None or not isinstance(loaded, LoadedSpec):
         raise UsageError(
             "plans are made of specs of kind climb, transition, limms, mpc and bookshelf; "
@@ -82,7 +81,7 @@ def _climb(loaded: LoadedClimb, options: MakingOptions) -> Made:
         from climbplan.simulation.risk.planning import Ways, plan_with_risk
 
         found = plan_with_risk(
-            loaded, plan, LoadedClimb.with_overrides, Ways(options.jobs, options.report)
+            loaded, plan, type(loaded).with_overrides, Ways(options.jobs, options.report)
         )
     return Made(found.summary, found.warnings, found.status, lambda path: write_climb(found, path))
 
@@ -100,7 +99,7 @@ def _transition(loaded: LoadedTransition, options: MakingOptions) -> Made:
         from climbplan.simulation.risk.planning import Ways, plan_with_risk
 
         found = plan_with_risk(
-            loaded, plan, LoadedTransition.with_overrides, Ways(options.jobs, options.report)
+            loaded, plan, type(loaded).with_overrides, Ways(options.jobs, options.report)
         )
     return Made(found.summary, found.warnings, found.status, lambda path: write_climb(found, path))
 
@@ -109,6 +108,9 @@ def _in_sampled_worlds(
     plan: ClimbPlan, loaded: LoadedClimb | LoadedTransition, options: MakingOptions
 ) -> ClimbPlan:
     """The plan, judged in worlds where its spec or robot file states what is uncertain."""
+    from climbplan.spec.climb.uncertainty import states_uncertainty
+    from climbplan.spec.robots.urdf.source import UrdfRobot
+
     robot = loaded.robot.spec if isinstance(loaded.robot, UrdfRobot) else loaded.robot
     if not states_uncertainty(loaded.spec.uncertainty, robot.uncertainty):
         return plan
@@ -163,10 +165,10 @@ def _shelf(loaded: LoadedShelf, options: MakingOptions) -> Made:
     return Made(found.summary, (), found.totals.status, lambda path: write_shelf_plan(found, path))
 
 
-_MAKERS: dict[type, Callable[..., Made]] = {
-    LoadedClimb: _climb,
-    LoadedTransition: _transition,
-    LoadedLimms: _limms,
-    LoadedMpc: _walk,
-    LoadedShelf: _shelf,
+_MAKERS: dict[str, Callable[..., Made]] = {
+    "climb": _climb,
+    "transition": _transition,
+    "limms": _limms,
+    "mpc": _walk,
+    "bookshelf": _shelf,
 }

@@ -13,9 +13,9 @@ from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.program.problem import Problem
 from climbplan.spec.bookshelf.loading import LoadedShelf
+from climbplan.spec.climb.loading import LoadedClimb
 from climbplan.spec.climb.transition_loading import LoadedTransition
 from climbplan.spec.loaded import LoadedSpec
-from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.walking.loading import LoadedMpc
 
 Stated = tuple[Problem, dict[str, Array]]

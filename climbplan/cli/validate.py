@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -13,7 +13,12 @@ from climbplan.cli.options import Json, Quiet, Set, Verbose
 from climbplan.errors import ExitCode
 
 if TYPE_CHECKING:
+    from climbplan.spec.bookshelf.loading import LoadedShelf
+    from climbplan.spec.climb.loading import LoadedClimb
+    from climbplan.spec.climb.transition_loading import LoadedTransition
     from climbplan.spec.loading import AnyLoaded
+    from climbplan.spec.robots.source import AnyRobot
+    from climbplan.spec.walking.loading import LoadedMpc
 
 
 def validate(
@@ -58,52 +63,50 @@ def _kind_looked_into(loaded: AnyLoaded) -> str:
     Raises:
         SpecError: with the mistakes that only this finds.
     """
-    from climbplan.spec.bookshelf.loading import LoadedShelf
-    from climbplan.spec.climb.transition_loading import LoadedTransition
-    from climbplan.spec.datasets.loading import LoadedDataset
-    from climbplan.spec.fits.envelopes_loading import LoadedEnvelopes
-    from climbplan.spec.fits.strategy_loading import LoadedStrategy
-    from climbplan.spec.limms.loading import LoadedLimms
-    from climbplan.spec.loading import LoadedClimb
-    from climbplan.spec.program.loading import LoadedProgram
-    from climbplan.spec.robots.urdf.source import UrdfRobot
-    from climbplan.spec.walking.loading import LoadedMpc
-
-    if isinstance(
-        loaded, LoadedDataset | LoadedEnvelopes | LoadedLimms | LoadedProgram | LoadedStrategy
-    ):
-        return loaded.spec.kind
-    if isinstance(loaded, LoadedMpc):
-        from climbplan.walking.problem import build_task
-
-        with placed_mistakes(loaded):
-            build_task(loaded.spec, loaded.robot, loaded.source)
-        return loaded.spec.kind
-    if isinstance(loaded, LoadedShelf):
-        from climbplan.bookshelf.oddities import oddities
-        from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of
-
-        for line in oddities(loaded_scenes(loaded), shelf_of(loaded.spec.shelf)):
-            warn(f"{loaded.source}: {line}")
-        return loaded.spec.kind
-    if isinstance(loaded, LoadedClimb):
-        from climbplan.climb.chaining import started
-        from climbplan.climb.scene import build_scene, on_scan
-
-        loaded = on_scan(started(loaded))
-        with placed_mistakes(loaded):
-            build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
-        return loaded.spec.kind
-    if isinstance(loaded, LoadedTransition):
-        from climbplan.climb.scene import on_scan
-        from climbplan.climb.transition.scene import build_transition
-
-        loaded = on_scan(loaded)
-        with placed_mistakes(loaded):
-            build_transition(loaded)
-        return loaded.spec.kind
-    if isinstance(loaded, UrdfRobot):
+    kind = loaded.spec.kind if hasattr(loaded, "spec") else loaded.kind
+    if kind == "mpc":
+        _look_into_walk(cast("LoadedMpc", loaded))
+    elif kind == "bookshelf":
+        _look_into_shelf(cast("LoadedShelf", loaded))
+    elif kind == "climb":
+        _look_into_climb(cast("LoadedClimb", loaded))
+    elif kind == "transition":
+        _look_into_transition(cast("LoadedTransition", loaded))
+    elif kind == "robot":
         from climbplan.robots.any_robot import build_robot
 
-        build_robot(loaded)
-    return loaded.kind
+        build_robot(cast("AnyRobot", loaded))
+    return kind
+
+
+def _look_into_walk(loaded: LoadedMpc) -> None:
+    from climbplan.walking.problem import build_task
+
+    with placed_mistakes(loaded):
+        build_task(loaded.spec, loaded.robot, loaded.source)
+
+
+def _look_into_shelf(loaded: LoadedShelf) -> None:
+    from climbplan.bookshelf.oddities import oddities
+    from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of
+
+    for line in oddities(loaded_scenes(loaded), shelf_of(loaded.spec.shelf)):
+        warn(f"{loaded.source}: {line}")
+
+
+def _look_into_climb(loaded: LoadedClimb) -> None:
+    from climbplan.climb.chaining import started
+    from climbplan.climb.scene import build_scene, on_scan
+
+    loaded = on_scan(started(loaded))
+    with placed_mistakes(loaded):
+        build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
+
+
+def _look_into_transition(loaded: LoadedTransition) -> None:
+    from climbplan.climb.scene import on_scan
+    from climbplan.climb.transition.scene import build_transition
+
+    loaded = on_scan(loaded)
+    with placed_mistakes(loaded):
+        build_transition(loaded)

@@ -28,8 +28,8 @@ from climbplan.errors import (
     SpecError,
     UsageError,
 )
+from climbplan.spec.climb.loading import LoadedClimb
 from climbplan.spec.climb.model import ClimbSpec
-from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.overrides import Override
 
 _FOR_PLANS = 0.7  # share of the time limit for trials; the rest is for remedies

@@ -6,7 +6,6 @@ import json
 
 import numpy as np
 
-from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found
 from climbplan.climb.scene import toes_as_stated
@@ -14,7 +13,7 @@ from climbplan.errors import PlanFileError, SpecError, SpecMistake
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.model import Robot
-from climbplan.spec.loading import LoadedClimb
+from climbplan.spec.climb.loading import LoadedClimb
 from climbplan.spec.overrides import Override
 
 _KEY = "task.start.plan"
@@ -30,6 +29,8 @@ def started(loaded: LoadedClimb) -> LoadedClimb:
     given = loaded.spec.task.start.plan
     if given is None:
         return loaded
+    from climbplan.climb.check.verification import verification_of
+
     path = loaded.directory / given
     try:
         plan = read_as_found(path)

@@ -13,9 +13,6 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.forces.planner import deflections_of, plan_forces
 from climbplan.climb.forces.soles import solve_on_feet
-from climbplan.climb.grips.planner import answers_of
-from climbplan.climb.grips.solving import solve_grips
-from climbplan.climb.grips.statement import state_grips
 from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds
 from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene import MotionScene
@@ -146,6 +143,10 @@ def _grips_found(
     scene: MotionScene, instants: Instants, grippers: Grippers, otherwise: list[Load]
 ) -> list[Load]:
     """The same for a robot with grippers."""
+    from climbplan.climb.grips.planner import answers_of
+    from climbplan.climb.grips.solving import solve_grips
+    from climbplan.climb.grips.statement import state_grips
+
     statement = state_grips(scene, instants, grippers)
     solved = solve_grips(statement, scene.spec.solver.force, scene.spec.force.facets)
     found = answers_of(statement, solved)

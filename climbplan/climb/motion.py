@@ -13,11 +13,9 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.climb.balance import body_way
 from climbplan.climb.clearance import body_shortfall, poses_shortfall
-from climbplan.climb.coupled.planner import COUPLED_METHODS, plan_coupled
 from climbplan.climb.forces.explanation import NoForces
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
-from climbplan.climb.grips.apart import grips_meet
 from climbplan.climb.grips.plan import require_wrists
 from climbplan.climb.limb_clearance import LimbShortfall, limb_shortfall
 from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds
@@ -31,6 +29,7 @@ from climbplan.climb.self_clearance import standing_overlap
 from climbplan.climb.swing import SwingBlocked, SwingMeets, swing_paths
 from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure, UsageError
 from climbplan.progress import Progress
+from climbplan.spec.climb.model import COUPLED_METHODS
 from climbplan.terrain.soles import shrunk
 from climbplan.terrain.solids import Solid
 
@@ -200,7 +199,12 @@ def _plan_motion(
                         margins = _nearer_stance(scene, margins, limb)
                 notes.append(f"workspaces of limbs that meet tightened: {words}")
                 continue
-            grips = grips_meet(scene, instants)
+            if scene.grippers is not None:
+                from climbplan.climb.grips.apart import grips_meet
+
+                grips = grips_meet(scene, instants)
+            else:
+                grips = None
             if grips is not None:
                 for limb in (grips.limb, grips.other):
                     margins = _nearer_stance(scene, margins, limb)
@@ -334,6 +338,8 @@ def _convex_postures(
     explain: whether what has no solution is looked into.
     """
     if scene.spec.solver.method in COUPLED_METHODS:
+        from climbplan.climb.coupled.planner import plan_coupled
+
         return plan_coupled(scene, margins)
     return plan_postures(scene, margins, save_model, earlier, nodes, explain)
 

@@ -24,8 +24,8 @@ from climbplan.climb.windows import plan_in_windows, window_of
 from climbplan.errors import NoPlanFound, NotProved, UsageError
 from climbplan.progress import Progress
 from climbplan.robots.any_robot import assumptions
+from climbplan.spec.climb.loading import LoadedClimb
 from climbplan.spec.climb.model import ClimbSpec
-from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.overrides import Override
 from climbplan.spec.robots.stored import robot_texts
 

@@ -24,8 +24,8 @@ from climbplan.robots.urdf.proposal.spec_documents import (
     stairs_document,
     wall_document,
 )
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.climb.transition_loading import load_transition
-from climbplan.spec.loading import load_climb
 
 _STANDINGS = 4  # standing postures that are planned with
 _TRIED = 8  # bracing postures that are planned with

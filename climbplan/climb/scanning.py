@@ -34,11 +34,11 @@ from climbplan.scan.orienting import facing
 from climbplan.scan.panel import holds_headline, panel_of
 from climbplan.scan.raw import RawScan, ScanError, cropped
 from climbplan.scan.reading import read_scan
+from climbplan.spec.climb.loading import LoadedClimb
 from climbplan.spec.climb.motion import MotionSpec
 from climbplan.spec.climb.scan import ScanHoldsSpec, ScanSpec
 from climbplan.spec.climb.transition import TransitionSpec
 from climbplan.spec.climb.transition_loading import LoadedTransition
-from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.overrides import Override
 from climbplan.terrain.raw_surface import RawSurface
 

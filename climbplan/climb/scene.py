@@ -21,10 +21,10 @@ from climbplan.robots.kinematics import contact_points, inverse, sole_turns, to_
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.task_robot import heading_as, standing_as, with_grip_limit, with_stance
+from climbplan.spec.climb.loading import LoadedClimb
 from climbplan.spec.climb.model import ClimbSpec, PostureSpec
 from climbplan.spec.climb.motion import MotionSpec
 from climbplan.spec.climb.transition_loading import LoadedTransition
-from climbplan.spec.loading import LoadedClimb
 from climbplan.spec.robots.source import AnyRobot
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.nearest import bounds_of, nearest_region

@@ -12,7 +12,7 @@ from climbplan.climb.scene import build_scene
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import NoPlanFound, UsageError
 from climbplan.progress import Progress
-from climbplan.spec.loading import LoadedClimb
+from climbplan.spec.climb.loading import LoadedClimb
 
 _FEASIBLE, _NO_FORCE, _NO_POSTURE = range(3)  # index into Study.LABELS
 

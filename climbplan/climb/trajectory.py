@@ -15,7 +15,6 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.grips.plan import may_grip_firmly
-from climbplan.climb.grips.sharing import more_of_parts
 from climbplan.climb.keyframes import PACKED, Keyframes, keyframes
 from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds, Trajectory
 from climbplan.climb.plan.grips import GripForces
@@ -229,6 +228,8 @@ def _weighed(scene: MotionScene, moving: _Moving, angles: Array) -> _Moving:
 
 def _weighed_by_grips(grippers: Grippers, moving: _Moving, off: Array) -> _Moving:
     """Grips that bring a moment off (S, 3) too, and the moments at wrists that go with them."""
+    from climbplan.climb.grips.sharing import more_of_parts
+
     arm = -grippers.gripper.length * moving.normal
     force, grips = more_of_parts(
         grippers,

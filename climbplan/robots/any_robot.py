@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from climbplan.robots.model import Robot
-from climbplan.robots.urdf.building import robot_of_urdf
-from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
 from climbplan.spec.document import Finding
 from climbplan.spec.robots.source import AnyRobot
 from climbplan.spec.robots.urdf.source import UrdfRobot
@@ -15,7 +13,11 @@ def build_robot(spec: AnyRobot) -> Robot:
 
     Raises MissingSolver and SpecError for robots from URDFs, as `robot_of_urdf`.
     """
-    return robot_of_urdf(spec) if isinstance(spec, UrdfRobot) else Robot.from_spec(spec)
+    if isinstance(spec, UrdfRobot):
+        from climbplan.robots.urdf.building import robot_of_urdf
+
+        return robot_of_urdf(spec)
+    return Robot.from_spec(spec)
 
 
 def without_flat_feet(spec: AnyRobot, what: str) -> AnyRobot:
@@ -33,6 +35,8 @@ def assumptions(spec: AnyRobot, robot: Robot) -> tuple[str, ...]:
     """What a plan rests on that neither the spec nor the URDF says."""
     if not isinstance(spec, UrdfRobot):
         return ()
+    from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
+
     given, out = spec.spec, []
     if "joint_stiffness" not in given.model_fields_set:
         out.append(f"joint_stiffness {given.joint_stiffness:g} N m/rad: no URDF says it")

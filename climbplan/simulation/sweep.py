@@ -19,8 +19,8 @@ from climbplan.simulation.variations import (
     drawn_conditions,
     run_trials,
 )
+from climbplan.spec.climb.loading import load_text
 from climbplan.spec.climb.transition_loading import transition_of_text
-from climbplan.spec.loading import load_text
 from climbplan.spec.source import SourceText
 
 

@@ -174,7 +174,7 @@ def held_spec(loaded: LoadedSpec, spec: SpecModel, plan_text: str) -> HeldSpec:
 
 def _stored(text: str, kind: str) -> SpecModel | None:
     try:
-        return validate(parse_yaml(text, "spec"), KINDS[kind])[0]
+        return validate(parse_yaml(text, "spec"), KINDS[kind].model)[0]
     except SpecError:
         return None
 

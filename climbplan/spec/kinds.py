@@ -2,39 +2,62 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from dataclasses import dataclass
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from pydantic import ValidationError
 
 from climbplan.errors import SpecError
 from climbplan.spec.base import SpecModel
-from climbplan.spec.bookshelf.model import BookshelfSpec
-from climbplan.spec.climb.model import ClimbSpec
-from climbplan.spec.climb.transition import TransitionSpec
-from climbplan.spec.datasets.model import DatasetSpec
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.fields import nearest
-from climbplan.spec.fits.envelopes import EnvelopesSpec
-from climbplan.spec.fits.strategy import StrategySpec
-from climbplan.spec.limms.model import LimmsSpec
-from climbplan.spec.limms.module import ModuleSpec
-from climbplan.spec.program.model import ProgramSpec
-from climbplan.spec.robots.robot import RobotSpec
-from climbplan.spec.walking.model import MpcSpec
 from climbplan.spec.wording import findings_of, shown
 
-KINDS: dict[str, type[SpecModel]] = {
-    "climb": ClimbSpec,
-    "transition": TransitionSpec,
-    "mpc": MpcSpec,
-    "bookshelf": BookshelfSpec,
-    "envelopes": EnvelopesSpec,
-    "program": ProgramSpec,
-    "dataset": DatasetSpec,
-    "strategy": StrategySpec,
-    "limms": LimmsSpec,
-    "robot": RobotSpec,
-    "module": ModuleSpec,
+if TYPE_CHECKING:
+    from climbplan.spec.loading import AnyLoaded
+    from climbplan.spec.source import SourceText
+
+
+@dataclass(frozen=True)
+class SpecKind:
+    """Where the model and the reader of one kind of spec are; imported when first used."""
+
+    model_name: str  # MODULE:CLASS
+    reader_name: str  # MODULE:FUNCTION of a document and the text that it is of
+
+    @property
+    def model(self) -> type[SpecModel]:
+        """The pydantic model."""
+        return cast("type[SpecModel]", resolve_name(self.model_name))
+
+    def read(self, document: Document, text: SourceText) -> AnyLoaded:
+        """Return the validated spec.
+
+        Raises:
+            SpecError: with every mistake in it.
+        """
+        return cast("AnyLoaded", resolve_name(self.reader_name)(document, text))
+
+
+def _kind(model: str, reader: str) -> SpecKind:
+    return SpecKind(f"climbplan.spec.{model}", f"climbplan.spec.{reader}")
+
+
+KINDS = {
+    "climb": _kind("climb.model:ClimbSpec", "climb.loading:climb_of_document"),
+    "transition": _kind(
+        "climb.transition:TransitionSpec", "climb.transition_loading:transition_of_document"
+    ),
+    "mpc": _kind("walking.model:MpcSpec", "walking.loading:mpc_of"),
+    "bookshelf": _kind("bookshelf.model:BookshelfSpec", "bookshelf.loading:shelf_of_document"),
+    "envelopes": _kind("fits.envelopes:EnvelopesSpec", "fits.envelopes_loading:envelopes_of"),
+    "program": _kind("program.model:ProgramSpec", "program.loading:program_of"),
+    "dataset": _kind("datasets.model:DatasetSpec", "datasets.loading:dataset_of"),
+    "strategy": _kind("fits.strategy:StrategySpec", "fits.strategy_loading:strategy_of"),
+    "limms": _kind("limms.model:LimmsSpec", "limms.loading:limms_of"),
+    "robot": _kind("robots.robot:RobotSpec", "robots.source:robot_of_text"),
+    "module": _kind("limms.module:ModuleSpec", "limms.loading:module_of_text"),
 }
 
 Model = TypeVar("Model", bound=SpecModel)

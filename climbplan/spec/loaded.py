@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from climbplan.errors import SpecError
-from climbplan.spec.document import Document
+from climbplan.spec.document import Document, KeyPath
 from climbplan.spec.source import SourceText
+from climbplan.spec.yaml_source import write_yaml
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,3 +40,33 @@ def origin_of(document: Document, text: SourceText) -> dict[str, Any]:
         "directory": text.directory,
         "document": document,
     }
+
+
+def root_paths(document: Document, paths: Sequence[KeyPath]) -> None:
+    """Write paths that command options set in full."""
+    changed = False
+    for path in paths:
+        holder: Any = document.value
+        for key in path[:-1]:
+            holder = holder.get(key) if isinstance(holder, dict) else None
+        value = holder.get(path[-1]) if isinstance(holder, dict) else None
+        if isinstance(value, str) and value and _by_option(document, path):
+            holder[path[-1]] = str(Path.cwd() / value)
+            changed = True
+        elif isinstance(value, list) and _by_option(document, path):
+            several = [isinstance(entry, str) and entry != "" for entry in value]
+            pairs = zip(value, several, strict=True)
+            holder[path[-1]] = [str(Path.cwd() / v) if text else v for v, text in pairs]
+            changed = True
+    if changed:
+        document.text = write_yaml(document.value)
+
+
+def _by_option(document: Document, path: KeyPath) -> bool:
+    """Whether a command option set the value at `path`, rather than the file."""
+    for length in range(len(path), 0, -1):
+        if path[:length] in document.options:
+            return True
+        if path[:length] in document.lines:
+            return False
+    return False

@@ -21,7 +21,7 @@ def json_schema(kind: str) -> dict[str, Any]:
         near = nearest(kind, list(KINDS))
         hint = f" (did you mean {near!r}?)" if near else ""
         raise UsageError(f"no spec kind {kind!r}, known are {', '.join(KINDS)}{hint}")
-    body = KINDS[kind].model_json_schema()
+    body = KINDS[kind].model.model_json_schema()
     body["required"] = list(dict.fromkeys(["kind", *body.get("required", [])]))
     return {
         "$schema": DIALECT,

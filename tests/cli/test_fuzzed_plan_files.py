@@ -26,8 +26,8 @@ from climbplan.errors import ClimbplanError, ExitCode
 from climbplan.limms.plan_file import write_limms_plan
 from climbplan.limms.planner import plan_limms
 from climbplan.spec.bookshelf.loading import load_shelf
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.limms.loading import load_limms
-from climbplan.spec.loading import load_climb
 from climbplan.spec.walking.loading import load_mpc
 from climbplan.walking.plan_file import write_walk_plan
 from climbplan.walking.planner import plan_walk

@@ -26,7 +26,7 @@ from climbplan.errors import (
     SpecMistake,
 )
 from climbplan.plans.level import Level
-from climbplan.spec.loading import LoadedClimb
+from climbplan.spec.climb.loading import LoadedClimb
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from command_line import RunCommand
 
 from climbplan.cli.quick import quick_overrides
 from climbplan.spec.bookshelf.loading import load_shelf
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.climb.transition_loading import load_transition
 from climbplan.spec.limms.loading import load_limms
-from climbplan.spec.loading import load_climb
 from climbplan.spec.walking.loading import load_mpc
 
 SPECS = Path(__file__).parents[2] / "specs"

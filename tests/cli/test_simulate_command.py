@@ -15,7 +15,7 @@ from command_line import RunCommand
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.simulation.report_files import End
-from climbplan.spec.loading import load_text
+from climbplan.spec.climb.loading import load_text
 
 SMALL_CLIMB = Path(__file__).parents[1] / "spec" / "small_climb.yaml"
 SHORT = (

@@ -13,7 +13,7 @@ from command_line import RunCommand
 
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_climb
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.robots.source import robot_text
 from climbplan.spec.yaml_source import parse_yaml, write_yaml
 

@@ -18,7 +18,7 @@ from climbplan.climb.planner import plan_by_method, plan_climb
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trials import first_trial, further_trials
 from climbplan.errors import Infeasible, NotProved, ReachFailure
-from climbplan.spec.loading import LoadedClimb, load_climb
+from climbplan.spec.climb.loading import LoadedClimb, load_climb
 
 # Two stairs of 50 mm as boxes, which are obstacles to limbs and places for toes at once
 STAIRS = """

@@ -19,8 +19,8 @@ from climbplan.climb.plan.file import read_as_found, write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.errors import NoPlanFound
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.examples import example_data
-from climbplan.spec.loading import load_climb
 
 SPEC = """
 kind: climb

@@ -34,8 +34,8 @@ from climbplan.simulation.regulator import regulator_tables
 from climbplan.simulation.replay import simulate
 from climbplan.simulation.statics.outcome import FELL
 from climbplan.simulation.statics.playback import played, prepare
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.examples import example_data, example_text
-from climbplan.spec.loading import load_climb
 
 ROUND = ["task.rounds=1", "task.goal.com=[0,0,0.12]"]
 

@@ -25,7 +25,7 @@ from climbplan.mechanics.flat_contact import centre_of_pressure, moment_of
 from climbplan.plans.check import FEET_LIMITS, SOLE_LIMITS
 from climbplan.robots.kinematics import contact_jacobian
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 
 SPECS = Path(__file__).parents[2] / "specs"
 SPEC = SPECS / "climb_biped.yaml"

@@ -27,8 +27,8 @@ from climbplan.exports.sidecar import facts_of
 from climbplan.plans.verification import mark_verified
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.serial_chain import SerialChain
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.examples import example_data, example_text
-from climbplan.spec.loading import load_climb
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "climbplan" / "robots" / "README.md"

@@ -27,7 +27,7 @@ from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.errors import NotProved, UsageError
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 
 EXPERT = "solver.envelopes=[expert]"
 

@@ -18,7 +18,7 @@ from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program.row_propagation import Range
 from climbplan.solvers.registry import solve
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 
 
 @pytest.fixture(scope="module")

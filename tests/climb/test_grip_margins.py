@@ -14,7 +14,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.spans import spans_of
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.scene import build_scene
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 
 WALL = Path(__file__).parents[2] / "specs" / "climb_single_wall.yaml"
 

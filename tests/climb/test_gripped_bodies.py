@@ -20,8 +20,8 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 from climbplan.climb.scanning import scanned
 from climbplan.errors import SpecError
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.examples import example_text
-from climbplan.spec.loading import load_climb
 
 ROBOT = "robot_long_climber"
 SIDE, RAIL, APART = 0.1, 0.25, 0.44  # [m] of cubes in two upright rows

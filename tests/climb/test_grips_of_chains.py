@@ -23,7 +23,7 @@ from climbplan.robots.gripper import Gripper
 from climbplan.robots.kinematics import toe_body
 from climbplan.robots.last_link import joint_axes_body, last_link_body
 from climbplan.robots.model import Robot
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.robots.source import load_any_robot
 
 SPECS = Path(__file__).parents[2] / "specs"

@@ -27,7 +27,7 @@ from climbplan.climb.planner import plan_climb
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import NotProved
 from climbplan.robots.kinematics import toe_world
-from climbplan.spec.loading import load_climb, load_text
+from climbplan.spec.climb.loading import load_climb, load_text
 
 SceneMaker = Callable[..., ClimbScene]
 ASKED = 0.02  # [m]

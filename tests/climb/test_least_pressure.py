@@ -20,7 +20,7 @@ from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import NotProved
-from climbplan.spec.loading import load_text
+from climbplan.spec.climb.loading import load_text
 
 SceneMaker = Callable[..., ClimbScene]
 ASKED = 20.0  # [N]

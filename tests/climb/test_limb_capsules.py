@@ -28,8 +28,8 @@ from climbplan.climb.postures.statement import LinearRotation, limb_polytopes
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.climb.swing import Swing, SwingBlocked, swing_path, swing_paths, swings_of
 from climbplan.robots.rotations import rotation_world_body
+from climbplan.spec.climb.loading import load_text
 from climbplan.spec.examples import example_text
-from climbplan.spec.loading import load_text
 from climbplan.terrain.solids import Solid
 
 SceneMaker = Callable[..., ClimbScene]

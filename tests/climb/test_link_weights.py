@@ -24,7 +24,7 @@ from climbplan.robots.any_robot import build_robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.pinocchio_model import urdf_model
-from climbplan.spec.loading import LoadedClimb, load_climb
+from climbplan.spec.climb.loading import LoadedClimb, load_climb
 from climbplan.spec.robots.source import load_any_robot
 from climbplan.spec.robots.urdf.source import UrdfRobot
 

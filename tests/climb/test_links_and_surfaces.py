@@ -20,7 +20,7 @@ from climbplan.robots.any_robot import build_robot
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.urdf.proposal.packaged import package_urdf
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.robots.source import load_any_robot
 
 SPECS = Path(__file__).parents[2] / "specs"

@@ -28,9 +28,9 @@ from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import SpecError
 from climbplan.plans.verification import mark_verified
 from climbplan.robots.kinematics import toe_world
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.climb.margins import NO_MARGINS, MarginsSpec
 from climbplan.spec.climb.transition_loading import load_transition
-from climbplan.spec.loading import load_climb
 
 SPECS = Path(__file__).parents[2] / "specs"
 NONPARALLEL = SPECS / "climb_nonparallel.yaml"

@@ -14,7 +14,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.robots.source import robot_text
 
 Data = dict[str, Any]

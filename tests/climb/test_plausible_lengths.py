@@ -9,8 +9,8 @@ import pytest
 from climbplan.climb.scene import build_scene
 from climbplan.climb.transition.scene import build_transition
 from climbplan.errors import SpecError
+from climbplan.spec.climb.loading import load_climb, load_text
 from climbplan.spec.climb.transition_loading import load_transition
-from climbplan.spec.loading import load_climb, load_text
 
 SPECS = Path(__file__).parents[2] / "specs"
 WALLS = """

@@ -27,8 +27,8 @@ from climbplan.robots.model import Robot
 from climbplan.robots.touching_parts import parts_beside, segment_distances
 from climbplan.robots.urdf.normal_document import normal_document
 from climbplan.robots.urdf.pinocchio_model import urdf_model
+from climbplan.spec.climb.loading import load_text
 from climbplan.spec.examples import example_text
-from climbplan.spec.loading import load_text
 from climbplan.spec.robots.source import load_any_robot
 from climbplan.spec.robots.urdf.source import UrdfRobot
 

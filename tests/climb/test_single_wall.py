@@ -15,7 +15,7 @@ from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.errors import NotProved, UsageError
 from climbplan.plans.check import GRIP_LIMITS, LIMITS
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 
 SPECS = Path(__file__).parents[2] / "specs"
 WALL, CEILING = SPECS / "climb_single_wall.yaml", SPECS / "climb_ceiling.yaml"

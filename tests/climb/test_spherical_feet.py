@@ -19,7 +19,7 @@ from climbplan.errors import SpecError
 from climbplan.plans.check import FEET_LIMITS
 from climbplan.robots.foot import Foot
 from climbplan.robots.kinematics import contact_jacobian
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 
 SPECS = Path(__file__).parents[2] / "specs"
 RADIUS = 0.03

@@ -13,8 +13,8 @@ from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.spec.climb.loading import LoadedClimb, load_text
 from climbplan.spec.examples import example_text
-from climbplan.spec.loading import LoadedClimb, load_text
 
 _LITTLE_STABILITY = (
     "task.gait=[RF, RM, RR, LR, LM, LF]",

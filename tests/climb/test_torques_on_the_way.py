@@ -13,7 +13,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan, Forces
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.climb.trajectory import Played
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 
 SPEC = Path(__file__).parents[2] / "specs" / "climb_walker.yaml"
 SHORT = ["task.rounds=1", "task.goal.com=[0,0,0.12]", "margins.pressure=0", "margins.friction=0"]

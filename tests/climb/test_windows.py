@@ -23,7 +23,7 @@ from climbplan.climb.swing import SwingMeets
 from climbplan.climb.windows import plan_in_windows, window_of
 from climbplan.climb.within_reach import between, reachable, within_rounds
 from climbplan.errors import NotProved, SpecError
-from climbplan.spec.loading import load_text
+from climbplan.spec.climb.loading import load_text
 
 # Two walls in panels of 0.4 m, of which a window comes to a few
 PANELS = "".join(

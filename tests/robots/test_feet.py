@@ -20,7 +20,7 @@ from climbplan.robots.kinematics import (
 )
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 
 SPECS = Path(__file__).parents[2] / "specs"
 RADIUS = 0.03

@@ -25,7 +25,7 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.task_robot import heading_as
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.robots.source import load_any_robot
 
 SPECS = Path(__file__).parents[2] / "specs"

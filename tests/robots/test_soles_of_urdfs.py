@@ -13,7 +13,7 @@ from climbplan.errors import UsageError
 from climbplan.robots.urdf.proposal.proposing import legs_of, propose
 from climbplan.simulation.conditions import NOMINAL
 from climbplan.simulation.replay import simulate
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 
 BIPED = Path(__file__).parents[2] / "specs" / "biped.urdf"
 FOOT = (

@@ -9,7 +9,7 @@ import pytest
 from climbplan.errors import SpecError
 from climbplan.plans.differences import largest, parts_apart
 from climbplan.robots.any_robot import build_robot
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.robots.stored import NotKept, RobotTexts, robot_texts, stored_robot
 from climbplan.spec.yaml_source import parse_yaml
 

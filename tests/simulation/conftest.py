@@ -9,7 +9,7 @@ from short_climb import SHORT_CLIMB
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner import plan_climb
-from climbplan.spec.loading import load_text
+from climbplan.spec.climb.loading import load_text
 
 Planned = Callable[..., ClimbPlan]
 

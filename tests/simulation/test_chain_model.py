@@ -20,8 +20,8 @@ from climbplan.simulation.conditions import NOMINAL, Conditions
 from climbplan.simulation.feedforward import limb_weight_torques
 from climbplan.simulation.model import build_mjcf, link_mass, motor_stiffness
 from climbplan.simulation.replay import simulate
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.examples import example_data, example_text
-from climbplan.spec.loading import load_climb
 
 SHORT = ["task.rounds=1", "task.goal.com=[0,0,0.05]", "trajectory.speed=0.005"]
 

@@ -26,7 +26,7 @@ from climbplan.simulation.grip_sharing import shared_at_best
 from climbplan.simulation.linkage_limb import elbow_angles
 from climbplan.simulation.model import build_mjcf, link_mass
 from climbplan.simulation.replay import simulate
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 
 SPECS = Path(__file__).parents[2] / "specs"
 SHORT = ["task.rounds=1", "task.goal.com=[0,-0.3595,0.075]"]

@@ -23,7 +23,7 @@ from climbplan.simulation.feedforward import limb_weight_torques, limb_weight_wr
 from climbplan.simulation.link_masses import LinkMasses, link_masses
 from climbplan.simulation.model import build_mjcf
 from climbplan.simulation.study import Asked, simulate_plan
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.robots.source import load_any_robot
 from climbplan.spec.robots.urdf.source import UrdfRobot
 

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.climb.model import ClimbSpec
 from climbplan.spec.holding import RULES, HeldSpec, held_spec
 from climbplan.spec.kinds import KINDS
-from climbplan.spec.loading import load_climb, load_spec
+from climbplan.spec.loading import load_spec
 from climbplan.spec.walking.loading import load_mpc
 from climbplan.spec.yaml_source import parse_yaml
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from climbplan.errors import SpecError, SpecMistake
-from climbplan.spec.loading import LoadedClimb, load_climb, load_spec
+from climbplan.spec.climb.loading import LoadedClimb, load_climb
+from climbplan.spec.loading import load_spec
 from climbplan.spec.robots.robot import RobotSpec
 from climbplan.spec.robots.source import builtin_robots, load_robot, robot_text
 

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from climbplan.errors import SpecError
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.yaml_source import parse_yaml, write_yaml
 
 SMALL_CLIMB = Path(__file__).with_name("small_climb.yaml")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from climbplan.errors import SpecError
-from climbplan.spec.loading import LoadedClimb, load_climb
+from climbplan.spec.climb.loading import LoadedClimb, load_climb
 from climbplan.spec.overrides import Override
 
 

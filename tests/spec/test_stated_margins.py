@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
+from climbplan.spec.climb.loading import load_text
 from climbplan.spec.climb.margins import NO_MARGINS, MarginsSpec
 from climbplan.spec.climb.stated_margins import margins_stated
 from climbplan.spec.climb.uncertainty import UncertaintySpec
-from climbplan.spec.loading import load_text
 
 SPEC = """
 kind: climb

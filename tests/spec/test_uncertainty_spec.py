@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from climbplan.errors import SpecError
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.climb.uncertainty import SpreadSpec
-from climbplan.spec.loading import load_climb
 
 SPEC = Path(__file__).parents[2] / "specs" / "climb_steps.yaml"
 

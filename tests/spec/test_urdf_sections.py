@@ -10,7 +10,8 @@ import pytest
 from urdf_walkers import QUADRUPED, Walker
 
 from climbplan.errors import SpecError
-from climbplan.spec.loading import load_climb, load_spec
+from climbplan.spec.climb.loading import load_climb
+from climbplan.spec.loading import load_spec
 from climbplan.spec.robots.source import load_robot
 from climbplan.spec.robots.urdf.source import UrdfRobot
 

@@ -23,8 +23,8 @@ from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene import build_scene
 from climbplan.errors import LimitReached
 from climbplan.solvers.ipopt.instances import solve_ipopt
+from climbplan.spec.climb.loading import load_text
 from climbplan.spec.examples import example_text
-from climbplan.spec.loading import load_text
 
 Answer = TypeVar("Answer")
 

@@ -17,7 +17,7 @@ from climbplan.bench.climb.random_climbs import random_climb
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.planner import plan_climb
 from climbplan.errors import Infeasible, NoPlanFound, UsageError
-from climbplan.spec.loading import LoadedClimb, load_climb
+from climbplan.spec.climb.loading import LoadedClimb, load_climb
 
 _LIMIT = 20.0  # [s] of a climb
 _LONGER = 10.0  # factor on it for the second try of all methods

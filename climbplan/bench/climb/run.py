@@ -15,8 +15,8 @@ from climbplan.climb.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.scene import build_scene
 from climbplan.climb.trajectory import plan_trajectory
 from climbplan.errors import UsageError
+from climbplan.spec.climb.loading import load_text
 from climbplan.spec.examples import example_text
-from climbplan.spec.loading import load_text
 
 _PUBLISHED_TOTAL = 1.380  # [s] Gurobi, i7-8750H, posture and force stages (Table 5.1)
 

@@ -22,7 +22,7 @@ from climbplan.climb.postures.planner import PostureResult
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.windows import plan_in_windows
 from climbplan.errors import NoPlanFound
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 
 _WINDOWS = (2, 4, 8)
 _LIMIT = 300.0  # [s] of a way, whole or in windows

@@ -34,8 +34,6 @@ from climbplan.errors import NotProved
 from climbplan.solvers.result import SolverResult, relative_gap
 from climbplan.solvers.scip.bilinear import solve_minlp_scip
 
-COUPLED_METHODS = ("coupled", "coupled-modes", "coupled-micp", "coupled-nlp", "spatial")
-
 _P = (
     "postures and contact forces of the ends of rounds: rotations linearised, workspaces as balls, "
     "friction pyramids inscribed, every limb carrying posture.least_load"

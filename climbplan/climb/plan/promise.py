@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from scipy.special import betaincinv
-
 CONFIDENCE = 0.95
 
 
@@ -70,6 +68,8 @@ def promise_of(told: Mapping[str, Any]) -> Promise:
 
 def interval_of(falls: int, worlds: int) -> tuple[float, float]:
     """Exact interval of a probability (Clopper and Pearson), by `falls` among `worlds`."""
+    from scipy.special import betaincinv
+
     tail = (1 - CONFIDENCE) / 2
     low = float(betaincinv(falls, worlds - falls + 1, tail)) if falls else 0.0
     high = float(betaincinv(falls + 1, worlds - falls, 1 - tail)) if falls < worlds else 1.0

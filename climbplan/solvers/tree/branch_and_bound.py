@@ -19,9 +19,6 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.program.instance import Instance
-from climbplan.solvers.mixed_integer.method import solve_mixed_integer
-from climbplan.solvers.mixed_integer.nodes import MOST
-from climbplan.solvers.mixed_integer.spatial_method import solve_spatial
 from climbplan.solvers.result import (
     FEASIBILITY,
     Answer,
@@ -55,6 +52,10 @@ def solve_branch_and_bound(
     bound can be given.
     """
     if instance.features & {"integers", "implications", "products"}:
+        from climbplan.solvers.mixed_integer.method import solve_mixed_integer
+        from climbplan.solvers.mixed_integer.nodes import MOST
+        from climbplan.solvers.mixed_integer.spatial_method import solve_spatial
+
         compiled = solve_spatial if instance.products.count else solve_mixed_integer
         most = int(nodes) if np.isfinite(nodes) else MOST
         return compiled(instance, gap, time_limit, tolerance, known, most, proposals)

@@ -9,16 +9,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from climbplan.errors import SpecError
 from climbplan.spec.bookshelf.model import BookshelfSpec
 from climbplan.spec.document import Document, KeyPath
 from climbplan.spec.kinds import validate_kind
-from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.loaded import LoadedSpec, origin_of, root_paths
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.source import SourceText, read_source
-from climbplan.spec.yaml_source import parse_yaml, write_yaml
+from climbplan.spec.yaml_source import parse_yaml
 
 _PATHS: tuple[KeyPath, ...] = (
     ("scenes", "file"),
@@ -56,33 +55,3 @@ def shelf_of_document(document: Document, text: SourceText) -> LoadedShelf:
     if spec is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
     return LoadedShelf(spec=spec, **origin_of(document, text))
-
-
-def root_paths(document: Document, paths: Sequence[KeyPath]) -> None:
-    """Write paths that command options set in full."""
-    changed = False
-    for path in paths:
-        holder: Any = document.value
-        for key in path[:-1]:
-            holder = holder.get(key) if isinstance(holder, dict) else None
-        value = holder.get(path[-1]) if isinstance(holder, dict) else None
-        if isinstance(value, str) and value and _by_option(document, path):
-            holder[path[-1]] = str(Path.cwd() / value)
-            changed = True
-        elif isinstance(value, list) and _by_option(document, path):
-            several = [isinstance(entry, str) and entry != "" for entry in value]
-            pairs = zip(value, several, strict=True)
-            holder[path[-1]] = [str(Path.cwd() / v) if text else v for v, text in pairs]
-            changed = True
-    if changed:
-        document.text = write_yaml(document.value)
-
-
-def _by_option(document: Document, path: KeyPath) -> bool:
-    """Whether a command option set the value at `path`, rather than the file."""
-    for length in range(len(path), 0, -1):
-        if path[:length] in document.options:
-            return True
-        if path[:length] in document.lines:
-            return False
-    return False

@@ -229,6 +229,7 @@ class TrajectorySpec(SpecModel):
     lift: Number = quantity("m", "distance a toe is lifted along the normal", default=0.05, gt=0)
 
 
+COUPLED_METHODS = ("coupled", "coupled-modes", "coupled-micp", "coupled-nlp", "spatial")
 CONVEX_METHODS = ("micp", "sl1-relaxation")  # of flat regions and rotations to first order
 
 

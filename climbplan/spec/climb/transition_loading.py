@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from climbplan.errors import SpecError
-from climbplan.spec.bookshelf.loading import root_paths
 from climbplan.spec.climb.checks import ClimbParts, check_parts
 from climbplan.spec.climb.motion_loading import any_robot_of_document, part_of
 from climbplan.spec.climb.terrain import TerrainSpec
 from climbplan.spec.climb.transition import TransitionSpec, TransitionTaskSpec
 from climbplan.spec.document import Document, Finding
 from climbplan.spec.kinds import validate_kind
-from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.loaded import LoadedSpec, origin_of, root_paths
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.robots.source import AnyRobot
 from climbplan.spec.source import SourceText, read_source

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from climbplan.errors import SpecError, SpecMistake
-from climbplan.spec.bookshelf.loading import root_paths
 from climbplan.spec.climb.motion_loading import any_robot_of_document
 from climbplan.spec.datasets.model import (
     BY_PROBLEM,
@@ -20,7 +19,7 @@ from climbplan.spec.document import Document, Finding, KeyPath
 from climbplan.spec.fields import nearest
 from climbplan.spec.fits.envelopes_loading import limb_findings
 from climbplan.spec.kinds import find_kind, validate
-from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.loaded import LoadedSpec, origin_of, root_paths
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.walking.loading import body_of_document

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from climbplan.errors import SpecError
-from climbplan.spec.bookshelf.loading import root_paths
 from climbplan.spec.climb.motion_loading import any_robot_of_document
 from climbplan.spec.document import Document, Finding, KeyPath
 from climbplan.spec.fields import nearest
 from climbplan.spec.fits.envelopes import EnvelopesSpec, EnvelopeTerrainSpec
 from climbplan.spec.kinds import validate_kind
-from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.loaded import LoadedSpec, origin_of, root_paths
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.robots.source import AnyRobot
 from climbplan.spec.source import SourceText, read_source

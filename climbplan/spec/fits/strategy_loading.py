@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from climbplan.errors import SpecError
-from climbplan.spec.bookshelf.loading import root_paths
 from climbplan.spec.document import Document
 from climbplan.spec.fits.strategy import StrategySpec
 from climbplan.spec.kinds import validate_kind
-from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.loaded import LoadedSpec, origin_of, root_paths
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.yaml_source import parse_yaml

@@ -99,6 +99,11 @@ def builtin_modules() -> list[str]:
     return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
 
 
+def module_of_text(document: Document, text: SourceText) -> ModuleSpec:
+    """As `module_of`, of a text with this document."""
+    return module_of(document)
+
+
 def module_of(document: Document) -> ModuleSpec:
     """The module that a document describes.
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from climbplan.errors import SpecError
-from climbplan.spec.bookshelf.loading import root_paths
 from climbplan.spec.document import Document
 from climbplan.spec.kinds import validate_kind
-from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.loaded import LoadedSpec, origin_of, root_paths
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.program.model import ProgramSpec
 from climbplan.spec.source import SourceText, read_source

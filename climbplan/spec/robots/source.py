@@ -12,7 +12,7 @@ from climbplan.spec.kinds import find_kind, validate
 from climbplan.spec.robots.robot import RobotSpec
 from climbplan.spec.robots.urdf.model import UrdfRobotSpec
 from climbplan.spec.robots.urdf.source import UrdfRobot, urdf_robot
-from climbplan.spec.source import read_source
+from climbplan.spec.source import SourceText, read_source
 from climbplan.spec.yaml_source import parse_yaml
 
 AnyRobot = RobotSpec | UrdfRobot
@@ -76,6 +76,11 @@ def robot_files(reference: str, directory: Path) -> list[Path]:
     value = parse_yaml(read_source(path).text, str(path)).value
     urdf = value.get("urdf") if isinstance(value, dict) else None
     return [path, path.parent / urdf] if isinstance(urdf, str) else [path]
+
+
+def robot_of_text(document: Document, text: SourceText) -> AnyRobot:
+    """As `robot_of`; paths start from the directory of the text."""
+    return robot_of(document, text.directory)
 
 
 def robot_of(document: Document, directory: Path) -> AnyRobot:

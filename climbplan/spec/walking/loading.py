@@ -10,11 +10,10 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from climbplan.errors import SpecError, SpecMistake
-from climbplan.spec.bookshelf.loading import root_paths
 from climbplan.spec.document import Document, Finding, KeyPath
 from climbplan.spec.fields import nearest
 from climbplan.spec.kinds import validate, validate_kind
-from climbplan.spec.loaded import LoadedSpec, origin_of
+from climbplan.spec.loaded import LoadedSpec, origin_of, root_paths
 from climbplan.spec.overrides import Override, apply_overrides
 from climbplan.spec.robots.rigid_body import RigidBodySpec
 from climbplan.spec.robots.source import robot_of

@@ -40,8 +40,8 @@ from climbplan.methods.task import Method
 from climbplan.program.layout import Layout
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.rotations import rotation_world_body
+from climbplan.spec.climb.loading import load_climb
 from climbplan.spec.climb.terrain import SolidSpec
-from climbplan.spec.loading import load_climb
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Tube
 

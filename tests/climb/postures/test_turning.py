@@ -13,7 +13,7 @@ from climbplan.climb.postures.statement import LinearRotation, PostureMargins, p
 from climbplan.climb.postures.turning import turn_normals
 from climbplan.climb.scene import ClimbScene, build_scene
 from climbplan.robots.kinematics import inverse, to_body
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 
 # A narrow stance on level ground, in which middle legs would turn too far
 NARROW = """\

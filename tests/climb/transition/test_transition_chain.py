@@ -15,8 +15,8 @@ from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import SpecError
+from climbplan.spec.climb.loading import load_climb, load_text
 from climbplan.spec.climb.transition_loading import load_transition
-from climbplan.spec.loading import load_climb, load_text
 
 SPECS = Path(__file__).parents[3] / "specs"
 MISSION = SPECS / "mission_ground_to_top.yaml"

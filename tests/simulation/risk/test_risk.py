@@ -22,8 +22,8 @@ from climbplan.simulation.risk.planning import Ways, plan_with_risk
 from climbplan.simulation.worlds.judging import Judged, Outcome, judge_plan
 from climbplan.simulation.worlds.stated import uncertainty_of
 from climbplan.simulation.worlds.uncertainty import layout_of, numbers_of
+from climbplan.spec.climb.loading import LoadedClimb, load_text
 from climbplan.spec.climb.margins import MarginsSpec
-from climbplan.spec.loading import LoadedClimb, load_text
 
 SPEC = """
 kind: climb

@@ -22,7 +22,7 @@ from climbplan.simulation.risk import needs, sampling
 from climbplan.simulation.worlds.judging import Judged, Outcome
 from climbplan.simulation.worlds.stated import uncertainty_of
 from climbplan.simulation.worlds.uncertainty import Uncertainty, layout_of
-from climbplan.spec.loading import load_text
+from climbplan.spec.climb.loading import load_text
 
 Planned = Callable[..., ClimbPlan]
 

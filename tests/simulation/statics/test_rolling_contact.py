@@ -16,7 +16,7 @@ from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.statics.outcome import FARTHEST, FELL, SLID
 from climbplan.simulation.statics.playback import Steps, played, prepare
-from climbplan.spec.loading import load_climb
+from climbplan.spec.climb.loading import load_climb
 
 SPECS = Path(__file__).parents[3] / "specs"
 RADIUS = 0.03

@@ -63,7 +63,7 @@ def _kind_looked_into(loaded: AnyLoaded) -> str:
     Raises:
         SpecError: with the mistakes that only this finds.
     """
-    kind = loaded.spec.kind if hasattr(loaded, "spec") else loaded.kind
+    kind = str(getattr(loaded, "spec", loaded).kind)
     if kind == "mpc":
         _look_into_walk(cast("LoadedMpc", loaded))
     elif kind == "bookshelf":

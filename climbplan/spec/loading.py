@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from climbplan.errors import SpecError
 from climbplan.spec.document import Finding
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from climbplan.spec.robots.source import AnyRobot
     from climbplan.spec.walking.loading import LoadedMpc
 
-    AnyLoaded = (
+    AnyLoaded: TypeAlias = (
         LoadedClimb
         | LoadedDataset
         | LoadedEnvelopes

@@ -63,7 +63,8 @@ def _kind_looked_into(loaded: AnyLoaded) -> str:
     Raises:
         SpecError: with the mistakes that only this finds.
     """
-    kind = str(getattr(loaded, "spec", loaded).kind)
+    spec: Any = getattr(loaded, "spec", loaded)
+    kind = str(spec.kind)
     if kind == "mpc":
         _look_into_walk(cast("LoadedMpc", loaded))
     elif kind == "bookshelf":

@@ -108,7 +108,9 @@ def test_file_is_checked_against_its_spec(tmp_path: Path) -> None:
 
 
 def test_commands_outside_are_told_where_nothing_is_asked(tmp_path: Path) -> None:
-    plan = plan_climb(load_climb("specs/climb_region.yaml", ["study=null", "margins=none"]))
+    plan = plan_climb(
+        load_climb("specs/climb_region.yaml", ["study=null", "margins=none", "terrain.friction=1"])
+    )
     path = tmp_path / "plan.h5"
     write_climb(plan, path)
     (check,) = [c for c in verify(path).checks if c.name == "force.inward"]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import signal
+import zlib
 from collections.abc import Callable
 from ctypes.util import find_library
 
@@ -15,6 +17,10 @@ from climbplan.spec.robots.robot import RobotSpec
 # Before any test loads MuJoCo, which looks at this once: pictures are drawn off screen
 if not {"MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ) and find_library("EGL"):
     os.environ["MUJOCO_GL"] = "egl"
+
+# Started in the background or by nohup, Python ignores Ctrl-C, and so would what tests start
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("same-every-run", derandomize=True, deadline=None, max_examples=30)
 settings.load_profile("same-every-run")
@@ -65,10 +71,41 @@ def braced_robot(limbs: int, seed: int = 0) -> RobotSpec:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """How many mutated files the fuzz test makes, and which."""
-    group = parser.getgroup("fuzz")
+    """How much is tested of what could go on for ever."""
+    group = parser.getgroup("climbplan")
+    group.addoption("--seeds", type=int, default=3, help="of tests of random scenes [3]")
+    group.addoption("--shard", default="0/1", help="K/N: each N-th of the tests [0/1]")
     group.addoption("--fuzz-cases", type=int, default=150, help="mutated files [150]")
     group.addoption("--fuzz-seed", type=int, default=0, help="what decides which [0]")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out further seeds, and other shards."""
+    count = config.getoption("--seeds")
+    shard, shards = (int(part) for part in config.getoption("--shard").split("/"))
+    seen: dict[str, list[int]] = {}
+    kept, left = [], []
+    for item in items:
+        params = dict(item.callspec.params) if hasattr(item, "callspec") else {}
+        seed = params.pop("seed", None)
+        test = f"{item.path}::{getattr(item, 'originalname', item.name)}{params}"
+        further = isinstance(seed, int) and _is_further(seed, seen.setdefault(test, []), count)
+        other = zlib.crc32(item.nodeid.encode()) % shards != shard
+        (left if further or other else kept).append(item)
+    items[:] = kept
+    config.hook.pytest_deselected(items=left)
+
+
+def _is_further(seed: int, before: list[int], count: int) -> bool:
+    """Whether a seed only continues a row of seeds that is long enough already.
+
+    Seeds that stand alone, of scenes that once failed, always run.
+    """
+    before.append(seed)
+    row = 1
+    while row < len(before) and before[-row - 1] == seed - row:
+        row += 1
+    return row > count
 
 
 @pytest.fixture(name="braced_robot")

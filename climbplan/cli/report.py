@@ -61,7 +61,9 @@ def report(
     own = target.resolve() == beside.resolve()
     with StageProgress(context.ensure_object(Session)) as progress:
         progress.report("report", 0.0)
-        place_report(target, lambda directory: kind.write_report(path, directory), force or own)
+        place_report(
+            target, lambda directory: kind.write_report(path, directory, verification), force or own
+        )
         if film is not None:
             from climbplan.exports.film import write_film
 

@@ -289,6 +289,9 @@ def test_the_page_fits_on_paper(pages: dict[str, Path], browser: Browser, tmp_pa
     browser.emulate(width=1280, height=900)
     settled(browser, pages["tall"])
     browser.emulate(width=688, height=1017, paper=True)
+    browser.evaluate(
+        "dispatchEvent(new Event('resize'))"
+    )  # which a window without a screen may lack
     browser.wait_for("document.documentElement.scrollWidth <= 688")  # charts follow a moment later
     edges = "(e) => Math.round(e.getBoundingClientRect().left)"
     columns = f"new Set([...document.querySelectorAll('#torque-charts > div')].map({edges})).size"

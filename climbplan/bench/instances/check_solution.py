@@ -18,8 +18,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from climbplan.arrays import Array, BoolArray
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
 
 TOLERANCE = 1e-5  # of rows and bounds relative to 1 and their size, and of integers
 _HEADER_LINES = 10  # of an .nl file

@@ -1,4 +1,4 @@
-"""Types of arrays, for annotations."""
+"""Array types for annotations; the shape and the unit stand beside each use."""
 
 from __future__ import annotations
 

@@ -71,16 +71,16 @@ def braced_robot(limbs: int, seed: int = 0) -> RobotSpec:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """How much is tested of what could go on for ever."""
+    """Options for how many seeds, tests and mutated files run."""
     group = parser.getgroup("climbplan")
     group.addoption("--seeds", type=int, default=3, help="of tests of random scenes [3]")
-    group.addoption("--shard", default="0/1", help="K/N: each N-th of the tests [0/1]")
+    group.addoption("--shard", default="0/1", help="K/N: the tests of shard K out of N [0/1]")
     group.addoption("--fuzz-cases", type=int, default=150, help="mutated files [150]")
     group.addoption("--fuzz-seed", type=int, default=0, help="what decides which [0]")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out further seeds, and other shards."""
+    """Deselect seeds beyond `--seeds`, and tests outside `--shard`."""
     count = config.getoption("--seeds")
     shard, shards = (int(part) for part in config.getoption("--shard").split("/"))
     seen: dict[str, list[int]] = {}
@@ -97,9 +97,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _is_further(seed: int, before: list[int], count: int) -> bool:
-    """Whether a seed only continues a row of seeds that is long enough already.
+    """Whether a seed follows `count` consecutive seeds of the same test.
 
-    Seeds that stand alone, of scenes that once failed, always run.
+    Seeds that follow none, of scenes that once failed, always run.
     """
     before.append(seed)
     row = 1

@@ -108,7 +108,7 @@ class _Commands(TyperGroup):
     def make_context(
         self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
     ) -> Any:
-        session: Session = extra.setdefault("obj", Session())  # absent where tests call the app
+        session: Session = extra.setdefault("obj", Session())  # absent if Python calls the app
         try:
             return super().make_context(info_name, args, parent, **extra)
         except typer.Exit:

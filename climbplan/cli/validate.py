@@ -41,7 +41,7 @@ def validate(
     for spec in specs:
         try:
             loaded = load_spec(spec, assignments or ())
-            kind = _kind_looked_into(loaded)
+            kind = _checked_kind(loaded)
         except SpecError as error:
             mistakes = [dataclasses.asdict(mistake) for mistake in error.mistakes]
             results.append({"spec": spec, "valid": False, "mistakes": mistakes})
@@ -57,8 +57,8 @@ def validate(
         raise typer.Exit(ExitCode.USAGE)
 
 
-def _kind_looked_into(loaded: AnyLoaded) -> str:
-    """The kind of a spec whose scene was looked at as its planner does.
+def _checked_kind(loaded: AnyLoaded) -> str:
+    """Return the kind of a spec, after its scene was built as the planner builds it.
 
     Raises:
         SpecError: with the mistakes that only this finds.
@@ -66,13 +66,13 @@ def _kind_looked_into(loaded: AnyLoaded) -> str:
     spec: Any = getattr(loaded, "spec", loaded)
     kind = str(spec.kind)
     if kind == "mpc":
-        _look_into_walk(cast("LoadedMpc", loaded))
+        _check_walk(cast("LoadedMpc", loaded))
     elif kind == "bookshelf":
-        _look_into_shelf(cast("LoadedShelf", loaded))
+        _check_shelf(cast("LoadedShelf", loaded))
     elif kind == "climb":
-        _look_into_climb(cast("LoadedClimb", loaded))
+        _check_climb(cast("LoadedClimb", loaded))
     elif kind == "transition":
-        _look_into_transition(cast("LoadedTransition", loaded))
+        _check_transition(cast("LoadedTransition", loaded))
     elif kind == "robot":
         from climbplan.robots.any_robot import build_robot
 
@@ -80,14 +80,14 @@ def _kind_looked_into(loaded: AnyLoaded) -> str:
     return kind
 
 
-def _look_into_walk(loaded: LoadedMpc) -> None:
+def _check_walk(loaded: LoadedMpc) -> None:
     from climbplan.walking.problem import build_task
 
     with placed_mistakes(loaded):
         build_task(loaded.spec, loaded.robot, loaded.source)
 
 
-def _look_into_shelf(loaded: LoadedShelf) -> None:
+def _check_shelf(loaded: LoadedShelf) -> None:
     from climbplan.bookshelf.oddities import oddities
     from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of
 
@@ -95,7 +95,7 @@ def _look_into_shelf(loaded: LoadedShelf) -> None:
         warn(f"{loaded.source}: {line}")
 
 
-def _look_into_climb(loaded: LoadedClimb) -> None:
+def _check_climb(loaded: LoadedClimb) -> None:
     from climbplan.climb.chaining import started
     from climbplan.climb.scene import build_scene, on_scan
 
@@ -104,7 +104,7 @@ def _look_into_climb(loaded: LoadedClimb) -> None:
         build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
 
 
-def _look_into_transition(loaded: LoadedTransition) -> None:
+def _check_transition(loaded: LoadedTransition) -> None:
     from climbplan.climb.scene import on_scan
     from climbplan.climb.transition.scene import build_transition
 

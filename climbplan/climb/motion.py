@@ -199,12 +199,11 @@ def _plan_motion(
                         margins = _nearer_stance(scene, margins, limb)
                 notes.append(f"workspaces of limbs that meet tightened: {words}")
                 continue
+            grips = None
             if scene.grippers is not None:
                 from climbplan.climb.grips.apart import grips_meet
 
                 grips = grips_meet(scene, instants)
-            else:
-                grips = None
             if grips is not None:
                 for limb in (grips.limb, grips.other):
                     margins = _nearer_stance(scene, margins, limb)

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SpecKind:
-    """Where the model and the reader of one kind of spec are; imported when first used."""
+    """The model and the reader of one kind of spec, by name: they are imported when first used."""
 
     model_name: str  # MODULE:CLASS
-    reader_name: str  # MODULE:FUNCTION of a document and the text that it is of
+    reader_name: str  # MODULE:FUNCTION, called with a document and its source text
 
     @property
     def model(self) -> type[SpecModel]:

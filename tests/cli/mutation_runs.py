@@ -107,7 +107,7 @@ class Runner:
         return outcomes
 
     def _send(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Send one line to the server; its answer."""
+        """Send one line to the server and return its answer."""
         assert self._server.stdin is not None
         assert self._server.stdout is not None
         self._server.stdin.write(json.dumps(request) + "\n")

@@ -64,7 +64,7 @@ class _Unseen:
 
 
 def _run_in_child(folder: str, command: list[str]) -> dict[str, Any]:
-    """Run a command in a forked child; how it ended."""
+    """Run a command in a forked child and return how it ended."""
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:

@@ -8,8 +8,8 @@ from typing import TextIO
 
 from climbplan.bench.climb.shipped import planned_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.promise import interval_of
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.worlds.intervals import clopper_pearson
 from climbplan.simulation.worlds.judging import Engine, Judged, judge_plan
 
 SCENES = (
@@ -60,7 +60,7 @@ def bench_judge(seed: int, quick: bool, out: TextIO, count: int | None = None) -
     number = sum(total.values())
     print(_line("all", total, spent, number), file=out)
     same = total[_STANDS, _STANDS] + total[_FALLS, _FALLS]
-    low, high = clopper_pearson(same, number)
+    low, high = interval_of(same, number)
     print(
         f"same end in {same} of {number} worlds: {same / number:.1%} ({low:.1%} to {high:.1%})",
         file=out,

@@ -67,7 +67,7 @@ def promise_of(told: Mapping[str, Any]) -> Promise:
 
 
 def interval_of(falls: int, worlds: int) -> tuple[float, float]:
-    """Exact interval of a probability (Clopper and Pearson), by `falls` among `worlds`."""
+    """Return the exact 95 % interval of a probability (Clopper and Pearson 1934), by counts."""
     from scipy.special import betaincinv
 
     tail = (1 - CONFIDENCE) / 2

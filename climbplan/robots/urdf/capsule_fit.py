@@ -1,4 +1,4 @@
-"""Capsules that hold collision geometry: of least volume, one round each piece that is not flat.
+"""Capsules of least volume that contain the pieces of a URDF's collision geometry.
 
 A capsule of half length h about the longest axis of a box, or about a cylinder's, holds it with
 R^2 = q + u^2, where u = a - h, a is the half length of the piece and q the square of how far its
@@ -33,20 +33,24 @@ LIMB_RADIUS = 0.02  # [m] without collision geometry
 _ROUNDED = 4  # decimals [m] of the ends round a mesh, so that every machine has the same
 _KEPT = 256  # meshes whose capsules are remembered
 _FLAT = 5  # fewest points of which there is a hull
-_WIDE = 1.5  # times as wide as it is thick is a piece that is cut
-_STRIPS = 4  # most of a piece
+_FLATNESS = 1.5  # ratio of width to thickness from which a piece is cut into strips
+_MAX_STRIPS = 4  # of one piece
+_SAME_SIZE = 9  # decimals [m] to which sides are compared, so that every machine sorts them alike
 
 
 def capsules_of(shape: Shape) -> list[tuple[Array, float]]:
-    """Return capsules that hold one piece of geometry: ends (2, 3) of the axes, and radii [m]."""
+    """Return capsules whose union contains one piece: ends (2, 3) of each axis, and radius [m].
+
+    A flat box or cylinder is cut across its width into strips, each with a capsule of its own.
+    """
     if shape.axis is None:
         return [capsule_of(shape)]
     sides = _sides(shape)
     along = shape.points @ sides.T  # (P, 3)
-    _, wide, thick = np.ptp(along, axis=0)
-    count = min(round(wide / max(thick, 1e-9)), _STRIPS)
-    if wide < _WIDE * thick:
+    _, width, thickness = np.ptp(along, axis=0)
+    if width < _FLATNESS * thickness:
         return [capsule_of(shape)]
+    count = min(round(width / max(thickness, 1e-9)), _MAX_STRIPS)
     cuts = np.linspace(along[:, 1].min(), along[:, 1].max(), count + 1)
     return [_round_box(*_box(_slab(along, *bounds), sides)) for bounds in pairwise(cuts)]
 
@@ -61,17 +65,26 @@ def capsule_of(shape: Shape) -> tuple[Array, float]:
 
 
 def _sides(shape: Shape) -> Array:
-    """Directions (3, 3) of a box or a cylinder as rows, of its longest extent first."""
+    """Return unit vectors (3, 3) along a box or a cylinder as rows, along its longest side first.
+
+    Across a cylinder they go through the first corner of its rim and at right angles to that.
+    """
     assert shape.axis is not None
-    first = shape.axis[1] / max(float(np.linalg.norm(shape.axis[1])), 1e-12)
-    flat = shape.points - shape.points @ first[:, None] * first
-    _, _, others = np.linalg.svd(flat - flat.mean(axis=0), full_matrices=False)
-    sides = np.stack([first, others[0], others[1]])
-    return np.asarray(sides[np.argsort(-np.ptp(shape.points @ sides.T, axis=0), kind="stable")])
+    points = shape.points
+    if shape.is_cylinder:
+        middle, along, _ = shape.axis
+        rim = points[0] - middle
+        across = rim - (rim @ along) / (along @ along) * along
+        sides = np.stack([along, across, np.cross(along, across)])
+    else:  # corner 0 of a box, and those that differ from it along x, y and z
+        sides = points[[4, 2, 1]] - points[0]
+    sides = sides / np.maximum(np.linalg.norm(sides, axis=1, keepdims=True), 1e-12)
+    extent = np.ptp(points @ sides.T, axis=0).round(_SAME_SIZE)
+    return np.asarray(sides[np.argsort(-extent, kind="stable")])
 
 
 def _slab(points: Array, lower: float, upper: float) -> Array:
-    """Points (Q, 3) whose hull is what the hull of points (P, 3) has of lower <= y <= upper."""
+    """Return points (Q, 3) whose convex hull is that of points (P, 3) between two values of y."""
     one, other = (points[index] for index in np.triu_indices(len(points), 1))
     found = [points[(points[:, 1] >= lower) & (points[:, 1] <= upper)]]
     for cut in (lower, upper):
@@ -83,7 +96,7 @@ def _slab(points: Array, lower: float, upper: float) -> Array:
 
 
 def _box(points: Array, sides: Array) -> tuple[Array, Array, float]:
-    """Middle, half of the long axis and `square` of the box round points along sides (3, 3)."""
+    """Return the bounding box of points (P, 3) along sides (3, 3), as `Shape.axis` describes it."""
     lower, upper = points.min(axis=0), points.max(axis=0)
     half = (upper - lower) / 2
     longest = int(np.argmax(half))
@@ -92,7 +105,7 @@ def _box(points: Array, sides: Array) -> tuple[Array, Array, float]:
 
 
 def _round_box(middle: Array, half: Array, square: float) -> tuple[Array, float]:
-    """The capsule round what lies within sqrt(square) of an axis, from middle - half to + half."""
+    """Return the capsule of least volume round a box or a cylinder, given as by `Shape.axis`."""
     a = float(np.linalg.norm(half))
     u = a
     if 3 * a * a > square:

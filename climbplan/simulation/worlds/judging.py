@@ -12,6 +12,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.promise import interval_of
 from climbplan.simulation.comparison import find_losses, find_slips
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.replay import simulate
@@ -24,7 +25,6 @@ from climbplan.simulation.statics.outcome import (
     FELL_STEP,
 )
 from climbplan.simulation.statics.playback import Steps, played, prepare
-from climbplan.simulation.worlds.intervals import clopper_pearson
 from climbplan.simulation.worlds.stated import KEYS, uncertainty_of
 from climbplan.simulation.worlds.uncertainty import (
     Layout,
@@ -83,7 +83,7 @@ class Judged:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % interval of the probability of a fall (Clopper and Pearson)."""
-        return clopper_pearson(self.falls, len(self.outcomes))
+        return interval_of(self.falls, len(self.outcomes))
 
     @property
     def parameters(self) -> list[tuple[str, float]]:

@@ -29,11 +29,11 @@ from scipy.special import stdtrit
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.promise import CONFIDENCE, interval_of
 from climbplan.errors import UsageError
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.statics.outcome import FARTHEST, FELL, SLID, USED
 from climbplan.simulation.statics.playback import Steps, played, prepare
-from climbplan.simulation.worlds.intervals import CONFIDENCE, clopper_pearson
 from climbplan.simulation.worlds.stated import uncertainty_of
 from climbplan.simulation.worlds.uncertainty import Layout, conditions_of, layout_of
 
@@ -85,7 +85,7 @@ class Rare:
         p, error = self.probability, self.error
         times = float(stdtrit(len(self.estimates) - 1, (1 + CONFIDENCE) / 2))
         if p == 0.0:
-            return 0.0, clopper_pearson(0, self.worlds)[1]
+            return 0.0, interval_of(0, self.worlds)[1]
         if (self.estimates > 0).all():
             factor = float(np.exp(times * error / p))
             return p / factor, min(p * factor, 1.0)

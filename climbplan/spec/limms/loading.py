@@ -100,7 +100,7 @@ def builtin_modules() -> list[str]:
 
 
 def module_of_text(document: Document, text: SourceText) -> ModuleSpec:
-    """As `module_of`, of a text with this document."""
+    """As `module_of`, with the arguments that all readers of a kind take."""
     return module_of(document)
 
 

@@ -79,7 +79,7 @@ def robot_files(reference: str, directory: Path) -> list[Path]:
 
 
 def robot_of_text(document: Document, text: SourceText) -> AnyRobot:
-    """As `robot_of`; paths start from the directory of the text."""
+    """As `robot_of`; paths in it start from the directory of its source text."""
     return robot_of(document, text.directory)
 
 

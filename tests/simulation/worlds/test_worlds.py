@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.promise import interval_of
 from climbplan.simulation.climb_report import tell
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.model import build_mjcf, motor_stiffness
 from climbplan.simulation.pictures import open_camera
 from climbplan.simulation.study import Asked, simulate_plan
 from climbplan.simulation.worlds.ground import moved_terrain
-from climbplan.simulation.worlds.intervals import clopper_pearson
 from climbplan.simulation.worlds.judging import Judged, Outcome, judge_plan
 from climbplan.simulation.worlds.stated import uncertainty_of
 from climbplan.simulation.worlds.uncertainty import layout_of, numbers_of
@@ -67,9 +67,9 @@ def test_worlds_change_the_simulated_model(planned: Planned) -> None:
 
 
 def test_intervals_are_exact() -> None:
-    assert clopper_pearson(0, 300) == pytest.approx((0.0, 0.01222), abs=1e-5)
-    assert clopper_pearson(2, 8) == pytest.approx((0.03185, 0.65086), abs=1e-5)
-    assert clopper_pearson(5, 5)[1] == 1.0
+    assert interval_of(0, 300) == pytest.approx((0.0, 0.01222), abs=1e-5)
+    assert interval_of(2, 8) == pytest.approx((0.03185, 0.65086), abs=1e-5)
+    assert interval_of(5, 5)[1] == 1.0
 
 
 def test_judgements_do_not_depend_on_workers(planned: Planned) -> None:

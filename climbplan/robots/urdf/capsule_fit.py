@@ -9,8 +9,8 @@ edges lie from that axis. Its volume 2 pi R^2 h + 4/3 pi R^3 is least where
 which has one root between 0 and a if 3 a^2 > q; otherwise it is a sphere.
 
 A flat box or disc, such as the housing of a knee's motor, is cut into strips about as wide as it is
-thick, each with a capsule of its own: one capsule round a disc of radius 60 mm and thickness 40 mm
-would reach 43 mm beyond its faces, three reach 8 mm beyond them.
+thick, each with a capsule of its own. One capsule round a disc of radius 60 mm and thickness 40 mm
+would reach 43 mm beyond its faces; three reach 9 mm beyond its faces, and 35 mm beyond its rim.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def capsule_of(shape: Shape) -> tuple[Array, float]:
 def _sides(shape: Shape) -> Array:
     """Return unit vectors (3, 3) along a box or a cylinder as rows, along its longest side first.
 
-    Across a cylinder they go through the first corner of its rim and at right angles to that.
+    Across a cylinder, one goes through the first corner of its rim, one at right angles to that.
     """
     assert shape.axis is not None
     points = shape.points
@@ -75,7 +75,7 @@ def _sides(shape: Shape) -> Array:
         middle, along, _ = shape.axis
         rim = points[0] - middle
         across = rim - (rim @ along) / (along @ along) * along
-        sides = np.stack([along, across, np.cross(along, across)])
+        sides = np.stack([along, np.cross(along, across), across])
     else:  # corner 0 of a box, and those that differ from it along x, y and z
         sides = points[[4, 2, 1]] - points[0]
     sides = sides / np.maximum(np.linalg.norm(sides, axis=1, keepdims=True), 1e-12)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import zlib
 from collections.abc import Callable
 from ctypes.util import find_library
 
@@ -71,41 +70,10 @@ def braced_robot(limbs: int, seed: int = 0) -> RobotSpec:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Options for how many seeds, tests and mutated files run."""
+    """Options for how many mutated files are tried."""
     group = parser.getgroup("climbplan")
-    group.addoption("--seeds", type=int, default=3, help="of tests of random scenes [3]")
-    group.addoption("--shard", default="0/1", help="K/N: the tests of shard K out of N [0/1]")
     group.addoption("--fuzz-cases", type=int, default=150, help="mutated files [150]")
     group.addoption("--fuzz-seed", type=int, default=0, help="what decides which [0]")
-
-
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Deselect seeds beyond `--seeds`, and tests outside `--shard`."""
-    count = config.getoption("--seeds")
-    shard, shards = (int(part) for part in config.getoption("--shard").split("/"))
-    seen: dict[str, list[int]] = {}
-    kept, left = [], []
-    for item in items:
-        params = dict(item.callspec.params) if hasattr(item, "callspec") else {}
-        seed = params.pop("seed", None)
-        test = f"{item.path}::{getattr(item, 'originalname', item.name)}{params}"
-        further = isinstance(seed, int) and _is_further(seed, seen.setdefault(test, []), count)
-        other = zlib.crc32(item.nodeid.encode()) % shards != shard
-        (left if further or other else kept).append(item)
-    items[:] = kept
-    config.hook.pytest_deselected(items=left)
-
-
-def _is_further(seed: int, before: list[int], count: int) -> bool:
-    """Whether a seed follows `count` consecutive seeds of the same test.
-
-    Seeds that follow none, of scenes that once failed, always run.
-    """
-    before.append(seed)
-    row = 1
-    while row < len(before) and before[-row - 1] == seed - row:
-        row += 1
-    return row > count
 
 
 @pytest.fixture(name="braced_robot")

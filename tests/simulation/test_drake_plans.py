@@ -45,7 +45,6 @@ def command(*words: str) -> None:
 def _plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Plan files, by robot."""
     pytest.importorskip("pydrake")
-    pytest.importorskip("example_robot_data")
     folder = tmp_path_factory.mktemp("plans")
     short = ("--set", "task.rounds=1", "--set", "task.goal.com=[0,0,0.12]", "--no-report")
     for name in ("climb_telescope", "climb_walker"):
@@ -59,7 +58,7 @@ def _plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     command(
         "plan-climb", str(folder / "hexapod.yaml"), "-o", str(folder / "hexapod"), "--no-report"
     )
-    command("new", "robot", str(folder), "--package", "example_robot_data:a1_description")
+    command("new", "robot", str(folder), "--package", "example-robot-data:a1_description/urdf/a1")
     for name in ("a1_ground", "a1_chimney"):
         command("plan-climb", str(folder / f"{name}.yaml"), "-o", str(folder / name), "--no-report")
     names = ("climb_telescope", "climb_walker", "hexapod", "a1_ground", "a1_chimney")

@@ -29,6 +29,19 @@ class ConvexBody:
         """Signed distances (..., F) of points (..., 3) from the planes of all faces."""
         return points @ self.normals.T - self.offsets
 
+    def chain_bound(self, points: Array) -> Array:
+        """The largest distances (..., P-1) by which one face parts pieces of polylines from it.
+
+        points: (..., P, 3) [m]. Never more than their distance, negative where no face parts them.
+        Face by face: reductions over a short last axis take NumPy ten times as long.
+        """
+        flat = np.ascontiguousarray(points).reshape(-1, 3)
+        best = np.full((*points.shape[:-2], points.shape[-2] - 1), -np.inf)
+        for normal, offset in zip(self.normals, self.offsets, strict=True):
+            apart = (flat @ normal - offset).reshape(points.shape[:-1])
+            np.maximum(best, np.minimum(apart[..., :-1], apart[..., 1:]), out=best)  # NaN stays
+        return best
+
 
 def hull_of(name: str, corners: Array) -> ConvexBody:
     """The hull of points (V, 3) that span a volume."""
@@ -135,12 +148,12 @@ def chain_separation(points: Array, solid: ConvexBody, enough: float) -> Array:
     bound on it that is at least `enough`. A piece meets the solid where the value is below zero,
     and is then as deep.
     """
-    distances = solid.face_distances(points)  # (..., P, F)
-    first, last = distances[..., :-1, :], distances[..., 1:, :]
-    separation: Array = np.minimum(first, last).max(axis=-1)
-    open_ = ~(separation >= enough)
-    if open_.any():
-        separation[open_] = _least_of_largest(first[open_], last[open_])
+    first, last = points[..., :-1, :], points[..., 1:, :]
+    separation = solid.chain_bound(points)
+    near = ~(separation >= enough)  # NaN stays
+    if near.any():
+        ends = solid.face_distances(first[near]), solid.face_distances(last[near])
+        separation[near] = _least_of_largest(*ends)
     return separation
 
 

@@ -19,12 +19,10 @@ def chain_distance(points: Array, solid: ConvexBody, enough: float) -> Array:
     that lower bound instead. Where a piece meets the solid, the value is minus the way out across
     faces and edges.
     """
-    faces = solid.face_distances(points)  # (..., P, F)
-    distance: Array = np.minimum(faces[..., :-1, :], faces[..., 1:, :]).max(axis=-1)
+    distance = solid.chain_bound(points)
     near = ~(distance >= enough)  # NaN stays
     if near.any():
-        first = np.broadcast_to(points[..., :-1, :], (*near.shape, 3))[near]
-        last = np.broadcast_to(points[..., 1:, :], (*near.shape, 3))[near]
+        first, last = points[..., :-1, :][near], points[..., 1:, :][near]
         edges = body_edges(solid)
         found = [
             _parted_by(first[at : at + _CHUNK], last[at : at + _CHUNK], solid, edges)
@@ -55,20 +53,20 @@ def _parted_by(first: Array, last: Array, solid: ConvexBody, edges: Array) -> Ar
     start, edge = edges[None, :, 0], edges[None, :, 1] - edges[None, :, 0]
     crossed = np.cross(along, edge)
     ends = (first[:, None], last[:, None])
-    to_ends = [end - _nearest(end, start, edge) for end in ends]
-    to_segment = _nearest(corners, first[:, None], along) - corners
+    to_ends = [end - nearest_on(end, start, edge) for end in ends]
+    to_segment = nearest_on(corners, first[:, None], along) - corners
     differences = np.concatenate([crossed, -crossed, *to_ends, to_segment], axis=1)  # (S, D, 3)
-    length = np.sqrt((differences**2).sum(axis=-1))
+    length = np.sqrt(np.einsum("sdk,sdk->sd", differences, differences))
     short = length < _NO_DIRECTION
     normals = differences / np.where(short, 1.0, length)[..., None]
     inner = (normals @ solid.corners.T).max(axis=-1)
-    outer = np.minimum(*((normals * end).sum(axis=-1) for end in ends))
+    outer = np.minimum(*(np.einsum("sdk,sok->sd", normals, end) for end in ends))
     gap: Array = np.where(short, -np.inf, outer - inner).max(axis=1)
     return gap
 
 
-def _nearest(point: Array, start: Array, along: Array) -> Array:
+def nearest_on(point: Array, start: Array, along: Array) -> Array:
     """Nearest points (..., 3) of segments to points, both broadcast."""
-    square = np.maximum((along**2).sum(axis=-1), np.finfo(float).tiny)
-    share = np.clip(((point - start) * along).sum(axis=-1) / square, 0.0, 1.0)
+    square = np.maximum(np.einsum("...k,...k->...", along, along), np.finfo(float).tiny)
+    share = np.clip(np.einsum("...k,...k->...", point - start, along) / square, 0.0, 1.0)
     return np.asarray(start + share[..., None] * along)

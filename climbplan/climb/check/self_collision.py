@@ -20,7 +20,7 @@ from climbplan.arrays import Array
 from climbplan.climb.check.anew.capsules import Capsule
 from climbplan.climb.check.clearance import told_room
 from climbplan.climb.check.convex import ConvexBody
-from climbplan.climb.check.distances import chain_distance
+from climbplan.climb.check.distances import chain_distance, nearest_on
 from climbplan.climb.check.subject import Subject
 from climbplan.plans.check import Check, judge_worst
 from climbplan.robots.model import Robot
@@ -142,6 +142,11 @@ def _past_joint(capsule: Capsule) -> tuple[Array, float]:
     return axis, float(np.hypot(capsule.radius, cut / 2))
 
 
+def _length(vectors: Array) -> Array:
+    """Lengths (...) of vectors (..., 3)."""
+    return np.sqrt(np.einsum("...k,...k->...", vectors, vectors))
+
+
 def segments_apart(one: Array, other: Array, enough: float) -> Array:
     """Distances (P,) of segments (P, 2, 3), or lower bounds that are at least `enough`; NaN stays.
 
@@ -149,9 +154,9 @@ def segments_apart(one: Array, other: Array, enough: float) -> Array:
     to its nearest place on the other. A plane leaves no more room than there is, whatever its
     direction, so no value is too large.
     """
-    middle = one.mean(axis=1) - other.mean(axis=1)
-    half = (np.linalg.norm(s[:, 1] - s[:, 0], axis=1) / 2 for s in (one, other))
-    out = np.asarray(np.linalg.norm(middle, axis=1) - sum(half))
+    middle = (one[:, 0] + one[:, 1] - other[:, 0] - other[:, 1]) / 2
+    half = (_length(s[:, 1] - s[:, 0]) / 2 for s in (one, other))
+    out = np.asarray(_length(middle) - sum(half))
     near = ~(out >= enough)
     if not near.any():
         return out
@@ -159,21 +164,14 @@ def segments_apart(one: Array, other: Array, enough: float) -> Array:
     u, v = a[:, 1] - a[:, 0], b[:, 1] - b[:, 0]
     crossed = np.cross(u, v)
     ways = [crossed, -crossed]
-    ways += [a[:, e] - _nearest(a[:, e], b[:, 0], v) for e in (0, 1)]
-    ways += [_nearest(b[:, e], a[:, 0], u) - b[:, e] for e in (0, 1)]
+    ways += [a[:, e] - nearest_on(a[:, e], b[:, 0], v) for e in (0, 1)]
+    ways += [nearest_on(b[:, e], a[:, 0], u) - b[:, e] for e in (0, 1)]
     normals = np.stack(ways, axis=1)  # (S, 6, 3)
-    length = np.linalg.norm(normals, axis=-1)
+    length = _length(normals)
     short = length < _NO_DIRECTION
     normals = normals / np.where(short, 1.0, length)[..., None]
-    outer = np.einsum("sdk,sek->sde", normals, a).min(axis=-1)
-    inner = np.einsum("sdk,sek->sde", normals, b).max(axis=-1)
+    outer = np.minimum(*(np.einsum("sdk,sk->sd", normals, a[:, e]) for e in (0, 1)))
+    inner = np.maximum(*(np.einsum("sdk,sk->sd", normals, b[:, e]) for e in (0, 1)))
     gap = np.where(short, -np.inf, outer - inner).max(axis=1)
     out[near] = np.where(np.isfinite(gap) | np.isnan(gap), gap, 0.0)  # crossing ones: zero
     return out
-
-
-def _nearest(point: Array, start: Array, along: Array) -> Array:
-    """Nearest places (S, 3) of segments to points."""
-    square = np.maximum((along**2).sum(axis=-1), np.finfo(float).tiny)
-    share = np.clip(((point - start) * along).sum(axis=-1) / square, 0.0, 1.0)
-    return np.asarray(start + share[..., None] * along)

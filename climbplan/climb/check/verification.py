@@ -36,6 +36,7 @@ from climbplan.climb.check.trajectory import trajectory_checks
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found
 from climbplan.plans.check import Check
+from climbplan.plans.content import digest_of
 from climbplan.plans.held import held_against, held_check
 from climbplan.plans.verification import Verification, mark_verified
 from climbplan.spec.holding import HeldSpec
@@ -51,7 +52,31 @@ def verify(path: Path, held: HeldSpec | None = None) -> Verification:
 
 
 def verification_of(plan: ClimbPlan, held: HeldSpec | None = None) -> Verification:
-    """As `verify`, for a plan that was read already."""
+    """As `verify`, for a plan that was read already.
+
+    A planner verifies what it is about to return, and then its file is verified. If the file holds
+    bit for bit what this process verified last, the outcome is the same and is not computed again.
+    """
+    if held is not None:
+        return _verification_of(plan, held)
+    content = _content(plan)
+    if content not in _verified:
+        found = _verification_of(plan, held)
+        _verified.clear()
+        _verified[content] = found
+    return _verified[content]
+
+
+_verified: dict[bytes, Verification] = {}  # by content, of the last plan
+
+
+def _content(plan: ClimbPlan) -> bytes:
+    """A digest of what checks look at: all that is read from a file but when and by what."""
+    forces = replace(plan.forces, margin_share=None)
+    return digest_of(replace(plan, created="", climbplan_version="", forces=forces))
+
+
+def _verification_of(plan: ClimbPlan, held: HeldSpec | None) -> Verification:
     # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
     with np.errstate(all="ignore"):
         checks = tuple(_checks(plan, held))

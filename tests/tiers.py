@@ -1,8 +1,8 @@
 """Tiers of the tests by what they were measured to take, and the option that measures them.
 
-`durations.json` holds, for each test function, the mean seconds of a case, with its fixtures, those of
-its module in full; what takes less than `WRITTEN` is left out. A function beyond `EVERYDAY`
-is marked `merge`, beyond `MERGE` `slow`; functions that are not listed run every day.
+`durations.json` holds, for each test function, the mean seconds of a case with its fixtures, those
+of its module in full, those of the whole run not at all; what takes less than `WRITTEN` is left
+out. A function beyond `EVERYDAY` is marked `merge`; one that is not listed runs every day.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import pytest
 
 DURATIONS = Path(__file__).with_name("durations.json")
 WRITTEN = 0.05  # [s]
-EVERYDAY, MERGE = 0.6, 25.0  # [s] the most that a case of these tiers takes
+EVERYDAY = 0.6  # [s] the most that a case of an everyday test takes
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -48,9 +48,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         name = _function_of(item.nodeid)
         seconds = durations.get(name, 0.0)
-        if seconds > MERGE:
-            item.add_marker("slow")
-        elif seconds > EVERYDAY:
+        if seconds > EVERYDAY:
             item.add_marker("merge")
         params = dict(item.callspec.params) if hasattr(item, "callspec") else {}
         seed = params.pop("seed", None)

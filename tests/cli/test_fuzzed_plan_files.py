@@ -15,53 +15,19 @@ import h5py
 import numpy as np
 import pytest
 from plan_mutations import Change, one_change_each
+from scenes import SCENES, PlannedScenes
 
 from climbplan.api.kinds import plan_kind
-from climbplan.bookshelf.plan_file import write_shelf_plan
-from climbplan.bookshelf.runs import run_shelf
 from climbplan.cli.app import run
-from climbplan.climb.plan.file import write_climb
-from climbplan.climb.planner import plan_climb
 from climbplan.errors import ClimbplanError, ExitCode
-from climbplan.limms.plan_file import write_limms_plan
-from climbplan.limms.planner import plan_limms
-from climbplan.spec.bookshelf.loading import load_shelf
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.limms.loading import load_limms
-from climbplan.spec.walking.loading import load_mpc
-from climbplan.walking.plan_file import write_walk_plan
-from climbplan.walking.planner import plan_walk
 
-SPECS = Path(__file__).parents[2] / "specs"
 A_KIND = 5  # changes of the files of each kind; which, the names of datasets decide
 
 
-def _bookshelf(path: Path) -> None:
-    write_shelf_plan(run_shelf(load_shelf(SPECS / "bookshelf_scene.yaml")), path)
-
-
-def _climb(path: Path) -> None:
-    write_climb(plan_climb(load_climb(SPECS / "climb_tube.yaml")), path)
-
-
-def _limms(path: Path) -> None:
-    write_limms_plan(plan_limms(load_limms(SPECS / "limms_throw.yaml")), path)
-
-
-def _walk(path: Path) -> None:
-    write_walk_plan(plan_walk(load_mpc(SPECS / "mpc_forward.yaml", ["solver.method=nlp"])), path)
-
-
-MAKERS = {"bookshelf": _bookshelf, "climb": _climb, "limms": _limms, "walk": _walk}
-
-
-@pytest.fixture(scope="module", params=MAKERS)
-def original(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture(scope="session", params=SCENES)
+def original(request: pytest.FixtureRequest, planned_scenes: PlannedScenes) -> Path:
     """A plan of each kind."""
-    path = tmp_path_factory.mktemp(request.param) / "plan.h5"
-    MAKERS[request.param](path)
-    assert plan_kind(path).verify(path).passed
-    return path
+    return planned_scenes[request.param]
 
 
 def outcome_of(path: Path) -> int:

@@ -1,4 +1,4 @@
-"""A short climb between walls, planned once."""
+"""A short climb between walls."""
 
 from __future__ import annotations
 
@@ -6,18 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from short_climb import SHORT_CLIMB
+from scenes import PlannedScenes
 
-import climbplan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 
 
 @pytest.fixture(scope="session")
-def plan_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("climb") / "plan.h5"
-    climbplan.plan(climbplan.load(SHORT_CLIMB)).save(path)
-    return path
+def plan_file(planned_scenes: PlannedScenes) -> Path:
+    return planned_scenes["climb"]
 
 
 @pytest.fixture(scope="session")

@@ -6,15 +6,16 @@ from pathlib import Path
 
 import pytest
 from limms_scenes import loaded
+from scenes import PlannedScenes
 
 from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.plan_file import write_limms_plan
+from climbplan.limms.plan_file import read_limms_plan
 from climbplan.limms.planner import plan_limms
 
 
 @pytest.fixture(scope="session")
-def throw() -> LimmsPlan:
-    return plan_limms(loaded("limms_throw"))
+def throw(throw_file: Path) -> LimmsPlan:
+    return read_limms_plan(throw_file)
 
 
 @pytest.fixture(scope="session")
@@ -23,7 +24,5 @@ def turned() -> LimmsPlan:
 
 
 @pytest.fixture(scope="session")
-def throw_file(throw: LimmsPlan, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("limms") / "plan.h5"
-    write_limms_plan(throw, path)
-    return path
+def throw_file(planned_scenes: PlannedScenes) -> Path:
+    return planned_scenes["modules"]

@@ -12,8 +12,8 @@ import pytest
 from headless_chromium import Browser, chromium_path
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from scenes import PlannedScenes
 
-import climbplan
 from climbplan.limms.plan import LimmsPlan
 from climbplan.limms.plan_file import read_limms_plan
 from climbplan.reports.limms.figure_modes import mode_timeline
@@ -24,22 +24,11 @@ from climbplan.reports.viewer.limms_scene import limms_scene, scene_of_modules
 from climbplan.reports.viewer.scene import block, outline, polygons
 from climbplan.reports.viewer.walking_scene import walk_scene
 
-SPECS = Path(__file__).parents[2] / "specs"
 
-
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+@pytest.fixture(scope="session")
+def folders(planned_scenes: PlannedScenes) -> dict[str, Path]:
     """A walk and a throw, with their pages."""
-    found = {}
-    for name, spec in (
-        ("walk", climbplan.load(SPECS / "mpc_forward.yaml", set={"task.knots": 6})),
-        ("throw", climbplan.load(SPECS / "limms_throw.yaml")),
-    ):
-        found[name] = tmp_path_factory.mktemp(name)
-        plan = climbplan.plan(spec)
-        plan.save(found[name] / "plan.h5")
-        plan.report(found[name])
-    return found
+    return {"walk": planned_scenes["walk"].parent, "throw": planned_scenes["modules"].parent}
 
 
 def replay_of(page: Path) -> dict[str, Any]:

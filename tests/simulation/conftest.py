@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from scenes import PlannedScenes
 from short_climb import SHORT_CLIMB
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import read_climb
 from climbplan.climb.planner import plan_climb
 from climbplan.spec.climb.loading import load_text
 
@@ -15,10 +17,10 @@ Planned = Callable[..., ClimbPlan]
 
 
 @pytest.fixture(scope="session")
-def planned() -> Planned:
+def planned(planned_scenes: PlannedScenes) -> Planned:
     """Plans of the short climb with overrides, each made once."""
     pytest.importorskip("mujoco")
-    made: dict[tuple[str, ...], ClimbPlan] = {}
+    made = {(): read_climb(planned_scenes["climb"])}
 
     def plan(*overrides: str) -> ClimbPlan:
         if overrides not in made:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from scenes import PlannedScenes
 
 from climbplan.climb.chaining import started
 from climbplan.climb.check.verification import verify, verify_and_mark
@@ -36,11 +38,10 @@ force: {safety_friction: 1.1}
 
 
 @pytest.fixture(scope="module")
-def ground(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def ground(planned_scenes: PlannedScenes, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("chain")
-    plan = plan_transition(load_transition(SPECS / "transition_flat.yaml"))
     (folder / "ground").mkdir()
-    write_climb(plan, folder / "ground" / "plan.h5")
+    shutil.copy(planned_scenes["transition"], folder / "ground" / "plan.h5")
     assert verify_and_mark(folder / "ground" / "plan.h5").passed
     (folder / "onwards.yaml").write_text(ONWARDS)
     return folder

@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from scenes import PlannedScenes
 
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.climb_plan import ClimbPlan
@@ -18,9 +19,9 @@ SPECS = Path(__file__).parents[3] / "specs"
 FLAT = SPECS / "transition_flat.yaml"
 
 
-@pytest.fixture(scope="module")
-def plan() -> ClimbPlan:
-    return plan_transition(load_transition(FLAT))
+@pytest.fixture(scope="session")
+def plan(planned_scenes: PlannedScenes) -> ClimbPlan:
+    return read_climb(planned_scenes["transition"])
 
 
 @pytest.fixture

@@ -1,0 +1,54 @@
+"""One plan of every kind, made once in a test run and read by all workers."""
+
+from __future__ import annotations
+
+import fcntl
+from pathlib import Path
+from typing import Any
+
+import pytest
+from short_climb import SHORT_CLIMB
+
+SPECS = Path(__file__).parents[1] / "specs"
+SCENES: dict[str, tuple[str | Path, dict[str, Any]]] = {  # spec, and what is set in it
+    "climb": (SHORT_CLIMB, {}),
+    "transition": (SPECS / "transition_flat.yaml", {}),
+    "walk": (SPECS / "mpc_forward.yaml", {"task.knots": 6}),
+    "modules": (SPECS / "limms_throw.yaml", {}),
+    "bookshelf": (SPECS / "bookshelf_scene.yaml", {}),
+}
+
+
+class PlannedScenes:
+    """Folders with `plan.h5` and its report, by the names of `SCENES`; not to be changed."""
+
+    def __init__(self, place: Path) -> None:
+        self.place = place
+        place.mkdir(exist_ok=True)
+
+    def __getitem__(self, name: str) -> Path:
+        """The plan file of a scene, planned now if nobody has asked for it before."""
+        folder = self.place / name
+        with (self.place / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # until it is closed, or its process ends
+            if not folder.exists():
+                _plan_into(folder, *SCENES[name])
+        return folder / "plan.h5"
+
+
+def _plan_into(folder: Path, spec: str | Path, changes: dict[str, Any]) -> None:
+    import climbplan
+
+    made = folder.with_name(f"{folder.name}.part")
+    made.mkdir(exist_ok=True)
+    plan = climbplan.plan(climbplan.load(spec, set=changes))
+    plan.save(made / "plan.h5")
+    plan.report(made)
+    made.rename(folder)
+
+
+@pytest.fixture(scope="session")
+def planned_scenes(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> PlannedScenes:
+    """The plans of this run; with several workers, in the folder that theirs are in."""
+    own = tmp_path_factory.getbasetemp()
+    return PlannedScenes((own if worker_id == "master" else own.parent) / "scenes")

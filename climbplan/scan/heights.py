@@ -144,7 +144,10 @@ def _read_csv(path: Path) -> Array:
     with reading(path, "a table of heights", ScanError), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of files without data, which are refused later
         delimiter = next((d for d in ",;\t" if d in text), None)
-        return np.genfromtxt(text.splitlines(), delimiter=delimiter, ndmin=2)
+        try:
+            return np.genfromtxt(text.splitlines(), delimiter=delimiter, ndmin=2)
+        except ValueError as error:  # its first line only says that there are errors
+            raise ValueError(str(error).splitlines()[-1].strip()) from None
 
 
 def _read_image(path: Path) -> tuple[Array, float | None, Array | None]:

@@ -66,6 +66,7 @@ BROKEN: dict[str, tuple[str, bytes | Callable[[Path], None], str]] = {
         "ModelTiepoint is 'abcdefgh', expected 5 numbers",
     ),
     "collapsed faces": ("a.glb", _glb, "no triangle has an area, expected a surface"),
+    "uneven rows": ("a.csv", b"1,2,3\n4,5\n", "Line #2 (got 2 columns instead of 3)"),
     "a long name": (f"{'x' * 300}.stl", lambda _: None, "cannot be read: File name too long"),
 }
 

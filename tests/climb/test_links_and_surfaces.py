@@ -18,6 +18,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner import plan_climb
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.capsules import limb_capsules
+from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.urdf.proposal.packaged import package_urdf
 from climbplan.spec.climb.loading import load_climb
@@ -26,6 +27,7 @@ from climbplan.spec.robots.source import load_any_robot
 SPECS = Path(__file__).parents[2] / "specs"
 SHIPPED = ("hexapod", "walker", "telescope")  # soles are looked at corner by corner
 TOLERATED = 5e-4  # [m]
+OF_FOOT = 1.5e-3  # [m] by which feet leave the spheres that stand for them
 A1 = """kind: robot
 urdf: {urdf}
 forward: x
@@ -86,6 +88,67 @@ def test_links_hold_their_geometry_in_random_postures(name: str, tmp_path: Path)
         ours = np.minimum(links.starts @ normal, links.ends @ normal) - links.radius
         # What links keep from a plane is never more than what their geometry keeps from it
         assert (ours.min(axis=-1) <= geometry.heights(angles, normal) + 1e-6).all()
+
+
+FEET = {  # package part, radius [m], toe offset [m], leg with its joints and angles [deg]
+    "solo12": ("solo12", 0.0128, (0.0, 0.0001, -0.0033), ("FR_FOOT", "FR_HAA FR_HFE FR_KFE")),
+    "go2": (
+        "go2_description/urdf/go2",
+        0.025,
+        (-0.0005, 0.0, 0.0021),
+        ("FR_foot", "FR_hip_joint FR_thigh_joint FR_calf_joint"),
+    ),
+}
+
+
+def four_legs(name: str, folder: Path) -> tuple[Robot, Path]:
+    """A quadruped with spherical feet, its legs as they are in its URDF."""
+    part, radius, offset, (toe, joints) = FEET[name]
+    urdf = package_urdf(f"example-robot-data:{part}")
+    text = f"kind: robot\nurdf: {urdf}\nforward: x\nup: z\nfoot: {{radius: {radius}}}\n"
+    text += "joint_stiffness: 100\nstructural_compliance_share: 0.1\nlegs:\n"
+    rear = {"solo12": "H", "go2": "R"}[name]
+    for limb, (side, end) in {"RF": "RF", "RR": "RR", "LR": "LR", "LF": "LF"}.items():
+        prefix = (rear if end == "R" else "F") + side
+        own = [joint.replace("FR_", f"{prefix}_", 1) for joint in joints.split()]
+        knee = -1 if name == "go2" or end == "F" else 1
+        posture = dict(zip(own, (0, -50 * knee, 90 * knee), strict=True))
+        mirrored = (offset[0], offset[1] if side == "R" else -offset[1], offset[2])
+        text += f"  {limb}: {{toe: {toe.replace('FR', prefix)}, toe_offset: {list(mirrored)}, "
+        text += f"posture_deg: {posture}}}\n".replace("'", "")
+    (folder / "robot.yaml").write_text(text)
+    return build_robot(load_any_robot("robot.yaml", folder)), urdf
+
+
+@pytest.mark.parametrize("name", FEET)
+def test_last_links_reach_beyond_feet_no_more_than_their_geometry(
+    name: str, tmp_path: Path
+) -> None:
+    robot, urdf = four_legs(name, tmp_path)
+    geometry = UrdfGeometry.of(robot, urdf)
+    angles = robot.mechanism.posture
+    toes = robot.mechanism.joint_points(angles)[:, -2:]  # knee, toe
+    links = limb_capsules(robot, angles)
+    rng = np.random.default_rng(1)
+    last, tried = np.isfinite(links.to_toe), 0
+    for _ in range(60):
+        for limb, (knee, toe) in enumerate(toes):
+            up = (knee - toe) / np.linalg.norm(knee - toe)
+            normal = up + rng.normal(size=3) * 0.5
+            normal /= np.linalg.norm(normal)
+            if normal @ up < np.cos(np.deg2rad(45)):
+                continue
+            ends = np.stack([links.starts, links.ends])[:, limb] @ normal
+            height = ends.min(axis=0) - links.radius[limb]
+            ours = height[last[limb]].min()
+            if ours > height.min():
+                continue  # another link is lower
+            tried += 1
+            theirs = geometry.heights(angles, normal)[limb]
+            foot = toe @ normal - robot.foot.radius
+            assert ours <= theirs + OF_FOOT
+            assert ours >= min(theirs, foot) - 1.5e-3  # 4 and 7 mm when one capsule held a mesh
+    assert tried > 60
 
 
 @pytest.fixture(scope="module", name="climb")

@@ -102,6 +102,7 @@ def robot_of_urdf(robot: UrdfRobot) -> Robot:
         spec.limb_radii,
         spec.limb_radius,
         None if foot is None or foot.sole is None else sole_capsules(chain, foot.sole),
+        0.0 if foot is None else foot.radius,
     )
     radius = spec.limb_radius
     if capsules is not None:

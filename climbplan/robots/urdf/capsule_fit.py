@@ -11,11 +11,17 @@ which has one root between 0 and a if 3 a^2 > q; otherwise it is a sphere.
 A flat box or disc, such as the housing of a knee's motor, is cut into strips about as wide as it is
 thick, each with a capsule of its own. One capsule round a disc of radius 60 mm and thickness 40 mm
 would reach 43 mm beyond its faces; three reach 9 mm beyond its faces, and 35 mm beyond its rim.
+
+Beside a spherical foot millimetres count: what reaches beyond it stands in the floor. A piece of
+the last link that lies in that sphere, or reaches `_OF_FOOT` beyond it, is the foot. Of a mesh the
+end at the toe is cut off and has a capsule of its own: round the blunt end of Solo12's lower leg,
+one as thick as its knee would reach 7 mm beyond its foot.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 
@@ -35,6 +41,8 @@ _KEPT = 256  # meshes whose capsules are remembered
 _FLAT = 5  # fewest points of which there is a hull
 _FLATNESS = 1.5  # ratio of width to thickness from which a piece is cut into strips
 _MAX_STRIPS = 4  # of one piece
+_OF_FOOT = 1.5e-3  # [m] by which the geometry of a foot may leave the sphere that stands for it
+_LONG = 2.0  # ratio of length to width from which the end of a mesh is cut off
 _SAME_SIZE = 9  # decimals [m] to which sides are compared, so that every machine sorts them alike
 
 
@@ -53,6 +61,35 @@ def capsules_of(shape: Shape) -> list[tuple[Array, float]]:
     count = min(round(width / max(thickness, 1e-9)), _MAX_STRIPS)
     cuts = np.linspace(along[:, 1].min(), along[:, 1].max(), count + 1)
     return [_round_box(*_box(_slab(along, *bounds), sides)) for bounds in pairwise(cuts)]
+
+
+def end_capsules(shape: Shape, toe: Array, foot: float) -> list[tuple[Array, float]]:
+    """As `capsules_of`, for a piece of the link that ends in a spherical foot.
+
+    Args:
+        shape: The piece.
+        toe: Centre of the foot (3,), in the frame of the piece [m].
+        foot: Its radius [m].
+    """
+    away = float(np.linalg.norm(shape.points - toe, axis=1).max()) + shape.radius
+    if away <= foot + _OF_FOOT:
+        return [(np.stack([toe, toe]), foot)]
+    if shape.axis is not None or len(shape.points) < _FLAT:
+        return capsules_of(shape)
+    sides = np.linalg.svd(shape.points - shape.points.mean(axis=0), full_matrices=False)[2]
+    sides = sides[[1, 0, 2]]  # `_slab` cuts across the second
+    along = shape.points @ sides.T
+    extent = np.ptp(along, axis=0)
+    if extent[1] < _LONG * extent[0]:
+        return capsules_of(shape)
+    with suppress(QhullError):
+        along = along[ConvexHull(along).vertices]
+    low, high = along[:, 1].min(), along[:, 1].max()
+    thick = min(extent[0], extent[2])
+    at_top = (toe @ sides.T)[1] > (low + high) / 2
+    cuts = [low, high - thick, high] if at_top else [low, low + thick, high]
+    sections = (_slab(along, *bounds) @ sides for bounds in pairwise(cuts))
+    return [capsule_of(replace(shape, points=section)) for section in sections]
 
 
 def capsule_of(shape: Shape) -> tuple[Array, float]:
@@ -122,13 +159,15 @@ def leg_capsules(
     stated: dict[str, float],
     common: float | None,
     soles: tuple[Array, float] | None = None,
+    foot: float = 0.0,
 ) -> MountedCapsules | None:
     """Capsules of all legs, body frame; None where all links are alike and straight.
 
     stated: radius by joint [m] of links that are straight from joint to joint; common: of all that
     are not stated, in place of their geometry. A link without geometry has none, but the last: it
     is straight and as thick as the one before it, or as `LIMB_RADIUS`. soles: ends (N, 2, 3) of the
-    axes and the radius of what takes the place of last links, of flat feet.
+    axes and the radius of what takes the place of last links, of flat feet. foot: radius of
+    spherical feet [m], else zero.
     """
     moved = {joint for leg in legs for joint in leg.names}
     if (
@@ -151,8 +190,12 @@ def leg_capsules(
             if radius is not None:
                 own.append((number, straight, radius))
                 continue
-            own_shapes = (shape for shape in shapes if shape.joint == joint)
-            fitted = [capsule for shape in own_shapes for capsule in capsules_of(shape)]
+            fitted: list[tuple[Array, float]] = []
+            for shape in (shape for shape in shapes if shape.joint == joint):
+                if foot > 0 and number == width - 1:
+                    fitted += end_capsules(shape, points[-1] + centre, foot)
+                else:
+                    fitted += capsules_of(shape)
             own += [(number, _towards(points[-1], ends - centre), r) for ends, r in fitted]
         if not own or own[-1][0] != width - 1:
             own.append((width - 1, points[-2:], own[-1][2] if own else LIMB_RADIUS))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import clarabel
 import numpy as np
@@ -34,6 +35,20 @@ def clarabel_settings(robust: bool = False) -> clarabel.DefaultSettings:
     if robust:
         settings.static_regularization_constant = _REGULARISATION
     return settings
+
+
+def solved_by_clarabel(*problem: Any) -> clarabel.DefaultSolution | None:
+    """Clarabel's answer to a problem as `DefaultSolver` takes it, or None where it panics.
+
+    It does where an eigenvalue iteration on a semidefinite cone does not converge. What pyo3 raises
+    then is no Exception, and its type is not exported.
+    """
+    try:
+        return clarabel.DefaultSolver(*problem).solve()
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":
+            raise
+        return None
 
 
 def solve_clarabel(group: ReducedForces) -> ConeOptima:
@@ -70,8 +85,9 @@ def solve_clarabel(group: ReducedForces) -> ConeOptima:
     for k in range(b):
         matrix = sparse.csc_matrix((values[k], indices, indptr), shape=(size, q + 1))
         P = sparse.csc_matrix(np.triu(group.preference[k]))
-        solver = clarabel.DefaultSolver(P, gradient[k], matrix, upper[k], cones, settings)
-        solution = solver.solve()
+        solution = solved_by_clarabel(P, gradient[k], matrix, upper[k], cones, settings)
+        if solution is None:
+            continue
         x[k] = solution.x
         # "Almost" only missed the tight tolerance; the check of the forces decides.
         solved[k] = str(solution.status) in ("Solved", "AlmostSolved", "InsufficientProgress")

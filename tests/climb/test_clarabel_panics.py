@@ -1,0 +1,41 @@
+"""A panic inside Clarabel is an unsolved problem, not the end of a run."""
+
+from __future__ import annotations
+
+import clarabel
+import numpy as np
+import pytest
+
+from climbplan.climb.forces.clarabel import solved_by_clarabel
+from climbplan.climb.forces.cones import ConicProgram
+
+
+class PanicException(BaseException):
+    """As pyo3 raises it."""
+
+
+class Panicking:
+    def __init__(self, *problem: object) -> None:
+        pass
+
+    def solve(self) -> None:
+        raise PanicException("Eigval error: Eigen(1)")
+
+
+class Interrupted(Panicking):
+    def solve(self) -> None:
+        raise KeyboardInterrupt
+
+
+def test_a_panic_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clarabel, "DefaultSolver", Panicking)
+    assert solved_by_clarabel() is None
+    program = ConicProgram(1)
+    program.below("row", np.ones((1, 1)), np.ones(1))
+    assert program.minimise(np.ones(1)) is None
+
+
+def test_ctrl_c_is_none_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clarabel, "DefaultSolver", Interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        solved_by_clarabel()

@@ -8,12 +8,19 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 from pages import ROOT, run, shell_lines
+
+from benchmarks.app import app
 
 README = (ROOT / "README.md").read_text()
 SCENES = ROOT / "specs" / "README.md"
 COMMANDS = ROOT / "docs" / "command_line.md"
-PAGES = [ROOT / "README.md", COMMANDS, SCENES, *sorted((ROOT / "climbplan").rglob("README.md"))]
+PAGES = [
+    *(ROOT / "README.md", COMMANDS, SCENES, ROOT / "benchmarks" / "README.md"),
+    *sorted((ROOT / "climbplan").rglob("README.md")),
+]
+BENCHMARK = "python -m benchmarks "
 
 
 SHELL_LINES = shell_lines(README)
@@ -66,10 +73,18 @@ def test_other_commands_run_in_order(page: Path, tmp_path: Path) -> None:
     lines = [line for line in shell_lines(page.read_text()) if line.startswith("climbplan ")]
     assert lines or page != PAGES[0]
     for line in lines:
-        if line.startswith("climbplan bench"):
-            continue  # minutes long: run by hand, with the table they print
         done = run(line, tmp_path)
         assert done.returncode == 0, f"{line}\n{done.stderr}"
+
+
+def test_benchmarks_of_pages_have_the_options_that_are_shown() -> None:
+    """They take minutes: run by hand, with the table they print."""
+    commands = typer.main.get_group(app).commands
+    lines = [line for page in PAGES for line in shell_lines(page.read_text())]
+    shown = [line.split("#")[0].split()[3:] for line in lines if line.startswith(BENCHMARK)]
+    assert len(shown) > 10
+    for name, *options in shown:
+        commands[name].make_context(name, options)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.parent.name)

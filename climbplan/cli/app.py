@@ -18,7 +18,6 @@ import typer
 from typer.core import TyperGroup
 
 from climbplan import __version__
-from climbplan.cli.bench import bench
 from climbplan.cli.console import (
     Session,
     plain_messages,
@@ -79,7 +78,7 @@ GROUPS: dict[str, tuple[Any, ...]] = {
         fit_gripper,
         fit_terrain,
     ),
-    "Check": (verify, simulate, bench),
+    "Check": (verify, simulate),
     "Look and take away": (report, view, export),
     "Write and look up": (new, validate, schema, robot, doctor),
 }

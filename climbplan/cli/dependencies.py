@@ -67,7 +67,7 @@ PARTS = (
         "CVXPY",
         "cvxpy",
         "cvxpy",
-        "baseline of `bench force`",
+        "baseline of `python -m benchmarks force` and `coupled`, in a clone",
         required=False,
         install="pip install 'climbplan[bench]'",
     ),

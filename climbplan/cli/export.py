@@ -175,10 +175,10 @@ def export(
 def _instances(
     context: typer.Context, target: Path, seed: int | None, count: int | None, force: bool
 ) -> Path:
-    from climbplan.bench.instances.families import COUNT
-    from climbplan.bench.instances.writing import KNOWN_SEED, write_set
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
+    from climbplan.exports.instances.families import COUNT
+    from climbplan.exports.instances.writing import KNOWN_SEED, write_set
 
     session = context.ensure_object(Session)
     drawn = KNOWN_SEED if seed is None else seed

@@ -13,6 +13,7 @@ def room_pages(root: Path) -> dict[str, str]:
     """Text by page name: `walking.md`, `climb_grips.md`, `specs.md`."""
     places = {
         root / "specs" / "README.md": "specs.md",
+        root / "benchmarks" / "README.md": "benchmarks.md",
         **{
             path: "_".join(path.parent.relative_to(root / "climbplan").parts) + ".md"
             for path in sorted((root / "climbplan").rglob("README.md"))

@@ -1,4 +1,4 @@
-"""`bench strategies`: its figures agree with one another; times are not judged."""
+"""`python -m benchmarks strategies`: its figures agree with one another; times are not judged."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ import pytest
 
 pytest.importorskip("pymunk")
 
-from climbplan.bench.bookshelf.cluster_programs import WHOLE
-from climbplan.bench.bookshelf.strategies import (
+from benchmarks.bookshelf.cluster_programs import WHOLE
+from benchmarks.bookshelf.strategies import (
     CANDIDATES,
     StrategyOptions,
     StrategyResult,
     as_json,
     bench_strategies,
 )
-from climbplan.bench.bookshelf.strategy_cases import (
+from benchmarks.bookshelf.strategy_cases import (
     KINDS,
     case_of,
     drawn_scenes,
     training_scenes,
 )
-from climbplan.bench.bookshelf.strategy_plots import comparison
-from climbplan.bench.bookshelf.strategy_tables import write_files, write_text
+from benchmarks.bookshelf.strategy_plots import comparison
+from benchmarks.bookshelf.strategy_tables import write_text
+from benchmarks.record import make_record
 from climbplan.bookshelf.generator import shelf_for
 from climbplan.bookshelf.methods.features import feature_map
 from climbplan.bookshelf.points import theta_of
@@ -88,22 +89,19 @@ def test_reduced_programs_are_counted(result: StrategyResult) -> None:
 
 
 @pytest.mark.slow
-def test_files_and_tables_hold_the_figures(result: StrategyResult, tmp_path: Path) -> None:
-    write_files(result, OPTIONS, tmp_path)
-    told = json.loads((tmp_path / "bench.json").read_text())
-    assert len(told["figures"]) == len(result.figures)
-    assert told["cluster_programs"][0]["binaries"] == result.programs[0].binaries
-    assert told == as_json(result, OPTIONS)
+def test_record_and_tables_hold_the_figures(result: StrategyResult) -> None:
+    record = make_record("strategies", {}, as_json(result), "")["results"]
+    assert record == json.loads(json.dumps(record, allow_nan=False))
+    assert len(record["figures"]) == len(result.figures)
+    assert record["cluster_programs"][0]["binaries"] == result.programs[0].binaries
     stream = io.StringIO()
     write_text(result, stream)
     text = stream.getvalue()
-    assert (tmp_path / "bench.txt").read_text() == text
     for setting, kind in KINDS.items():
         assert f"{setting}: {kind.meaning}" in text
     assert (
         len([line for line in text.splitlines() if line.startswith(("reduced  ", "whole  "))]) == 4
     )
-    assert (tmp_path / "figures" / "strategies.png").stat().st_size > 20_000
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""`bench bookshelf`: its figures agree with one another; times are not judged."""
+"""`python -m benchmarks bookshelf`: its figures agree with one another; times are not judged."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ import h5py
 import numpy as np
 import pytest
 
-from climbplan.bench.bookshelf.contenders import CONTENDERS, chosen
-from climbplan.bench.bookshelf.inputs import FileGroup, bench_inputs, in_turn
-from climbplan.bench.bookshelf.measure import Run, figures_of, wilson
-from climbplan.bench.bookshelf.published import compare_published, read_published
-from climbplan.bench.bookshelf.run import (
+from benchmarks.bookshelf.contenders import CONTENDERS, chosen
+from benchmarks.bookshelf.inputs import FileGroup, bench_inputs, in_turn
+from benchmarks.bookshelf.measure import Run, figures_of, wilson
+from benchmarks.bookshelf.plots import write_plots
+from benchmarks.bookshelf.published import compare_published, read_published
+from benchmarks.bookshelf.run import (
     BenchOptions,
     BenchResult,
     as_json,
     bench_bookshelf,
-    write_files,
     write_text,
 )
+from benchmarks.record import make_record
 from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.generator import generate_scenes, shelf_for
@@ -68,16 +69,15 @@ def test_figures_agree_with_one_another(result: BenchResult) -> None:
 
 
 def test_json_text_and_plots(result: BenchResult, tmp_path: Path) -> None:
-    write_files(result, OPTIONS, tmp_path)
-    read = json.loads((tmp_path / "bench.json").read_text())
-    assert read == json.loads(json.dumps(as_json(result, OPTIONS), allow_nan=False))
+    read = make_record("bookshelf", {}, as_json(result), "")["results"]
+    assert read == json.loads(json.dumps(read, allow_nan=False))
     assert [row["method"] for row in read["methods"]] == [row.method for row in result.figures]
     assert len(read["scenes"]) == len(result.runs)
     text = io.StringIO()
     write_text(result, text)
-    assert (tmp_path / "bench.txt").read_text() == text.getvalue()
     for words in ("meaning contact", "meaning published", "0 of ", "machine load", "8.1 "):
         assert words in text.getvalue()
+    write_plots(result.runs, result.figures, result.best, tmp_path)
     for name in ("success", "cost", "time"):
         assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
@@ -198,4 +198,4 @@ def test_only_published_placements(published: Path) -> None:
     text = io.StringIO()
     write_text(found, text)
     assert "12 scenes" in text.getvalue()
-    assert json.dumps(as_json(found, options), allow_nan=False)
+    assert json.dumps(as_json(found), allow_nan=False)

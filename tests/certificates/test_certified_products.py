@@ -7,7 +7,7 @@ import pytest
 from certified_programs import PRODUCTS_GAP, certified_products
 
 import climbplan
-from climbplan.bench.engine.bilinear import planar_push, turning_flyer
+from benchmarks.engine.bilinear import planar_push, turning_flyer
 from climbplan.certificates.checker import check
 from climbplan.methods.sequence import ProblemSequence
 from climbplan.methods.task import MethodSettings

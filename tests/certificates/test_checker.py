@@ -14,9 +14,9 @@ from random_programs import random_program
 
 import climbplan
 import climbplan.certificates
-from climbplan.bench.engine.cart_pole import walled_cart_pole
 from climbplan.certificates.checker import check
 from climbplan.errors import UsageError
+from climbplan.exports.instances.cart_pole import walled_cart_pole
 from climbplan.program import Polytope, Program
 from climbplan.solvers.mixed_integer import method, proof
 from climbplan.solvers.mixed_integer.method import TreeMemory

@@ -88,8 +88,4 @@ RUNS = (
     _run("gripper", "fit-gripper SPECS/grips.csv", 2.0),
     _run("simulate", "simulate GIVEN/steps", 4.0),
     _run("report", "report GIVEN/steps", 3.0),
-    _run("bench-posture", "bench posture", 8.0, writes=False),
-    _run("bench-force", "bench force", 8.0, writes=False),
-    _run("bench-shelf", "bench bookshelf --quick", 8.0),
-    _run("bench-walks", "bench mpc --quick", 8.0),
 )

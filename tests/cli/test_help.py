@@ -45,7 +45,6 @@ def imported_by_typer() -> set[str]:
         [],
         ["plan-climb", "--help"],
         ["solve-bookshelf", "--help"],
-        ["bench", "--list"],
         ["gen-data", "--help"],
         ["data", "--help"],
         ["fit-stiffness", "--help"],
@@ -64,7 +63,6 @@ def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
     if arguments and arguments[0] in (
         "plan-climb",
         "solve-bookshelf",
-        "bench",
         "gen-data",
         "data",
         "fit-stiffness",
@@ -82,7 +80,7 @@ def test_every_command_has_help(run_command: RunCommand) -> None:
     assert listing.err == ""
     for name in (
         "plan-climb", "solve-bookshelf", "verify", "report", "export", "validate", "schema", "new",
-        "doctor", "bench", "gen-data", "data",
+        "doctor", "gen-data", "data",
     ):  # fmt: skip
         assert name in listing.out
         shown = run_command(name, "-h")
@@ -115,7 +113,6 @@ def test_version(run_command: RunCommand) -> None:
         (["plan-climb", "small.yaml", "--seed", "x"], "--seed"),
         (["solve-bookshelf"], "Missing argument"),
         (["validate"], "Missing argument"),
-        (["bench", "frob"], "no benchmark 'frob'"),
         (["schema", "frob"], "no spec kind 'frob'"),
         (["new", "frob"], "no spec kind 'frob'"),
     ],

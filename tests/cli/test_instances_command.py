@@ -1,4 +1,4 @@
-"""`export --instances`, `bench instances` and `bench engine` as their users type them."""
+"""`export --instances` as its users type it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from command_line import RunCommand
 
-from climbplan.bench.engine import run as engine
-from climbplan.bench.instances import families
+from climbplan.exports.instances import families
 
 _SMALL = ("cart-poles", "free-flyers")
 
@@ -65,61 +64,3 @@ def test_export_refuses_what_does_not_go_together(
     assert outcome.out == ""
     assert word in outcome.err
     assert not (workplace / "set").exists()
-
-
-@pytest.mark.usefixtures("few")
-def test_bench_instances_goes_on_where_it_was_ended(
-    run_command: RunCommand, workplace: Path
-) -> None:
-    asked = ("bench", "instances", "--count", "1", "--time-limit", "0.3", "--out", "results")
-    one = run_command(*asked, "--methods", "tree")
-    assert one.code == 0, one.err
-    assert one.out.startswith("limit 0.3 s")
-    assert "scip " not in one.out.split("of scip", 1)[1]
-    rows = _table(workplace / "results" / "results.csv")
-    assert [row["contender"] for row in rows] == 6 * ["tree"]
-    both = run_command(*asked, "--methods", "highs,tree")
-    assert both.code == 0
-    more = _table(workplace / "results" / "results.csv")
-    assert more[:6] == rows  # nothing is solved twice
-    assert {row["contender"] for row in more[6:]} == {"highs"}
-    assert {row["name"] for row in _table(workplace / "results" / "known.csv")} == {
-        row["name"] for row in rows
-    }
-
-
-@pytest.mark.parametrize(
-    ("options", "word"),
-    [
-        (("instances", "--methods", "cplex"), "no 'cplex', known are"),
-        (("instances", "--json"), "results.csv of --out has all numbers"),
-        (("instances", "--count", "0"), "--count"),
-        (("instances", "--few", "2"), "has no --few"),
-        (("engine", "--count", "2"), "options from --scenes to --json"),
-        (("engine", "--out", "tables"), "options from --scenes to --json"),
-    ],
-)
-def test_bench_refuses_what_it_does_not_know(
-    run_command: RunCommand, options: tuple[str, ...], word: str
-) -> None:
-    outcome = run_command("bench", *options)
-    assert outcome.code == 2
-    assert (outcome.out == "") == ("--json" not in options)  # which has an object for failures
-    assert word in outcome.err
-
-
-def test_bench_engine_draws_by_its_seed(
-    run_command: RunCommand, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[tuple[int, bool]] = []
-
-    def told(seed: int, quick: bool, stream: object) -> None:
-        asked.append((seed, quick))
-        print("a table", file=stream)  # type: ignore[call-overload]
-
-    monkeypatch.setattr(engine, "run_engine", told)
-    outcome = run_command("bench", "engine", "--seed", "5", "--quick")
-    assert (outcome.code, outcome.out) == (0, "a table\n")
-    assert asked == [(5, True)]
-    assert run_command("bench", "engine").code == 0
-    assert asked[1][1] is False

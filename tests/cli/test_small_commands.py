@@ -1,4 +1,4 @@
-"""validate, new, schema, doctor, bench --list, and the commands that read plans."""
+"""validate, new, schema, doctor, and the commands that read plans."""
 
 from __future__ import annotations
 
@@ -147,48 +147,6 @@ def test_doctor_covers_every_dependency() -> None:
         if "extra ==" not in line
     }
     assert needed <= covered
-
-
-def test_bench_list(run_command: RunCommand) -> None:
-    listed = run_command("bench", "--list").out.splitlines()
-    names = ["posture", "force", "plan", "coupled", "transition", "mpc"]
-    names += [
-        "refusals",
-        "stands",
-        "scans",
-        "judge",
-        "zoo",
-        "growth",
-        "windows",
-        "bookshelf",
-        "strategies",
-        "limms",
-    ]
-    names += ["instances", "engine"]
-    assert [line.split()[0] for line in listed] == names
-
-
-def test_bench_options_of_another_benchmark(run_command: RunCommand) -> None:
-    outcome = run_command("bench", "plan", "--count", "3")
-    assert outcome.code == 2
-    assert "go with `bench bookshelf`" in outcome.err
-
-
-def test_bench_limms_refuses_what_it_does_not_know(run_command: RunCommand) -> None:
-    outcome = run_command("bench", "limms", "--few", "3")
-    assert outcome.code == 2
-    assert "has no --few" in outcome.err
-    outcome = run_command("bench", "limms", "--methods", "modes,exact", "--count", "0")
-    assert outcome.code == 2
-    assert "expected some of modes, admm" in outcome.err
-
-
-def test_bench_bookshelf_as_json(run_command: RunCommand) -> None:
-    outcome = run_command("bench", "bookshelf", "--methods", "exact", "--count", "2", "--json")
-    assert outcome.code == 0, outcome.err
-    read = json.loads(outcome.out)
-    assert [row["method"] for row in read["methods"]] == ["exact"]
-    assert read["methods"][0]["success"] == 1.0
 
 
 @pytest.mark.parametrize("command", ["verify", "report", "export"])
@@ -375,9 +333,3 @@ def test_doctor_says_what_each_solver_of_programs_holds(run_command: RunCommand)
     assert "implications" in listed["minlp-scip"]["holds"]
     assert all(solver["purpose"] for solver in listed.values())
     assert re.search(r"^bonmin +present +local +everything", run_command("doctor").out, re.M)
-
-
-def test_bench_scans_says_which_meshes_it_wants(run_command: RunCommand, tmp_path: Path) -> None:
-    outcome = run_command("bench", "scans", "--scenes", str(tmp_path))
-    assert outcome.code == 2
-    assert "give the folder with the meshes of hpp-environments by --scenes DIR" in outcome.err

@@ -1,4 +1,4 @@
-"""`bench zoo`: rows are kept robot by robot, and a later run goes on with them."""
+"""`zoo`: rows are kept robot by robot, and a later run goes on with them."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from climbplan.bench.zoo.cells import COLUMNS
-from climbplan.bench.zoo.results import Row, keep, kept
-from climbplan.bench.zoo.robots import PACKAGE, ROBOTS
-from climbplan.bench.zoo.run import bench_zoo
+from benchmarks.zoo.cells import COLUMNS
+from benchmarks.zoo.results import Row, keep, kept
+from benchmarks.zoo.robots import PACKAGE, ROBOTS
+from benchmarks.zoo.run import bench_zoo
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.proposal.packaged import package_urdf
 
@@ -62,7 +62,7 @@ def test_other_robots_and_other_files_are_told(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no robot 'rex', known are A1"):
         bench_zoo(False, io.StringIO(), "a1, Rex")
     (tmp_path / "results.csv").write_text("name,value\n1,2\n")
-    with pytest.raises(UsageError, match="no results of `bench zoo`"):
+    with pytest.raises(UsageError, match="no results of `zoo`"):
         bench_zoo(True, io.StringIO(), folder=tmp_path)
 
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from climbplan.bench.climb.force import straight_rounds
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.exports.instances.straight_climb import straight_rounds
 from climbplan.spec.climb.model import ClimbSpec
 from climbplan.spec.robots.robot import RobotSpec
 from climbplan.spec.robots.source import load_robot

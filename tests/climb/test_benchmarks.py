@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Callable
+from typing import TextIO
 
 import pytest
 
-from climbplan.bench.climb.posture import published_scene
-from climbplan.bench.climb.run import run
+from benchmarks.climb.coupled import bench_coupled
+from benchmarks.climb.plan import bench_plan
+from benchmarks.climb.posture import bench_growth, bench_posture, published_scene
 from climbplan.climb.postures.statement import posture_program
-from climbplan.errors import UsageError
 
 
-def table(name: str) -> str:
+def table(measure: Callable[[int, bool, TextIO], None]) -> str:
     out = io.StringIO()
-    run(name, seed=0, quick=True, out=out)
+    measure(0, True, out)
     return out.getvalue()
 
 
 def test_growth_has_a_row_for_each_size_and_ratios_to_one() -> None:
-    text = table("growth")
+    text = table(bench_growth)
     rows = [line.split() for line in text.splitlines()[1:]]
     assert [(int(r[0]), int(r[1])) for r in rows] == [(2, 6), (4, 6), (8, 6), (8, 4)]
     assert float(rows[2][-1]) == 1.0
@@ -30,14 +32,14 @@ def test_growth_has_a_row_for_each_size_and_ratios_to_one() -> None:
 
 @pytest.mark.slow
 def test_whole_plan_lists_its_stages() -> None:
-    text = table("plan")
+    text = table(bench_plan)
     for stage in ("posture", "kinematics", "force", "plan"):
         assert re.search(rf"^{stage} +\d", text, re.MULTILINE), text
 
 
 @pytest.mark.slow
 def test_posture_is_compared_with_scip() -> None:
-    text = table("posture")
+    text = table(bench_posture)
     assert len(re.findall(r"^goal \d, 144 binaries", text, re.MULTILINE)) == 2
     assert "ratio SCIP / ours" in text
 
@@ -52,14 +54,9 @@ def test_published_setting_has_its_published_size() -> None:
     assert posture_program(published_scene(0, free_sides=True)).counts()["binary"] == 288
 
 
-def test_unknown_benchmarks_are_refused() -> None:
-    with pytest.raises(UsageError, match="posture, force, plan, coupled, growth"):
-        table("speed")
-
-
 @pytest.mark.slow
 def test_coupled_stages_are_faster_than_a_modelling_layer_and_agree() -> None:
-    text = table("coupled")
+    text = table(bench_coupled)
     costs = [float(c) for c in re.findall(r"\d+\.\d +\d+\.\d +(0\.\d+)$", text, re.MULTILINE)]
     assert len(costs) == 4
     assert max(costs) - min(costs) <= 2e-5

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.climb.literal_solvers import solve_cvxpy, solve_literal
 from climbplan.arrays import Array
-from climbplan.bench.climb.force import straight_rounds
 from climbplan.climb.forces import solving as forces_module
-from climbplan.climb.forces.literal import literal_problems, solve_cvxpy, solve_literal
+from climbplan.climb.forces.literal import literal_problems
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.reduction import ReducedForces
 from climbplan.climb.forces.solving import SolvedForces, solve_forces
@@ -30,6 +30,7 @@ from climbplan.climb.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import LimitReached, NotProved, UsageError
+from climbplan.exports.instances.straight_climb import straight_rounds
 from climbplan.mechanics.stability import loaded_stiffness
 from climbplan.mechanics.stiffness import contact_forces, limb_stiffness
 from climbplan.robots.kinematics import toe_world

@@ -8,9 +8,10 @@ import re
 import numpy as np
 import pytest
 
-from climbplan.bench.climb import force as benchmark_force
-from climbplan.bench.climb.force import bench_climb, bench_force
+from benchmarks.climb import force as benchmark_force
+from benchmarks.climb.force import bench_force
 from climbplan.errors import MissingSolver
+from climbplan.exports.instances.straight_climb import straight_climb
 
 
 def test_quick_comparison_prints_ratios_and_agreement() -> None:
@@ -38,7 +39,11 @@ def test_missing_cvxpy_is_said_and_left_out(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_instances_follow_the_seed() -> None:
-    one, same, other = bench_climb(3).instants, bench_climb(3).instants, bench_climb(4).instants
+    one, same, other = (
+        straight_climb(3).instants,
+        straight_climb(3).instants,
+        straight_climb(4).instants,
+    )
     assert one.count == 96
     np.testing.assert_array_equal(one.toes, same.toes)
     assert np.abs(one.toes - other.toes).max() > 1e-3

@@ -10,7 +10,6 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from climbplan.bench.climb.force import straight_rounds
 from climbplan.climb.forces.cones import FEASIBLE, Name, instant_cones
 from climbplan.climb.forces.conflict import all_members, conflicting_members, relax
 from climbplan.climb.forces.planner import plan_forces
@@ -20,6 +19,7 @@ from climbplan.climb.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import NotProved
+from climbplan.exports.instances.straight_climb import straight_rounds
 from climbplan.plans.check import LIMITS
 from climbplan.spec.robots.robot import RobotSpec
 

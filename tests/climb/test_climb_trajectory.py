@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from climbplan.bench.climb.force import straight_rounds
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Trajectory
 from climbplan.climb.scene import ClimbScene
 from climbplan.climb.trajectory import SPEEDING_UP, plan_trajectory
 from climbplan.errors import UsageError
+from climbplan.exports.instances.straight_climb import straight_rounds
 from climbplan.robots.kinematics import toe_world
 
 SceneMaker = Callable[..., ClimbScene]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.bench.climb.random_climbs import random_climb
+from benchmarks.climb.random_climbs import random_climb
 from climbplan.climb.coupled.envelopes import (
     braced_envelope,
     chosen_envelopes,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from climbplan.bench.climb.coupled_micp import certify, known_point, prepared_walls
+from benchmarks.climb.coupled_micp import certify, known_point, prepared_walls
 from climbplan.climb.coupled.accurate import accurate_program
 from climbplan.climb.coupled.envelopes import NamedEnvelope, braced_envelope
 from climbplan.climb.coupled.modes import first_stage_with_modes

@@ -14,7 +14,7 @@ import trimesh
 import yaml
 
 import climbplan
-from climbplan.bench.climb.scans import spec_of
+from benchmarks.climb.scans import spec_of
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb

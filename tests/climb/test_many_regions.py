@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 
-from climbplan.bench.climb.triangle_walls import triangles
+from benchmarks.climb.triangle_walls import triangles
 from climbplan.climb.motion import StageClock, plan_motion
 from climbplan.climb.scene import ClimbScene
 from climbplan.errors import LimitReached
@@ -59,7 +59,7 @@ def test_a_limit_ends_with_what_there_is(limit: float) -> None:
 _RUN = """
 import sys, time
 sys.path.insert(0, sys.argv[1])
-from climbplan.bench.climb.triangle_walls import triangles
+from benchmarks.climb.triangle_walls import triangles
 from test_many_regions import clock, limited, plan_motion
 from climbplan.errors import NoPlanFound
 scene = limited(triangles(320, gap=float(sys.argv[2])), 1000.0)

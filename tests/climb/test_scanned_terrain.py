@@ -12,8 +12,8 @@ import trimesh
 from known_surfaces import box, joined
 
 import climbplan
-from climbplan.bench.climb.rocky_tubes import rocky_tube
-from climbplan.bench.climb.windows import TUBE
+from benchmarks.climb.rocky_tubes import rocky_tube
+from benchmarks.climb.windows import TUBE
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb

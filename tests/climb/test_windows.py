@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import climbplan
+from benchmarks.climb.triangle_walls import triangles
 from climbplan.api.plan import Plan
-from climbplan.bench.climb.triangle_walls import triangles
 from climbplan.climb import motion
 from climbplan.climb.body_way import BodyWay
 from climbplan.climb.motion import StageClock

@@ -1,4 +1,4 @@
-"""`bench limms`: its tables say what its trials were; times are not judged."""
+"""`python -m benchmarks limms`: its tables say what its trials were; times are not judged."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import replace
 
 import pytest
 
-from climbplan.bench.limms.run import (
+from benchmarks.limms.random_jumps import random_jump
+from benchmarks.limms.run import (
     LimmsOptions,
     LimmsResult,
     as_json,
     bench_limms,
     write_text,
 )
-from climbplan.bench.limms.trial import Trial, attempt
-from climbplan.limms.random_jumps import random_jump
+from benchmarks.limms.trial import Trial, attempt
 from climbplan.limms.scene import scene_of
 
 
@@ -41,7 +41,7 @@ def test_both_methods_are_measured_on_the_same_scene(result: LimmsResult) -> Non
     assert f"{admm.sizes['mip_variables']} ({admm.sizes['mip_binaries']})" in text
     assert f"{1e3 * admm.consensus.points:.1f} ({1e3 * admm.consensus.points_most:.0f})" in text
     assert f"{admm.processor_seconds / modes.processor_seconds:.1f}" in text
-    json.dumps(as_json(result, LimmsOptions()), allow_nan=False)
+    json.dumps(as_json(result), allow_nan=False)
 
 
 def test_plans_of_the_search_are_simulated_beside_it(result: LimmsResult) -> None:

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from limms_scenes import changed, loaded, scene
 
+from benchmarks.limms.random_rooms import random_room
 from climbplan.errors import Infeasible, NotProved
 from climbplan.limms.direct import search
 from climbplan.limms.planner import plan_limms
-from climbplan.limms.random_rooms import random_room
 from climbplan.limms.refusal import one_latch_too_weak, out_of_reach, unliftable
 from climbplan.spec.limms.loading import load_limms
 

@@ -7,11 +7,11 @@ import json
 
 import pytest
 
-from climbplan.bench.limms.room_table import counts
-from climbplan.bench.limms.run import LimmsOptions, LimmsResult, as_json, bench_limms, write_text
-from climbplan.bench.limms.trial import Trial
+from benchmarks.limms.random_rooms import MASS, MOST_OBSTACLES, kind_of, random_room
+from benchmarks.limms.room_table import counts
+from benchmarks.limms.run import LimmsOptions, LimmsResult, as_json, bench_limms, write_text
+from benchmarks.limms.trial import Trial
 from climbplan.errors import UsageError
-from climbplan.limms.random_rooms import MASS, MOST_OBSTACLES, kind_of, random_room
 from climbplan.limms.scene import scene_of
 
 
@@ -56,7 +56,7 @@ def test_benchmark_tells_found_and_refused() -> None:
     assert told.getvalue().startswith(out.getvalue())
     assert "processor time of this part" in told.getvalue()
     assert "found and verified: 100% of all" in out.getvalue()
-    assert len(json.loads(json.dumps(as_json(result, LimmsOptions())))["rooms"]["rooms"]) == 1
+    assert len(json.loads(json.dumps(as_json(result)))["rooms"]["rooms"]) == 1
     with pytest.raises(UsageError, match="modes, admm, admm-published, masses, rooms, turned"):
         bench_limms(LimmsOptions(methods="room"))
 

@@ -1,4 +1,4 @@
-"""The second method of `bench zoo`: weak motors are told in N m, strong ones are found."""
+"""The second method of benchmark `zoo`: weak motors are told in N m, strong ones are found."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from urdf_walkers import Walker
 
-from climbplan.bench.zoo.second.look import (
+from benchmarks.zoo.second.look import (
     Look,
     limit_of_walks,
     looked,
     second_look,
     surfaces_of,
 )
-from climbplan.bench.zoo.second.room import parts_of_weight, roomiest
-from climbplan.bench.zoo.second.stances import Limbs, Stance, Surface, anywhere, onto, reached
-from climbplan.bench.zoo.second.statics import least_load
-from climbplan.bench.zoo.second.subject import Subject, subject_of
-from climbplan.bench.zoo.second.to_walls import Held, orders_to_walls
-from climbplan.bench.zoo.second.unproposed import all_right, unproposed
+from benchmarks.zoo.second.room import parts_of_weight, roomiest
+from benchmarks.zoo.second.stances import Limbs, Stance, Surface, anywhere, onto, reached
+from benchmarks.zoo.second.statics import least_load
+from benchmarks.zoo.second.subject import Subject, subject_of
+from benchmarks.zoo.second.to_walls import Held, orders_to_walls
+from benchmarks.zoo.second.unproposed import all_right, unproposed
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.pinocchio_model import urdf_model
 from climbplan.robots.urdf.proposal.proposing import legs_of

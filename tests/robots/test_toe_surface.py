@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from urdf_walkers import QUADRUPED
 
-from climbplan.bench.zoo.robots import ROBOTS, Zoo
+from benchmarks.zoo.robots import ROBOTS, Zoo
 from climbplan.errors import SpecError, UsageError
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.urdf.capsule_fit import capsule_of

@@ -1,4 +1,4 @@
-"""`climbplan bench engine` on a few steps: every contender proves the same cost."""
+"""`python -m benchmarks engine` on a few steps: every contender proves the same cost."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import io
 
 import pytest
 
-from climbplan.bench.engine import cuts, flyers, learned, products, remembering, ticks
-from climbplan.bench.engine import run as benchmark
+from benchmarks.engine import cuts, flyers, learned, products, remembering, ticks
+from benchmarks.engine import run as benchmark
 
 
 @pytest.mark.slow

@@ -9,8 +9,8 @@ import pytest
 from random_programs import random_program
 from scipy import sparse
 
-from climbplan.bench.engine.cart_pole import MOST, PUSHED, walled_cart_pole
 from climbplan.errors import UsageError
+from climbplan.exports.instances.cart_pole import MOST, PUSHED, walled_cart_pole
 from climbplan.methods.pinning import at_point
 from climbplan.program import Program
 from climbplan.program.instance import Instance

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from climbplan.bench.engine.moving_walls import STIFFNESS, TICK, WALLS, Plant
-from climbplan.bench.engine.shipped import shipped_cart_pole
-from climbplan.bench.engine.ticks import controlled
+from benchmarks.engine.moving_walls import STIFFNESS, TICK, WALLS, Plant
+from benchmarks.engine.shipped import shipped_cart_pole
+from benchmarks.engine.ticks import controlled
 
 _STATED = shipped_cart_pole()
 A, B, E = _STATED.A, _STATED.B, _STATED.E

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from random_products import random_products
 
-from climbplan.bench.engine.bilinear import planar_push, turning_flyer
+from benchmarks.engine.bilinear import planar_push, turning_flyer
 from climbplan.errors import UsageError
 from climbplan.methods.table import solve_instance
 from climbplan.methods.task import MethodSettings

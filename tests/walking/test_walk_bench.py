@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from climbplan.bench.walking.workers import in_order
+from benchmarks.walking.workers import in_order
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])

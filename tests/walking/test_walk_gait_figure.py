@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
-from climbplan.bench.walking.shipped_tasks import shipped
+from benchmarks.walking.shipped_tasks import shipped
 from climbplan.reports.walking.figure_loop import even_runs, loop_gait, push_times
 from climbplan.reports.walking.figure_walk import snapshots, tracking
 from climbplan.reports.walking.report import drawn_figures

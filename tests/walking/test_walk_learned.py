@@ -1,4 +1,4 @@
-"""Strategies on tasks that the library has not seen: what the table of `bench mpc` counts."""
+"""Strategies on tasks that the library has not seen: what the table of benchmark `mpc` counts."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from walk_tasks import walk_task
 
-from climbplan.bench.walking import learned
-from climbplan.bench.walking.online_options import OnlineInputs, OnlineOptions, online_inputs
+from benchmarks.walking import learned
+from benchmarks.walking.online_options import OnlineInputs, OnlineOptions, online_inputs
 from climbplan.walking.online import strategies
 from climbplan.walking.online.library import SECTION, Library, build_library
 from climbplan.walking.online.strategies import StrategyName, commonest, trained

@@ -10,12 +10,12 @@ import pytest
 from walk_relaxations import ANGLES, SPIN, known, lifted_cost, program_cost
 from walk_tasks import shorter, stairs_task, walk_task
 
+from benchmarks.walking.given_gait import bound_of_gait
 from climbplan.solvers.highs.model import highs, rows_model
 from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.check.checker import LIMITS, check_trajectory, failures
 from climbplan.walking.draws import StartRanges, drawn_start
 from climbplan.walking.micp.frame import Frame
-from climbplan.walking.micp.given_gait import bound_of_gait
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.method import solve_micp
 from climbplan.walking.micp.model import LinearModel

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from walk_tasks import LEGS, named, shorter, walk_task
 
+from benchmarks.walking.recovery_study import Study, run_study
 from climbplan.arrays import Array
 from climbplan.spec.walking.model import MpcSpec
 from climbplan.walking.check.checker import LOOP_LIMITS
@@ -20,7 +21,6 @@ from climbplan.walking.online.closed_loop import Loop, LoopWorld, Push, recovere
 from climbplan.walking.online.estimation import SensorQuality
 from climbplan.walking.online.legs import EDGE, Phase, Stance, landed, standing
 from climbplan.walking.online.library import Library, build_library
-from climbplan.walking.online.recovery import Study, run_study
 from climbplan.walking.online.run import settings_of, world_of
 from climbplan.walking.online.tick import OnlineController, OnlineSettings
 from climbplan.walking.task import POSITION, VELOCITY, Start

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from walk_tasks import walk_task
 
-from climbplan.bench.walking.online_options import OnlineOptions, in_words, online_inputs
-from climbplan.bench.walking.run import run_mpc
+from benchmarks.walking.online_options import OnlineOptions, in_words, online_inputs
+from benchmarks.walking.recovery_study import Study, Trial, run_study
+from benchmarks.walking.run import run_mpc
 from climbplan.errors import UsageError
 from climbplan.walking.online.closed_loop import LoopWorld
 from climbplan.walking.online.library import build_library
 from climbplan.walking.online.perception import Noise
-from climbplan.walking.online.recovery import Study, Trial, run_study
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import yaml
 
+from benchmarks.climb.random_climbs import random_climb
 from climbplan.arrays import Array
-from climbplan.bench.climb.random_climbs import random_climb
 from climbplan.climb.clearance import body_shortfall, hull_world
 from climbplan.climb.gait import plan_instants
 from climbplan.climb.limb_clearance import BETWEEN, limb_points

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from climbplan.bench.climb.shipped import planned_scene
+from benchmarks.climb.shipped import planned_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.replay import simulate

@@ -1,0 +1,1 @@
+"""`bookshelf`: all methods on the same scenes, and published placements."""

@@ -1,0 +1,1 @@
+"""Benchmarks of climbs, each beside a named alternative of the same run."""

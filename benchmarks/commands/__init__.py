@@ -1,0 +1,1 @@
+"""Subcommands by family: each has the options of its benchmark and no others."""

@@ -1,0 +1,36 @@
+"""Benchmarks of solvers of mixed-integer programs."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from benchmarks.running import Results, Run, Seed, benchmark, name_option, number_option
+
+
+@benchmark()
+def instances(
+    run: Run,
+    seed: Seed = 0,
+    out: Results = None,
+    count: Annotated[
+        int | None, number_option("--count", "Instances of each family and class [9; quick 1].")
+    ] = None,
+    time_limit: Annotated[
+        float | None, number_option("--time-limit", "Of one instance [s] [10; quick 2].", 0.1)
+    ] = None,
+    methods: Annotated[
+        str | None, name_option("--methods", "NAMES", "Solvers, by commas [all].")
+    ] = None,
+) -> None:
+    """SCIP, HiGHS, Bonmin and the own tree on the public set of contact problems."""
+    from benchmarks.instances.run import bench_instances
+
+    bench_instances(seed, run.quick, run.stream, out, count, time_limit, methods)
+
+
+@benchmark()
+def engine(run: Run, seed: Seed = 0) -> None:
+    """The own trees, cold and remembering, beside DAQP, HiGHS, SCIP; walls, products."""
+    from benchmarks.engine.run import run_engine
+
+    run_engine(seed, run.quick, run.stream)

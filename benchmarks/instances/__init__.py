@@ -1,0 +1,1 @@
+"""Solvers compared on the public set of contact problems."""

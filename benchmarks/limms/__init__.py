@@ -1,0 +1,1 @@
+"""`limms`: both methods on the same scenes, published figures beside ours."""

@@ -1,1 +1,0 @@
-"""`climbplan bench bookshelf`: all methods on the same scenes, and published placements."""

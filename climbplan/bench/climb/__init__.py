@@ -1,1 +1,0 @@
-"""`climbplan bench` of climbs: posture, force, plan, coupled, growth, refusals."""

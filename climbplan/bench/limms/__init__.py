@@ -1,1 +1,0 @@
-"""`climbplan bench limms`: both methods on the same scenes, published figures beside ours."""

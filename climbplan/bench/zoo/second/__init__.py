@@ -1,1 +1,0 @@
-"""A second method for what `bench zoo` refuses: drawn postures, and statics of all links."""

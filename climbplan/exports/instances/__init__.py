@@ -1,0 +1,1 @@
+"""The public set of contact problems: families drawn from seeds, their files, and a checker."""

@@ -83,7 +83,7 @@ def test_benchmarks_of_pages_have_the_options_that_are_shown() -> None:
     lines = [line for page in PAGES for line in shell_lines(page.read_text())]
     shown = [line.split("#")[0].split()[3:] for line in lines if line.startswith(BENCHMARK)]
     assert len(shown) > 10
-    for name, *options in shown:
+    for name, *options in (words for words in shown if words != ["--list"]):
         commands[name].make_context(name, options)
 
 

@@ -198,4 +198,5 @@ def test_only_published_placements(published: Path) -> None:
     text = io.StringIO()
     write_text(found, text)
     assert "12 scenes" in text.getvalue()
-    assert json.dumps(as_json(found), allow_nan=False)
+    record = make_record("bookshelf", {}, as_json(found), "")
+    assert json.dumps(record, allow_nan=False)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from a1_specs import CHIMNEY, a1_urdf, written
 from coal_oracle import UrdfGeometry
 
 from climbplan.climb.check.clearance import clearance_checks
@@ -28,48 +29,11 @@ SPECS = Path(__file__).parents[2] / "specs"
 SHIPPED = ("hexapod", "walker", "telescope")  # soles are looked at corner by corner
 TOLERATED = 5e-4  # [m]
 OF_FOOT = 1.5e-3  # [m] by which feet leave the spheres that stand for them
-A1 = """kind: robot
-urdf: {urdf}
-forward: x
-up: z
-joint_stiffness: 200
-structural_compliance_share: 0.1
-foot: {{radius: 0.02}}
-legs:
-  RF: {{toe: FR_foot, posture_deg: {{FR_hip_joint: -11, FR_thigh_joint: 51, FR_calf_joint: -102}}}}
-  RR: {{toe: RR_foot, posture_deg: {{RR_hip_joint: -11, RR_thigh_joint: 51, RR_calf_joint: -102}}}}
-  LR: {{toe: RL_foot, posture_deg: {{RL_hip_joint: 11, RL_thigh_joint: 51, RL_calf_joint: -102}}}}
-  LF: {{toe: FL_foot, posture_deg: {{FL_hip_joint: 11, FL_thigh_joint: 51, FL_calf_joint: -102}}}}
-"""
-CLIMB = """kind: climb
-robot: a1.yaml
-terrain:
-  friction: 1
-  walls: {gap: 0.4144, along: [-1.0, 1.0], up: [-1.0, 1.0]}
-task:
-  rounds: 1
-  start: {com: [0, 0, 0]}
-  goal: {com: [0, 0, 0.03]}
-  gait: [LR, LF, RR, RF]
-  stance:
-    RF: [0.1872, 0.0426, -0.1459]
-    RR: [0.1872, -0.1219, -0.2367]
-    LR: [-0.1872, -0.1219, -0.2367]
-    LF: [-0.1872, 0.0426, -0.1459]
-posture:
-  steps: {shift_max: 0.157}
-force: {safety_friction: 1.2}
-trajectory: {lift: 0.0298}
-"""
-
-
-def a1_urdf() -> Path:
-    return package_urdf("example-robot-data:a1_description/urdf/a1")
 
 
 def geometry_of(name: str, folder: Path) -> UrdfGeometry:
     if name == "a1":
-        (folder / "a1.yaml").write_text(A1.format(urdf=a1_urdf()))
+        written(folder, CHIMNEY)
         return UrdfGeometry.of(build_robot(load_any_robot("a1.yaml", folder)), a1_urdf())
     robot = build_robot(load_any_robot(f"robot_{name}.yaml", SPECS))
     return UrdfGeometry.of(robot, SPECS / f"{name}.urdf")
@@ -153,10 +117,7 @@ def test_last_links_reach_beyond_feet_no_more_than_their_geometry(
 
 @pytest.fixture(scope="module", name="climb")
 def _climb(tmp_path_factory: pytest.TempPathFactory) -> ClimbPlan:
-    folder = tmp_path_factory.mktemp("a1")
-    (folder / "a1.yaml").write_text(A1.format(urdf=a1_urdf()))
-    (folder / "climb.yaml").write_text(CLIMB)
-    return plan_climb(load_climb(folder / "climb.yaml"))
+    return plan_climb(load_climb(written(tmp_path_factory.mktemp("a1"), CHIMNEY)))
 
 
 def test_no_part_of_a_urdf_is_inside_a_wall(climb: ClimbPlan) -> None:

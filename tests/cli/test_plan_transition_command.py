@@ -62,7 +62,7 @@ def test_a_sequence_sets_the_rounds(run_command: RunCommand, workplace: Path) ->
 def test_what_cannot_be_is_named(
     run_command: RunCommand, workplace: Path, override: str, code: int, words: str
 ) -> None:
-    options = () if "time_limit" in override else ("-s", "solver.time_limit=8")
+    options = () if "time_limit" in override else ("-s", "solver.time_limit=25")
     outcome = run_command("plan-transition", FLAT, "-o", "out", "-s", override, *options)
     assert outcome.code == code, outcome.err
     assert words in outcome.err

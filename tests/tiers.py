@@ -18,7 +18,7 @@ import pytest
 
 DURATIONS = Path(__file__).with_name("durations.json")
 WRITTEN = 0.05  # [s]
-EVERYDAY = 0.6  # [s] the most that a case of an everyday test takes
+EVERYDAY = 0.8  # [s] the most that a case of an everyday test takes
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -79,7 +79,7 @@ def cases() -> Iterator[Any]:
             yield pytest.param(name, world, marks=() if short else (pytest.mark.slow,))
 
 
-@pytest.mark.parametrize(("name", "world"), cases())
+@pytest.mark.parametrize(("name", "world"), list(cases()))
 def test_climbs_stand(plans: dict[str, Path], name: str, world: str, tmp_path: Path) -> None:
     report = play(plans[name], WORLDS[world], tmp_path)
     assert not report["fell"], report["fall"]

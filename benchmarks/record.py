@@ -14,18 +14,30 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from climbplan.cli.dependencies import PARTS
 
 _ROOT = Path(__file__).parents[1]
 _GAP = re.compile(r" {2,}")  # between two cells of a printed table
 
 
+def describe_start() -> dict[str, str | None]:
+    """Return the date and the commit, which may be others when a long run ends."""
+    return {"date": datetime.now(UTC).isoformat(timespec="seconds"), "commit": read_commit()}
+
+
 def make_record(
-    benchmark: str, options: Mapping[str, Any], results: Mapping[str, Any], text: str
+    start: Mapping[str, str | None],
+    benchmark: str,
+    options: Mapping[str, Any],
+    results: Mapping[str, Any],
+    text: str,
 ) -> dict[str, Any]:
     """Return the record of a run in values that JSON holds; NaN and infinity become null.
 
     Args:
+        start: As `describe_start` has it.
         benchmark: Name of the subcommand.
         options: Options of the run by name.
         results: Figures of the benchmark; empty for one that prints tables alone.
@@ -33,8 +45,7 @@ def make_record(
     """
     return {
         "benchmark": benchmark,
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "commit": read_commit(),
+        **start,
         "machine": {"platform": platform.platform(), "cpu_count": os.cpu_count()},
         "versions": list_versions(),
         "options": _plain(options),
@@ -44,6 +55,8 @@ def make_record(
 
 def read_commit() -> str | None:
     """Return the commit of the clone, `-dirty` after it if files differ; None without git."""
+    if not (_ROOT / ".git").exists():
+        return None
     command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
     with suppress(OSError, subprocess.CalledProcessError):
         done = subprocess.run(command, cwd=_ROOT, capture_output=True, text=True, check=True)
@@ -86,6 +99,8 @@ def split_tables(text: str) -> list[dict[str, Any]]:
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -13,7 +13,7 @@ from typing import Annotated, Any, TextIO
 
 import typer
 
-from benchmarks.record import make_record
+from benchmarks.record import describe_start, make_record
 from climbplan.cli.console import Session, plain_messages, print_error, say, standard_output
 from climbplan.cli.environment import prepare_environment
 from climbplan.cli.options import Force, Quiet, Verbose
@@ -138,6 +138,9 @@ def _run_benchmark(
     try:
         if json_file is not None and not json_file.absolute().parent.is_dir():
             raise UsageError(f"{json_file}: no such directory {str(json_file.parent)!r}")
+        if json_file is not None and json_file.is_dir():
+            raise UsageError(f"{json_file}: a directory, expected the name of a file")
+        start = describe_start()
         with ExitStack() as stack:
             stack.enter_context(plain_messages(session))
             output = None
@@ -147,11 +150,13 @@ def _run_benchmark(
             progress = stack.enter_context(StageProgress(session))
             run = Run(quick, stream, progress.report, None if output is None else output.path)
             results = measure(run, **options)
-            record = make_record(name, {"quick": quick, **recorded}, results or {}, stream.text)
+            if output is not None:
+                (output.path / "bench.txt").write_text(stream.text, encoding="utf-8")
+            given = {"quick": quick, **recorded}
+            record = make_record(start, name, given, results or {}, stream.text)
             text = json.dumps(record, indent=1, allow_nan=False) + "\n"
             if output is not None:
                 (output.path / "bench.json").write_text(text, encoding="utf-8")
-                (output.path / "bench.txt").write_text(stream.text, encoding="utf-8")
                 output.publish()
             if json_file is not None:
                 json_file.write_text(text, encoding="utf-8")

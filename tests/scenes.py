@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import fcntl
+import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +42,8 @@ def _plan_into(folder: Path, spec: str | Path, changes: dict[str, Any]) -> None:
     import climbplan
 
     made = folder.with_name(f"{folder.name}.part")
-    made.mkdir(exist_ok=True)
+    shutil.rmtree(made, ignore_errors=True)  # of a worker that was killed
+    made.mkdir()
     plan = climbplan.plan(climbplan.load(spec, set=changes))
     plan.save(made / "plan.h5")
     plan.report(made)
@@ -48,7 +51,7 @@ def _plan_into(folder: Path, spec: str | Path, changes: dict[str, Any]) -> None:
 
 
 @pytest.fixture(scope="session")
-def planned_scenes(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> PlannedScenes:
+def planned_scenes(tmp_path_factory: pytest.TempPathFactory) -> PlannedScenes:
     """The plans of this run; with several workers, in the folder that theirs are in."""
     own = tmp_path_factory.getbasetemp()
-    return PlannedScenes((own if worker_id == "master" else own.parent) / "scenes")
+    return PlannedScenes((own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "scenes")

@@ -48,7 +48,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         name = _function_of(item.nodeid)
         seconds = durations.get(name, 0.0)
-        if seconds > EVERYDAY:
+        if seconds > EVERYDAY and item.get_closest_marker("slow") is None:
             item.add_marker("merge")
         params = dict(item.callspec.params) if hasattr(item, "callspec") else {}
         seed = params.pop("seed", None)
@@ -102,7 +102,8 @@ class Recorder:
         self, item: pytest.Item, call: pytest.CallInfo[None]
     ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
         report = yield
-        if report.when == "call" and report.passed:
+        is_slow = item.get_closest_marker("slow") is not None  # one case of a function may be
+        if report.when == "call" and report.passed and not is_slow:
             fixtures = item._fixtureinfo.name2fixturedefs  # type: ignore[attr-defined]
             own = (self.fixtures.get((f[-1].baseid, f[-1].argname), 0.0) for f in fixtures.values())
             report.user_properties.append(("seconds", call.duration + sum(own)))

@@ -90,7 +90,7 @@ def test_reduced_programs_are_counted(result: StrategyResult) -> None:
 
 @pytest.mark.slow
 def test_record_and_tables_hold_the_figures(result: StrategyResult) -> None:
-    record = make_record("strategies", {}, as_json(result), "")["results"]
+    record = make_record({}, "strategies", {}, as_json(result), "")["results"]
     assert record == json.loads(json.dumps(record, allow_nan=False))
     assert len(record["figures"]) == len(result.figures)
     assert record["cluster_programs"][0]["binaries"] == result.programs[0].binaries

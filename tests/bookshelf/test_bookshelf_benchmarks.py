@@ -69,7 +69,7 @@ def test_figures_agree_with_one_another(result: BenchResult) -> None:
 
 
 def test_json_text_and_plots(result: BenchResult, tmp_path: Path) -> None:
-    read = make_record("bookshelf", {}, as_json(result), "")["results"]
+    read = make_record({}, "bookshelf", {}, as_json(result), "")["results"]
     assert read == json.loads(json.dumps(read, allow_nan=False))
     assert [row["method"] for row in read["methods"]] == [row.method for row in result.figures]
     assert len(read["scenes"]) == len(result.runs)
@@ -198,5 +198,5 @@ def test_only_published_placements(published: Path) -> None:
     text = io.StringIO()
     write_text(found, text)
     assert "12 scenes" in text.getvalue()
-    record = make_record("bookshelf", {}, as_json(found), "")
+    record = make_record({}, "bookshelf", {}, as_json(found), "")
     assert json.dumps(record, allow_nan=False)

@@ -6,12 +6,14 @@ import clarabel
 import numpy as np
 import pytest
 
-from climbplan.climb.forces.clarabel import solved_by_clarabel
+from climbplan.climb.forces.clarabel import solve_with_clarabel
 from climbplan.climb.forces.cones import ConicProgram
 
 
 class PanicException(BaseException):
-    """As pyo3 raises it."""
+    """As PyO3 raises it."""
+
+    __module__ = "pyo3_runtime"
 
 
 class Panicking:
@@ -29,7 +31,7 @@ class Interrupted(Panicking):
 
 def test_a_panic_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(clarabel, "DefaultSolver", Panicking)
-    assert solved_by_clarabel() is None
+    assert solve_with_clarabel() is None
     program = ConicProgram(1)
     program.below("row", np.ones((1, 1)), np.ones(1))
     assert program.minimise(np.ones(1)) is None
@@ -38,4 +40,4 @@ def test_a_panic_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_ctrl_c_is_none_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(clarabel, "DefaultSolver", Interrupted)
     with pytest.raises(KeyboardInterrupt):
-        solved_by_clarabel()
+        solve_with_clarabel()

@@ -111,7 +111,7 @@ def test_last_links_reach_beyond_feet_no_more_than_their_geometry(
             theirs = geometry.heights(angles, normal)[limb]
             foot = toe @ normal - robot.foot.radius
             assert ours <= theirs + OF_FOOT
-            assert ours >= min(theirs, foot) - 1.5e-3  # 4 and 7 mm when one capsule held a mesh
+            assert ours >= min(theirs, foot) - 1.5e-3
     assert tried > 60
 
 

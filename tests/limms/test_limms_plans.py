@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,9 +24,10 @@ def tampered(plan: LimmsPlan, **arrays: Any) -> LimmsPlan:
     return replace(plan, motion=replace(plan.motion, **arrays))
 
 
-def test_throw_is_verified_and_flies(throw: LimmsPlan, throw_file: Path) -> None:
-    assert verify_and_mark(throw_file).passed
-    again = read_limms_plan(throw_file)
+def test_throw_is_verified_and_flies(throw: LimmsPlan, throw_file: Path, tmp_path: Path) -> None:
+    path = Path(shutil.copy(throw_file, tmp_path / "plan.h5"))
+    assert verify_and_mark(path).passed
+    again = read_limms_plan(path)
     assert again.verified
     assert np.array_equal(again.motion.joint_angles, throw.motion.joint_angles)
     assert again.sequence == throw.sequence

@@ -11,11 +11,11 @@ from example_climb import Climb
 
 import climbplan.climb.check.verification as verification
 from climbplan.climb.plan.file import read_as_found
-from climbplan.plans.content import digest_of
+from climbplan.plans.content import compute_digest
 
 
 def test_a_file_gives_back_what_was_written(original: Path) -> None:
-    assert digest_of(read_as_found(original)) == digest_of(read_as_found(original))
+    assert compute_digest(read_as_found(original)) == compute_digest(read_as_found(original))
 
 
 @pytest.mark.parametrize(
@@ -31,13 +31,13 @@ def test_a_file_gives_back_what_was_written(original: Path) -> None:
     ],
 )
 def test_what_differs_has_another_digest(one: object, other: object) -> None:
-    assert digest_of(one) != digest_of(other)
+    assert compute_digest(one) != compute_digest(other)
 
 
 def test_what_cannot_be_looked_at_is_refused() -> None:
     for value in (object(), np.array([object()]), {"key": {1, 2}}):
         with pytest.raises(TypeError, match="no digest"):
-            digest_of(value)
+            compute_digest(value)
 
 
 def test_a_plan_is_verified_once_and_again_after_any_change(
@@ -45,7 +45,7 @@ def test_a_plan_is_verified_once_and_again_after_any_change(
 ) -> None:
     judged = []
     check = verification._verification_of
-    monkeypatch.setattr(verification, "_verified", {})
+    monkeypatch.setattr(verification, "_last", None)
     monkeypatch.setattr(
         verification, "_verification_of", lambda *given: judged.append(given) or check(*given)
     )

@@ -258,7 +258,7 @@ def _face_distances(axes: Array, solid: ConvexBody | Tube) -> Array:
         # The inside is convex: a segment is as far from the wall as the nearer of its ends
         radial = np.linalg.norm(axes[..., :2] - solid.center, axis=-1)
         return np.asarray(solid.wall - radial.max(axis=-1))
-    return solid.chain_bound(axes)[..., 0]
+    return solid.separation_by_faces(axes)[..., 0]
 
 
 def _distances(axis: Array, solid: ConvexBody | Tube, enough: float) -> Array:

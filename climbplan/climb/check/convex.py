@@ -29,18 +29,19 @@ class ConvexBody:
         """Signed distances (..., F) of points (..., 3) from the planes of all faces."""
         return points @ self.normals.T - self.offsets
 
-    def chain_bound(self, points: Array) -> Array:
-        """The largest distances (..., P-1) by which one face parts pieces of polylines from it.
+    def separation_by_faces(self, points: Array) -> Array:
+        """Return lower bounds (..., P-1) on the distances of polyline pieces from the body.
 
-        points: (..., P, 3) [m]. Never more than their distance, negative where no face parts them.
-        Face by face: reductions over a short last axis take NumPy ten times as long.
+        points: (..., P, 3) [m]. The largest separation by one face, negative where no face
+        separates them. The loop over faces avoids reductions over a short last axis, which NumPy
+        does slowly.
         """
         flat = np.ascontiguousarray(points).reshape(-1, 3)
-        best = np.full((*points.shape[:-2], points.shape[-2] - 1), -np.inf)
+        bound = np.full((*points.shape[:-2], points.shape[-2] - 1), -np.inf)
         for normal, offset in zip(self.normals, self.offsets, strict=True):
             apart = (flat @ normal - offset).reshape(points.shape[:-1])
-            np.maximum(best, np.minimum(apart[..., :-1], apart[..., 1:]), out=best)  # NaN stays
-        return best
+            np.maximum(bound, np.minimum(apart[..., :-1], apart[..., 1:]), out=bound)  # NaN stays
+        return bound
 
 
 def hull_of(name: str, corners: Array) -> ConvexBody:
@@ -149,7 +150,7 @@ def chain_separation(points: Array, solid: ConvexBody, enough: float) -> Array:
     and is then as deep.
     """
     first, last = points[..., :-1, :], points[..., 1:, :]
-    separation = solid.chain_bound(points)
+    separation = solid.separation_by_faces(points)
     near = ~(separation >= enough)  # NaN stays
     if near.any():
         ends = solid.face_distances(first[near]), solid.face_distances(last[near])

@@ -19,7 +19,7 @@ def chain_distance(points: Array, solid: ConvexBody, enough: float) -> Array:
     that lower bound instead. Where a piece meets the solid, the value is minus the way out across
     faces and edges.
     """
-    distance = solid.chain_bound(points)
+    distance = solid.separation_by_faces(points)
     near = ~(distance >= enough)  # NaN stays
     if near.any():
         first, last = points[..., :-1, :][near], points[..., 1:, :][near]

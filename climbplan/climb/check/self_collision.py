@@ -142,7 +142,7 @@ def _past_joint(capsule: Capsule) -> tuple[Array, float]:
     return axis, float(np.hypot(capsule.radius, cut / 2))
 
 
-def _length(vectors: Array) -> Array:
+def _norm(vectors: Array) -> Array:
     """Lengths (...) of vectors (..., 3)."""
     return np.sqrt(np.einsum("...k,...k->...", vectors, vectors))
 
@@ -155,8 +155,8 @@ def segments_apart(one: Array, other: Array, enough: float) -> Array:
     direction, so no value is too large.
     """
     middle = (one[:, 0] + one[:, 1] - other[:, 0] - other[:, 1]) / 2
-    half = (_length(s[:, 1] - s[:, 0]) / 2 for s in (one, other))
-    out = np.asarray(_length(middle) - sum(half))
+    half = (_norm(s[:, 1] - s[:, 0]) / 2 for s in (one, other))
+    out = np.asarray(_norm(middle) - sum(half))
     near = ~(out >= enough)
     if not near.any():
         return out
@@ -167,7 +167,7 @@ def segments_apart(one: Array, other: Array, enough: float) -> Array:
     ways += [a[:, e] - nearest_on(a[:, e], b[:, 0], v) for e in (0, 1)]
     ways += [nearest_on(b[:, e], a[:, 0], u) - b[:, e] for e in (0, 1)]
     normals = np.stack(ways, axis=1)  # (S, 6, 3)
-    length = _length(normals)
+    length = _norm(normals)
     short = length < _NO_DIRECTION
     normals = normals / np.where(short, 1.0, length)[..., None]
     outer = np.minimum(*(np.einsum("sdk,sk->sd", normals, a[:, e]) for e in (0, 1)))

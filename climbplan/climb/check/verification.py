@@ -36,7 +36,7 @@ from climbplan.climb.check.trajectory import trajectory_checks
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found
 from climbplan.plans.check import Check
-from climbplan.plans.content import digest_of
+from climbplan.plans.content import compute_digest
 from climbplan.plans.held import held_against, held_check
 from climbplan.plans.verification import Verification, mark_verified
 from climbplan.spec.holding import HeldSpec
@@ -59,21 +59,24 @@ def verification_of(plan: ClimbPlan, held: HeldSpec | None = None) -> Verificati
     """
     if held is not None:
         return _verification_of(plan, held)
-    content = _content(plan)
-    if content not in _verified:
-        found = _verification_of(plan, held)
-        _verified.clear()
-        _verified[content] = found
-    return _verified[content]
+    global _last
+    try:
+        content = _content(plan)
+    except TypeError:  # it holds something without a digest
+        return _verification_of(plan, None)
+    last = _last  # read once: another thread may replace it
+    if last is None or last[0] != content:
+        last = _last = (content, _verification_of(plan, None))
+    return last[1]
 
 
-_verified: dict[bytes, Verification] = {}  # by content, of the last plan
+_last: tuple[bytes, Verification] | None = None  # digest and outcome of the last plan
 
 
 def _content(plan: ClimbPlan) -> bytes:
-    """A digest of what checks look at: all that is read from a file but when and by what."""
+    """Digest of a plan without its creation time, version and what no check reads."""
     forces = replace(plan.forces, margin_share=None)
-    return digest_of(replace(plan, created="", climbplan_version="", forces=forces))
+    return compute_digest(replace(plan, created="", climbplan_version="", forces=forces))
 
 
 def _verification_of(plan: ClimbPlan, held: HeldSpec | None) -> Verification:

@@ -37,16 +37,17 @@ def clarabel_settings(robust: bool = False) -> clarabel.DefaultSettings:
     return settings
 
 
-def solved_by_clarabel(*problem: Any) -> clarabel.DefaultSolution | None:
-    """Clarabel's answer to a problem as `DefaultSolver` takes it, or None where it panics.
+def solve_with_clarabel(*problem: Any) -> clarabel.DefaultSolution | None:
+    """Solve a problem by Clarabel; return None where Clarabel panics.
 
-    It does where an eigenvalue iteration on a semidefinite cone does not converge. What pyo3 raises
-    then is no Exception, and its type is not exported.
+    problem: the arguments of `DefaultSolver`. An eigenvalue iteration on a semidefinite cone that
+    does not converge makes it panic. PyO3 raises a BaseException whose type it does not export.
     """
     try:
         return clarabel.DefaultSolver(*problem).solve()
     except BaseException as error:
-        if type(error).__name__ != "PanicException":
+        kind = type(error)
+        if (kind.__module__, kind.__name__) != ("pyo3_runtime", "PanicException"):
             raise
         return None
 
@@ -85,7 +86,7 @@ def solve_clarabel(group: ReducedForces) -> ConeOptima:
     for k in range(b):
         matrix = sparse.csc_matrix((values[k], indices, indptr), shape=(size, q + 1))
         P = sparse.csc_matrix(np.triu(group.preference[k]))
-        solution = solved_by_clarabel(P, gradient[k], matrix, upper[k], cones, settings)
+        solution = solve_with_clarabel(P, gradient[k], matrix, upper[k], cones, settings)
         if solution is None:
             continue
         x[k] = solution.x

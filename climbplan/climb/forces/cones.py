@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import Array, IntArray
-from climbplan.climb.forces.clarabel import clarabel_settings, solved_by_clarabel
+from climbplan.climb.forces.clarabel import clarabel_settings, solve_with_clarabel
 from climbplan.climb.forces.restrictions import stability_cone
 from climbplan.climb.forces.statement import ForceStatement
 from climbplan.mechanics.equilibrium import grasp_matrix
@@ -200,7 +200,7 @@ class ConicProgram:
         cones = [block[1] for block in self.blocks]
         P = sparse.csc_matrix((self.size, self.size))
         for settings in (clarabel_settings(), clarabel_settings(robust=True)):
-            solution = solved_by_clarabel(P, cost, A, b, cones, settings)
+            solution = solve_with_clarabel(P, cost, A, b, cones, settings)
             if solution is not None and str(solution.status) not in _GAVE_UP:
                 break
         # The other "almost" states are as good as none: an amount must hold to three digits.

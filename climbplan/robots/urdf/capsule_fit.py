@@ -13,9 +13,9 @@ thick, each with a capsule of its own. One capsule round a disc of radius 60 mm 
 would reach 43 mm beyond its faces; three reach 9 mm beyond its faces, and 35 mm beyond its rim.
 
 Beside a spherical foot millimetres count: what reaches beyond it stands in the floor. A piece of
-the last link that lies in that sphere, or reaches `_OF_FOOT` beyond it, is the foot. Of a mesh the
-end at the toe is cut off and has a capsule of its own: round the blunt end of Solo12's lower leg,
-one as thick as its knee would reach 7 mm beyond its foot.
+the last link that reaches at most `_FOOT_TOLERANCE` beyond that sphere is the foot. The end of a
+mesh at the toe is cut off and has a capsule of its own: a single capsule around Solo12's lower leg
+is as thick as the knee and reaches 7 mm below the foot.
 """
 
 from __future__ import annotations
@@ -41,8 +41,10 @@ _KEPT = 256  # meshes whose capsules are remembered
 _FLAT = 5  # fewest points of which there is a hull
 _FLATNESS = 1.5  # ratio of width to thickness from which a piece is cut into strips
 _MAX_STRIPS = 4  # of one piece
-_OF_FOOT = 1.5e-3  # [m] by which the geometry of a foot may leave the sphere that stands for it
-_LONG = 2.0  # ratio of length to width from which the end of a mesh is cut off
+_FOOT_TOLERANCE = 1.5e-3  # [m] by which a foot's geometry may leave the sphere that stands for it
+_MIN_LENGTH_TO_WIDTH = 2.0  # from which the end of a mesh is cut off
+_THINNEST = 1e-3  # [m] a mesh below that is flat
+_FAN = 60  # directions across a mesh in which its width is measured
 _SAME_SIZE = 9  # decimals [m] to which sides are compared, so that every machine sorts them alike
 
 
@@ -60,36 +62,63 @@ def capsules_of(shape: Shape) -> list[tuple[Array, float]]:
         return [capsule_of(shape)]
     count = min(round(width / max(thickness, 1e-9)), _MAX_STRIPS)
     cuts = np.linspace(along[:, 1].min(), along[:, 1].max(), count + 1)
-    return [_round_box(*_box(_slab(along, *bounds), sides)) for bounds in pairwise(cuts)]
+    edges = np.stack([along[index] for index in np.triu_indices(len(along), 1)], axis=1)
+    return [_round_box(*_box(_slab(along, edges, *bounds), sides)) for bounds in pairwise(cuts)]
 
 
-def end_capsules(shape: Shape, toe: Array, foot: float) -> list[tuple[Array, float]]:
-    """As `capsules_of`, for a piece of the link that ends in a spherical foot.
+def end_capsules(shape: Shape, toe: Array, foot_radius: float) -> list[tuple[Array, float]]:
+    """Return capsules whose union contains one piece of the link that ends in a spherical foot.
+
+    A piece within `_FOOT_TOLERANCE` of the sphere is that sphere: up to so much of it may stand
+    out.
 
     Args:
         shape: The piece.
         toe: Centre of the foot (3,), in the frame of the piece [m].
-        foot: Its radius [m].
+        foot_radius: Its radius [m].
     """
-    away = float(np.linalg.norm(shape.points - toe, axis=1).max()) + shape.radius
-    if away <= foot + _OF_FOOT:
-        return [(np.stack([toe, toe]), foot)]
+    max_distance = float(np.linalg.norm(shape.points - toe, axis=1).max()) + shape.radius
+    if max_distance <= foot_radius + _FOOT_TOLERANCE:
+        return [(np.stack([toe, toe]), foot_radius)]
     if shape.axis is not None or len(shape.points) < _FLAT:
         return capsules_of(shape)
-    sides = np.linalg.svd(shape.points - shape.points.mean(axis=0), full_matrices=False)[2]
-    sides = sides[[1, 0, 2]]  # `_slab` cuts across the second
-    along = shape.points @ sides.T
-    extent = np.ptp(along, axis=0)
-    if extent[1] < _LONG * extent[0]:
-        return capsules_of(shape)
-    with suppress(QhullError):
-        along = along[ConvexHull(along).vertices]
-    low, high = along[:, 1].min(), along[:, 1].max()
-    thick = min(extent[0], extent[2])
-    at_top = (toe @ sides.T)[1] > (low + high) / 2
-    cuts = [low, high - thick, high] if at_top else [low, low + thick, high]
-    sections = (_slab(along, *bounds) @ sides for bounds in pairwise(cuts))
+    packed = np.ascontiguousarray(shape.points, float).tobytes()
+    sections = _sections(packed, tuple(float(x) for x in toe))
     return [capsule_of(replace(shape, points=section)) for section in sections]
+
+
+@lru_cache(maxsize=_KEPT)
+def _sections(packed: bytes, toe: tuple[float, ...]) -> tuple[Array, ...]:
+    """Return the points (Q, 3) of a mesh without its end at the toe, and those of that end.
+
+    packed: its points. The end is as long as the mesh is thick. A mesh that is not long, or flat,
+    stays whole.
+    """
+    points = np.frombuffer(packed).reshape(-1, 3)
+    long = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][0]
+    # Widths in a fan of directions that every machine has the same
+    across = np.eye(3)[np.argmin(np.abs(long))]
+    across = across - (across @ long) * long
+    sides = np.stack([across / np.linalg.norm(across), long, np.zeros(3)])
+    sides[2] = np.cross(sides[0], long)
+    angle = np.linspace(0.0, np.pi, _FAN, endpoint=False)
+    fan = np.stack([np.cos(angle), np.sin(angle)]).T @ sides[::2]
+    widths = np.ptp(points @ fan.T, axis=0)
+    along = points @ sides.T
+    low, high = along[:, 1].min(), along[:, 1].max()
+    thick = widths.min()
+    if high - low < _MIN_LENGTH_TO_WIDTH * widths.max() or thick < _THINNEST:
+        return (points,)
+    try:
+        hull = ConvexHull(along)
+    except QhullError:
+        return (points,)
+    sides_of = hull.simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    edges = along[np.unique(np.sort(sides_of, axis=1), axis=0)]  # (E, 2, 3)
+    is_toe_at_top = float(np.array(toe) @ long) > (low + high) / 2
+    cuts = [low, high - thick, high] if is_toe_at_top else [low, low + thick, high]
+    corners = along[hull.vertices]
+    return tuple(_slab(corners, edges, *bounds) @ sides for bounds in pairwise(cuts))
 
 
 def capsule_of(shape: Shape) -> tuple[Array, float]:
@@ -120,9 +149,12 @@ def _sides(shape: Shape) -> Array:
     return np.asarray(sides[np.argsort(-extent, kind="stable")])
 
 
-def _slab(points: Array, lower: float, upper: float) -> Array:
-    """Return points (Q, 3) whose convex hull is that of points (P, 3) between two values of y."""
-    one, other = (points[index] for index in np.triu_indices(len(points), 1))
+def _slab(points: Array, edges: Array, lower: float, upper: float) -> Array:
+    """Return points (Q, 3) whose convex hull is a convex body between two values of y.
+
+    points: corners (P, 3) of the body; edges: (E, 2, 3) at least those of the body.
+    """
+    one, other = edges[:, 0], edges[:, 1]
     found = [points[(points[:, 1] >= lower) & (points[:, 1] <= upper)]]
     for cut in (lower, upper):
         crossing = (one[:, 1] - cut) * (other[:, 1] - cut) < 0
@@ -159,15 +191,15 @@ def leg_capsules(
     stated: dict[str, float],
     common: float | None,
     soles: tuple[Array, float] | None = None,
-    foot: float = 0.0,
+    foot_radius: float = 0.0,
 ) -> MountedCapsules | None:
     """Capsules of all legs, body frame; None where all links are alike and straight.
 
     stated: radius by joint [m] of links that are straight from joint to joint; common: of all that
     are not stated, in place of their geometry. A link without geometry has none, but the last: it
     is straight and as thick as the one before it, or as `LIMB_RADIUS`. soles: ends (N, 2, 3) of the
-    axes and the radius of what takes the place of last links, of flat feet. foot: radius of
-    spherical feet [m], else zero.
+    axes and the radius of what takes the place of last links, of flat feet. foot_radius:
+    of spherical feet [m], else zero.
     """
     moved = {joint for leg in legs for joint in leg.names}
     if (
@@ -192,8 +224,8 @@ def leg_capsules(
                 continue
             fitted: list[tuple[Array, float]] = []
             for shape in (shape for shape in shapes if shape.joint == joint):
-                if foot > 0 and number == width - 1:
-                    fitted += end_capsules(shape, points[-1] + centre, foot)
+                if foot_radius > 0 and number == width - 1:
+                    fitted += end_capsules(shape, points[-1] + centre, foot_radius)
                 else:
                     fitted += capsules_of(shape)
             own += [(number, _towards(points[-1], ends - centre), r) for ends, r in fitted]

@@ -76,7 +76,10 @@ def cases() -> Iterator[Any]:
     for name in NAMES:
         for world in WORLDS:
             short = world == "as planned" or name in ("climb_telescope", "a1_chimney")
-            yield pytest.param(name, world, marks=() if short else (pytest.mark.slow,))
+            marks = [] if short else [pytest.mark.slow]
+            if (name, world) == ("a1_chimney", "gains at 0.8"):
+                marks.append(pytest.mark.xfail(strict=True, reason="a toe slides, and it falls"))
+            yield pytest.param(name, world, marks=marks)
 
 
 @pytest.mark.parametrize(("name", "world"), list(cases()))

@@ -104,8 +104,12 @@ class Recorder:
         report = yield
         is_slow = item.get_closest_marker("slow") is not None  # one case of a function may be
         if report.when == "call" and report.passed and not is_slow:
-            fixtures = item._fixtureinfo.name2fixturedefs  # type: ignore[attr-defined]
-            own = (self.fixtures.get((f[-1].baseid, f[-1].argname), 0.0) for f in fixtures.values())
+            used = item.fixturenames if isinstance(item, pytest.Function) else ()
+            own = (
+                seconds
+                for (place, name), seconds in self.fixtures.items()
+                if name in used and item.nodeid.startswith(place)
+            )
             report.user_properties.append(("seconds", call.duration + sum(own)))
         return report
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -82,7 +83,7 @@ def bookshelf(
     write_text(result, run.stream)
     if run.directory is not None and result.runs:
         write_plots(result.runs, result.figures, result.best, run.directory)
-    return as_json(result)
+    return {"options": asdict(options), **as_json(result)}
 
 
 @benchmark(writes_files=True)
@@ -152,4 +153,4 @@ def strategies(
     write_text(result, run.stream)
     if run.directory is not None:
         comparison(result).savefig(run.directory / "strategies.png")
-    return as_json(result)
+    return {"options": asdict(options), **as_json(result)}

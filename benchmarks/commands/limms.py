@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Annotated, Any
 
 from benchmarks.running import (
@@ -45,4 +46,5 @@ def limms(
 
     quick = {"count": 1, "seconds": 60.0, "scenes": ("limms_throw",)}
     chosen = choose_options(quick, run, seed=seed, methods=methods, count=count, seconds=time_limit)
-    return as_json(bench_limms(LimmsOptions(**chosen), run.report, run.stream))
+    options = LimmsOptions(**chosen)
+    return {"options": asdict(options), **as_json(bench_limms(options, run.report, run.stream))}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -51,4 +52,7 @@ def mpc(
     options = OnlineOptions(
         seed, run.quick, count, library, library_size, jobs, tuple(assignments or ())
     )
-    return run_mpc(options, methods, run.stream, run.report)
+    return {
+        "options": asdict(options),
+        **run_mpc(options, methods, run.stream, run.report),
+    }

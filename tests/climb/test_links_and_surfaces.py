@@ -72,7 +72,8 @@ def four_legs(name: str, folder: Path) -> tuple[Robot, Path]:
     text = f"kind: robot\nurdf: {urdf}\nforward: x\nup: z\nfoot: {{radius: {radius}}}\n"
     text += "joint_stiffness: 100\nstructural_compliance_share: 0.1\nlegs:\n"
     rear = {"solo12": "H", "go2": "R"}[name]
-    for limb, (side, end) in {"RF": "RF", "RR": "RR", "LR": "LR", "LF": "LF"}.items():
+    for limb in ("RF", "RR", "LR", "LF"):
+        side, end = limb
         prefix = (rear if end == "R" else "F") + side
         own = [joint.replace("FR_", f"{prefix}_", 1) for joint in joints.split()]
         knee = -1 if name == "go2" or end == "F" else 1

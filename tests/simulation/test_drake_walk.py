@@ -23,9 +23,11 @@ from climbplan.cli.app import run
 RATE, STEP = 500, 0.002  # [Hz] of the table, [s] between torques
 LEAST_SHARE, MOST_SHARE = 0.98, 1.02  # of the planned distance
 MOST_OFF = 0.02  # [m] of the base from its path
-# What a body that is off its path is pulled back with: by metre, by m/s, by rad, by rad/s
-PULL, BRAKE = np.array([2400.0, 1200.0, 2000.0]), np.array([400.0, 240.0, 300.0])
-TURN, SPIN = np.array([90.0, 90.0, 45.0]), np.array([6.0, 6.0, 4.5])
+# Feedback of the base's pose along world axes: proportional and derivative gains
+POSITION_GAIN = np.array([2400.0, 1200.0, 2000.0])  # [N/m]
+VELOCITY_GAIN = np.array([400.0, 240.0, 300.0])  # [N s/m]
+ATTITUDE_GAIN = np.array([90.0, 90.0, 45.0])  # [N m/rad]
+RATE_GAIN = np.array([6.0, 6.0, 4.5])  # [N m s/rad]
 SHARE_OF_GAIN, SHARE_OF_DAMPING = 0.5, 0.25  # at the joints, as torques are fed forward
 
 
@@ -123,8 +125,8 @@ class World:
             pose, velocity = base.EvalPoseInWorld(context), base.EvalSpatialVelocityInWorld(context)
             missing = place(now) - pose.translation()
             axis = turn(now).multiply(pose.rotation().inverse()).ToAngleAxis()
-            pull = PULL * missing + BRAKE * (speed(now) - velocity.translational())
-            twist = TURN * axis.angle() * axis.axis() - SPIN * velocity.rotational()
+            pull = POSITION_GAIN * missing + VELOCITY_GAIN * (speed(now) - velocity.translational())
+            twist = ATTITUDE_GAIN * axis.angle() * axis.axis() - RATE_GAIN * velocity.rotational()
             grasp, jacobians = [np.zeros((6, 0))], [np.zeros((0, len(joints)))]
             for contact in table.contacts:
                 if table(now, f"{contact['name']}_contact", held=True)[0] > 0.5:
@@ -137,9 +139,11 @@ class World:
                         context, kind, frame, offset, world, world
                     )
                     jacobians.append(jacobian[:, moved])
-            map_ = np.hstack(grasp)
+            grasp_map = np.hstack(grasp)
             wrench = np.concatenate([pull, twist])
-            force = map_.T @ np.linalg.solve(map_ @ map_.T + 1e-3 * np.eye(6), wrench)
+            force = grasp_map.T @ np.linalg.solve(
+                grasp_map @ grasp_map.T + 1e-3 * np.eye(6), wrench
+            )
             angles = np.array([joint.get_angle(context) for joint in joints])
             rates = np.array([joint.get_angular_rate(context) for joint in joints])
             torque = table.of_joints(now, "torque_Nm", held=True)

@@ -12,10 +12,11 @@ A flat box or disc, such as the housing of a knee's motor, is cut into strips ab
 thick, each with a capsule of its own. One capsule round a disc of radius 60 mm and thickness 40 mm
 would reach 43 mm beyond its faces; three reach 9 mm beyond its faces, and 35 mm beyond its rim.
 
-Beside a spherical foot millimetres count: what reaches beyond it stands in the floor. A piece of
-the last link that reaches at most `_FOOT_TOLERANCE` beyond that sphere is the foot. The end of a
-mesh at the toe is cut off and has a capsule of its own: a single capsule around Solo12's lower leg
-is as thick as the knee and reaches 7 mm below the foot.
+A capsule that reaches below a spherical foot would collide with every surface that the foot stands
+on. Therefore a piece of the last link that leaves the sphere of its foot by at most
+`_FOOT_TOLERANCE` is replaced by that sphere, and the end of a mesh at the toe is cut off and has a
+capsule of its own: a single capsule around a leg with a blunt end is as thick as its knee and
+reaches below its foot.
 """
 
 from __future__ import annotations
@@ -69,8 +70,8 @@ def capsules_of(shape: Shape) -> list[tuple[Array, float]]:
 def end_capsules(shape: Shape, toe: Array, foot_radius: float) -> list[tuple[Array, float]]:
     """Return capsules whose union contains one piece of the link that ends in a spherical foot.
 
-    A piece within `_FOOT_TOLERANCE` of the sphere is that sphere: up to so much of it may stand
-    out.
+    A piece that leaves the sphere of the foot by at most `_FOOT_TOLERANCE` is replaced by that
+    sphere, which then does not contain all of it.
 
     Args:
         shape: The piece.

@@ -22,15 +22,15 @@ if TYPE_CHECKING:
     from climbplan.api.session import Session
     from climbplan.api.solving import Solution, solve
     from climbplan.api.stating import stated
+    from climbplan.bookshelf.schema.model import BookshelfSpec
+    from climbplan.climb.schema.model import ClimbSpec
+    from climbplan.climb.schema.transition import TransitionSpec
+    from climbplan.limms.schema.model import LimmsSpec
     from climbplan.program.polytope import Polytope
     from climbplan.program.problem import Problem
     from climbplan.program.statement import Program
-    from climbplan.spec.bookshelf.model import BookshelfSpec
-    from climbplan.spec.climb.model import ClimbSpec
-    from climbplan.spec.climb.transition import TransitionSpec
-    from climbplan.spec.limms.model import LimmsSpec
-    from climbplan.spec.robots.robot import RobotSpec
-    from climbplan.spec.walking.model import MpcSpec
+    from climbplan.schema.robots.robot import RobotSpec
+    from climbplan.walking.schema.model import MpcSpec
 
 __version__ = "0.1.0"
 __all__ = [
@@ -54,18 +54,18 @@ __all__ = [
     "verify",
 ]
 _ROOMS = {
-    "BookshelfSpec": "spec.bookshelf.model",
-    "ClimbSpec": "spec.climb.model",
-    "LimmsSpec": "spec.limms.model",
-    "MpcSpec": "spec.walking.model",
+    "BookshelfSpec": "bookshelf.schema.model",
+    "ClimbSpec": "climb.schema.model",
+    "LimmsSpec": "limms.schema.model",
+    "MpcSpec": "walking.schema.model",
     "Plan": "api.plan",
     "Polytope": "program.polytope",
     "Problem": "program.problem",
     "Program": "program.statement",
-    "RobotSpec": "spec.robots.robot",
+    "RobotSpec": "schema.robots.robot",
     "Session": "api.session",
     "Solution": "api.solving",
-    "TransitionSpec": "spec.climb.transition",
+    "TransitionSpec": "climb.schema.transition",
     "load": "api.loading",
     "plan": "api.planning",
     "read": "api.plan",

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import settings
 
 import climbplan.cli.app  # noqa: F401  # one thread in BLAS, as commands have it: before NumPy
-from climbplan.spec.robots.robot import RobotSpec
+from climbplan.schema.robots.robot import RobotSpec
 
 # Before any test loads MuJoCo, which looks at this once: pictures are drawn off screen
 if not {"MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ) and find_library("EGL"):

@@ -18,7 +18,7 @@ from benchmarks.bookshelf.strategy_cases import Case
 from climbplan.arrays import Array
 from climbplan.bookshelf.methods.by_table import model_features, published_grid
 from climbplan.bookshelf.methods.features import feature_map
-from climbplan.bookshelf.points import theta_of
+from climbplan.bookshelf.statement.points import theta_of
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.strategy import Candidate
 from climbplan.methods.envelope_rounds import MICP_SOLVERS

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from climbplan.bookshelf.methods.setting import MethodSetting
-from climbplan.bookshelf.scene import Shelf
+from climbplan.bookshelf.scene.shelf_scene import Shelf
+from climbplan.bookshelf.schema.model import Meaning, ShelfSolverSpec
 from climbplan.errors import UsageError
-from climbplan.spec.bookshelf.model import Meaning, ShelfSolverSpec
 
 Effort = Literal["all", "some", "few"]
 MEANINGS: tuple[Meaning, ...] = ("contact", "published")

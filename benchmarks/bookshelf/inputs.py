@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.generator import generate_scene, shelf_for
-from climbplan.bookshelf.plan import ShelfPlan, Solutions, totals_of
-from climbplan.bookshelf.plan_file import write_shelf_plan
-from climbplan.bookshelf.scene import Scenes, Shelf
-from climbplan.bookshelf.scene_file import read_scenes
+from climbplan.bookshelf.plan.file import write_shelf_plan
+from climbplan.bookshelf.plan.shelf_plan import ShelfPlan, Solutions, totals_of
+from climbplan.bookshelf.scene.generator import generate_scene, shelf_for
+from climbplan.bookshelf.scene.scene_file import read_scenes
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.progress import Progress
 

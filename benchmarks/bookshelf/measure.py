@@ -11,14 +11,14 @@ import numpy as np
 
 from benchmarks.bookshelf.contenders import Contender
 from climbplan.arrays import Array
-from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.check.meanings import check_placements
 from climbplan.bookshelf.methods.setting import MethodSetting
 from climbplan.bookshelf.methods.table import prepare
-from climbplan.bookshelf.runs import checked, compile_first
-from climbplan.bookshelf.scene import Scenes
-from climbplan.bookshelf.summary import TRIVIAL
-from climbplan.spec.bookshelf.model import Meaning
+from climbplan.bookshelf.plan.answer import SceneAnswer
+from climbplan.bookshelf.plan.summary import TRIVIAL
+from climbplan.bookshelf.planner.runs import checked, compile_first
+from climbplan.bookshelf.scene.shelf_scene import Scenes
+from climbplan.bookshelf.schema.model import Meaning
 
 NEAR = 0.01  # what counts as at the optimum
 _CONFIDENCE = 1.959964  # of a normal distribution, 95 %

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.bookshelf.measure import Figures, Run
 from climbplan.arrays import Array
-from climbplan.bookshelf.summary import TRIVIAL
+from climbplan.bookshelf.plan.summary import TRIVIAL
 
 _INK, _MUTED, _BAR, _DOT = "#1F2933", "#697586", "#0072B2", "#D55E00"
 _DPI = 150

@@ -21,19 +21,19 @@ import numpy as np
 
 from benchmarks.bookshelf.inputs import FileGroup
 from climbplan.arrays import Array, IntArray
-from climbplan.bookshelf.answer import Placement, SceneAnswer
 from climbplan.bookshelf.check.checker import LENGTH_LIMIT, check_contact
 from climbplan.bookshelf.check.checks import PlacementCheck
 from climbplan.bookshelf.check.published import check_published, published_states
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
-from climbplan.bookshelf.generator import shelf_for
-from climbplan.bookshelf.plan import worst_overlap
-from climbplan.bookshelf.points import settled
-from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
-from climbplan.bookshelf.scene_file import read_scenes
+from climbplan.bookshelf.plan.answer import Placement, SceneAnswer
+from climbplan.bookshelf.plan.shelf_plan import worst_overlap
+from climbplan.bookshelf.scene.generator import shelf_for
+from climbplan.bookshelf.scene.scene_file import read_scenes
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, movement_cost
+from climbplan.bookshelf.statement.points import settled
 from climbplan.errors import UsageError
-from climbplan.plans.hdf5_layout import Layout
-from climbplan.plans.hdf5_reading import Reader, opened_store
+from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_reading import Reader, opened_store
 
 Allowance = Literal["none", "overlap", "lengths"]
 ALLOWANCES: tuple[Allowance, ...] = ("none", "overlap", "lengths")

@@ -23,10 +23,10 @@ from benchmarks.bookshelf.published import PublishedReport, compare_published
 from benchmarks.bookshelf.table import write_context, write_methods, write_published
 from climbplan.arrays import Array
 from climbplan.bookshelf.exact.method import ExactLimits
-from climbplan.bookshelf.summary import TRIVIAL
+from climbplan.bookshelf.plan.summary import TRIVIAL
+from climbplan.bookshelf.schema.model import ShelfSolverSpec
 from climbplan.errors import MissingSolver
 from climbplan.progress import Progress
-from climbplan.spec.bookshelf.model import ShelfSolverSpec
 
 _LIBRARY_NAME = "library.h5"
 

@@ -30,7 +30,7 @@ from benchmarks.bookshelf.strategy_cases import (
 from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.methods.by_table import model_method, published_grid
-from climbplan.bookshelf.summary import TRIVIAL
+from climbplan.bookshelf.plan.summary import TRIVIAL
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel

@@ -11,7 +11,6 @@ import numpy as np
 from benchmarks.bookshelf.inputs import FileGroup
 from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.generator import DropRules, generate_scene, shelf_for
 from climbplan.bookshelf.methods.features import feature_map, feature_scale
 from climbplan.bookshelf.methods.judge import Judge
 from climbplan.bookshelf.methods.library import (
@@ -22,17 +21,18 @@ from climbplan.bookshelf.methods.library import (
     placed_scenes,
     solved_scenes,
 )
+from climbplan.bookshelf.methods.mirror import Solved
 from climbplan.bookshelf.methods.setting import MethodSetting
 from climbplan.bookshelf.methods.shelf_context import context_of
-from climbplan.bookshelf.mirror import Solved
-from climbplan.bookshelf.points import theta_of
-from climbplan.bookshelf.scene import Scene, Shelf
-from climbplan.bookshelf.scene_file import read_scenes
+from climbplan.bookshelf.scene.generator import DropRules, generate_scene, shelf_for
+from climbplan.bookshelf.scene.scene_file import read_scenes
+from climbplan.bookshelf.scene.shelf_scene import Scene, Shelf
+from climbplan.bookshelf.schema.model import ShelfSolverSpec
+from climbplan.bookshelf.statement.points import theta_of
 from climbplan.errors import UsageError
 from climbplan.learning.clusters import ClusterOptions, solution_columns
 from climbplan.learning.model import FitOptions, ModelKind, StrategyModel, fit
 from climbplan.progress import Progress
-from climbplan.spec.bookshelf.model import ShelfSolverSpec
 
 STORED_BOOKS = 3
 _LIBRARY_FROM = 1_000_000  # numbers of generated scenes that are trained on

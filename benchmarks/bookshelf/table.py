@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.bookshelf.context import NOTES, ROWS
 from benchmarks.bookshelf.measure import Figures
 from benchmarks.bookshelf.published import ALLOWANCES, GRANTED, PublishedReport
-from climbplan.bookshelf.summary import TRIVIAL
+from climbplan.bookshelf.plan.summary import TRIVIAL
 
 _REFERENCE = {
     "contact": "the optimum of `exact`",

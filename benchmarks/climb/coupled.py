@@ -20,11 +20,11 @@ from climbplan.climb.coupled.preparation import Prepared, prepare
 from climbplan.climb.coupled.stages import first_stage, second_stage
 from climbplan.climb.coupled.statement import envelope_range
 from climbplan.climb.postures.statement import PostureMargins
-from climbplan.climb.scene import build_scene
+from climbplan.climb.scene.climb_scene import build_scene
+from climbplan.climb.schema.loading import load_text
 from climbplan.errors import LimitReached
+from climbplan.schema.examples import example_text
 from climbplan.solvers.ipopt.instances import solve_ipopt
-from climbplan.spec.climb.loading import load_text
-from climbplan.spec.examples import example_text
 
 Answer = TypeVar("Answer")
 

@@ -7,12 +7,12 @@ from typing import TextIO
 
 import numpy as np
 
-from climbplan.climb.motion import StageClock, plan_motion, plan_support
-from climbplan.climb.scene import build_scene
+from climbplan.climb.motion.motion import StageClock, plan_motion, plan_support
+from climbplan.climb.scene.climb_scene import build_scene
+from climbplan.climb.schema.model import ClimbSpec
 from climbplan.errors import NoPlanFound
-from climbplan.exports.instances.patch_layout import random_layout
-from climbplan.spec.climb.model import ClimbSpec
-from climbplan.spec.robots.source import load_robot
+from climbplan.instances.patch_layout import random_layout
+from climbplan.schema.robots.source import load_robot
 
 METHODS = ("micp", "coupled", "coupled-nlp", "coupled-micp")
 

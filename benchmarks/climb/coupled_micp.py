@@ -18,12 +18,12 @@ from climbplan.climb.coupled.envelopes import named_envelope
 from climbplan.climb.coupled.preparation import Prepared, prepare
 from climbplan.climb.coupled.stages import Candidate, put_right
 from climbplan.climb.postures.statement import PostureMargins
-from climbplan.climb.scene import build_scene
+from climbplan.climb.scene.climb_scene import build_scene
+from climbplan.climb.schema.model import ClimbSpec
 from climbplan.learning.envelope_box import Envelope
+from climbplan.schema.robots.source import load_robot
 from climbplan.solvers.registry import BACKENDS
 from climbplan.solvers.result import relative_gap
-from climbplan.spec.climb.model import ClimbSpec
-from climbplan.spec.robots.source import load_robot
 
 FORCE_WEIGHT = 1e-3  # [m^2]
 LIMIT = 60.0  # [s] for tightening and solver together

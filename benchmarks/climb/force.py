@@ -17,7 +17,7 @@ from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import ForceStatement, objective_of, state_forces
 from climbplan.errors import LimitReached, MissingSolver
-from climbplan.exports.instances.straight_climb import straight_climb
+from climbplan.instances.straight_climb import straight_climb
 
 # Table 5.1 of the dissertation: 96 problems of 61 variables with four-sided pyramids
 PUBLISHED_MS, PUBLISHED_BY = 960.0, "Gurobi, published for an i7-8750H (Table 5.1)"

@@ -9,8 +9,9 @@ from typing import TextIO
 from benchmarks.climb.shipped import planned_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.promise import interval_of
+from climbplan.climb.simulation.risk.judging import Judged, judge_plan
+from climbplan.simulation.asked import Engine
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.worlds.judging import Engine, Judged, judge_plan
 
 SCENES = (
     "climb_nonparallel",

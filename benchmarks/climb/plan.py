@@ -6,11 +6,11 @@ import statistics
 import time
 from typing import TextIO
 
-from climbplan.climb.motion import StageClock, plan_motion, plan_support
-from climbplan.climb.scene import build_scene
-from climbplan.climb.trajectory import plan_trajectory
-from climbplan.spec.climb.loading import load_text
-from climbplan.spec.examples import example_text
+from climbplan.climb.motion.motion import StageClock, plan_motion, plan_support
+from climbplan.climb.motion.trajectory import plan_trajectory
+from climbplan.climb.scene.climb_scene import build_scene
+from climbplan.climb.schema.loading import load_text
+from climbplan.schema.examples import example_text
 
 _PUBLISHED_TOTAL = 1.380  # [s] Gurobi, i7-8750H, posture and force stages (Table 5.1)
 

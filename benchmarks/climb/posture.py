@@ -9,15 +9,15 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from climbplan.climb.motion import StageClock, plan_motion
+from climbplan.climb.motion.motion import StageClock, plan_motion
 from climbplan.climb.postures.statement import posture_program
-from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.schema.model import ClimbSpec
 from climbplan.program import Instance
+from climbplan.schema.robots.robot import RobotSpec
+from climbplan.schema.robots.source import load_robot
 from climbplan.solvers.registry import solve
 from climbplan.solvers.result import SolverResult
-from climbplan.spec.climb.model import ClimbSpec
-from climbplan.spec.robots.robot import RobotSpec
-from climbplan.spec.robots.source import load_robot
 
 PUBLISHED = "Gurobi, published for an i7-8750H, set-up included (Table 5.1): 0.420 s"
 

@@ -13,8 +13,8 @@ import numpy as np
 import yaml
 
 from benchmarks.climb.posture import braced_robot
-from climbplan.spec.robots.robot import RobotSpec
-from climbplan.spec.robots.source import load_robot
+from climbplan.schema.robots.robot import RobotSpec
+from climbplan.schema.robots.source import load_robot
 
 GAP = (1.05, 1.33)  # [m]
 ANGLE = (0.0, 23.0)  # [deg] between the walls

@@ -15,9 +15,9 @@ from typing import TextIO
 
 from benchmarks.climb.random_climbs import random_climb
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import LoadedClimb, load_climb
 from climbplan.errors import Infeasible, NoPlanFound, UsageError
-from climbplan.spec.climb.loading import LoadedClimb, load_climb
 
 _LIMIT = 20.0  # [s] of a climb
 _LONGER = 10.0  # factor on it for the second try of all methods

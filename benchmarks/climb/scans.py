@@ -20,9 +20,9 @@ from benchmarks.climb.shipped import Planned, planned_spec
 from benchmarks.climb.stands import fares
 from benchmarks.climb.triangle_walls import triangles
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.motion import StageClock, plan_motion
+from climbplan.climb.motion.motion import StageClock, plan_motion
 from climbplan.errors import NoPlanFound, SpecError, UsageError
-from climbplan.spec.examples import example_text
+from climbplan.schema.examples import example_text
 
 _QUICK = ("stairs", "slope_towr")
 _METHODS = ("micp", "sl1-relaxation")

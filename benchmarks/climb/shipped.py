@@ -11,11 +11,11 @@ import yaml
 
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_climb
+from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.planner import plan_transition
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.climb.transition_loading import load_transition
-from climbplan.spec.examples import example_data, example_text
+from climbplan.schema.examples import example_data, example_text
 
 SCENES = (  # that MuJoCo can play
     "climb_nonparallel",

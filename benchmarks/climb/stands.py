@@ -16,10 +16,10 @@ import yaml
 
 from benchmarks.climb.shipped import SCENES, planned_scene, planned_spec
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.simulation.comparison import find_losses, find_slips
+from climbplan.climb.simulation.replay import simulate
 from climbplan.errors import NoPlanFound
-from climbplan.simulation.comparison import find_losses, find_slips
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.replay import simulate
 
 _QUICK = ("climb_nonparallel", "climb_patches", "transition_flat")
 _NONE = "margins=none"

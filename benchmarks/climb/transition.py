@@ -11,8 +11,9 @@ from typing import TextIO
 import numpy as np
 
 from climbplan.climb.check.verification import verify
-from climbplan.climb.motion import StageClock
+from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.plan.file import write_climb
+from climbplan.climb.schema.transition_loading import transition_of_text
 from climbplan.climb.transition.carrying import Complete, Found, Run, assemble, carry_through
 from climbplan.climb.transition.homotopy import run_start
 from climbplan.climb.transition.motion import plan_motion
@@ -21,9 +22,8 @@ from climbplan.climb.transition.pose_ways import Sequence
 from climbplan.climb.transition.scene import build_transition
 from climbplan.climb.transition.search import Search
 from climbplan.climb.transition.stances import Laboratory
-from climbplan.spec.climb.transition_loading import transition_of_text
-from climbplan.spec.examples import example_text
-from climbplan.spec.source import SourceText
+from climbplan.schema.examples import example_text
+from climbplan.schema.source import SourceText
 
 _STARTS, _QUICK = 50, 6
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.spec.climb.model import ClimbSpec
-from climbplan.spec.robots.source import load_robot
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.schema.model import ClimbSpec
+from climbplan.schema.robots.source import load_robot
 
 GOAL = (0.0, 0.1, 0.6)
 

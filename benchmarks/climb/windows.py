@@ -16,13 +16,13 @@ from typing import TextIO
 from benchmarks.climb.rocky_tubes import rocky_tube
 from benchmarks.climb.triangle_walls import triangles
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.motion import StageClock, plan_motion
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.motion.motion import StageClock, plan_motion
+from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.postures.planner import PostureResult
-from climbplan.climb.scene import ClimbScene
-from climbplan.climb.windows import plan_in_windows
+from climbplan.climb.scene.climb_scene import ClimbScene
+from climbplan.climb.schema.loading import load_climb
+from climbplan.climb.windows.windows import plan_in_windows
 from climbplan.errors import NoPlanFound
-from climbplan.spec.climb.loading import load_climb
 
 _WINDOWS = (2, 4, 8)
 _LIMIT = 300.0  # [s] of a way, whole or in windows

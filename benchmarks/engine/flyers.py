@@ -13,7 +13,7 @@ from typing import TextIO
 
 import numpy as np
 
-from climbplan.exports.instances.free_flyer import free_flyer
+from climbplan.instances.free_flyer import free_flyer
 from climbplan.program.instance import Instance
 from climbplan.reformulations.base import Reformulation
 from climbplan.reformulations.disjunctions import BigM, ConvexHull, Disjoined

@@ -15,7 +15,7 @@ from typing import TextIO
 import numpy as np
 
 from benchmarks.engine.flyers import RECTANGLES, STEPS
-from climbplan.exports.instances.free_flyer import free_flyer_problem
+from climbplan.instances.free_flyer import free_flyer_problem
 from climbplan.learning.library import Frame, Library
 from climbplan.learning.neighbours import NearestProblems
 from climbplan.program.problem import Problem, Theta

@@ -22,7 +22,7 @@ from benchmarks.engine.learned import run_learned
 from benchmarks.engine.products import run_products
 from benchmarks.engine.remembering import run_remembering
 from benchmarks.engine.ticks import run_ticks
-from climbplan.exports.instances.cart_pole import MOST, PUSHED, walled_cart_pole
+from climbplan.instances.cart_pole import MOST, PUSHED, walled_cart_pole
 from climbplan.methods.envelope_rounds import solve_micp
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.memory import shifted

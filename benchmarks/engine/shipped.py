@@ -7,7 +7,7 @@ from importlib.resources import as_file
 from importlib.util import module_from_spec, spec_from_file_location
 from typing import Any
 
-from climbplan.spec.examples import example_resource
+from climbplan.schema.examples import example_resource
 
 
 @cache

@@ -18,8 +18,8 @@ import numpy as np
 
 from benchmarks.instances.contenders import CONTENDERS, GAP, Contender, timed
 from climbplan.errors import UsageError
-from climbplan.exports.instances.families import FAMILIES, LEVELS, Named, the_set
-from climbplan.exports.instances.writing import file_point
+from climbplan.instances.families import FAMILIES, LEVELS, Named, the_set
+from climbplan.instances.writing import file_point
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.method import solve_mixed_integer
 from climbplan.solvers.result import SolverResult, relative_gap

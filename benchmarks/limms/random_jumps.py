@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.errors import SpecError
-from climbplan.limms.direct import search
-from climbplan.limms.scene import scene_of
-from climbplan.spec.limms.loading import LoadedLimms, limms_of
-from climbplan.spec.source import SourceText
-from climbplan.spec.yaml_source import parse_yaml
+from climbplan.limms.courses.direct import search
+from climbplan.limms.scene.limms_scene import scene_of
+from climbplan.limms.schema.loading import LoadedLimms, limms_of
+from climbplan.schema.source import SourceText
+from climbplan.schema.yaml_source import parse_yaml
 
 MASS = (1.5, 2.5)  # [kg]
 EDGE = 0.6  # [m] of the platform, along x

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.errors import SpecError
-from climbplan.spec.limms.loading import LoadedLimms, limms_of
-from climbplan.spec.source import SourceText
-from climbplan.spec.yaml_source import parse_yaml
+from climbplan.limms.schema.loading import LoadedLimms, limms_of
+from climbplan.schema.source import SourceText
+from climbplan.schema.yaml_source import parse_yaml
 
 GOALS = ("near", "far", "high")
 MODULES = (1, 2, 3, 4)

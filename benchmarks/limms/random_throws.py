@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.bounds import Connection, within_reach
-from climbplan.limms.scene import scene_of
-from climbplan.spec.limms.loading import LoadedLimms, limms_of
-from climbplan.spec.source import SourceText
-from climbplan.spec.yaml_source import parse_yaml
+from climbplan.limms.scene.bounds import Connection, within_reach
+from climbplan.limms.scene.limms_scene import scene_of
+from climbplan.limms.schema.loading import LoadedLimms, limms_of
+from climbplan.schema.source import SourceText
+from climbplan.schema.yaml_source import parse_yaml
 
 MASS = 0.3  # [kg]
 _SIZE = (0.14, 0.24)  # [m] along x and y; as high as the mean of both

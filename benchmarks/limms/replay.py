@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.simulation.study import end_of, simulate_module_plan
+from climbplan.simulation.asked import Asked
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.modules.study import end_of, simulate_module_plan
-from climbplan.simulation.study import Asked
 
 
 @dataclass(frozen=True)

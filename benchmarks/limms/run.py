@@ -17,8 +17,8 @@ from benchmarks.limms.shipped import MASSES, OTHERS, SEVEN, WITH_MASS, shipped_s
 from benchmarks.limms.table import write_beside, write_blocks, write_consensus, write_random
 from benchmarks.limms.trial import METHODS, Method, Trial, attempt
 from climbplan.errors import UsageError
+from climbplan.limms.schema.loading import LoadedLimms
 from climbplan.progress import Progress
-from climbplan.spec.limms.loading import LoadedLimms
 
 # Beside the methods: rooms drawn at random, by the search over modes, without and with a turn
 ROOMS = {"rooms": False, "turned": True}

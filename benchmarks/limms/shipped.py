@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from benchmarks.limms.published import TABLE
-from climbplan.spec.examples import example_text
-from climbplan.spec.limms.loading import LoadedLimms, limms_of
-from climbplan.spec.source import SourceText
-from climbplan.spec.yaml_source import parse_yaml
+from climbplan.limms.schema.loading import LoadedLimms, limms_of
+from climbplan.schema.examples import example_text
+from climbplan.schema.source import SourceText
+from climbplan.schema.yaml_source import parse_yaml
 
 SEVEN = (*TABLE, "limms_relatch", "limms_walk")
 OTHERS = ("limms_swap", "limms_turned")

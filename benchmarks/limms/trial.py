@@ -13,13 +13,13 @@ from climbplan.errors import Infeasible, LimitReached, MissingSolver, NotProved
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.consensus.iteration import GOOD
 from climbplan.limms.consensus.planner import Unrefined
-from climbplan.limms.convergence import Convergence
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.planner import plan_limms
-from climbplan.spec.limms.loading import LoadedLimms, limms_of
-from climbplan.spec.overrides import apply_overrides
-from climbplan.spec.source import SourceText
-from climbplan.spec.yaml_source import parse_yaml
+from climbplan.limms.plan.convergence import Convergence
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.planner.planner import plan_limms
+from climbplan.limms.schema.loading import LoadedLimms, limms_of
+from climbplan.schema.overrides import apply_overrides
+from climbplan.schema.source import SourceText
+from climbplan.schema.yaml_source import parse_yaml
 
 Method = Literal["modes", "admm", "admm-published"]
 ASSIGNMENTS: dict[Method, tuple[str, ...]] = {  # of each method

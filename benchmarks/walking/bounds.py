@@ -17,12 +17,12 @@ import numpy as np
 from benchmarks.walking.given_gait import bound_of_gait
 from benchmarks.walking.shipped_tasks import FORMS, TASKS, shipped
 from benchmarks.walking.workers import in_order
-from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.micp.limits import MicpLimits, limits_of
 from climbplan.walking.micp.method import solve_micp
 from climbplan.walking.offline.search import SearchLimits, search
-from climbplan.walking.problem import build_task
-from climbplan.walking.task import ANGLES, SPIN, WalkTask
+from climbplan.walking.plan.answer import WalkAnswer
+from climbplan.walking.problem.problem import build_task
+from climbplan.walking.task.task import ANGLES, SPIN, WalkTask
 
 _SECONDS, _QUICK = 180.0, 8.0  # of each process's processor time
 _PROCESSES = 2  # that share a bound's tubes and parts of them

@@ -17,13 +17,13 @@ import numpy as np
 from benchmarks.walking.shipped_tasks import FORMS, shipped_task
 from climbplan.arrays import Array
 from climbplan.walking.check.truth import euler_rates, toes_in_body
-from climbplan.walking.draws import StartRanges, drawn_start
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.sqp import iterate_of
+from climbplan.walking.problem.draws import StartRanges, drawn_start
 from climbplan.walking.published.layout import MOMENT, PAIRS, SQUARES, TRIPLES
 from climbplan.walking.published.program import PublishedProgram
-from climbplan.walking.task import ANGLES, RATE_RANGE, SPIN, WalkTask, WalkTrajectory
+from climbplan.walking.task.task import ANGLES, RATE_RANGE, SPIN, WalkTask, WalkTrajectory
 
 _POINTS, _QUICK = 200, 30  # knots of walks
 _SECONDS = 60.0

@@ -11,13 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.micp.bounding import ROUNDS, TANGENTS
 from climbplan.walking.micp.heads import Stated, bound_drawn
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.ranges import Box
 from climbplan.walking.micp.tube import tube_about
-from climbplan.walking.task import WalkTask
+from climbplan.walking.plan.answer import WalkAnswer
+from climbplan.walking.task.task import WalkTask
 
 
 def bound_of_gait(task: WalkTask, limits: MicpLimits, answers: Sequence[WalkAnswer]) -> float:

@@ -15,8 +15,7 @@ import numpy as np
 
 from benchmarks.walking.online_options import OnlineInputs
 from benchmarks.walking.shipped_tasks import shipped_task
-from climbplan.walking.cost import objective
-from climbplan.walking.draws import StartRanges, drawn_start
+from climbplan.walking.dynamics.cost import objective
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.online.choice import Command
 from climbplan.walking.online.footholds import following, height_above
@@ -24,7 +23,8 @@ from climbplan.walking.online.library import Library
 from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.strategies import Ranking, StrategyName, trained
 from climbplan.walking.online.tick import OnlineController, OnlineSettings, horizon_of
-from climbplan.walking.task import WalkTask
+from climbplan.walking.problem.draws import StartRanges, drawn_start
+from climbplan.walking.task.task import WalkTask
 
 STRATEGIES: tuple[StrategyName, ...] = ("knn", "forest", "boosting", "network", "reduce")
 _TASKS, _QUICK = 20, 2  # of each kind

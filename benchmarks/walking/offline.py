@@ -10,13 +10,13 @@ import numpy as np
 
 from benchmarks.walking.shipped_tasks import FORMS, TASKS, shipped, shipped_task
 from benchmarks.walking.workers import in_order
-from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.check.checker import check_trajectory, failures
-from climbplan.walking.draws import StartRanges, drawn_start
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.search import SearchLimits, search
-from climbplan.walking.problem import build_task
-from climbplan.walking.task import WalkTask
+from climbplan.walking.plan.answer import WalkAnswer
+from climbplan.walking.problem.draws import StartRanges, drawn_start
+from climbplan.walking.problem.problem import build_task
+from climbplan.walking.task.task import WalkTask
 
 PUBLISHED_NLP = 1.34  # [s] Table 8.6, when feasible, i7-12800H
 _STARTS, _QUICK = 100, 10

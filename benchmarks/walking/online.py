@@ -15,7 +15,7 @@ from climbplan.walking.online.library import Library
 from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.tick import OnlineController, OnlineSettings
 from climbplan.walking.published.program import TOLERANCE
-from climbplan.walking.task import WalkTask
+from climbplan.walking.task.task import WalkTask
 
 _FORMS = (("regions of the neighbour", 0.0), ("and one on either side", 1.0))
 _EVERY = 4  # ticks of which the published form is given one

@@ -11,7 +11,6 @@ import numpy as np
 from benchmarks.walking.shipped_tasks import shipped
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.spec.walking.model import MpcSpec
 from climbplan.walking.online.closed_loop import LoopWorld
 from climbplan.walking.online.library import Library
 from climbplan.walking.online.run import (
@@ -22,8 +21,9 @@ from climbplan.walking.online.run import (
     world_of,
 )
 from climbplan.walking.online.tick import OnlineSettings
-from climbplan.walking.problem import build_task
-from climbplan.walking.task import WalkTask
+from climbplan.walking.problem.problem import build_task
+from climbplan.walking.schema.model import MpcSpec
+from climbplan.walking.task.task import WalkTask
 
 SPEC = "mpc_recovery"
 PUSHES = ((-1.0, 0.0, 0.0), (-1.5, 0.0, 0.0), (0.0, 0.5, 0.0), (-2.8, 0.0, 0.0))  # [m/s]

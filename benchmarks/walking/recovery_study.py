@@ -22,7 +22,7 @@ from climbplan.walking.online.closed_loop import (
 from climbplan.walking.online.library import Library
 from climbplan.walking.online.strategies import Ranking
 from climbplan.walking.online.tick import OnlineController, OnlineSettings
-from climbplan.walking.task import VELOCITY, WalkTask
+from climbplan.walking.task.task import VELOCITY, WalkTask
 
 FIRST, WITHIN = 1.0, 0.16  # [s] when pushes come, at random within two knots
 AFTER = 1.4  # [s] from the push on

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from climbplan.spec.document import Document
-from climbplan.spec.examples import example_text
-from climbplan.spec.overrides import apply_overrides
-from climbplan.spec.source import SourceText
-from climbplan.spec.walking.loading import LoadedMpc, mpc_of
-from climbplan.spec.yaml_source import parse_yaml
-from climbplan.walking.problem import build_task
-from climbplan.walking.task import WalkTask
+from climbplan.schema.document import Document
+from climbplan.schema.examples import example_text
+from climbplan.schema.overrides import apply_overrides
+from climbplan.schema.source import SourceText
+from climbplan.schema.yaml_source import parse_yaml
+from climbplan.walking.problem.problem import build_task
+from climbplan.walking.schema.loading import LoadedMpc, mpc_of
+from climbplan.walking.task.task import WalkTask
 
 FORMS = {
     "published": ("task.integrator=euler", "task.whole_stance=false"),

@@ -12,16 +12,16 @@ from benchmarks.walking.shipped_tasks import shipped, shipped_task
 from benchmarks.walking.workers import in_order
 from climbplan.arrays import Array
 from climbplan.walking.check.checker import check_loop, check_trajectory, failures
-from climbplan.walking.gaps import widest_gap
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.search import SearchLimits, search
+from climbplan.walking.offline.warm_up import warm_up
 from climbplan.walking.online.closed_loop import Loop, collected_before, run_loop
 from climbplan.walking.online.library import Library
 from climbplan.walking.online.run import library_key, library_of, settings_of, world_of
 from climbplan.walking.online.tick import OnlineController
-from climbplan.walking.online.warm_up import warm_up
-from climbplan.walking.problem import build_task, sampled_task
-from climbplan.walking.task import WalkTask, WalkTrajectory
+from climbplan.walking.planner.gaps import widest_gap
+from climbplan.walking.problem.problem import build_task, sampled_task
+from climbplan.walking.task.task import WalkTask, WalkTrajectory
 
 SPEC = "mpc_stones"
 _FIELDS, _QUICK = 50, 2

@@ -7,15 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from benchmarks.climb.stands import fares
-from climbplan.climb.proposed import Trials
-from climbplan.climb.proposed_outcome import Outcome
+from climbplan.climb.proposed.outcome import Outcome
+from climbplan.climb.proposed.proposed import Trials
 from climbplan.errors import UsageError
 from climbplan.simulation.conditions import NOMINAL
-from climbplan.simulation.walking.comparison import compare_walk
-from climbplan.simulation.walking.walk_report import end_of
-from climbplan.simulation.walking.whole_replay import simulate_whole
-from climbplan.walking.plan import WalkPlan
-from climbplan.walking.proposed import walk_proposed
+from climbplan.walking.plan.walk_plan import WalkPlan
+from climbplan.walking.planner.proposed import walk_proposed
+from climbplan.walking.simulation.comparison import compare_walk
+from climbplan.walking.simulation.walk_report import end_of
+from climbplan.walking.simulation.whole_replay import simulate_whole
 
 Told = Callable[[str], None]
 NOT_SIMULATED = "not simulated"

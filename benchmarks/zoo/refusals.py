@@ -18,7 +18,7 @@ from benchmarks.zoo.second.look import CLIMBS, Look, limit_of_walks, second_look
 from benchmarks.zoo.second.subject import Subject, subject_of
 from benchmarks.zoo.second.unproposed import unproposed
 from climbplan.errors import UsageError
-from climbplan.plans.csv_file import write_csv
+from climbplan.store.csv_file import write_csv
 
 FILE = "refusals.csv"
 

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from climbplan.errors import UsageError
-from climbplan.plans.csv_file import write_csv
+from climbplan.store.csv_file import write_csv
 
 FILE = "results.csv"
 _READ: dict[str, Callable[[str], str | float]] = {

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from benchmarks.zoo.robots import Zoo
-from climbplan.climb.proposed import file_name
+from climbplan.climb.proposed.proposed import file_name
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.proposal.document import robot_document
 from climbplan.robots.urdf.proposal.proposing import propose

@@ -8,7 +8,7 @@ from importlib.resources import as_file
 from pathlib import Path
 
 from climbplan.robots.urdf.proposal.packaged import package_urdf
-from climbplan.spec.examples import example_resource
+from climbplan.schema.examples import example_resource
 
 PACKAGE = "example-robot-data"
 

@@ -21,7 +21,7 @@ from benchmarks.zoo.results import Row, keep, kept
 from benchmarks.zoo.robot_files import keep_robot
 from benchmarks.zoo.robots import QUICK, ROBOTS, Zoo
 from benchmarks.zoo.second.look import COUNT
-from climbplan.climb.proposed import Trials
+from climbplan.climb.proposed.proposed import Trials
 from climbplan.errors import SpecError, UsageError
 from climbplan.robots.urdf.proposal.proposing import propose
 

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TextIO
 
 from climbplan.datasets import tables
+from climbplan.datasets.pages import report as dataset_report
 from climbplan.datasets.verification import MEANINGS, verification_of
-from climbplan.plans.dataset_file import read_dataset_file
-from climbplan.plans.verification import Verification
-from climbplan.reports.fits import dataset_report
+from climbplan.store.dataset_file import read_dataset_file
+from climbplan.verification.verification import Verification
 
 
 def write_report(path: Path, directory: Path, verification: Verification | None = None) -> None:

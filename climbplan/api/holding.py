@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from climbplan.errors import UsageError
 
 if TYPE_CHECKING:
-    from climbplan.spec.holding import HeldSpec
+    from climbplan.schema.holding import HeldSpec
 
 
 def held_against_own(path: Path, spec: str, assignments: Sequence[str] | None) -> HeldSpec:
@@ -19,7 +19,7 @@ def held_against_own(path: Path, spec: str, assignments: Sequence[str] | None) -
         UsageError: files of this kind are not made for one spec, or the spec is of another kind.
         SpecError: every mistake in the spec.
     """
-    from climbplan.spec.loading import load_spec
+    from climbplan.schema.loading import load_spec
 
     require_holdable(path, "--spec")
     return held_against(path, load_spec(spec, list(assignments or ())), f"--spec {spec}")
@@ -27,8 +27,8 @@ def held_against_own(path: Path, spec: str, assignments: Sequence[str] | None) -
 
 def require_holdable(path: Path, shown: str) -> str:
     """The kind of a plan file; raises UsageError for files that are not made for one spec."""
-    from climbplan.plans.plan_format import plan_format
-    from climbplan.spec.holding import RULES
+    from climbplan.schema.holding import RULES
+    from climbplan.store.plan_format import plan_format
 
     kind = plan_format(path).partition("/")[2]
     if kind not in RULES:
@@ -41,26 +41,26 @@ def held_against(path: Path, loaded: object, shown: str) -> HeldSpec:
 
     Raises UsageError where the plan is of another kind than the spec.
     """
-    from climbplan.plans.spec_text import stored_spec_text
-    from climbplan.spec.climb.loading import LoadedClimb
-    from climbplan.spec.climb.transition_loading import LoadedTransition
-    from climbplan.spec.holding import held_spec
-    from climbplan.spec.loaded import LoadedSpec
+    from climbplan.climb.schema.loading import LoadedClimb
+    from climbplan.climb.schema.transition_loading import LoadedTransition
+    from climbplan.schema.holding import held_spec
+    from climbplan.schema.loaded import LoadedSpec
+    from climbplan.store.spec_text import stored_spec_text
 
     kind = require_holdable(path, shown)
     own = str(vars(vars(loaded).get("spec", loaded))["kind"])
     if own != kind or not isinstance(loaded, LoadedSpec):
         raise UsageError(f"{shown}: a spec of kind `{own}`, and {path} is a `{kind}` plan")
     if isinstance(loaded, LoadedClimb):
-        from climbplan.climb.chaining import started
+        from climbplan.climb.planner.chaining import started
 
         loaded = started(loaded)
     if isinstance(loaded, LoadedClimb):
-        from climbplan.climb.scene import on_scan
+        from climbplan.climb.scene.climb_scene import on_scan
 
         loaded = on_scan(loaded)
     if isinstance(loaded, LoadedTransition):
-        from climbplan.climb.scene import on_scan
+        from climbplan.climb.scene.climb_scene import on_scan
 
         loaded = on_scan(loaded)
     return held_spec(loaded, vars(loaded)["spec"], stored_spec_text(path))

@@ -13,9 +13,9 @@ from climbplan.errors import PlanFileError, UsageError
 
 if TYPE_CHECKING:
     from climbplan.exports.motion import RobotMotion
-    from climbplan.plans.verification import Verification
     from climbplan.reports.viewer.scene import Scene
-    from climbplan.spec.holding import HeldSpec
+    from climbplan.schema.holding import HeldSpec
+    from climbplan.verification.verification import Verification
 
 
 @dataclass(frozen=True)
@@ -79,10 +79,10 @@ class PlanKind:
 _CLIMB = PlanKind(
     csv_name="trajectory.csv",
     verification="climbplan.climb.check.verification",
-    report="climbplan.reports.climb.report",
-    csv="climbplan.exports.climb_csv",
-    scene_function="climbplan.reports.viewer.climb_scene:climb_scene",
-    motion_function="climbplan.exports.climb_motion:climb_motion",
+    report="climbplan.climb.pages.report",
+    csv="climbplan.climb.exports.trajectory_csv",
+    scene_function="climbplan.climb.pages.scene:climb_scene",
+    motion_function="climbplan.climb.exports.motion:climb_motion",
 )
 KINDS = {
     "climbplan/climb": _CLIMB,
@@ -90,25 +90,25 @@ KINDS = {
     "climbplan/bookshelf": PlanKind(
         csv_name="placements.csv",
         verification="climbplan.bookshelf.check.verification",
-        report="climbplan.reports.bookshelf.report",
-        csv="climbplan.bookshelf.placement_csv",
-        scene_function="climbplan.reports.viewer.bookshelf_scene:shelf_scene",
+        report="climbplan.bookshelf.pages.report",
+        csv="climbplan.bookshelf.exports.placement_csv",
+        scene_function="climbplan.bookshelf.pages.scene:shelf_scene",
     ),
     "climbplan/limms": PlanKind(
         csv_name="motion.csv",
         verification="climbplan.limms.check.verification",
-        report="climbplan.reports.limms.report",
-        csv="climbplan.limms.motion_csv",
-        scene_function="climbplan.reports.viewer.limms_scene:limms_scene",
-        motion_function="climbplan.exports.limms_motion:limms_motion",
+        report="climbplan.limms.pages.report",
+        csv="climbplan.limms.exports.motion_csv",
+        scene_function="climbplan.limms.pages.scene:limms_scene",
+        motion_function="climbplan.limms.exports.motion:limms_motion",
     ),
     "climbplan/mpc": PlanKind(
         csv_name="walk.csv",
         verification="climbplan.walking.check.verification",
-        report="climbplan.reports.walking.report",
-        csv="climbplan.walking.trajectory_csv",
-        scene_function="climbplan.reports.viewer.walking_scene:walk_scene",
-        motion_function="climbplan.exports.walk_motion:walk_motion",
+        report="climbplan.walking.pages.report",
+        csv="climbplan.walking.exports.trajectory_csv",
+        scene_function="climbplan.walking.pages.scene:walk_scene",
+        motion_function="climbplan.walking.exports.motion:walk_motion",
     ),
     "climbplan/dataset": PlanKind(
         csv_name="dataset.csv",
@@ -126,7 +126,7 @@ def plan_kind(path: Path) -> PlanKind:
     Raises:
         PlanFileError: it is missing or damaged, or no plan.
     """
-    from climbplan.plans.plan_format import plan_format
+    from climbplan.store.plan_format import plan_format
 
     found = plan_format(path)
     if found == "climbplan/program":

@@ -10,14 +10,14 @@ import numpy as np
 from pydantic import BaseModel
 
 from climbplan.errors import UsageError
-from climbplan.spec.loaded import LoadedSpec
-from climbplan.spec.loading import load_source
-from climbplan.spec.overrides import Override
-from climbplan.spec.source import SourceText, read_source
-from climbplan.spec.yaml_source import write_yaml
+from climbplan.schema.loaded import LoadedSpec
+from climbplan.schema.loading import load_source
+from climbplan.schema.overrides import Override
+from climbplan.schema.source import SourceText, read_source
+from climbplan.schema.yaml_source import write_yaml
 
 if TYPE_CHECKING:
-    from climbplan.spec.loading import AnyLoaded
+    from climbplan.schema.loading import AnyLoaded
 
 NAME = "spec"  # of specs that are no files
 

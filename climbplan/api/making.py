@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 from climbplan.api.mistakes import placed_mistakes
 from climbplan.errors import UsageError
 from climbplan.progress import Progress
-from climbplan.spec.loaded import LoadedSpec
+from climbplan.schema.loaded import LoadedSpec
 
 if TYPE_CHECKING:
+    from climbplan.bookshelf.schema.loading import LoadedShelf
     from climbplan.climb.plan.climb_plan import ClimbPlan
-    from climbplan.spec.bookshelf.loading import LoadedShelf
-    from climbplan.spec.climb.loading import LoadedClimb
-    from climbplan.spec.climb.transition_loading import LoadedTransition
-    from climbplan.spec.limms.loading import LoadedLimms
-    from climbplan.spec.walking.loading import LoadedMpc
+    from climbplan.climb.schema.loading import LoadedClimb
+    from climbplan.climb.schema.transition_loading import LoadedTransition
+    from climbplan.limms.schema.loading import LoadedLimms
+    from climbplan.walking.schema.loading import LoadedMpc
 
 LIBRARY_FILE = "library.h5"
 
@@ -68,7 +68,7 @@ def make(loaded: object, options: MakingOptions | None = None) -> Made:
 
 def _climb(loaded: LoadedClimb, options: MakingOptions) -> Made:
     from climbplan.climb.plan.file import write_climb
-    from climbplan.climb.planner import plan_climb
+    from climbplan.climb.planner.planner import plan_climb
 
     def plan(given: LoadedClimb) -> ClimbPlan:
         return plan_climb(
@@ -78,7 +78,7 @@ def _climb(loaded: LoadedClimb, options: MakingOptions) -> Made:
     if loaded.spec.risk is None:
         found = _in_sampled_worlds(plan(loaded), loaded, options)
     else:
-        from climbplan.simulation.risk.planning import Ways, plan_with_risk
+        from climbplan.climb.simulation.risk.planning import Ways, plan_with_risk
 
         found = plan_with_risk(
             loaded, plan, type(loaded).with_overrides, Ways(options.jobs, options.report)
@@ -96,7 +96,7 @@ def _transition(loaded: LoadedTransition, options: MakingOptions) -> Made:
     if loaded.spec.risk is None:
         found = _in_sampled_worlds(plan(loaded), loaded, options)
     else:
-        from climbplan.simulation.risk.planning import Ways, plan_with_risk
+        from climbplan.climb.simulation.risk.planning import Ways, plan_with_risk
 
         found = plan_with_risk(
             loaded, plan, type(loaded).with_overrides, Ways(options.jobs, options.report)
@@ -108,13 +108,13 @@ def _in_sampled_worlds(
     plan: ClimbPlan, loaded: LoadedClimb | LoadedTransition, options: MakingOptions
 ) -> ClimbPlan:
     """The plan, judged in worlds where its spec or robot file states what is uncertain."""
-    from climbplan.spec.climb.uncertainty import states_uncertainty
-    from climbplan.spec.robots.urdf.source import UrdfRobot
+    from climbplan.schema.robots.uncertainty import states_uncertainty
+    from climbplan.schema.robots.urdf.source import UrdfRobot
 
     robot = loaded.robot.spec if isinstance(loaded.robot, UrdfRobot) else loaded.robot
     if not states_uncertainty(loaded.spec.uncertainty, robot.uncertainty):
         return plan
-    from climbplan.simulation.risk.sampling import with_world_sample
+    from climbplan.climb.simulation.risk.sampling import with_world_sample
 
     start = time.perf_counter()
     sampled = with_world_sample(
@@ -125,8 +125,8 @@ def _in_sampled_worlds(
 
 
 def _limms(loaded: LoadedLimms, options: MakingOptions) -> Made:
-    from climbplan.limms.plan_file import write_limms_plan
-    from climbplan.limms.planner import plan_limms
+    from climbplan.limms.plan.file import write_limms_plan
+    from climbplan.limms.planner.planner import plan_limms
 
     found = plan_limms(loaded, options.report)
     return Made(
@@ -135,10 +135,10 @@ def _limms(loaded: LoadedLimms, options: MakingOptions) -> Made:
 
 
 def _walk(loaded: LoadedMpc, options: MakingOptions) -> Made:
-    from climbplan.walking.plan_file import write_walk_plan
+    from climbplan.walking.plan.file import write_walk_plan
 
     if loaded.spec.solver.method != "online":
-        from climbplan.walking.planner import plan_walk
+        from climbplan.walking.planner.planner import plan_walk
 
         found = plan_walk(loaded, options.report)
         return Made(
@@ -158,8 +158,8 @@ def _walk(loaded: LoadedMpc, options: MakingOptions) -> Made:
 
 
 def _shelf(loaded: LoadedShelf, options: MakingOptions) -> Made:
-    from climbplan.bookshelf.plan_file import write_shelf_plan
-    from climbplan.bookshelf.runs import run_shelf
+    from climbplan.bookshelf.plan.file import write_shelf_plan
+    from climbplan.bookshelf.planner.runs import run_shelf
 
     found = run_shelf(loaded, options.report, options.jobs, options.warn, options.save_model)
     return Made(found.summary, (), found.totals.status, lambda path: write_shelf_plan(found, path))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from climbplan.errors import SpecError
 
 if TYPE_CHECKING:
-    from climbplan.spec.loaded import LoadedSpec
+    from climbplan.schema.loaded import LoadedSpec
 
 
 @contextmanager

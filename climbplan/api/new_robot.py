@@ -6,18 +6,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from climbplan.climb.looks import plan_looks
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.world_sample import WorldSample
-from climbplan.climb.proposed import file_name, planned_proposal
-from climbplan.climb.proposed_outcome import Outcome
+from climbplan.climb.planner.looks import plan_looks
+from climbplan.climb.proposed.outcome import Outcome
+from climbplan.climb.proposed.proposed import file_name, planned_proposal
+from climbplan.climb.simulation.risk.needs import needed_to_stand
+from climbplan.climb.simulation.risk.sampling import sample_worlds
 from climbplan.errors import UsageError
 from climbplan.reports.robot_page import robot_page
 from climbplan.robots.urdf.proposal.document import paths, robot_document
 from climbplan.robots.urdf.proposal.proposing import propose, read_tree
-from climbplan.simulation.risk.needs import needed_to_stand
-from climbplan.simulation.risk.sampling import sample_worlds
-from climbplan.walking.proposed import ProposedWalk, walk_proposed
+from climbplan.walking.planner.proposed import ProposedWalk, walk_proposed
 
 _CHOICE_SEED, _CHOICE_WORLDS = 1_000_003, 100  # of worlds by which postures are chosen
 _TRIANGLES = 800  # of one shape in the pictures of a page

@@ -19,15 +19,15 @@ import numpy as np
 from climbplan.api.kinds import PlanKind, plan_kind
 from climbplan.api.plan_path import PLAN_FILE, find_plan
 from climbplan.errors import MissingSolver, UsageError
-from climbplan.plans.hdf5_layout import Kind, Layout
-from climbplan.plans.hdf5_reading import Reader, opened_store
+from climbplan.store.hdf5_layout import Kind, Layout
+from climbplan.store.hdf5_reading import Reader, opened_store
 
 if TYPE_CHECKING:
     import pandas
 
     from climbplan.api.loading import SpecSource
-    from climbplan.plans.verification import Verification
     from climbplan.simulation.report_files import Told
+    from climbplan.verification.verification import Verification
 
 _KINDS: dict[str, Kind] = {"f": "float", "i": "int", "u": "int", "b": "bool"}
 
@@ -228,9 +228,9 @@ class Plan(Group):
         from climbplan.api.simulating import simulator
 
         _, run = simulator(self._path)(self._path)
+        from climbplan.simulation.asked import Asked
         from climbplan.simulation.conditions import Conditions
         from climbplan.simulation.report_files import write_simulation
-        from climbplan.simulation.study import Asked
 
         try:
             world = Conditions(**conditions)

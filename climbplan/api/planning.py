@@ -13,10 +13,10 @@ from climbplan.api.plan import Folder, Plan, read
 from climbplan.api.plan_path import PLAN_FILE
 from climbplan.errors import PlanFails
 from climbplan.progress import Progress
-from climbplan.spec.loaded import LoadedSpec
+from climbplan.schema.loaded import LoadedSpec
 
 if TYPE_CHECKING:
-    from climbplan.plans.verification import Verification
+    from climbplan.verification.verification import Verification
 
 
 @ctrl_c_insists()

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from climbplan.errors import UsageError
-from climbplan.plans.check import judge
+from climbplan.verification.check import judge
 
 if TYPE_CHECKING:
-    from climbplan.plans.verification import Verification
+    from climbplan.verification.verification import Verification
 
 
 _NO_WORLDS = (
@@ -22,7 +22,7 @@ _NO_WORLDS = (
 def require_climb(path: Path) -> None:
     """Raise UsageError for a file that is no climb or transition, whose worlds none could count."""
     from climbplan.climb.plan.layout import FORMATS
-    from climbplan.plans.plan_format import plan_format
+    from climbplan.store.plan_format import plan_format
 
     if plan_format(path) not in FORMATS.values():
         raise UsageError(f"--worlds: {path} {_NO_WORLDS}")
@@ -41,8 +41,8 @@ def recount_worlds(path: Path, verification: Verification) -> Verification:
     if verification.unsound is not None:
         return verification
     from climbplan.climb.plan.file import read_climb
+    from climbplan.climb.simulation.risk.judging import judge_plan
     from climbplan.simulation.conditions import Conditions
-    from climbplan.simulation.worlds.judging import judge_plan
 
     plan = read_climb(path)
     stored = plan.promise or plan.sample

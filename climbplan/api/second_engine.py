@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.plans.hdf5_reading import opened_store
-from climbplan.plans.plan_format import plan_format
 from climbplan.progress import Progress
+from climbplan.store.hdf5_reading import opened_store
+from climbplan.store.plan_format import plan_format
 
 if TYPE_CHECKING:
     from climbplan.simulation.drake.report import Run
@@ -80,8 +80,8 @@ def export_for_drake(plan: Path, directory: Path, *, with_regulator: bool) -> No
     Raises UsageError for robots whose motion or regulator cannot be exported.
     """
     from climbplan.api.kinds import plan_kind
+    from climbplan.climb.exports.regulator_files import write_regulator
     from climbplan.exports.formats import FORMATS, Told, told
-    from climbplan.exports.regulator_files import write_regulator
 
     motion = told(plan_kind(plan).motion(plan), Told(rate=RATE, gains="rigid"))
     table = FORMATS["csv"]

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.plans.plan_format import plan_format
 from climbplan.progress import Progress
+from climbplan.store.plan_format import plan_format
 
 if TYPE_CHECKING:
+    from climbplan.simulation.asked import Asked
     from climbplan.simulation.report_files import Told
-    from climbplan.simulation.study import Asked
-    from climbplan.simulation.variations import Trial
+    from climbplan.simulation.trials import Trial
 
 Simulate = Callable[["Asked", Progress], tuple["Told", list[str]]]
 """What a simulation tells, and lines on its random runs."""
@@ -39,10 +39,10 @@ def _climb(path: Path) -> tuple[str, Simulate]:
     plan = read_climb(path)
 
     def run(asked: Asked, report: Progress) -> tuple[Told, list[str]]:
-        from climbplan.simulation.climb_report import tell
-        from climbplan.simulation.study import simulate_plan
-        from climbplan.simulation.worlds.judging import told
-        from climbplan.simulation.worlds.rare import rare_told
+        from climbplan.climb.simulation.report import tell
+        from climbplan.climb.simulation.risk.judging import told
+        from climbplan.climb.simulation.risk.rare import rare_told
+        from climbplan.climb.simulation.study import simulate_plan
 
         _not_pushed(asked)
         found = simulate_plan(plan, asked, report)
@@ -61,7 +61,7 @@ def _climb(path: Path) -> tuple[str, Simulate]:
 
 
 def _walk(path: Path) -> tuple[str, Simulate]:
-    from climbplan.walking.plan_file import read_walk_plan
+    from climbplan.walking.plan.file import read_walk_plan
 
     plan = read_walk_plan(path)
 
@@ -69,11 +69,11 @@ def _walk(path: Path) -> tuple[str, Simulate]:
         if asked.rare:
             raise UsageError("--rare: walks have no worlds of an uncertainty")
         if plan.task.legs is not None:
-            from climbplan.simulation.walking import whole_study
+            from climbplan.walking.simulation import whole_study
 
             whole = whole_study.simulate_whole_plan(plan, asked, report)
             return whole_study.tell(whole), _falls(whole.trials)
-        from climbplan.simulation.walking.study import simulate_walk_plan, tell
+        from climbplan.walking.simulation.study import simulate_walk_plan, tell
 
         found = simulate_walk_plan(plan, asked, report)
         return tell(found), _falls(found.trials)
@@ -82,12 +82,12 @@ def _walk(path: Path) -> tuple[str, Simulate]:
 
 
 def _modules(path: Path) -> tuple[str, Simulate]:
-    from climbplan.limms.plan_file import read_limms_plan
+    from climbplan.limms.plan.file import read_limms_plan
 
     plan = read_limms_plan(path)
 
     def run(asked: Asked, report: Progress) -> tuple[Told, list[str]]:
-        from climbplan.simulation.modules.study import simulate_module_plan, tell
+        from climbplan.limms.simulation.study import simulate_module_plan, tell
 
         _not_pushed(asked)
         found = simulate_module_plan(plan, asked, report)

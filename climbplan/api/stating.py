@@ -10,13 +10,13 @@ from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.api.loading import SpecSource, changed, load
 from climbplan.api.mistakes import placed_mistakes
 from climbplan.arrays import Array
+from climbplan.bookshelf.schema.loading import LoadedShelf
+from climbplan.climb.schema.loading import LoadedClimb
+from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.errors import UsageError
 from climbplan.program.problem import Problem
-from climbplan.spec.bookshelf.loading import LoadedShelf
-from climbplan.spec.climb.loading import LoadedClimb
-from climbplan.spec.climb.transition_loading import LoadedTransition
-from climbplan.spec.loaded import LoadedSpec
-from climbplan.spec.walking.loading import LoadedMpc
+from climbplan.schema.loaded import LoadedSpec
+from climbplan.walking.schema.loading import LoadedMpc
 
 Stated = tuple[Problem, dict[str, Array]]
 
@@ -63,7 +63,7 @@ def _climb(loaded: LoadedClimb) -> Stated:
     from climbplan.climb.postures.nlp.stated import posture_problem
     from climbplan.climb.postures.planner import refuse_unsuitable
     from climbplan.climb.postures.statement import posture_program
-    from climbplan.climb.scene import build_scene
+    from climbplan.climb.scene.climb_scene import build_scene
 
     scene = build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
     solver = loaded.spec.solver
@@ -81,16 +81,16 @@ def _transition(loaded: LoadedTransition) -> Stated:
 
 def _walk(loaded: LoadedMpc) -> Stated:
     from climbplan.walking.offline.stated import walk_problem
-    from climbplan.walking.problem import build_task
+    from climbplan.walking.problem.problem import build_task
 
     task = build_task(loaded.spec, loaded.robot, loaded.source)
     return walk_problem(task, loaded.spec.solver.guess)
 
 
 def _shelf(loaded: LoadedShelf) -> Stated:
-    from climbplan.bookshelf.points import theta_of
-    from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of
-    from climbplan.bookshelf.stated import shelf_problem
+    from climbplan.bookshelf.scene.scene_source import loaded_scenes, shelf_of
+    from climbplan.bookshelf.statement.points import theta_of
+    from climbplan.bookshelf.statement.stated import shelf_problem
 
     scenes = loaded_scenes(loaded)
     if len(scenes) != 1:

@@ -14,7 +14,7 @@ from climbplan.cli.options import Force, Json, Quiet, Verbose
 from climbplan.errors import UsageError
 
 if TYPE_CHECKING:
-    from climbplan.plans.dataset import Dataset
+    from climbplan.store.dataset import Dataset
 
 File = Annotated[
     Path, typer.Argument(metavar="FILE", help="Dataset, or the output directory it is in.")
@@ -36,8 +36,8 @@ def info(
     files: Files, as_json: Json = False, quiet: Quiet = False, verbose: Verbose = False
 ) -> None:
     """Rows, outcomes, costs, times and reasons of failures."""
-    from climbplan.plans.dataset_statistics import statistics, statistics_lines
     from climbplan.reports.report_files import finite
+    from climbplan.store.dataset_statistics import statistics, statistics_lines
 
     found = [(path, _read(path)) for path in map(find_plan, files)]
     if as_json:
@@ -62,7 +62,7 @@ def merge(
 ) -> None:
     """All rows of datasets of one problem, made with different seeds, as one dataset."""
     from climbplan.datasets.combining import merge as merged
-    from climbplan.plans.dataset_file import write_dataset_file
+    from climbplan.store.dataset_file import write_dataset_file
 
     _require_place(out, force)
     done = merged([(str(path), _read(path)) for path in map(find_plan, files)], drop_duplicates)
@@ -103,7 +103,7 @@ def split(
     Rows whose problem could not be drawn are in neither.
     """
     from climbplan.datasets.combining import split as divided
-    from climbplan.plans.dataset_file import write_dataset_file
+    from climbplan.store.dataset_file import write_dataset_file
 
     if out is not None and files is not None:
         raise UsageError("--out and --files: expected one of them")
@@ -168,7 +168,7 @@ def export_table(
 
 
 def _read(path: Path) -> Dataset:
-    from climbplan.plans.dataset_file import read_dataset_file
+    from climbplan.store.dataset_file import read_dataset_file
 
     return read_dataset_file(path)
 

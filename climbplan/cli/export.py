@@ -177,8 +177,8 @@ def _instances(
 ) -> Path:
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
-    from climbplan.exports.instances.families import COUNT
-    from climbplan.exports.instances.writing import KNOWN_SEED, write_set
+    from climbplan.instances.families import COUNT
+    from climbplan.instances.writing import KNOWN_SEED, write_set
 
     session = context.ensure_object(Session)
     drawn = KNOWN_SEED if seed is None else seed
@@ -200,7 +200,7 @@ def _regulator(
 ) -> Path:
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.unsound import mark_unverified
-    from climbplan.exports.regulator_files import write_regulator
+    from climbplan.climb.exports.regulator_files import write_regulator
 
     if out == "-" or asked != Asked(gains=asked.gains):
         raise UsageError(

@@ -45,8 +45,8 @@ def fit_envelopes(
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
     from climbplan.cli.spec_options import key_overrides
-    from climbplan.spec.fits.envelopes_loading import load_envelopes
-    from climbplan.spec.robots.source import load_any_robot
+    from climbplan.climb.schema.envelopes_loading import load_envelopes
+    from climbplan.schema.robots.source import load_any_robot
 
     session = context.ensure_object(Session)
     overrides = key_overrides(
@@ -58,7 +58,7 @@ def fit_envelopes(
     with OutputDirectory(target, force=force) as directory:
         from climbplan.climb.envelopes.file import write_envelopes
         from climbplan.climb.envelopes.run import fit_envelopes as fit
-        from climbplan.reports.fits.envelope_report import write_report
+        from climbplan.climb.pages.envelope_report import write_report
         from climbplan.robots.any_robot import build_robot, without_flat_feet
 
         with StageProgress(session) as progress:

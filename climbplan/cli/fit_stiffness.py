@@ -46,8 +46,8 @@ def fit_stiffness(
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
     from climbplan.robots.any_robot import build_robot
-    from climbplan.spec.fields import nearest
-    from climbplan.spec.robots.source import load_any_robot
+    from climbplan.schema.fields import nearest
+    from climbplan.schema.robots.source import load_any_robot
 
     session = context.ensure_object(Session)
     limb_of = build_robot(load_any_robot(robot))

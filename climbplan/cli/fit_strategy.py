@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from climbplan.cli.progress import StageProgress
     from climbplan.learning.fit_run import TrainingData
     from climbplan.learning.model_file import ModelFile
-    from climbplan.spec.fits.strategy_loading import LoadedStrategy
+    from climbplan.schema.learning.strategy_loading import LoadedStrategy
 
 MODEL_FILE = "model.h5"
 
@@ -44,7 +44,7 @@ def fit_strategy(
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
     from climbplan.cli.spec_options import key_overrides
-    from climbplan.spec.fits.strategy_loading import load_strategy
+    from climbplan.schema.learning.strategy_loading import load_strategy
 
     session = context.ensure_object(Session)
     overrides = key_overrides(

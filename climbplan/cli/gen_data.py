@@ -20,8 +20,8 @@ from climbplan.errors import ExitCode, PlanFileError, UsageError
 if TYPE_CHECKING:
     from climbplan.datasets.generate import Generated
     from climbplan.datasets.recipe import Recipe
+    from climbplan.datasets.schema.loading import LoadedDataset
     from climbplan.program.problem import Problem
-    from climbplan.spec.datasets.loading import LoadedDataset
 
 
 def gen_data(
@@ -66,7 +66,7 @@ def gen_data(
     """
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.spec_options import key_overrides
-    from climbplan.spec.datasets.loading import load_dataset
+    from climbplan.datasets.schema.loading import load_dataset
 
     session = context.ensure_object(Session)
     overrides = key_overrides(
@@ -87,9 +87,9 @@ def gen_data(
     with explained(session), OutputDirectory(target, force=force) as directory:
         # Compiled functions and solvers take a second to import: not before the paths are good.
         from climbplan.datasets.generate import RunOptions, generated
+        from climbplan.datasets.pages.report import report_dict, write_report
         from climbplan.datasets.verification import MEANINGS, verify_and_mark
-        from climbplan.plans.dataset_file import read_dataset_file, write_dataset_file
-        from climbplan.reports.fits.dataset_report import report_dict, write_report
+        from climbplan.store.dataset_file import read_dataset_file, write_dataset_file
 
         stated = _statement(loaded, problem)
         recipe = _recipe(loaded, problem)
@@ -122,7 +122,7 @@ def gen_data(
 
 def _is_complete(target: Path, loaded: LoadedDataset) -> bool:
     """Whether the output directory holds what the spec asks for."""
-    from climbplan.plans.dataset_file import read_dataset_file
+    from climbplan.store.dataset_file import read_dataset_file
 
     path = target / DATASET_FILE
     try:
@@ -187,7 +187,7 @@ def _full(name: str) -> str:
 
 def _files(loaded: LoadedDataset, name: str | None) -> tuple[Path, ...]:
     """Files that rows depend on: the statement, and the library or model of learned methods."""
-    from climbplan.spec.robots.source import robot_files
+    from climbplan.schema.robots.source import robot_files
 
     files: list[Path] = []
     place = (name or "").rpartition(":")[0]

@@ -76,7 +76,7 @@ def new(
         return
     if toes is not None:
         raise UsageError("--toes is of a robot from a URDF: expected --urdf or --package with it")
-    from climbplan.spec.examples import (
+    from climbplan.schema.examples import (
         ABOUT,
         FIRST_EXAMPLE,
         example_data,
@@ -112,7 +112,7 @@ def _links(toes: str | None) -> tuple[str, ...]:
 
 def _write(content: dict[Path, bytes], directory: Path, force: bool) -> None:
     """All files or none that is there already; directories that it makes go where it fails."""
-    from climbplan.plans.atomic_file import written_aside
+    from climbplan.store.atomic_file import written_aside
 
     _refuse_existing(content, force)
     above = [directory, *directory.parents]

@@ -51,7 +51,7 @@ def plan_climb(
     """
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides
-    from climbplan.spec.climb.loading import load_climb
+    from climbplan.climb.schema.loading import load_climb
 
     session = context.ensure_object(Session)
     overrides = quick_overrides("climb", quick)

@@ -44,7 +44,7 @@ def plan_limms(
     """
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides
-    from climbplan.spec.limms.loading import load_limms
+    from climbplan.limms.schema.loading import load_limms
 
     session = context.ensure_object(Session)
     overrides = quick_overrides("limms", quick)

@@ -38,7 +38,7 @@ def plan_mpc(
     """
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides
-    from climbplan.spec.walking.loading import load_mpc
+    from climbplan.walking.schema.loading import load_mpc
 
     session = context.ensure_object(Session)
     overrides = quick_overrides("mpc", quick)

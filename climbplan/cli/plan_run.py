@@ -25,7 +25,7 @@ from climbplan.errors import PlanFails
 
 if TYPE_CHECKING:
     from climbplan.api.making import Made
-    from climbplan.spec.loaded import LoadedSpec
+    from climbplan.schema.loaded import LoadedSpec
 
 
 REPORT = "report.json"

@@ -57,8 +57,8 @@ def plan_transition(
     """
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides
-    from climbplan.spec.climb.transition_loading import load_transition
-    from climbplan.spec.overrides import Override
+    from climbplan.climb.schema.transition_loading import load_transition
+    from climbplan.schema.overrides import Override
 
     session = context.ensure_object(Session)
     overrides = quick_overrides("transition", quick)

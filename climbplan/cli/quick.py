@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 if TYPE_CHECKING:
-    from climbplan.spec.overrides import Override
+    from climbplan.schema.overrides import Override
 
 # By kind of spec: key, value, and what a spec of the user's may say without being changed
 _QUICK: dict[str, tuple[tuple[str, str, Literal["least", "most"] | None], ...]] = {
@@ -30,7 +30,7 @@ _WORDS = {"least": "at least ", "most": "at most ", None: ""}
 
 def quick_overrides(kind: str, quick: bool) -> list[str | Override]:
     """What `--quick` sets in a spec of this kind; `--set` and the other options are stronger."""
-    from climbplan.spec.overrides import Override
+    from climbplan.schema.overrides import Override
 
     return [Override(key, value, "--quick", bound) for key, value, bound in _QUICK[kind] if quick]
 

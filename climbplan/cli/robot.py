@@ -49,10 +49,10 @@ def robot(
     spec, made, notes = _robot_of(name)
     facts = robot_facts(made)
     if picture is not None:
-        from climbplan.climb.looks import plan_looks
-        from climbplan.plans.atomic_file import written_aside
+        from climbplan.climb.planner.looks import plan_looks
         from climbplan.reports.robot_picture import robot_picture
         from climbplan.reports.sheet import png
+        from climbplan.store.atomic_file import written_aside
 
         image = png(robot_picture(facts, looks=plan_looks(spec, made, _TRIANGLES)))
         with written_aside(picture) as aside:
@@ -66,8 +66,8 @@ def robot(
 def _robot_of(name: str) -> tuple[Any, Any, tuple[str, ...]]:
     """What the file says, the robot, and what was assumed of it."""
     from climbplan.robots.any_robot import assumptions, build_robot
-    from climbplan.spec.loading import load_spec
-    from climbplan.spec.robots.source import UnknownRobot, load_any_robot
+    from climbplan.schema.loading import load_spec
+    from climbplan.schema.robots.source import UnknownRobot, load_any_robot
 
     spec: Any
     try:
@@ -86,8 +86,8 @@ def _robot_of(name: str) -> tuple[Any, Any, tuple[str, ...]]:
 
 def _is_robot_file(name: str) -> bool:
     """Whether a YAML file says that it is a robot; raises SpecError for what is no YAML."""
-    from climbplan.spec.source import read_source
-    from climbplan.spec.yaml_source import parse_yaml
+    from climbplan.schema.source import read_source
+    from climbplan.schema.yaml_source import parse_yaml
 
     source = read_source(name)
     stated = parse_yaml(source.text, source.shown).value
@@ -95,7 +95,7 @@ def _is_robot_file(name: str) -> bool:
 
 
 def _values(facts: RobotFacts, notes: tuple[str, ...], picture: Path | None) -> dict[str, Any]:
-    from climbplan.robots.joint_dynamics import dynamics_of
+    from climbplan.robots.model import dynamics_of
 
     made = facts.robot
     names, force, torque = made.limbs.joint_names, facts.standing_force, facts.standing_torque

@@ -285,9 +285,9 @@ def simulate(
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
     from climbplan.cli.unsound import warn_of_failure
+    from climbplan.simulation.asked import Asked
     from climbplan.simulation.conditions import Conditions
     from climbplan.simulation.report_files import RESULT, write_simulation
-    from climbplan.simulation.study import Asked
 
     rotors, gains = scaled("--armature", armature), scaled("--damping", damping)
     asked = Asked(

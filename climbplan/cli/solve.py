@@ -30,10 +30,10 @@ from climbplan.errors import ExitCode, Infeasible, LimitReached, UsageError
 
 if TYPE_CHECKING:
     from climbplan.methods.run import SolvedRows
-    from climbplan.plans.program_plan import ProgramPlan
-    from climbplan.plans.verification import Verification
     from climbplan.program.problem import Problem
-    from climbplan.spec.program.loading import LoadedProgram
+    from climbplan.schema.program.loading import LoadedProgram
+    from climbplan.store.program_plan import ProgramPlan
+    from climbplan.verification.verification import Verification
 
 
 _SEQUENCE = ("auto", "branch-and-bound", "benders")  # methods that rows of a sequence may name
@@ -90,7 +90,7 @@ def solve(
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
     from climbplan.cli.spec_options import spec_overrides
-    from climbplan.spec.program.loading import load_program
+    from climbplan.schema.program.loading import load_program
 
     session = context.ensure_object(Session)
     if solver and len(solver) > 1:
@@ -117,9 +117,9 @@ def solve(
         target = out if out is not None else Path("outputs", loaded.name)
         with OutputDirectory(target, force=force) as directory:
             from climbplan.methods.run import run
-            from climbplan.plans.program_file import marked, write_program
-            from climbplan.plans.program_verification import verify_program
             from climbplan.reports.program_report import report_dict, write_report
+            from climbplan.store.program_file import marked, write_program
+            from climbplan.verification.programs import verify_program
 
             with StageProgress(session) as progress:
                 done = run(
@@ -175,7 +175,7 @@ def _certified(
 ) -> str:
     """Write the proofs of all rows; a line about them."""
     from climbplan.methods.certified_rows import certified_rows, proves_less
-    from climbplan.plans.certificate_file import write_certificates
+    from climbplan.store.certificate_file import write_certificates
 
     if path.exists() and not force:
         raise UsageError(f"{path} exists: --force replaces it")

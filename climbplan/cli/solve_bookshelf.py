@@ -57,9 +57,9 @@ def solve_bookshelf(
     its verification. Of a file of scenes these are rows like others: 3 if all scenes are proved
     infeasible, 4 if one or more have no answer.
     """
+    from climbplan.bookshelf.schema.loading import load_shelf
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides
-    from climbplan.spec.bookshelf.loading import load_shelf
 
     session = context.ensure_object(Session)
     overrides = quick_overrides("bookshelf", quick)

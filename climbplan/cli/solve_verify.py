@@ -14,14 +14,14 @@ from climbplan.cli.verify_line import badge_lines, warn_of_implausible
 from climbplan.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
-    from climbplan.plans.verification import Verification
-    from climbplan.spec.holding import HeldSpec
+    from climbplan.schema.holding import HeldSpec
+    from climbplan.verification.verification import Verification
 
 
 def is_program_plan(path: Path) -> bool:
     """Whether the file answers a stated program; others are read by what their format says."""
-    from climbplan.plans.plan_format import plan_format
-    from climbplan.plans.program_file import FORMAT
+    from climbplan.store.plan_format import plan_format
+    from climbplan.store.program_file import FORMAT
 
     return plan_format(path) == FORMAT
 
@@ -36,8 +36,8 @@ def verify_program_plan(
     Raises:
         UsageError: without a statement, after what the file alone allows was checked and printed.
     """
-    from climbplan.plans.program_file import read_program
-    from climbplan.plans.program_verification import verify_file, verify_program
+    from climbplan.store.program_file import read_program
+    from climbplan.verification.programs import verify_file, verify_program
 
     plan = read_program(path)
     if name is None:
@@ -55,16 +55,16 @@ def verify_program_plan(
 
 def is_certificate(path: Path) -> bool:
     """Whether the file holds proofs of bounds."""
-    from climbplan.plans.certificate_file import FORMAT
-    from climbplan.plans.plan_format import plan_format
+    from climbplan.store.certificate_file import FORMAT
+    from climbplan.store.plan_format import plan_format
 
     return plan_format(path) == FORMAT
 
 
 def verify_certificate_file(path: Path, name: str | None, as_json: bool, session: Session) -> None:
     """Check the proofs in a file, with `name` also whether they are about that statement."""
-    from climbplan.plans.certificate_file import read_certificates
-    from climbplan.plans.certificate_verification import verify_certificates
+    from climbplan.store.certificate_file import read_certificates
+    from climbplan.verification.certificates import verify_certificates
 
     certified = read_certificates(path)
     leaves = sum(len(row.certificate.empty) for row in certified.rows)
@@ -79,8 +79,8 @@ def verify_certificate_file(path: Path, name: str | None, as_json: bool, session
 def is_program_dataset(path: Path) -> bool:
     """Whether the file is a dataset of a stated program."""
     from climbplan.methods.dataset_rows import KIND
-    from climbplan.plans.dataset_file import FORMAT, read_dataset_file
-    from climbplan.plans.plan_format import plan_format
+    from climbplan.store.dataset_file import FORMAT, read_dataset_file
+    from climbplan.store.plan_format import plan_format
 
     return plan_format(path) == FORMAT and read_dataset_file(path).frame.kind == KIND
 
@@ -92,7 +92,7 @@ def verify_program_dataset(path: Path, name: str | None, as_json: bool, session:
         UsageError: without a statement, after what the file alone allows was checked and printed.
     """
     from climbplan.datasets.verification import verification_of
-    from climbplan.plans.dataset_file import read_dataset_file
+    from climbplan.store.dataset_file import read_dataset_file
 
     data = read_dataset_file(path)
     with explained(session):

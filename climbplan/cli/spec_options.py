@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from climbplan.climb.schema.model import SolverSpec
 from climbplan.errors import UsageError
-from climbplan.spec.climb.model import SolverSpec
-from climbplan.spec.fields import nearest, slot_at
-from climbplan.spec.overrides import Override
+from climbplan.schema.fields import nearest, slot_at
+from climbplan.schema.overrides import Override
 
 Given = tuple[str, str, str | float | None]
 """Key of the spec, option that stands for it, value; None if the option is left out."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from climbplan.api.kinds import PlanKind
 from climbplan.cli.console import warn
 from climbplan.errors import PlanFails
-from climbplan.plans.atomic_file import written_aside
-from climbplan.plans.verification import Verification
+from climbplan.store.atomic_file import written_aside
+from climbplan.verification.verification import Verification
 
 if TYPE_CHECKING:
     from climbplan.exports.motion import RobotMotion

@@ -13,12 +13,12 @@ from climbplan.cli.options import Json, Quiet, Set, Verbose
 from climbplan.errors import ExitCode
 
 if TYPE_CHECKING:
-    from climbplan.spec.bookshelf.loading import LoadedShelf
-    from climbplan.spec.climb.loading import LoadedClimb
-    from climbplan.spec.climb.transition_loading import LoadedTransition
-    from climbplan.spec.loading import AnyLoaded
-    from climbplan.spec.robots.source import AnyRobot
-    from climbplan.spec.walking.loading import LoadedMpc
+    from climbplan.bookshelf.schema.loading import LoadedShelf
+    from climbplan.climb.schema.loading import LoadedClimb
+    from climbplan.climb.schema.transition_loading import LoadedTransition
+    from climbplan.schema.loading import AnyLoaded
+    from climbplan.schema.robots.source import AnyRobot
+    from climbplan.walking.schema.loading import LoadedMpc
 
 
 def validate(
@@ -35,7 +35,7 @@ def validate(
     Exit code 2 if there is one.
     """
     from climbplan.errors import SpecError
-    from climbplan.spec.loading import load_spec
+    from climbplan.schema.loading import load_spec
 
     results: list[dict[str, Any]] = []
     for spec in specs:
@@ -81,23 +81,23 @@ def _checked_kind(loaded: AnyLoaded) -> str:
 
 
 def _check_walk(loaded: LoadedMpc) -> None:
-    from climbplan.walking.problem import build_task
+    from climbplan.walking.problem.problem import build_task
 
     with placed_mistakes(loaded):
         build_task(loaded.spec, loaded.robot, loaded.source)
 
 
 def _check_shelf(loaded: LoadedShelf) -> None:
-    from climbplan.bookshelf.oddities import oddities
-    from climbplan.bookshelf.scene_source import loaded_scenes, shelf_of
+    from climbplan.bookshelf.scene.oddities import oddities
+    from climbplan.bookshelf.scene.scene_source import loaded_scenes, shelf_of
 
     for line in oddities(loaded_scenes(loaded), shelf_of(loaded.spec.shelf)):
         warn(f"{loaded.source}: {line}")
 
 
 def _check_climb(loaded: LoadedClimb) -> None:
-    from climbplan.climb.chaining import started
-    from climbplan.climb.scene import build_scene, on_scan
+    from climbplan.climb.planner.chaining import started
+    from climbplan.climb.scene.climb_scene import build_scene, on_scan
 
     loaded = on_scan(started(loaded))
     with placed_mistakes(loaded):
@@ -105,7 +105,7 @@ def _check_climb(loaded: LoadedClimb) -> None:
 
 
 def _check_transition(loaded: LoadedTransition) -> None:
-    from climbplan.climb.scene import on_scan
+    from climbplan.climb.scene.climb_scene import on_scan
     from climbplan.climb.transition.scene import build_transition
 
     loaded = on_scan(loaded)

@@ -86,7 +86,7 @@ def verify(
     if worlds:
         verification = recount_worlds(path, verification)
     if held is None:
-        from climbplan.plans.verification import stored_differences
+        from climbplan.verification.verification import stored_differences
 
         for difference in stored_differences(path, verification):
             warn(difference)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from climbplan.cli.console import warn
 
 if TYPE_CHECKING:
-    from climbplan.plans.verification import Verification
+    from climbplan.verification.verification import Verification
 
 
 def verify_line(verification: Verification, seconds: float) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.arrays import BoolArray
 from climbplan.errors import UsageError
-from climbplan.plans.dataset import Dataset, differing_frame
+from climbplan.store.dataset import Dataset, differing_frame
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from climbplan.datasets.engine import Done
 from climbplan.datasets.recipe import Chunk, Recipe
 from climbplan.datasets.work import ONE_THREAD, make_rows
 from climbplan.errors import MissingSolver, UsageError
-from climbplan.plans.dataset_row import Row
+from climbplan.store.dataset_row import Row
 
 _START = 120.0  # [s] beyond the rows' own: imports, compilation
 _LOOK = 1.0  # [s] between looks at which workers there are

@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from climbplan.datasets.recipe import Chunk
-from climbplan.plans.dataset_row import Row
+from climbplan.store.dataset_row import Row
 
 
 @dataclass(frozen=True)

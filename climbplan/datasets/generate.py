@@ -13,10 +13,10 @@ from climbplan.datasets.engine import Engine
 from climbplan.datasets.local_engine import LocalEngine
 from climbplan.datasets.recipe import Recipe
 from climbplan.datasets.run import Count, run_rows
+from climbplan.datasets.schema.loading import LoadedDataset
 from climbplan.datasets.shards import ShardStore
 from climbplan.datasets.workspace import Identity, Workspace
-from climbplan.plans.dataset import Dataset
-from climbplan.spec.datasets.loading import LoadedDataset
+from climbplan.store.dataset import Dataset
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from climbplan.datasets.schema.model import ProgramProblemSpec
 from climbplan.methods.dataset_rows import ProgramRows
 from climbplan.methods.run import settings_of
 from climbplan.methods.solved import library_of, model_of
 from climbplan.program.problem import Problem
-from climbplan.spec.datasets.model import ProgramProblemSpec
 
 
 def program_source(

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from climbplan.plans.dataset_row import RowSource
+from climbplan.store.dataset_row import RowSource
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from climbplan.datasets.engine import Done, Engine
 from climbplan.datasets.recipe import Chunk
 from climbplan.datasets.shards import ShardStore
-from climbplan.plans.dataset import ANSWERED
-from climbplan.plans.dataset_row import Row, RowAnswer, child_seed
+from climbplan.store.dataset import ANSWERED
+from climbplan.store.dataset_row import Row, RowAnswer, child_seed
 
 _WAIT = 0.2  # [s]
 _AT_ONCE = 1.0  # [s] of work that a worker is asked for at once

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from climbplan.errors import PlanFileError
-from climbplan.plans.atomic_file import written_aside
-from climbplan.plans.dataset import Dataset, DatasetFrame
-from climbplan.plans.dataset_row import Row, RowAnswer, dataset_of
+from climbplan.store.atomic_file import written_aside
+from climbplan.store.dataset import Dataset, DatasetFrame
+from climbplan.store.dataset_row import Row, RowAnswer, dataset_of
 
 _FORMAT = "climbplan/shard 1"
 _COLUMNS = ("parameters", "feasible", "integers", "objective", "bound", "time", "seed", "row")

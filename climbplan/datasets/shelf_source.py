@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from climbplan.bookshelf.dataset_rows import ShelfRows
-from climbplan.spec.datasets.model import BookshelfProblemSpec
+from climbplan.bookshelf.planner.dataset_rows import ShelfRows
+from climbplan.bookshelf.schema.dataset import BookshelfProblemSpec
 
 
 def shelf_source(spec: BookshelfProblemSpec, directory: Path, seed: int) -> ShelfRows:

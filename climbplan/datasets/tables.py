@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.errors import MissingSolver
-from climbplan.plans.atomic_file import written_aside
-from climbplan.plans.csv_file import write_csv
-from climbplan.plans.dataset import Dataset
+from climbplan.store.atomic_file import written_aside
+from climbplan.store.csv_file import write_csv
+from climbplan.store.dataset import Dataset
 
 FORMATS = ("csv", "parquet")
 

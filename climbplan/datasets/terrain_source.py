@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from climbplan.climb.envelopes.dataset_rows import TerrainRows
+from climbplan.climb.schema.terrains_dataset import TerrainsProblemSpec
 from climbplan.robots.any_robot import build_robot, without_flat_feet
-from climbplan.spec.datasets.model import TerrainsProblemSpec
-from climbplan.spec.robots.source import load_any_robot
+from climbplan.schema.robots.source import load_any_robot
 
 
 def terrain_source(spec: TerrainsProblemSpec, directory: Path) -> TerrainRows:

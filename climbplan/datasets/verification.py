@@ -13,27 +13,27 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.bookshelf import dataset_frame as shelf
 from climbplan.bookshelf.check.plan_checks import solution_checks
+from climbplan.bookshelf.plan import dataset_frame as shelf
+from climbplan.bookshelf.schema.model import ShelfSolverSpec
 from climbplan.climb.envelopes import dataset_rows as terrains
 from climbplan.climb.envelopes.search import TOLERANCE, find_posture
 from climbplan.climb.envelopes.terrains import Patches
+from climbplan.datasets.schema.model import ProgramDatasetSpec, ShelfDatasetSpec
 from climbplan.errors import PlanFileError, SpecError, UsageError
 from climbplan.methods import dataset_rows as programs
-from climbplan.plans.check import Check, LeftOut
-from climbplan.plans.dataset import Dataset
-from climbplan.plans.dataset_file import read_dataset_file
-from climbplan.plans.held import held_against
-from climbplan.plans.verification import Verification, mark_verified
 from climbplan.program.problem import Problem
-from climbplan.spec.bookshelf.model import ShelfSolverSpec
-from climbplan.spec.datasets.model import ProgramDatasetSpec, ShelfDatasetSpec
-from climbplan.spec.kinds import Model, validate
-from climbplan.spec.program.model import ProgramSolverSpec
-from climbplan.spec.yaml_source import parse_yaml
-from climbplan.walking import dataset_rows as walks
+from climbplan.schema.kinds import Model, validate
+from climbplan.schema.program.model import ProgramSolverSpec
+from climbplan.schema.yaml_source import parse_yaml
+from climbplan.store.dataset import Dataset
+from climbplan.store.dataset_file import read_dataset_file
+from climbplan.verification.check import Check, LeftOut
+from climbplan.verification.held import held_against
+from climbplan.verification.verification import Verification, mark_verified
 from climbplan.walking.check.checker import check_trajectory
-from climbplan.walking.cost import objective
+from climbplan.walking.dynamics.cost import objective
+from climbplan.walking.online import dataset_rows as walks
 from climbplan.walking.online.library import sections_of
 
 MEANINGS = {

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from climbplan.spec.datasets.walks import WalksProblemSpec
-from climbplan.spec.walking.loading import load_body
-from climbplan.walking.dataset_rows import WalkRows
+from climbplan.walking.online.dataset_rows import WalkRows
+from climbplan.walking.schema.dataset import WalksProblemSpec
+from climbplan.walking.schema.loading import load_body
 
 
 def walk_source(spec: WalksProblemSpec, directory: Path) -> WalkRows:

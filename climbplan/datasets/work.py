@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.datasets.recipe import Chunk, Recipe
-from climbplan.plans.dataset_row import Row, RowAnswer, RowSource, child_seed
+from climbplan.store.dataset_row import Row, RowAnswer, RowSource, child_seed
 
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"

@@ -17,10 +17,10 @@ from types import TracebackType
 from typing import Any, Self
 
 import climbplan
+from climbplan.datasets.schema.model import DatasetSpec
 from climbplan.errors import UsageError
-from climbplan.plans.atomic_file import written_aside
-from climbplan.plans.dataset import DatasetFrame
-from climbplan.spec.datasets.model import DatasetSpec
+from climbplan.store.atomic_file import written_aside
+from climbplan.store.dataset import DatasetFrame
 
 _NOTE = "run.json"
 _LOCK = "lock"

@@ -19,9 +19,9 @@ from PIL import Image
 from climbplan.arrays import Array
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.exports.film_frames import HEIGHT, WIDTH, Frames
-from climbplan.plans.atomic_file import written_aside
 from climbplan.reports.viewer.scene import Scene
 from climbplan.simulation.pictures import Picture
+from climbplan.store.atomic_file import written_aside
 
 LONGEST = 12.0  # [s] of a film; what goes on for long in a longer plan is played faster
 _STILL = 1.5  # [s] that the end stands

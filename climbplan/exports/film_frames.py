@@ -14,8 +14,8 @@ from climbplan.errors import MissingSolver, UsageError
 from climbplan.reports import palette
 from climbplan.reports.viewer.camera import followed, moving
 from climbplan.reports.viewer.scene import Scene, Shape, Solids, between, outline
+from climbplan.simulation.mujoco_loading import load_mujoco
 from climbplan.simulation.pictures import Picture
-from climbplan.simulation.replay import load_mujoco
 
 WIDTH, HEIGHT = 1280, 720  # [pixels]
 _SEEN_THROUGH = 0.25  # opacity of what stands still, at most

@@ -10,7 +10,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.reading import read_text
-from climbplan.spec.yaml_source import parse_yaml
+from climbplan.schema.yaml_source import parse_yaml
 
 RIGID = "rigid"  # in place of a number: gains of simulators whose links do not bend
 _MOST_BYTES = 1_000_000

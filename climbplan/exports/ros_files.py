@@ -8,7 +8,7 @@ from typing import Any, Final
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.exports.motion import RobotMotion
 from climbplan.exports.ros_messages import Messages, typestore
-from climbplan.plans.atomic_file import written_aside
+from climbplan.store.atomic_file import written_aside
 
 BAG_VERSION: Final = 9  # of rosbag2's metadata
 

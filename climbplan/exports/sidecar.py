@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 
 from climbplan.exports.motion import JointMotion, RobotMotion
-from climbplan.plans.atomic_file import written_aside
+from climbplan.store.atomic_file import written_aside
 
 FORMAT, VERSION = "climbplan/motion", 1
 EULER = "R = Rz(yaw) Ry(pitch) Rx(roll), body to world"

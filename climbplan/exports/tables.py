@@ -11,8 +11,8 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.exports.motion import RobotMotion
 from climbplan.exports.sidecar import facts_of
-from climbplan.plans.atomic_file import written_aside
-from climbplan.plans.csv_file import write_csv
+from climbplan.store.atomic_file import written_aside
+from climbplan.store.csv_file import write_csv
 
 BASE = "base"  # in names of columns: the root link of the URDF, whatever its name
 POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")

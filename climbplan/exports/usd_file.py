@@ -10,7 +10,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.exports.motion import BodyMotion, RobotMotion
-from climbplan.plans.atomic_file import written_aside
+from climbplan.store.atomic_file import written_aside
 
 _DISK = "the disk may be full"  # where the library gives no reason
 _MARKER = 0.02  # [m] half edge of a body of unknown size

@@ -17,8 +17,8 @@ from climbplan.learning.library import Library
 from climbplan.learning.model import FitOptions, StrategyModel, fit
 from climbplan.learning.model_file import ModelFile, marked, read_model, write_model
 from climbplan.progress import Progress
-from climbplan.spec.fits.strategy import StrategySpec
-from climbplan.spec.fits.strategy_loading import LoadedStrategy
+from climbplan.schema.learning.strategy import StrategySpec
+from climbplan.schema.learning.strategy_loading import LoadedStrategy
 
 _CHECKED_ROWS = 20  # problems whose candidates must be the same after reading a file back
 _CHECKED_CANDIDATES = 10

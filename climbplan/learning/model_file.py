@@ -26,10 +26,10 @@ from climbplan.learning.library import Frame, Library
 from climbplan.learning.model import MODEL_KINDS, StrategyModel
 from climbplan.learning.network import Network
 from climbplan.learning.trees import Trees
-from climbplan.plans.hdf5_layout import Layout
-from climbplan.plans.hdf5_reading import Reader, opened_store
-from climbplan.plans.hdf5_writing import new_store, write_dataset
-from climbplan.plans.root_attributes import Origin, read_root, require_other, write_root
+from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_reading import Reader, opened_store
+from climbplan.store.hdf5_writing import new_store, write_dataset
+from climbplan.store.root_attributes import Origin, read_root, require_other, write_root
 
 FORMAT = "climbplan/strategy"
 FORMAT_VERSION = 1

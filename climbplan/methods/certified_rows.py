@@ -6,10 +6,10 @@ import math
 
 from climbplan.errors import UsageError
 from climbplan.methods.run import SolvedRows, thetas_of
-from climbplan.plans.certified import CertifiedRow, CertifiedRows
 from climbplan.program.problem import Problem
+from climbplan.schema.program.loading import LoadedProgram
 from climbplan.solvers.result import relative_gap
-from climbplan.spec.program.loading import LoadedProgram
+from climbplan.store.certified import CertifiedRow, CertifiedRows
 
 
 def certified_rows(problem: Problem, done: SolvedRows, loaded: LoadedProgram) -> CertifiedRows:

@@ -17,10 +17,10 @@ from climbplan.errors import UsageError
 from climbplan.learning.library import Frame, Library
 from climbplan.methods.table import solve_instance
 from climbplan.methods.task import Kept, Method, MethodSettings
-from climbplan.plans.dataset import Dataset, DatasetFrame, solution_layout
-from climbplan.plans.dataset_row import RowAnswer
-from climbplan.plans.program_plan import Layouts
 from climbplan.program.problem import Problem
+from climbplan.store.dataset import Dataset, DatasetFrame, solution_layout
+from climbplan.store.dataset_row import RowAnswer
+from climbplan.store.program_plan import Layouts
 
 KIND = "program"
 

@@ -17,11 +17,11 @@ from climbplan.methods.sequence import ProblemSequence
 from climbplan.methods.solved import library_of, model_of
 from climbplan.methods.table import MethodResult, solve_instance
 from climbplan.methods.task import Kept, MethodSettings
-from climbplan.plans.program_plan import Layouts, ProgramPlan
 from climbplan.program.problem import Problem, StatementError, Theta
 from climbplan.progress import Progress
-from climbplan.spec.program.loading import LoadedProgram
-from climbplan.spec.program.model import ProgramSolverSpec
+from climbplan.schema.program.loading import LoadedProgram
+from climbplan.schema.program.model import ProgramSolverSpec
+from climbplan.store.program_plan import Layouts, ProgramPlan
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,12 @@ from climbplan.learning.library import Frame, Library
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.model_file import read_model
 from climbplan.methods.dataset_rows import library_of_dataset
-from climbplan.plans import dataset_file
-from climbplan.plans.plan_format import plan_format
-from climbplan.plans.program_file import read_program
-from climbplan.plans.program_plan import Layouts
 from climbplan.program.problem import Problem
-from climbplan.spec.fits.strategy_loading import LoadedStrategy
+from climbplan.schema.learning.strategy_loading import LoadedStrategy
+from climbplan.store import dataset_file
+from climbplan.store.plan_format import plan_format
+from climbplan.store.program_file import read_program
+from climbplan.store.program_plan import Layouts
 
 
 def library_of(problem: Problem, path: Path) -> Library:

@@ -23,11 +23,11 @@ from climbplan.methods.pipeline import Check, Checked, PipelineOptions, Tried, r
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem, Theta
 from climbplan.reformulations.complementarity import Complementarity
+from climbplan.schema.program.model import ProgramMethod, ProgramStart
 from climbplan.solvers.admm import AdmmOptions
 from climbplan.solvers.ipopt.instances import middle
 from climbplan.solvers.ipopt.mpcc import HOMOTOPY
 from climbplan.solvers.result import Answer, SolverResult, judged
-from climbplan.spec.program.model import ProgramMethod, ProgramStart
 
 Method = ProgramMethod
 Start = ProgramStart
@@ -87,7 +87,7 @@ class Kept:
         """What was made under that name, made now if nothing was."""
         if name not in self._made:
             self._made[name] = make()
-        return cast(_Made, self._made[name])
+        return cast("_Made", self._made[name])
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from climbplan.arrays import Array
 
@@ -52,3 +53,13 @@ def clear_view(azimuth_deg: float, elevation_deg: float, path: Array, blocks: Ar
 
 FRONT = Camera(-90.0, 0.0)  # x to the right, z up
 SIDE = Camera(0.0, 0.0)  # y to the right, z up
+
+
+def silhouette(points: Array) -> Array:
+    """Corners of the convex outline of projected points (K, 2); two ends if all lie on a line."""
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except QhullError:
+        spread = points - points.mean(axis=0)
+        along = spread @ np.linalg.svd(spread)[2][0]
+        return points[[np.argmin(along), np.argmax(along)]]

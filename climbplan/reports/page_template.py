@@ -15,7 +15,6 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from climbplan.plans.level import Level
 from climbplan.reports.page_parts import (
     Card,
     Rows,
@@ -27,6 +26,7 @@ from climbplan.reports.page_parts import (
     verdict,
 )
 from climbplan.reports.unit_words import written
+from climbplan.verification.level import Level
 
 Fields = dict[str, Any]  # by name, as templates use them
 _LEVEL_COLOURS = {Level.FINE: "good", Level.LOOK: "part", Level.DO_NOT_USE: "bad"}

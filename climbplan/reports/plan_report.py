@@ -11,8 +11,8 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from climbplan.plans.verification import Verification
 from climbplan.reports.report_files import write_files, write_values
+from climbplan.verification.verification import Verification
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

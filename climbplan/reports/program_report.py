@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.plans.program_file import FORMAT, FORMAT_VERSION
-from climbplan.plans.program_plan import ProgramPlan
-from climbplan.plans.verification import Verification
+from climbplan.store.program_file import FORMAT, FORMAT_VERSION
+from climbplan.store.program_plan import ProgramPlan
+from climbplan.verification.verification import Verification
 
 _LISTED_ROWS = 1000  # beyond these the plan file has them all
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from climbplan.errors import UsageError
-from climbplan.plans.atomic_file import written_aside
+from climbplan.store.atomic_file import written_aside
 
 
 def write_files(

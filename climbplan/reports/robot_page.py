@@ -11,9 +11,8 @@ from climbplan.reports.page_template import fill, frame_fields
 from climbplan.reports.robot_picture import robot_picture
 from climbplan.reports.sheet import png
 from climbplan.robots.facts import robot_facts
-from climbplan.robots.joint_dynamics import dynamics_of
 from climbplan.robots.looks import Looks
-from climbplan.robots.model import Robot
+from climbplan.robots.model import Robot, dynamics_of
 from climbplan.robots.task_robot import with_stance
 from climbplan.robots.urdf.proposal.postures import Posture
 from climbplan.robots.urdf.proposal.settled import Proposal

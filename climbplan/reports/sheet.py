@@ -18,7 +18,6 @@ from matplotlib.font_manager import findfont, get_font
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from PIL import Image
 
-from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 
 Plan = TypeVar("Plan")
@@ -116,12 +115,6 @@ def plain(text: str, most: int = 64) -> str:
 def limb_name(name: str) -> str:
     """A limb's name, short enough for a label."""
     return plain(name, 10)
-
-
-def drawn_labels(plan: ClimbPlan) -> tuple[str, ...]:
-    """Where every instant stands in the gait, as it may be drawn."""
-    names = tuple(limb_name(name) for name in plan.robot.limb_names)
-    return tuple(plan.instants.label(k, names) for k in range(plan.instants.count))
 
 
 def heading(figure: Figure, text: str, note: str) -> None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from climbplan.robots.model import Robot
-from climbplan.spec.document import Finding
-from climbplan.spec.robots.source import AnyRobot
-from climbplan.spec.robots.urdf.source import UrdfRobot
+from climbplan.schema.document import Finding
+from climbplan.schema.robots.source import AnyRobot
+from climbplan.schema.robots.urdf.source import UrdfRobot
 
 
 def build_robot(spec: AnyRobot) -> Robot:

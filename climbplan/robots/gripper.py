@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.spec.robots.gripper import GripperSpec
+from climbplan.schema.robots.gripper import GripperSpec
 
 WRIST_JOINTS = ("wrist 1", "wrist 2", "wrist 3")
 

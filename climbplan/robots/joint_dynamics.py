@@ -27,7 +27,7 @@ import numpy as np
 from climbplan.arrays import Array
 
 if TYPE_CHECKING:
-    from climbplan.robots.model import Robot
+    pass
 
 TIME_CONSTANT = 0.006  # [s] mechanical, of motors of which nothing else is stated
 FASTEST = 60.0  # [rad/s], [m/s]: speed limits beyond it are none that a joint reaches
@@ -68,13 +68,3 @@ def default_damping(stiffness: Array, rotor_inertia: Array) -> Array:
         rotor_inertia: of the same shape [kg m^2].
     """
     return np.asarray(2 * np.sqrt(stiffness * rotor_inertia))
-
-
-def dynamics_of(robot: Robot) -> JointDynamics:
-    """Return a robot's joint dynamics, by its limits where it has none (older plan files)."""
-    if robot.dynamics is not None:
-        return robot.dynamics
-    inertia = default_rotor_inertia(robot.max_torque, robot.max_joint_speed)
-    motor = robot.joint_stiffness * (1 - robot.structural_compliance_share)
-    none = np.zeros_like(inertia)
-    return JointDynamics(inertia, default_damping(motor, inertia), none, none)

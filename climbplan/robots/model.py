@@ -18,7 +18,7 @@ from climbplan.robots.joint_dynamics import JointDynamics, default_damping, defa
 from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.spec.robots.robot import RobotSpec
+from climbplan.schema.robots.robot import RobotSpec
 
 
 @dataclass(frozen=True)
@@ -251,3 +251,13 @@ def _stated_dynamics(spec: RobotSpec) -> JointDynamics:
         damping = np.full_like(damping, spec.joint_damping)
     none = np.zeros_like(inertia)
     return JointDynamics(inertia, damping, none, none)
+
+
+def dynamics_of(robot: Robot) -> JointDynamics:
+    """Return a robot's joint dynamics, by its limits where it has none (older plan files)."""
+    if robot.dynamics is not None:
+        return robot.dynamics
+    inertia = default_rotor_inertia(robot.max_torque, robot.max_joint_speed)
+    motor = robot.joint_stiffness * (1 - robot.structural_compliance_share)
+    none = np.zeros_like(inertia)
+    return JointDynamics(inertia, default_damping(motor, inertia), none, none)

@@ -24,7 +24,7 @@ from climbplan.scan.holds import Grasping
 from climbplan.scan.panels import HEADROOM, Frame
 from climbplan.scan.raw import RawScan, ScanError, chosen
 from climbplan.scan.triangles import first_met
-from climbplan.spec.climb.scan import ScanSpec
+from climbplan.schema.terrain.scan import ScanSpec
 
 _CELL = 2.5e-3  # [m] between places at which a grip is tried
 _COARSE = 1e-2  # [m] the same across the fingers, while their direction is looked for

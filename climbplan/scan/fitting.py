@@ -14,7 +14,7 @@ from climbplan.scan.growing import grown
 from climbplan.scan.panels import HEADROOM, Frame, standable
 from climbplan.scan.raw import RawScan
 from climbplan.scan.triangles import buried
-from climbplan.spec.climb.scan import ScanSpec
+from climbplan.schema.terrain.scan import ScanSpec
 
 _DEPTH = 2.0  # [m] of material through which its other side is looked for
 _SAME_NORMAL, _SAME_PLANE = 1e-5, 1e-5  # [m] patches this alike are one

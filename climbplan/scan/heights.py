@@ -15,7 +15,7 @@ from climbplan.arrays import Array
 from climbplan.reading import ANY_ERROR, read_text, reading
 from climbplan.scan.clouds import cloud, read_array
 from climbplan.scan.raw import RawScan, ScanError, mesh, placed
-from climbplan.spec.climb.scan import ScanSpec
+from climbplan.schema.terrain.scan import ScanSpec
 
 HEIGHTS = (".tif", ".tiff", ".png", ".csv")
 _PIXEL_SCALE, _TIEPOINT, _NO_DATA = 33550, 33922, 42113  # tags of GeoTIFF

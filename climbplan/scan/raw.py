@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import UsageError
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.climb.scan import ScanSpec
+from climbplan.schema.terrain.scan import ScanSpec
 
 # Rows are the world's axes in those of the file, by the axis that points up: right-handed
 _UP = {

@@ -14,7 +14,7 @@ from climbplan.scan.heights import HEIGHTS, read_heights
 from climbplan.scan.meshes import MESHES, read_mesh
 from climbplan.scan.raw import RawScan, ScanError, cropped, placed
 from climbplan.scan.relief import surface_of_cloud
-from climbplan.spec.climb.scan import ScanSpec
+from climbplan.schema.terrain.scan import ScanSpec
 
 _log = logging.getLogger(__name__)
 

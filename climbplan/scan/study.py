@@ -11,10 +11,10 @@ from climbplan.scan.cleaning import areas
 from climbplan.scan.fitting import FoundRegion, found_regions
 from climbplan.scan.raw import RawScan, ScanError
 from climbplan.scan.reading import read_scan
-from climbplan.spec.climb.scan import ScanSpec
-from climbplan.spec.kinds import validate
-from climbplan.spec.overrides import apply_overrides
-from climbplan.spec.yaml_source import parse_yaml, write_yaml
+from climbplan.schema.kinds import validate
+from climbplan.schema.overrides import apply_overrides
+from climbplan.schema.terrain.scan import ScanSpec
+from climbplan.schema.yaml_source import parse_yaml, write_yaml
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Literal
 
 from climbplan.errors import UsageError
 from climbplan.robots.model import Robot
-from climbplan.simulation.worlds.world import World
+from climbplan.simulation.world import World
 
 Regulated = Literal["nothing", "attitude", "joints", "pose"]
 

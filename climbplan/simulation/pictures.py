@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from climbplan.arrays import Array
-from climbplan.simulation.replay import load_mujoco
+from climbplan.simulation.mujoco_loading import load_mujoco
 
 WIDTH, HEIGHT = 480, 640  # [pixels]
 STRIP = 8  # pictures side by side

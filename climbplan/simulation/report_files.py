@@ -7,12 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
+from climbplan.arrays import Array
 from climbplan.reports.page_parts import Card, data_address
 from climbplan.reports.page_template import fill, frame_fields
 from climbplan.reports.report_files import write_files
-from climbplan.reports.sheet import png
+from climbplan.reports.sheet import heading, new_figure, panel_title, plain, png
+from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.pictures import Picture
+from climbplan.simulation.trials import Trial
 
 RESULT = "simulation.csv"
 FILM = "simulation.gif"
@@ -118,3 +123,38 @@ def _page(told: Told, images: Mapping[str, bytes]) -> str:
         worst_film="" if told.worst is None else data_address(told.worst[1], "gif"),
         conditions=[(k, str(v)) for k, v in told.report["conditions"].items() if k != "losses"],
     )
+
+
+def spread(values: Array) -> dict[str, float | None]:
+    """Median and range of finite values."""
+    kept = values[np.isfinite(values)]
+    if not kept.size:
+        return {"median": None, "least": None, "most": None}
+    return {"median": float(np.median(kept)), "least": float(kept.min()), "most": float(kept.max())}
+
+
+def conditions_dict(conditions: Conditions) -> dict[str, Any]:
+    plain = {k: v for k, v in vars(conditions).items() if k not in ("losses", "world")}
+    losses = [{"limb": x.limb, "start": x.start, "duration": x.duration} for x in conditions.losses]
+    return {**plain, "losses": losses}
+
+
+def trial_dict(trial: Trial) -> dict[str, Any]:
+    return {
+        "fallen": trial.fallen,
+        "time": trial.time,
+        "slips": trial.slips,
+        "conditions": conditions_dict(trial.conditions),
+    }
+
+
+def strip(pictures: Sequence[tuple[int, Picture]], times: Sequence[float], name: str) -> Figure:
+    """Pictures of the run side by side."""
+    figure = new_figure(2.6, entries=1)
+    axes = figure.subplots(1, len(pictures), squeeze=False)[0]
+    for ax, (sample, image) in zip(axes, pictures, strict=True):
+        ax.imshow(image)
+        ax.set_axis_off()
+        panel_title(ax, f"{times[sample]:.3g} s")
+    heading(figure, "The simulated run", plain(f"{name}, MuJoCo"))
+    return figure

@@ -86,7 +86,7 @@ def compiler(
         users = config.CACHE_DIR
         try:
             config.CACHE_DIR = place or ""
-            return cast(Function, numba.njit(**options)(function))
+            return cast("Function", numba.njit(**options)(function))
         finally:
             config.CACHE_DIR = users
 

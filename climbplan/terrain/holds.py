@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.spec.climb.panel import FLAT_DEG, HoldSpec, PanelSpec, RegionHoldSpec
+from climbplan.schema.terrain.panel import FLAT_DEG, HoldSpec, PanelSpec, RegionHoldSpec
 
 PANEL = "panel"
 _ALONG = 1e-3  # share of an axis that lies in its region, at least

@@ -12,8 +12,8 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray
 from climbplan.errors import UsageError
 from climbplan.robots.model import Robot
-from climbplan.spec.climb.panel import HoldSpec, PanelSpec, RegionHoldSpec
-from climbplan.spec.climb.terrain import BoxSpec, GroundSpec, TerrainSpec, WallsSpec
+from climbplan.schema.terrain.panel import HoldSpec, PanelSpec, RegionHoldSpec
+from climbplan.schema.terrain.terrain import BoxSpec, GroundSpec, TerrainSpec, WallsSpec
 from climbplan.terrain.holds import PANEL, hold_extent, hold_of, hold_on, rectangle_on
 from climbplan.terrain.nearest import bounds_of, nearest_region
 from climbplan.terrain.raw_surface import RawSurface

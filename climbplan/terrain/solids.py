@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.spec.climb.terrain import SolidSpec
+from climbplan.schema.terrain.terrain import SolidSpec
 
 _MERGE = 1e-9  # [m] faces closer than this are one
 

@@ -11,7 +11,8 @@ from climbplan import errors
 from climbplan.bookshelf.check.plan_checks import LIMITS as SHELF
 from climbplan.bookshelf.check.plan_checks import MEANINGS
 from climbplan.limms.check.limits import LIMITS as MODULES
-from climbplan.plans.check import (
+from climbplan.solvers.registry import BACKENDS
+from climbplan.verification.check import (
     FEET_LIMITS,
     GRIP_LIMITS,
     LIMITS,
@@ -20,14 +21,13 @@ from climbplan.plans.check import (
     SHIFT_LIMITS,
     SOLE_LIMITS,
 )
-from climbplan.solvers.registry import BACKENDS
 from climbplan.walking.check.checker import LIMITS as WALK
 from climbplan.walking.check.checker import LOOP_LIMITS
 from climbplan.walking.check.plan_checks import LIMITS as WALK_PLAN
 
 RETURNED = (
-    "climbplan.plans.verification.Verification",
-    "climbplan.plans.check.Check",
+    "climbplan.verification.verification.Verification",
+    "climbplan.verification.check.Check",
     "climbplan.api.plan.Simulation",
     "climbplan.program.residuals.CheckReport",
 )
@@ -84,7 +84,7 @@ def checks_page() -> str:
         "",
         "What `climbplan verify` recomputes, by the name that reports, `report.json` and",
         "`Plan.verify().checks` use, with the largest residual that passes. Which of them a plan",
-        "has depends on its spec; [plan files](rooms/plans.md) say what is judged and what a badge",
+        "has depends on its spec; [plan files](rooms/store.md) say what is judged and what a badge",
         "is worth.",
         "",
     ]

@@ -10,14 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from code_tables import api_page, checks_page, solvers_page
+from folder_tables import folders_page
 from gallery_page import gallery_page
 from page_pictures import pictures_page
 from room_pages import room_pages
 from spec_keys import keys_page
 from sphinx.application import Sphinx
 
-from climbplan.spec.kinds import KINDS
-from climbplan.spec.schema import json_schema
+from climbplan.schema.json_schema import json_schema
+from climbplan.schema.kinds import KINDS
 
 
 def pages(docs: Path) -> dict[str, str]:
@@ -25,6 +26,7 @@ def pages(docs: Path) -> dict[str, str]:
     root = docs.parent
     return {
         "api.md": api_page(),
+        "folders.md": folders_page(root / "climbplan"),
         "checks.md": checks_page(),
         "solvers.md": solvers_page(),
         "gallery.md": gallery_page(root / "specs", docs / "gallery"),

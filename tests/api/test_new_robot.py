@@ -15,7 +15,7 @@ from climbplan.errors import UsageError
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.urdf.proposal.packaged import package_urdf
 from climbplan.robots.urdf.proposal.proposing import propose
-from climbplan.spec.robots.source import load_any_robot
+from climbplan.schema.robots.source import load_any_robot
 
 
 @pytest.fixture(scope="module", name="folder")

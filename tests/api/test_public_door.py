@@ -142,8 +142,8 @@ def test_a_simulated_climb(climb: Plan, tmp_path: Path) -> None:
 
 def test_a_plan_that_fails_its_verification_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """As where a method leaves something out that the checks look at."""
-    from climbplan.climb import planner
     from climbplan.climb.plan.climb_plan import ClimbPlan
+    from climbplan.climb.planner import planner
 
     made = planner.plan_by_method
 

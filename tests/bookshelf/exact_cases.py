@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from bookshelf_scenes import HALF_MM, random_theta
 
-from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
+from climbplan.bookshelf.plan.answer import SceneAnswer
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, movement_cost
 
 
 @dataclass(frozen=True)

@@ -29,9 +29,9 @@ from benchmarks.bookshelf.strategy_cases import (
 from benchmarks.bookshelf.strategy_plots import comparison
 from benchmarks.bookshelf.strategy_tables import write_text
 from benchmarks.record import make_record
-from climbplan.bookshelf.generator import shelf_for
 from climbplan.bookshelf.methods.features import feature_map
-from climbplan.bookshelf.points import theta_of
+from climbplan.bookshelf.scene.generator import shelf_for
+from climbplan.bookshelf.statement.points import theta_of
 from climbplan.errors import UsageError
 
 OPTIONS = StrategyOptions(

@@ -25,9 +25,9 @@ from benchmarks.bookshelf.run import (
     write_text,
 )
 from benchmarks.record import make_record
-from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
-from climbplan.bookshelf.generator import generate_scenes, shelf_for
+from climbplan.bookshelf.plan.answer import SceneAnswer
+from climbplan.bookshelf.scene.generator import generate_scenes, shelf_for
 from climbplan.errors import PlanFileError, UsageError
 
 SHIPPED = Path(__file__).parents[2] / "specs" / "bookshelf_scenes.h5"

@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from climbplan.bookshelf.check.checker import check_contact, slots
+from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.check.checks import PlacementCheck
 from climbplan.bookshelf.check.published import check_published, published_states
-from climbplan.bookshelf.scene import Scene, Scenes, Shelf, State
+from climbplan.bookshelf.scene.rectangles import slots
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State
 
 SHELF = Shelf()
 TILT = 0.5
@@ -232,7 +233,7 @@ def test_published_line_passes_named_corners() -> None:
 
 def _sampled_line(pose: np.ndarray, size: np.ndarray) -> float:
     """Least tolerance over sampled directions of the line [mm]."""
-    from climbplan.bookshelf.rectangles import corners
+    from climbplan.bookshelf.scene.rectangles import corners
 
     left, right = 1e3 * corners(pose[0], size[0]), 1e3 * corners(pose[1], size[1])
     best = math.inf

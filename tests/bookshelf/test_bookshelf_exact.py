@@ -7,7 +7,7 @@ import pytest
 
 from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.exact.method import ExactSolver, SceneAnswer
-from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, movement_cost
 from climbplan.errors import UsageError
 
 SHELF = Shelf()

@@ -9,8 +9,13 @@ import numpy as np
 import pytest
 
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.generator import DropRules, generate_scene, generate_scenes, shelf_for
-from climbplan.bookshelf.rectangles import distance, half_extents, separation
+from climbplan.bookshelf.scene.generator import (
+    DropRules,
+    generate_scene,
+    generate_scenes,
+    shelf_for,
+)
+from climbplan.bookshelf.scene.rectangles import distance, half_extents, separation
 from climbplan.errors import LimitReached, MissingSolver
 
 needs_pymunk = pytest.mark.skipif(

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.methods.setting import MethodSetting
 from climbplan.bookshelf.methods.table import prepare
-from climbplan.bookshelf.plan_file import write_shelf_plan
-from climbplan.bookshelf.runs import checked, run_shelf
-from climbplan.bookshelf.scene import Scenes, Shelf
-from climbplan.bookshelf.scene_file import read_scenes
+from climbplan.bookshelf.plan.answer import SceneAnswer
+from climbplan.bookshelf.plan.file import write_shelf_plan
+from climbplan.bookshelf.planner.runs import checked, run_shelf
+from climbplan.bookshelf.scene.scene_file import read_scenes
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf
+from climbplan.bookshelf.schema.loading import load_shelf
+from climbplan.bookshelf.schema.model import Meaning, ShelfSolverSpec
 from climbplan.errors import UsageError
-from climbplan.spec.bookshelf.loading import load_shelf
-from climbplan.spec.bookshelf.model import Meaning, ShelfSolverSpec
 
 SPECS = Path(__file__).parents[2] / "specs"
 

@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import FancyArrowPatch, Polygon
 
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.pictures import (
+from climbplan.bookshelf.pages.pictures import (
     COLORS,
     INSERTED,
     gallery,
@@ -21,8 +21,8 @@ from climbplan.bookshelf.pictures import (
     scene_figure,
     states_before,
 )
-from climbplan.bookshelf.rectangles import corners
-from climbplan.bookshelf.scene import Scenes, Shelf, State
+from climbplan.bookshelf.scene.rectangles import corners
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, State
 
 SHELF = Shelf()
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bookshelf_oracle import polygon_distance
 
-from climbplan.bookshelf.rectangles import corners, distance, half_extents, separation
+from climbplan.bookshelf.scene.rectangles import corners, distance, half_extents, separation
 
 
 def _random(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bookshelf_scenes import PUBLISHED
 
-from climbplan.bookshelf.scene import Scenes, Shelf, movement_cost
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, movement_cost
 from climbplan.errors import UsageError
 
 

@@ -8,15 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.bookshelf.answer import Placement
 from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.check.published import ROUNDING, check_published, published_states
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.methods.envelope_grids import published_partitions
-from climbplan.bookshelf.points import as_stored, placement_of, point_of, settled, theta_of
-from climbplan.bookshelf.scene import Scene, Scenes, Shelf
-from climbplan.bookshelf.scene_file import read_scenes
-from climbplan.bookshelf.statement import bookshelf
+from climbplan.bookshelf.plan.answer import Placement
+from climbplan.bookshelf.scene.scene_file import read_scenes
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf
+from climbplan.bookshelf.statement.points import (
+    as_stored,
+    placement_of,
+    point_of,
+    settled,
+    theta_of,
+)
+from climbplan.bookshelf.statement.statement import bookshelf
 from climbplan.reformulations.mccormick import McCormick
 from climbplan.solvers.ipopt.instances import solve_pinned
 from climbplan.solvers.scip.bilinear import solve_minlp_scip

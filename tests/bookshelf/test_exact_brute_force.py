@@ -16,7 +16,7 @@ from bookshelf_scenes import HALF_MM, PUBLISHED
 from exact_cases import Case, non_trivial, require_valid, shelf_of, upright
 
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.scene import Scene, Scenes, Shelf
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf
 
 
 def _require_agreement(case: Case, n: int) -> None:

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.exact.pairs import box_row, pair_floor
-from climbplan.bookshelf.generator import generate_scenes
-from climbplan.bookshelf.rectangles import half_extents, separation
-from climbplan.bookshelf.scene import Scenes, Shelf
+from climbplan.bookshelf.scene.generator import generate_scenes
+from climbplan.bookshelf.scene.rectangles import half_extents, separation
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf
 
 RIGHT_ANGLE = math.pi / 2
 

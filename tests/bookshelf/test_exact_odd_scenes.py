@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from exact_cases import require_valid, upright
 
-from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
-from climbplan.bookshelf.scene import Scene, Scenes, Shelf, State
+from climbplan.bookshelf.plan.answer import SceneAnswer
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State
 from climbplan.errors import UsageError
 
 SHELF = Shelf()

@@ -10,9 +10,9 @@ from exact_cases import require_valid
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
-from climbplan.bookshelf.scene import Scene, Scenes, Shelf, State, movement_cost
+from climbplan.bookshelf.plan.answer import SceneAnswer
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State, movement_cost
 
 _LIMITS = ExactLimits(nodes=3000)  # what holds must hold of unfinished searches as well
 

@@ -13,7 +13,7 @@ from climbplan.bookshelf.exact.problem import ALLOWED, LEAN_FROM, build_problem
 from climbplan.bookshelf.exact.qp import SOLVED
 from climbplan.bookshelf.exact.relaxation import relax
 from climbplan.bookshelf.exact.sheet import new_sheet
-from climbplan.bookshelf.scene import Scenes, Shelf
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf
 
 
 def _setting(rng: np.random.Generator, n: int):  # type: ignore[no-untyped-def]

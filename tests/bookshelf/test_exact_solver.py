@@ -10,11 +10,11 @@ import pytest
 from bookshelf_scenes import PUBLISHED, random_theta
 from exact_cases import non_trivial, require_valid
 
-from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.exact import method
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.exact.search import PAUSED
-from climbplan.bookshelf.scene import Scene, Scenes, Shelf, State
+from climbplan.bookshelf.plan.answer import SceneAnswer
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State
 from climbplan.errors import UsageError
 
 SHELF = Shelf()

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 from scipy.stats import ks_2samp
 
-from climbplan.bookshelf.generator import DropRules, generate_scenes, shelf_for
-from climbplan.bookshelf.rectangles import separation
-from climbplan.bookshelf.scene import Scenes
+from climbplan.bookshelf.scene.generator import DropRules, generate_scenes, shelf_for
+from climbplan.bookshelf.scene.rectangles import separation
+from climbplan.bookshelf.scene.shelf_scene import Scenes
 
 pytest.importorskip("pymunk")
 

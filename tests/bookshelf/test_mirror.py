@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from climbplan.bookshelf.check.checker import check_contact, slots
+from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.mirror import Solved, mirrored
-from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
+from climbplan.bookshelf.methods.mirror import Solved, mirrored
+from climbplan.bookshelf.scene.rectangles import slots
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, movement_cost
 
 SHELF = Shelf()
 SOLVER = ExactSolver(SHELF)

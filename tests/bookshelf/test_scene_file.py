@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from bookshelf_scenes import PUBLISHED
 
-from climbplan.bookshelf.dataset_frame import frame_of
-from climbplan.bookshelf.scene import Scenes, Shelf
-from climbplan.bookshelf.scene_file import read_scenes, write_scenes
+from climbplan.bookshelf.plan.dataset_frame import frame_of
+from climbplan.bookshelf.scene.scene_file import read_scenes, write_scenes
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.plans.dataset import Dataset
-from climbplan.plans.dataset_file import write_dataset_file
+from climbplan.store.dataset import Dataset
+from climbplan.store.dataset_file import write_dataset_file
 
 SHIPPED = Path(__file__).parents[2] / "specs" / "bookshelf_scenes.h5"
 

@@ -16,13 +16,13 @@ import pytest
 
 from climbplan.bookshelf.check.plan_checks import LIMITS, MEANINGS
 from climbplan.bookshelf.check.verification import published_overlap, verify, verify_and_mark
-from climbplan.bookshelf.plan import ShelfPlan, status_of
-from climbplan.bookshelf.plan_file import read_shelf_plan, write_shelf_plan
-from climbplan.bookshelf.runs import run_shelf
-from climbplan.bookshelf.scene import Scenes
-from climbplan.bookshelf.scene_file import write_scenes
+from climbplan.bookshelf.plan.file import read_shelf_plan, write_shelf_plan
+from climbplan.bookshelf.plan.shelf_plan import ShelfPlan, status_of
+from climbplan.bookshelf.planner.runs import run_shelf
+from climbplan.bookshelf.scene.scene_file import write_scenes
+from climbplan.bookshelf.scene.shelf_scene import Scenes
+from climbplan.bookshelf.schema.loading import load_shelf
 from climbplan.errors import PlanFileError
-from climbplan.spec.bookshelf.loading import load_shelf
 
 Change = Callable[[h5py.File], None]
 

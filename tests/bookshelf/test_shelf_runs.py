@@ -10,19 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.bookshelf import runs
-from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.check.verification import verify
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.methods.scene_method import SceneMethod
 from climbplan.bookshelf.methods.setting import MethodSetting
-from climbplan.bookshelf.oddities import oddities
-from climbplan.bookshelf.plan_file import write_shelf_plan
-from climbplan.bookshelf.runs import checked, run_shelf, solve_scenes
-from climbplan.bookshelf.scene import Scene, Scenes, Shelf
+from climbplan.bookshelf.plan.answer import SceneAnswer
+from climbplan.bookshelf.plan.file import write_shelf_plan
+from climbplan.bookshelf.planner import runs
+from climbplan.bookshelf.planner.runs import checked, run_shelf, solve_scenes
+from climbplan.bookshelf.scene.oddities import oddities
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf
+from climbplan.bookshelf.schema.loading import LoadedShelf, load_shelf
+from climbplan.bookshelf.schema.model import ShelfSolverSpec
 from climbplan.errors import Infeasible
-from climbplan.spec.bookshelf.loading import LoadedShelf, load_shelf
-from climbplan.spec.bookshelf.model import ShelfSolverSpec
 
 SPECS = Path(__file__).parents[2] / "specs"
 SETTING = MethodSetting(Shelf(), "contact", ShelfSolverSpec(), Path())

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from climbplan.cli.app import app
 from climbplan.errors import PlanFileError
-from climbplan.plans.certificate_file import read_certificates, write_certificates
-from climbplan.plans.certificate_verification import verify_certificates
+from climbplan.store.certificate_file import read_certificates, write_certificates
+from climbplan.verification.certificates import verify_certificates
 
 STATEMENT = """
 import numpy as np

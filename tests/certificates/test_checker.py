@@ -16,7 +16,7 @@ import climbplan
 import climbplan.certificates
 from climbplan.certificates.checker import check
 from climbplan.errors import UsageError
-from climbplan.exports.instances.cart_pole import walled_cart_pole
+from climbplan.instances.cart_pole import walled_cart_pole
 from climbplan.program import Polytope, Program
 from climbplan.solvers.mixed_integer import method, proof
 from climbplan.solvers.mixed_integer.method import TreeMemory

@@ -9,7 +9,7 @@ from command_line import Outcome, RunCommand
 
 from climbplan.cli.app import run
 
-SMALL_CLIMB = Path(__file__).parents[1] / "spec" / "small_climb.yaml"
+SMALL_CLIMB = Path(__file__).parents[1] / "schema" / "small_climb.yaml"
 
 
 @pytest.fixture

@@ -28,7 +28,7 @@ _OUT = ["-o", "out", "-q", "--force"]
 
 # Plans that are mutated: how each is made
 PLANS = {
-    "small_climb": ["plan-climb", str(ROOT / "tests" / "spec" / "small_climb.yaml")],
+    "small_climb": ["plan-climb", str(ROOT / "tests" / "schema" / "small_climb.yaml")],
     "climb_tube": ["plan-climb", "climb_tube.yaml"],
     "limms_throw": ["plan-limms", "limms_throw.yaml"],
     "climb_walker": ["plan-climb", "climb_walker.yaml"],

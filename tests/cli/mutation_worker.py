@@ -31,7 +31,7 @@ from mutation_sources import made_sources
 from climbplan.cli.app import run
 from climbplan.climb.envelopes.file import read_envelopes
 from climbplan.errors import ClimbplanError
-from climbplan.exports.instances import check_solution
+from climbplan.instances import check_solution
 from climbplan.learning.model_file import read_model
 from climbplan.mechanics.gripper import read_grips
 from climbplan.mechanics.gripper_model import load_model

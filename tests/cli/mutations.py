@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from climbplan.errors import SpecError
-from climbplan.spec.yaml_source import parse_yaml, write_yaml
+from climbplan.schema.yaml_source import parse_yaml, write_yaml
 
 # As YAML: what no field expects, and what readers and solvers stumble over
 HOSTILE = [

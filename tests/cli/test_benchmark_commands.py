@@ -14,7 +14,7 @@ from command_line import Outcome, RunCommand
 from benchmarks.app import app
 from benchmarks.engine import run as engine
 from benchmarks.record import split_tables
-from climbplan.exports.instances import families
+from climbplan.instances import families
 
 NAMES = {
     "posture", "force", "plan", "coupled", "transition", "mpc", "refusals", "stands", "scans",

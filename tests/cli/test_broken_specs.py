@@ -12,7 +12,7 @@ import h5py
 import pytest
 from command_line import RunCommand
 
-from climbplan.spec.examples import example_text
+from climbplan.schema.examples import example_text
 
 # (what stands in the good spec, what breaks it, text on the line at fault, what is said)
 BROKEN = {

@@ -11,11 +11,11 @@ import pytest
 from command_line import RunCommand
 
 from climbplan.bookshelf.methods.training import shelf_data
-from climbplan.bookshelf.scene import Scenes
-from climbplan.bookshelf.scene_file import read_scenes, write_scenes
+from climbplan.bookshelf.scene.scene_file import read_scenes, write_scenes
+from climbplan.bookshelf.scene.shelf_scene import Scenes
 from climbplan.learning.fit_run import options_of, stored_model, train, write_verified
 from climbplan.learning.model import MODEL_KINDS
-from climbplan.spec.fits.strategy_loading import load_strategy
+from climbplan.schema.learning.strategy_loading import load_strategy
 
 SPECS = Path(__file__).parents[2] / "specs"
 STRATEGY = SPECS / "strategy_bookshelf.yaml"

@@ -8,9 +8,9 @@ import pytest
 from command_line import RunCommand
 
 from climbplan.cli import gen_data
+from climbplan.datasets.schema.loading import load_dataset
 from climbplan.datasets.workspace import Identity
-from climbplan.plans.dataset_file import read_dataset_file
-from climbplan.spec.datasets.loading import load_dataset
+from climbplan.store.dataset_file import read_dataset_file
 
 STATEMENT = f"{Path(__file__).parents[2] / 'specs' / 'cart_pole.py'}:problem"
 SPEC = "kind: dataset\ncount: {}\nproblem: {{kind: program, solver: {{method: mpcc}}}}\n"

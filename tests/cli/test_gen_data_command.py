@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from command_line import RunCommand
 
-from climbplan.plans.dataset import Dataset
-from climbplan.plans.dataset_file import read_dataset_file, write_dataset_file
+from climbplan.store.dataset import Dataset
+from climbplan.store.dataset_file import read_dataset_file, write_dataset_file
 
 pytest.importorskip("pymunk")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from command_line import RunCommand
 
-from climbplan.exports.instances import families
+from climbplan.instances import families
 
 _SMALL = ("cart-poles", "free-flyers")
 

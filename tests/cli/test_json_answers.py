@@ -121,7 +121,7 @@ def test_interrupted(run_command: RunCommand, monkeypatch: pytest.MonkeyPatch) -
         report("posture", 0.5)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("climbplan.climb.planner.plan_climb", stopped)
+    monkeypatch.setattr("climbplan.climb.planner.planner.plan_climb", stopped)
     outcome = run_command("plan-climb", "small.yaml", "--json")
     told = answer(outcome)
     assert (told["status"], told["exit_code"]) == ("interrupted", 130)
@@ -146,7 +146,7 @@ def test_a_bug(run_command: RunCommand, monkeypatch: pytest.MonkeyPatch) -> None
     def broken(*given: object, **options: object) -> NoReturn:
         raise ZeroDivisionError("by chance")
 
-    monkeypatch.setattr("climbplan.climb.planner.plan_climb", broken)
+    monkeypatch.setattr("climbplan.climb.planner.planner.plan_climb", broken)
     told = answer(run_command("plan-climb", "small.yaml", "--json"))
     assert (told["status"], told["exit_code"]) == ("error", 1)
     assert told["message"] == "ZeroDivisionError: by chance"

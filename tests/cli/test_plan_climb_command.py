@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from command_line import RunCommand
 
+from climbplan.climb.schema.loading import LoadedClimb
 from climbplan.errors import (
     Conflict,
     Infeasible,
@@ -25,8 +26,7 @@ from climbplan.errors import (
     SpecError,
     SpecMistake,
 )
-from climbplan.plans.level import Level
-from climbplan.spec.climb.loading import LoadedClimb
+from climbplan.verification.level import Level
 
 
 @dataclass(frozen=True)
@@ -108,11 +108,11 @@ def stages(monkeypatch: pytest.MonkeyPatch) -> Stages:
     """Stand-ins under the names that the command imports."""
     fakes = Stages()
     for module, names in {
-        "climbplan.climb.planner": ["plan_climb"],
+        "climbplan.climb.planner.planner": ["plan_climb"],
         "climbplan.climb.plan.file": ["write_climb"],
-        "climbplan.plans.plan_format": ["plan_format"],
+        "climbplan.store.plan_format": ["plan_format"],
         "climbplan.climb.check.verification": ["verify_and_mark"],
-        "climbplan.reports.climb.report": ["write_report"],
+        "climbplan.climb.pages.report": ["write_report"],
     }.items():
         stand_in = types.ModuleType(module)
         for name in names:

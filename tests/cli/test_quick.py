@@ -11,12 +11,12 @@ import pytest
 import yaml
 from command_line import RunCommand
 
+from climbplan.bookshelf.schema.loading import load_shelf
 from climbplan.cli.quick import quick_overrides
-from climbplan.spec.bookshelf.loading import load_shelf
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.climb.transition_loading import load_transition
-from climbplan.spec.limms.loading import load_limms
-from climbplan.spec.walking.loading import load_mpc
+from climbplan.climb.schema.loading import load_climb
+from climbplan.climb.schema.transition_loading import load_transition
+from climbplan.limms.schema.loading import load_limms
+from climbplan.walking.schema.loading import load_mpc
 
 SPECS = Path(__file__).parents[2] / "specs"
 SHORT = ("task.rounds=1", "task.goal.com=[0,0,0.04]", "task.goal.toes={}")

@@ -13,11 +13,11 @@ import pytest
 from command_line import RunCommand
 
 from climbplan.climb.plan.file import write_climb
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_text
 from climbplan.simulation.report_files import End
-from climbplan.spec.climb.loading import load_text
 
-SMALL_CLIMB = Path(__file__).parents[1] / "spec" / "small_climb.yaml"
+SMALL_CLIMB = Path(__file__).parents[1] / "schema" / "small_climb.yaml"
 SHORT = (
     "task.rounds=1", "task.goal.com=[0,0,0.04]", "task.goal.toes={}", "study=null",
     "trajectory.speed=0.01",
@@ -89,7 +89,7 @@ def test_refusals(
             raise ImportError(name)
         return found(name, package)
 
-    monkeypatch.setattr("climbplan.simulation.replay.import_module", without)
+    monkeypatch.setattr("climbplan.climb.simulation.replay.import_module", without)
     missing = run_command("simulate", "made")
     assert missing.code == 2
     assert "pip install 'climbplan[simulate]'" in missing.err

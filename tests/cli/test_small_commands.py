@@ -16,8 +16,8 @@ from command_line import RunCommand
 
 from climbplan.cli import dependencies
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.plans import verification
-from climbplan.plans.level import Level
+from climbplan.verification import verification
+from climbplan.verification.level import Level
 
 
 def test_validate(run_command: RunCommand, workplace: Path) -> None:
@@ -216,10 +216,10 @@ def fake_export(path: Path, out: Path | TextIO) -> None:
 def plan_directory(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A directory that looks finished, and stand-ins for what reads it."""
     for module, members in {
-        "climbplan.plans.plan_format": {"plan_format": lambda path: "climbplan/climb"},
+        "climbplan.store.plan_format": {"plan_format": lambda path: "climbplan/climb"},
         "climbplan.climb.check.verification": {"verify": fake_verify},
-        "climbplan.exports.climb_csv": {"export_csv": fake_export},
-        "climbplan.reports.climb.report": {
+        "climbplan.climb.exports.trajectory_csv": {"export_csv": fake_export},
+        "climbplan.climb.pages.report": {
             "write_report": fake_report,
             "report_dict": lambda plan: {"size": len(plan.name)},
         },

@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 from command_line import RunCommand
 
-from climbplan.bookshelf import runs
-from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.methods.setting import MethodSetting
-from climbplan.bookshelf.plan_file import read_shelf_plan
-from climbplan.bookshelf.scene import Scene, Scenes
-from climbplan.bookshelf.scene_file import write_scenes
+from climbplan.bookshelf.plan.answer import SceneAnswer
+from climbplan.bookshelf.plan.file import read_shelf_plan
+from climbplan.bookshelf.planner import runs
+from climbplan.bookshelf.scene.scene_file import write_scenes
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes
 
 SPECS = Path(__file__).parents[2] / "specs"
 SCENE = str(SPECS / "bookshelf_scene.yaml")

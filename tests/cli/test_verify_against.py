@@ -12,13 +12,13 @@ import pytest
 from command_line import RunCommand
 
 from climbplan.climb.plan.file import write_climb
-from climbplan.climb.planner import plan_climb
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.robots.source import robot_text
-from climbplan.spec.yaml_source import parse_yaml, write_yaml
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_climb
+from climbplan.schema.robots.source import robot_text
+from climbplan.schema.yaml_source import parse_yaml, write_yaml
 
 SPECS = Path(__file__).parents[2] / "specs"
-SMALL = Path(__file__).parents[1] / "spec" / "small_climb.yaml"
+SMALL = Path(__file__).parents[1] / "schema" / "small_climb.yaml"
 Make = Callable[..., Path]
 
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from climbplan.climb.gait import plan_instants
+from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Instants, Rounds
-from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.exports.instances.straight_climb import straight_rounds
-from climbplan.spec.climb.model import ClimbSpec
-from climbplan.spec.robots.robot import RobotSpec
-from climbplan.spec.robots.source import load_robot
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.schema.model import ClimbSpec
+from climbplan.instances.straight_climb import straight_rounds
+from climbplan.schema.robots.robot import RobotSpec
+from climbplan.schema.robots.source import load_robot
 
 _RISE = 0.3
 _TOES = {

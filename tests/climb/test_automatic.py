@@ -10,15 +10,15 @@ from typing import Any
 import pytest
 import yaml
 
-from climbplan.climb.automatic import Refused
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
-from climbplan.climb.planner import plan_by_method, plan_climb
-from climbplan.climb.scene import build_scene
-from climbplan.climb.trials import first_trial, further_trials
+from climbplan.climb.planner.automatic import Refused
+from climbplan.climb.planner.planner import plan_by_method, plan_climb
+from climbplan.climb.planner.trials import first_trial, further_trials
+from climbplan.climb.scene.climb_scene import build_scene
+from climbplan.climb.schema.loading import LoadedClimb, load_climb
 from climbplan.errors import Infeasible, NotProved, ReachFailure
-from climbplan.spec.climb.loading import LoadedClimb, load_climb
 
 # Two stairs of 50 mm as boxes, which are obstacles to limbs and places for toes at once
 STAIRS = """
@@ -143,7 +143,7 @@ def test_only_what_the_spec_leaves_open_is_chosen(tmp_path: Path) -> None:
 
 def test_a_choice_is_part_of_the_stored_spec(tmp_path: Path) -> None:
     """A front limb at the edge of its coxa's range: lifted by 50 mm it leaves it, by less not."""
-    from climbplan.climb.automatic import prepared
+    from climbplan.climb.planner.automatic import prepared
 
     spec = loaded(tmp_path, SHAFT)
     scene = build_scene(spec.spec, spec.robot)
@@ -170,7 +170,7 @@ def test_a_plan_that_fails_its_verification_is_kept(
         plan = plan_by_method(*given)
         return replace(plan, objective=2 * plan.objective)
 
-    monkeypatch.setattr("climbplan.climb.planner.plan_by_method", dearer)
+    monkeypatch.setattr("climbplan.climb.planner.planner.plan_by_method", dearer)
     kept = plan_climb(loaded(tmp_path, SHAFT))
     path = tmp_path / "plan.h5"
     write_climb(kept, path)

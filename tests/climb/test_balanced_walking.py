@@ -9,18 +9,18 @@ import h5py
 import numpy as np
 import pytest
 
-from climbplan.climb.balance import balancing_shifts, body_way
-from climbplan.climb.balance_program import Lift
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.gait import plan_instants
-from climbplan.climb.instants import joint_angles, standing_at
+from climbplan.climb.gait.balance import balancing_shifts, body_way
+from climbplan.climb.gait.balance_program import Lift
+from climbplan.climb.gait.gait import plan_instants
+from climbplan.climb.gait.instants import joint_angles, standing_at
 from climbplan.climb.plan.climb_plan import ClimbPlan, Instants
 from climbplan.climb.plan.file import read_as_found, write_climb
-from climbplan.climb.planner import plan_climb
-from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import NoPlanFound
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.examples import example_data
+from climbplan.schema.examples import example_data
 
 SPEC = """
 kind: climb

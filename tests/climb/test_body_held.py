@@ -7,10 +7,10 @@ import time
 import numpy as np
 import pytest
 
-from climbplan.climb.holding import pyramid, unheld
-from climbplan.climb.proof import proof_of_infeasibility
-from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.spec.climb.loading import load_text
+from climbplan.climb.planner.holding import pyramid, unheld
+from climbplan.climb.planner.proof import proof_of_infeasibility
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.schema.loading import load_text
 
 REACH = 0.224 + 0.057 + 0.195 + 0.375  # [m] from the body's middle, links stretched out
 TOLERANCE = 0.02

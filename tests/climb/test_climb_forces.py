@@ -26,16 +26,16 @@ from climbplan.climb.forces.statement import (
     objective_of,
     state_forces,
 )
-from climbplan.climb.gait import plan_instants
+from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Instants
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import LimitReached, NotProved, UsageError
-from climbplan.exports.instances.straight_climb import straight_rounds
+from climbplan.instances.straight_climb import straight_rounds
 from climbplan.mechanics.stability import loaded_stiffness
 from climbplan.mechanics.stiffness import contact_forces, limb_stiffness
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.model import Robot
-from climbplan.spec.robots.robot import RobotSpec
+from climbplan.schema.robots.robot import RobotSpec
 
 SceneMaker = Callable[..., ClimbScene]
 RobotMaker = Callable[..., RobotSpec]

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.climb import force as benchmark_force
 from benchmarks.climb.force import bench_force
 from climbplan.errors import MissingSolver
-from climbplan.exports.instances.straight_climb import straight_climb
+from climbplan.instances.straight_climb import straight_climb
 
 
 def test_quick_comparison_prints_ratios_and_agreement() -> None:

@@ -15,13 +15,13 @@ from climbplan.climb.forces.conflict import all_members, conflicting_members, re
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import check_forces, state_forces
-from climbplan.climb.gait import plan_instants
+from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Instants
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import NotProved
-from climbplan.exports.instances.straight_climb import straight_rounds
-from climbplan.plans.check import LIMITS
-from climbplan.spec.robots.robot import RobotSpec
+from climbplan.instances.straight_climb import straight_rounds
+from climbplan.schema.robots.robot import RobotSpec
+from climbplan.verification.check import LIMITS
 
 SceneMaker = Callable[..., ClimbScene]
 RobotMaker = Callable[..., RobotSpec]

@@ -11,11 +11,11 @@ import pytest
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.coupled.planner import plan_coupled
 from climbplan.climb.plan.file import read_climb, write_climb
-from climbplan.climb.planner import plan_climb
-from climbplan.climb.scene import build_scene
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.scene.climb_scene import build_scene
+from climbplan.climb.schema.loading import load_climb
+from climbplan.climb.schema.model import COUPLED_METHODS
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.climb.model import COUPLED_METHODS
 
 SPECS = Path(__file__).parents[2] / "specs"
 ONE_ROUND = ["task.rounds=1", "task.goal.com=[0, 0, 0.12]"]

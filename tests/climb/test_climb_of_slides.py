@@ -14,28 +14,28 @@ import pytest
 from urdf_statics import Played
 
 from climbplan.climb.check.verification import verification_of
+from climbplan.climb.exports.motion import climb_motion
+from climbplan.climb.exports.trajectory_csv import export_csv
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found, read_climb, write_climb
-from climbplan.climb.planner import plan_climb
-from climbplan.climb.summary import least_safety
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.planner.summary import least_safety
+from climbplan.climb.schema.loading import load_climb
+from climbplan.climb.simulation.control.feedforward import limb_weight_torques
+from climbplan.climb.simulation.control.regulator import regulator_tables
+from climbplan.climb.simulation.model.chain_limb import drive_of, followers, motor_names
+from climbplan.climb.simulation.model.mjcf import build_mjcf, link_mass
+from climbplan.climb.simulation.replay import simulate
+from climbplan.climb.simulation.statics.outcome import FELL
+from climbplan.climb.simulation.statics.playback import played, prepare
 from climbplan.control.joint_regulator import chains_of
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.exports.climb_csv import export_csv
-from climbplan.exports.climb_motion import climb_motion
 from climbplan.exports.gains import read_gains
 from climbplan.robots.kinematics import inverse, joint_points_body, to_body, toe_body
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.simulation.chain_limb import drive_of, followers, motor_names
+from climbplan.schema.examples import example_data, example_text
 from climbplan.simulation.conditions import NOMINAL, Conditions
-from climbplan.simulation.feedforward import limb_weight_torques
-from climbplan.simulation.model import build_mjcf, link_mass
-from climbplan.simulation.regulator import regulator_tables
-from climbplan.simulation.replay import simulate
-from climbplan.simulation.statics.outcome import FELL
-from climbplan.simulation.statics.playback import played, prepare
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.examples import example_data, example_text
 
 ROUND = ["task.rounds=1", "task.goal.com=[0,0,0.12]"]
 

@@ -15,17 +15,17 @@ from climbplan.climb.check.subject import subject_of
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.forces.explanation import NoForces
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.instants import instants_at
+from climbplan.climb.gait.instants import instants_at
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
-from climbplan.climb.planner import plan_climb
-from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError, UsageError
 from climbplan.mechanics.flat_contact import centre_of_pressure, moment_of
-from climbplan.plans.check import FEET_LIMITS, SOLE_LIMITS
 from climbplan.robots.kinematics import contact_jacobian
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.climb.loading import load_climb
+from climbplan.verification.check import FEET_LIMITS, SOLE_LIMITS
 
 SPECS = Path(__file__).parents[2] / "specs"
 SPEC = SPECS / "climb_biped.yaml"

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.gait import plan_instants
+from climbplan.climb.gait.gait import plan_instants
+from climbplan.climb.motion.trajectory import SPEEDING_UP, plan_trajectory
 from climbplan.climb.plan.climb_plan import Trajectory
-from climbplan.climb.scene import ClimbScene
-from climbplan.climb.trajectory import SPEEDING_UP, plan_trajectory
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import UsageError
-from climbplan.exports.instances.straight_climb import straight_rounds
+from climbplan.instances.straight_climb import straight_rounds
 from climbplan.robots.kinematics import toe_world
 
 SceneMaker = Callable[..., ClimbScene]

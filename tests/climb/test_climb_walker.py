@@ -13,22 +13,22 @@ import pytest
 from urdf_statics import Played
 from urdf_walkers import QUADRUPED
 
-from climbplan.climb.chaining import started
 from climbplan.climb.check.verification import verification_of
+from climbplan.climb.exports.motion import climb_motion
+from climbplan.climb.exports.regulator_files import write_regulator
+from climbplan.climb.exports.trajectory_csv import export_csv
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found, read_climb, write_climb
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner.chaining import started
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
-from climbplan.exports.climb_csv import export_csv
-from climbplan.exports.climb_motion import climb_motion
 from climbplan.exports.formats import Told, told
-from climbplan.exports.regulator_files import write_regulator
 from climbplan.exports.sidecar import facts_of
-from climbplan.plans.verification import mark_verified
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.examples import example_data, example_text
+from climbplan.schema.examples import example_data, example_text
+from climbplan.verification.verification import mark_verified
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "climbplan" / "robots" / "README.md"

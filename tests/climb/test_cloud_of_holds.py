@@ -16,7 +16,7 @@ from climbplan.scan.holds import Grasping, found_holds
 from climbplan.scan.panel import panel_of
 from climbplan.scan.reading import read_scan
 from climbplan.scan.study import scan_of
-from climbplan.spec.robots.source import robot_text
+from climbplan.schema.robots.source import robot_text
 
 ACROSS = (-0.18, 0.18)  # [m] where the scanned patch, smaller than a stance, is repeated
 UP = -0.45 + 0.19 * np.arange(6)

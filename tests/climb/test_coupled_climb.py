@@ -25,9 +25,9 @@ from climbplan.climb.coupled.stages import (
 from climbplan.climb.coupled.statement import coupled_program, scene_load
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.postures.statement import PostureMargins
-from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import NotProved, UsageError
-from climbplan.spec.climb.loading import load_climb
 
 EXPERT = "solver.envelopes=[expert]"
 

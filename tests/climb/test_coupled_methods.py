@@ -14,11 +14,11 @@ from climbplan.climb.coupled.preparation import Prepared, prepare
 from climbplan.climb.coupled.stages import put_right
 from climbplan.climb.coupled.tightening import tightened
 from climbplan.climb.postures.statement import PostureMargins
-from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.schema.loading import load_climb
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program.row_propagation import Range
 from climbplan.solvers.registry import solve
-from climbplan.spec.climb.loading import load_climb
 
 
 @pytest.fixture(scope="module")

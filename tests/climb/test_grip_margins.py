@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from climbplan.arrays import spans_of
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.grips.plan import may_grip_firmly
+from climbplan.climb.forces.grips.plan import may_grip_firmly
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.spans import spans_of
-from climbplan.climb.planner import plan_climb
-from climbplan.climb.scene import build_scene
-from climbplan.spec.climb.loading import load_climb
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.scene.climb_scene import build_scene
+from climbplan.climb.schema.loading import load_climb
 
 WALL = Path(__file__).parents[2] / "specs" / "climb_single_wall.yaml"
 

@@ -18,10 +18,10 @@ from benchmarks.climb.scans import spec_of
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
-from climbplan.climb.scanning import scanned
+from climbplan.climb.scene.scanning import scanned
+from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.examples import example_text
+from climbplan.schema.examples import example_text
 
 ROBOT = "robot_long_climber"
 SIDE, RAIL, APART = 0.1, 0.25, 0.44  # [m] of cubes in two upright rows

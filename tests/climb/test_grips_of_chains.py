@@ -10,21 +10,21 @@ from urdf_walkers import Walker
 
 from climbplan.climb.check.anew.kinematics import limbs_at
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.grips.sharing import more_of_parts
+from climbplan.climb.forces.grips.sharing import more_of_parts
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.plan.grips import GripForces
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
 from climbplan.mechanics.grip import Grippers, grip_cones, parts_of
 from climbplan.mechanics.gripper_model import load_model
-from climbplan.plans.check import GRIP_LIMITS
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.gripper import Gripper
 from climbplan.robots.kinematics import toe_body
 from climbplan.robots.last_link import joint_axes_body, last_link_body
 from climbplan.robots.model import Robot
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.robots.source import load_any_robot
+from climbplan.schema.robots.source import load_any_robot
+from climbplan.verification.check import GRIP_LIMITS
 
 SPECS = Path(__file__).parents[2] / "specs"
 FORE_AND_AFT = {"forward": (0.14425, -0.14425), "sprawl_deg": (90.0, -90.0), "half_width": 0.1355}

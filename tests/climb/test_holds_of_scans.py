@@ -10,9 +10,9 @@ import pytest
 import yaml
 
 import climbplan
-from climbplan.climb.scanning import scanned
+from climbplan.climb.scene.scanning import scanned
+from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
-from climbplan.spec.climb.loading import load_climb
 
 TURN = np.deg2rad(30.0)  # of the wall about z: it faces -y before it
 TALL, LENGTH, WIDTH, LEAN = 0.035, 0.08, 0.034, 8.0  # [m, m, m, deg] of ridges

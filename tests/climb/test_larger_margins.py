@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.world_sample import WorldSample
-from climbplan.climb.proposed import Trials
-from climbplan.climb.proposed_outcome import Outcome
+from climbplan.climb.proposed.outcome import Outcome
+from climbplan.climb.proposed.proposed import Trials
 
 TEXT = "kind: climb\nforce: {safety_friction: 1.2}\nseed: 0\n"
 

@@ -23,11 +23,11 @@ from climbplan.climb.forces.statement import (
 )
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.plan.file import write_climb
-from climbplan.climb.planner import plan_climb
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.scene.climb_scene import ClimbScene
+from climbplan.climb.schema.loading import load_climb, load_text
 from climbplan.errors import NotProved
 from climbplan.robots.kinematics import toe_world
-from climbplan.spec.climb.loading import load_climb, load_text
 
 SceneMaker = Callable[..., ClimbScene]
 ASKED = 0.02  # [m]

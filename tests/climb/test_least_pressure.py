@@ -17,10 +17,10 @@ from climbplan.climb.forces.solving import solve_forces
 from climbplan.climb.forces.statement import check_forces, objective_of, state_forces
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.plan.file import write_climb
-from climbplan.climb.planner import plan_climb
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.scene.climb_scene import ClimbScene
+from climbplan.climb.schema.loading import load_text
 from climbplan.errors import NotProved
-from climbplan.spec.climb.loading import load_text
 
 SceneMaker = Callable[..., ClimbScene]
 ASKED = 20.0  # [N]

@@ -11,25 +11,25 @@ import pytest
 
 from climbplan.arrays import Array
 from climbplan.climb.check.convex import hull_distance
-from climbplan.climb.gait import plan_instants
-from climbplan.climb.limb_clearance import (
+from climbplan.climb.clearance.limbs import (
     BETWEEN,
     limb_points,
     limb_shortfall,
     link_distances,
     standing_room,
 )
-from climbplan.climb.motion import StageClock, plan_motion
+from climbplan.climb.clearance.swing import Swing, SwingBlocked, swing_path, swing_paths, swings_of
+from climbplan.climb.gait.gait import plan_instants
+from climbplan.climb.motion.motion import StageClock, plan_motion
 from climbplan.climb.plan.climb_plan import Instants, Rounds
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.postures import statement
 from climbplan.climb.postures.limb_shape import limb_shape
 from climbplan.climb.postures.statement import LinearRotation, limb_polytopes
-from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.climb.swing import Swing, SwingBlocked, swing_path, swing_paths, swings_of
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.schema.loading import load_text
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.climb.loading import load_text
-from climbplan.spec.examples import example_text
+from climbplan.schema.examples import example_text
 from climbplan.terrain.solids import Solid
 
 SceneMaker = Callable[..., ClimbScene]

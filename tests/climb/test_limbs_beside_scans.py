@@ -20,11 +20,11 @@ from climbplan.climb.check.anew.capsules import capsules_at
 from climbplan.climb.check.scan_links import Contacts as Checked
 from climbplan.climb.check.scan_links import judge_scan_links
 from climbplan.climb.check.subject import Subject
-from climbplan.climb.raw_clearance import Contacts, nearest_raw
+from climbplan.climb.clearance.raw_surface import Contacts, nearest_raw
 from climbplan.robots.capsules import straight_capsules
 from climbplan.robots.model import Robot
 from climbplan.scan.raw import RawScan
-from climbplan.spec.examples import example_data
+from climbplan.schema.examples import example_data
 from climbplan.terrain.raw_surface import NARROW, SLENDER, RawSurface
 
 RADIUS, FLATNESS = 0.025, 0.005
@@ -47,12 +47,12 @@ def both(raw: RawScan, points: Array, places: Array, normals: Array) -> tuple[fl
     links = straight_capsules(points, RADIUS)
     found = nearest_raw(scan, links, Contacts(places[known], normals[known]), 0.0)
     plan = SimpleNamespace(terrain=SimpleNamespace(scan=scan))
-    subject = cast(Subject, SimpleNamespace(plan=plan, limb=lambda *_: "limb"))
+    subject = cast("Subject", SimpleNamespace(plan=plan, limb=lambda *_: "limb"))
     robot = SimpleNamespace(
         capsules=None, mechanism=None, limb_count=1, joint_count=3, limb_radius=RADIUS
     )
     none = np.zeros(0)
-    capsules = tuple(capsules_at(cast(Robot, robot), none, none, none, points))
+    capsules = tuple(capsules_at(cast("Robot", robot), none, none, none, points))
     check = judge_scan_links(
         "scan.limbs", subject, capsules, Checked(places[None, None], normals[None, None]), str
     )

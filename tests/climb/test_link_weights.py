@@ -16,17 +16,17 @@ from climbplan.climb.check.anew.weights import weight_on
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found, read_climb, write_climb
-from climbplan.climb.planner import plan_climb
-from climbplan.climb.scene import build_scene
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.scene.climb_scene import build_scene
+from climbplan.climb.schema.loading import LoadedClimb, load_climb
 from climbplan.errors import PlanFileError, SpecError
 from climbplan.mechanics.equilibrium import link_torques, total_load
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.pinocchio_model import urdf_model
-from climbplan.spec.climb.loading import LoadedClimb, load_climb
-from climbplan.spec.robots.source import load_any_robot
-from climbplan.spec.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.source import load_any_robot
+from climbplan.schema.robots.urdf.source import UrdfRobot
 
 SPECS = Path(__file__).parents[2] / "specs"
 
@@ -138,7 +138,7 @@ def test_plans_of_before_say_that_they_count_links_to_the_body(
         scene = build_scene(*arguments, **keys)  # type: ignore[arg-type]
         return replace(scene, robot=replace(scene.robot, links=None))
 
-    monkeypatch.setattr("climbplan.climb.planner.build_scene", weightless)
+    monkeypatch.setattr("climbplan.climb.planner.planner.build_scene", weightless)
     found = verification_of(plan_climb(loaded))
     assert found.passed
     assert "links without mass" in found.model

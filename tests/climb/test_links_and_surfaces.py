@@ -16,14 +16,14 @@ from climbplan.climb.check.motion_state import motion_of
 from climbplan.climb.check.subject import subject_of
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_climb
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.urdf.proposal.packaged import package_urdf
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.robots.source import load_any_robot
+from climbplan.schema.robots.source import load_any_robot
 
 SPECS = Path(__file__).parents[2] / "specs"
 SHIPPED = ("hexapod", "walker", "telescope")  # soles are looked at corner by corner

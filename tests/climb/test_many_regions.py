@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from benchmarks.climb.triangle_walls import triangles
-from climbplan.climb.motion import StageClock, plan_motion
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.motion.motion import StageClock, plan_motion
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import LimitReached
 
 

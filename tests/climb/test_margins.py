@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.footing import footing
 from climbplan.climb.forces.margins import kept_share, solve_with_margins, with_margins
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.statement import (
@@ -22,15 +21,16 @@ from climbplan.climb.forces.statement import (
 )
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.plan.file import write_climb
-from climbplan.climb.planner import plan_climb
-from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.scene.footing import footing
+from climbplan.climb.schema.loading import load_climb
+from climbplan.climb.schema.margins import NO_MARGINS, MarginsSpec
+from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import SpecError
-from climbplan.plans.verification import mark_verified
 from climbplan.robots.kinematics import toe_world
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.climb.margins import NO_MARGINS, MarginsSpec
-from climbplan.spec.climb.transition_loading import load_transition
+from climbplan.verification.verification import mark_verified
 
 SPECS = Path(__file__).parents[2] / "specs"
 NONPARALLEL = SPECS / "climb_nonparallel.yaml"

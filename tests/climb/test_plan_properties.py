@@ -12,10 +12,10 @@ import yaml
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_climb
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.robots.source import robot_text
+from climbplan.schema.robots.source import robot_text
 
 Data = dict[str, Any]
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from climbplan.climb.scene import build_scene
+from climbplan.climb.scene.climb_scene import build_scene
+from climbplan.climb.schema.loading import load_climb, load_text
+from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.scene import build_transition
 from climbplan.errors import SpecError
-from climbplan.spec.climb.loading import load_climb, load_text
-from climbplan.spec.climb.transition_loading import load_transition
 
 SPECS = Path(__file__).parents[2] / "specs"
 WALLS = """

@@ -9,7 +9,7 @@ import pytest
 
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.postures.planner import plan_postures
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 
 SceneMaker = Callable[..., ClimbScene]
 

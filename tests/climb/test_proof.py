@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from climbplan.climb.planner.proof import proof_of_infeasibility
 from climbplan.climb.postures.outer import outer_program, shoulder_balls
 from climbplan.climb.postures.planner import plan_postures
-from climbplan.climb.proof import proof_of_infeasibility
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import Infeasible
-from climbplan.exports.instances.straight_climb import straight_rounds
+from climbplan.instances.straight_climb import straight_rounds
 from climbplan.robots.rotations import rotation_world_body
 
 SceneMaker = Callable[..., ClimbScene]

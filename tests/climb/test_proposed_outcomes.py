@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.world_sample import WorldSample, wilson_interval
-from climbplan.climb.proposed_outcome import Outcome
+from climbplan.climb.proposed.outcome import Outcome
 
 
 @pytest.mark.parametrize(

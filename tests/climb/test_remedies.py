@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from climbplan.climb.automatic import Refused, Tried
-from climbplan.climb.remedies import as_tried, listed
-from climbplan.climb.trials import Trial
+from climbplan.climb.planner.automatic import Refused, Tried
+from climbplan.climb.planner.remedies import as_tried, listed
+from climbplan.climb.planner.trials import Trial
 from climbplan.errors import Conflict, NotProved, Remedy
 
 PAYLOAD = Remedy("payload <= 2.33 kg", "task.payload.mass", 2.33)

@@ -18,7 +18,7 @@ from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 from climbplan.errors import SpecError
-from climbplan.plans.check import SCAN_LIMITS
+from climbplan.verification.check import SCAN_LIMITS
 
 SPEC = """\
 kind: climb
@@ -161,9 +161,9 @@ def shared_mesh(name: str) -> Path:
 
 def test_the_simulated_toes_stand_on_raw_triangles(made) -> None:
     pytest.importorskip("mujoco", reason="mujoco is missing: pip install '.[simulate]'")
+    from climbplan.climb.simulation.model.terrain_geoms import raw_geoms
+    from climbplan.climb.simulation.model.toe import TOE_RADIUS
     from climbplan.simulation.conditions import Conditions
-    from climbplan.simulation.terrain_geoms import raw_geoms
-    from climbplan.simulation.toe import TOE_RADIUS
 
     plan, assets = made[1], []
     scan = plan.terrain.scan

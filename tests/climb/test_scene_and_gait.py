@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import yaml
 
-from climbplan.climb.gait import plan_instants
+from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Rounds
-from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.schema.model import ClimbSpec
 from climbplan.errors import ReachFailure, SpecError
 from climbplan.robots.kinematics import toe_world
-from climbplan.spec.climb.model import ClimbSpec
-from climbplan.spec.robots.source import load_robot
+from climbplan.schema.robots.source import load_robot
 
 BASE = """
 kind: climb

@@ -18,19 +18,19 @@ from climbplan.climb.check.anew.kinematics import body_axes, limbs_at
 from climbplan.climb.check.convex import hull_of
 from climbplan.climb.check.self_collision import parts_apart, segments_apart
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.planner import plan_climb
-from climbplan.climb.self_clearance import self_shortfall
-from climbplan.plans.check import LIMITS
+from climbplan.climb.clearance.limb_pairs import self_shortfall
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_text
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.model import Robot
 from climbplan.robots.touching_parts import parts_beside, segment_distances
 from climbplan.robots.urdf.normal_document import normal_document
 from climbplan.robots.urdf.pinocchio_model import urdf_model
-from climbplan.spec.climb.loading import load_text
-from climbplan.spec.examples import example_text
-from climbplan.spec.robots.source import load_any_robot
-from climbplan.spec.robots.urdf.source import UrdfRobot
+from climbplan.schema.examples import example_text
+from climbplan.schema.robots.source import load_any_robot
+from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.verification.check import LIMITS
 
 POSTURES = 1000
 SECTION = """kind: robot

@@ -12,10 +12,10 @@ import pytest
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import NotProved, UsageError
-from climbplan.plans.check import GRIP_LIMITS, LIMITS
-from climbplan.spec.climb.loading import load_climb
+from climbplan.verification.check import GRIP_LIMITS, LIMITS
 
 SPECS = Path(__file__).parents[2] / "specs"
 WALL, CEILING = SPECS / "climb_single_wall.yaml", SPECS / "climb_ceiling.yaml"

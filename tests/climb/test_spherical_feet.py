@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.footing import footing
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
-from climbplan.climb.planner import plan_climb
-from climbplan.climb.scene import build_scene
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.scene.climb_scene import build_scene
+from climbplan.climb.scene.footing import footing
+from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
-from climbplan.plans.check import FEET_LIMITS
 from climbplan.robots.foot import Foot
 from climbplan.robots.kinematics import contact_jacobian
-from climbplan.spec.climb.loading import load_climb
+from climbplan.verification.check import FEET_LIMITS
 
 SPECS = Path(__file__).parents[2] / "specs"
 RADIUS = 0.03

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from climbplan.climb.motion import StageClock
+from climbplan.climb.motion.motion import StageClock
 from climbplan.errors import LimitReached, NotProved
 
 

@@ -9,12 +9,12 @@ import pytest
 
 from climbplan.climb.check.verification import verify
 from climbplan.climb.forces.explanation import NoForces
-from climbplan.climb.motion import StageClock, plan_motion, plan_support
+from climbplan.climb.motion.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.plan.file import write_climb
-from climbplan.climb.planner import plan_climb
-from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.spec.climb.loading import LoadedClimb, load_text
-from climbplan.spec.examples import example_text
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.schema.loading import LoadedClimb, load_text
+from climbplan.schema.examples import example_text
 
 _LITTLE_STABILITY = (
     "task.gait=[RF, RM, RR, LR, LM, LF]",

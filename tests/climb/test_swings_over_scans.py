@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import trimesh
 
-from climbplan.climb.swing import TOE_CLEARANCE, _roomiest_first
+from climbplan.climb.clearance.swing import TOE_CLEARANCE, _roomiest_first
 from climbplan.terrain.raw_surface import RawSurface
 
 TOP = 0.1  # [m] of a box about the origin
@@ -24,7 +24,7 @@ def scene(lift: float) -> Any:
     scan = RawSurface(np.array(box.vertices), np.array(box.faces, np.int64), 0.005, 0.01)
     spec = SimpleNamespace(trajectory=SimpleNamespace(lift=lift))
     robot = SimpleNamespace(foot=None)
-    return cast(Any, SimpleNamespace(terrain=SimpleNamespace(scan=scan), spec=spec, robot=robot))
+    return cast("Any", SimpleNamespace(terrain=SimpleNamespace(scan=scan), spec=spec, robot=robot))
 
 
 def heights(lift: float, rooms: list[float]) -> list[float]:

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.in_hand import in_hand
+from climbplan.climb.motion.in_hand import in_hand
+from climbplan.climb.motion.trajectory import Played
 from climbplan.climb.plan.climb_plan import ClimbPlan, Forces
-from climbplan.climb.planner import plan_climb
-from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.climb.trajectory import Played
-from climbplan.spec.climb.loading import load_climb
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.schema.loading import load_climb
 
 SPEC = Path(__file__).parents[2] / "specs" / "climb_walker.yaml"
 SHORT = ["task.rounds=1", "task.goal.com=[0,0,0.12]", "margins.pressure=0", "margins.friction=0"]
@@ -34,7 +34,7 @@ def played_with(
         asked.append(scene.spec.force.safety_torque)
         return Played(replace(plan.trajectory, time=plan.trajectory.time + len(asked)), uses.pop(0))
 
-    monkeypatch.setattr("climbplan.climb.in_hand.play", fake)
+    monkeypatch.setattr("climbplan.climb.motion.in_hand.play", fake)
     loaded = load_climb(SPEC, SHORT)
     scene = build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
     forces, motion = in_hand(scene, plan.rounds, plan.instants, plan.forces)

@@ -10,10 +10,10 @@ import pytest
 
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.tried_remedies import tried
-from climbplan.climb.gait import plan_instants
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.gait.gait import plan_instants
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import NotProved, Remedy
-from climbplan.exports.instances.straight_climb import straight_rounds
+from climbplan.instances.straight_climb import straight_rounds
 
 SceneMaker = Callable[..., ClimbScene]
 

@@ -13,17 +13,17 @@ import pytest
 import climbplan
 from benchmarks.climb.triangle_walls import triangles
 from climbplan.api.plan import Plan
-from climbplan.climb import motion
-from climbplan.climb.body_way import BodyWay
-from climbplan.climb.motion import StageClock
+from climbplan.climb.clearance.swing import SwingMeets
+from climbplan.climb.motion import motion
+from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.postures.least_cost import least_cost
 from climbplan.climb.postures.planner import plan_postures
-from climbplan.climb.scene import ClimbScene, build_scene
-from climbplan.climb.swing import SwingMeets
-from climbplan.climb.windows import plan_in_windows, window_of
-from climbplan.climb.within_reach import between, reachable, within_rounds
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.scene.within_reach import between, reachable, within_rounds
+from climbplan.climb.schema.loading import load_text
+from climbplan.climb.windows.body_way import BodyWay
+from climbplan.climb.windows.windows import plan_in_windows, window_of
 from climbplan.errors import NotProved, SpecError
-from climbplan.spec.climb.loading import load_text
 
 # Two walls in panels of 0.4 m, of which a window comes to a few
 PANELS = "".join(

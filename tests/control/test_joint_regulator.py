@@ -13,13 +13,9 @@ import numpy as np
 import pytest
 
 from climbplan.arrays import Array
+from climbplan.climb.exports.regulator_files import write_regulator
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.control import joint_regulator
-from climbplan.control.joint_regulator import RATE, Chains, JointRegulator, Pose, RegulatorTables
-from climbplan.exports.regulator_files import write_regulator
-from climbplan.robots.kinematics import toe_body
-from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.regulator import (
+from climbplan.climb.simulation.control.regulator import (
     STRETCHED,
     JointOdometry,
     Regulator,
@@ -27,7 +23,11 @@ from climbplan.simulation.regulator import (
     turning_of,
     zero_angles,
 )
-from climbplan.simulation.steady_rate import steady_rates
+from climbplan.climb.simulation.control.steady_rate import steady_rates
+from climbplan.control import joint_regulator
+from climbplan.control.joint_regulator import RATE, Chains, JointRegulator, Pose, RegulatorTables
+from climbplan.robots.kinematics import toe_body
+from climbplan.robots.rotations import rotation_world_body
 
 Planned = Callable[..., ClimbPlan]
 

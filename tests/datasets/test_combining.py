@@ -17,8 +17,8 @@ from climbplan.datasets.combining import merge, split
 from climbplan.datasets.tables import columns, export_csv, export_parquet
 from climbplan.datasets.work import make_row
 from climbplan.errors import MissingSolver, UsageError
-from climbplan.plans.dataset import Dataset
-from climbplan.plans.dataset_row import dataset_of
+from climbplan.store.dataset import Dataset
+from climbplan.store.dataset_row import dataset_of
 
 
 def made(seed: int, count: int = 20) -> Dataset:

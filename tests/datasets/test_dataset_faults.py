@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.plans.dataset_file import read_dataset_file
+from climbplan.store.dataset_file import read_dataset_file
 
 pytest.importorskip("pymunk")
 pytestmark = pytest.mark.slow

@@ -19,9 +19,9 @@ from climbplan.datasets.run import Count, run_rows
 from climbplan.datasets.shards import ShardStore
 from climbplan.datasets.work import make_row, make_rows
 from climbplan.errors import UsageError
-from climbplan.plans import atomic_file
-from climbplan.plans.dataset import Dataset
-from climbplan.plans.dataset_row import child_seed, dataset_of
+from climbplan.store import atomic_file
+from climbplan.store.dataset import Dataset
+from climbplan.store.dataset_row import child_seed, dataset_of
 
 COUNT = 40
 

@@ -22,7 +22,7 @@ from climbplan.datasets.recipe import Recipe
 from climbplan.datasets.run import run_rows
 from climbplan.datasets.shards import ShardStore
 from climbplan.datasets.work import make_row
-from climbplan.plans.dataset_row import RowAnswer
+from climbplan.store.dataset_row import RowAnswer
 
 KILLS = int(os.environ.get("CLIMBPLAN_KILLS", "3"))
 ROW_SECONDS = 0.01

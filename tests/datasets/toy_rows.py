@@ -14,8 +14,8 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.datasets.recipe import Recipe
-from climbplan.plans.dataset import DatasetFrame, solution_layout
-from climbplan.plans.dataset_row import RowAnswer
+from climbplan.store.dataset import DatasetFrame, solution_layout
+from climbplan.store.dataset_row import RowAnswer
 
 FRAME = DatasetFrame(
     kind="toy",

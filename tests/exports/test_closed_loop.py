@@ -23,13 +23,14 @@ from climbplan.arrays import Array
 from climbplan.cli.app import run
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
+from climbplan.climb.simulation.model.chain_limb import motor_names
+from climbplan.climb.simulation.model.mjcf import TIME_STEP, build_mjcf
+from climbplan.climb.simulation.replay import Run, simulate
+from climbplan.climb.simulation.start import set_up
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.chain_limb import motor_names
 from climbplan.simulation.conditions import NOMINAL, Conditions
-from climbplan.simulation.model import TIME_STEP, build_mjcf, rotor_inertia
-from climbplan.simulation.replay import Run, simulate
-from climbplan.simulation.start import set_up
+from climbplan.simulation.motors import rotor_inertia
 
 SPECS = Path(__file__).parents[2] / "specs"
 SETTLE = 1.0  # [s] at the first commands

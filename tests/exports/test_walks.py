@@ -13,15 +13,15 @@ from walking_urdf import WALK, write_robot
 from climbplan.exports.formats import Told, told
 from climbplan.exports.motion import JointMotion, RobotMotion
 from climbplan.exports.sidecar import facts_of
-from climbplan.exports.walk_motion import NO_JOINTS, walk_motion
-from climbplan.spec.walking.loading import load_mpc
 from climbplan.walking.check.verification import verify
-from climbplan.walking.foot_centres import material, on_centres, raised_task
-from climbplan.walking.ground import Ground
-from climbplan.walking.plan import WalkPlan
-from climbplan.walking.plan_file import read_walk_plan, write_walk_plan
-from climbplan.walking.planner import plan_walk
-from climbplan.walking.task import VELOCITY
+from climbplan.walking.exports.motion import NO_JOINTS, walk_motion
+from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
+from climbplan.walking.plan.foot_centres import material, on_centres, raised_task
+from climbplan.walking.plan.walk_plan import WalkPlan
+from climbplan.walking.planner.planner import plan_walk
+from climbplan.walking.schema.loading import load_mpc
+from climbplan.walking.task.ground import Ground
+from climbplan.walking.task.task import VELOCITY
 
 pytest.importorskip("pinocchio")
 FOOT = 0.02  # [m]

@@ -56,7 +56,7 @@ def test_answers_pass_the_check(method: Method, bilinear: bool) -> None:
     settings = replace(QUICK.get(method, MethodSettings()), library=solved)
     if method in NEEDS_MODEL:
         options = FitOptions(
-            kind=cast(ModelKind, method), trees=10, cluster_trees=10, hidden=(8,), rounds=5
+            kind=cast("ModelKind", method), trees=10, cluster_trees=10, hidden=(8,), rounds=5
         )
         columns = solution_columns(problem.instance({"goal": np.zeros(2)}))
         settings = replace(settings, model=fit(solved, options, columns))

@@ -8,9 +8,9 @@ import pytest
 from limms_scenes import loaded
 from scenes import PlannedScenes
 
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.plan_file import read_limms_plan
-from climbplan.limms.planner import plan_limms
+from climbplan.limms.plan.file import read_limms_plan
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.planner.planner import plan_limms
 
 
 @pytest.fixture(scope="session")

@@ -7,8 +7,8 @@ from typing import Any
 
 import yaml
 
-from climbplan.limms.scene import Scene, scene_of
-from climbplan.spec.limms.loading import LoadedLimms, load_limms
+from climbplan.limms.scene.limms_scene import Scene, scene_of
+from climbplan.limms.schema.loading import LoadedLimms, load_limms
 
 SPECS = Path(__file__).parents[2] / "specs"
 

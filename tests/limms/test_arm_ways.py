@@ -18,12 +18,12 @@ from climbplan.limms.arms.held_branches import (
 )
 from climbplan.limms.arms.symbols import arm_function, least_margins
 from climbplan.limms.check.verification import verification_of
-from climbplan.limms.corridor import centre_blocks, ways
 from climbplan.limms.modules.limbs import arm, limb_angles, root_on_anchor
-from climbplan.limms.planner import plan_limms
-from climbplan.limms.scene import Scene, scene_of
-from climbplan.limms.statement import Limb
-from climbplan.spec.limms.loading import load_limms
+from climbplan.limms.planner.planner import plan_limms
+from climbplan.limms.scene.corridor import centre_blocks, ways
+from climbplan.limms.scene.limms_scene import Scene, scene_of
+from climbplan.limms.scene.statement import Limb
+from climbplan.limms.schema.loading import load_limms
 
 # One arm a box: the straight ways off these shelves pass poses where branches meet
 SHELVES = """\

@@ -8,8 +8,8 @@ import pytest
 from climbplan.limms.check.kinematics import on_anchor, on_end, on_ground, placed
 from climbplan.limms.modules.chain import forward, from_last
 from climbplan.limms.modules.limbs import end_rotation, standing_rotation
-from climbplan.limms.scene import SIDE_NORMALS, Pose
-from climbplan.spec.limms.loading import builtin_module, builtin_modules
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Pose
+from climbplan.limms.schema.loading import builtin_module, builtin_modules
 
 FACING = np.diag([1.0, -1.0, -1.0])  # ends of a kind face each other, eq. (6.1)
 

@@ -29,13 +29,13 @@ from climbplan.limms.consensus.setting import (
     setting_of,
     start_points,
 )
-from climbplan.limms.convergence import RESIDUALS
 from climbplan.limms.modules.chain import forward
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.plan_file import read_limms_plan, write_limms_plan
-from climbplan.limms.planner import plan_limms
-from climbplan.limms.scene import GRAVITY, Pose
-from climbplan.reports.limms.figure_convergence import convergence
+from climbplan.limms.pages.figure_convergence import convergence
+from climbplan.limms.plan.convergence import RESIDUALS
+from climbplan.limms.plan.file import read_limms_plan, write_limms_plan
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.planner.planner import plan_limms
+from climbplan.limms.scene.limms_scene import GRAVITY, Pose
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from benchmarks.limms.run import (
     write_text,
 )
 from benchmarks.limms.trial import Trial, attempt
-from climbplan.limms.scene import scene_of
+from climbplan.limms.scene.limms_scene import scene_of
 
 
 @pytest.fixture(scope="module")

@@ -12,20 +12,20 @@ import pytest
 from limms_scenes import loaded, scene
 
 from climbplan.errors import LimitReached
-from climbplan.limms import planner
 from climbplan.limms.arms.carrying import carry
-from climbplan.limms.assembly import initial
-from climbplan.limms.attempts import Attempts
+from climbplan.limms.attempts.attempts import Attempts
 from climbplan.limms.consensus.mixed_integer import MixedInteger
 from climbplan.limms.consensus.setting import setting_of
-from climbplan.limms.direct import search
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.plan_file import read_limms_plan, write_limms_plan
-from climbplan.limms.plan_making import Making, make_plan
-from climbplan.limms.planner import plan_limms
-from climbplan.limms.scene import Scene
+from climbplan.limms.courses.direct import search
+from climbplan.limms.motion.assembly import initial
+from climbplan.limms.motion.plan_making import Making, make_plan
+from climbplan.limms.plan.file import read_limms_plan, write_limms_plan
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.planner import planner
+from climbplan.limms.planner.planner import plan_limms
+from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.schema.loading import LoadedLimms
 from climbplan.progress import Progress
-from climbplan.spec.limms.loading import LoadedLimms
 
 
 def _racing(clock: Callable[[], float], factor: float) -> Callable[[], float]:

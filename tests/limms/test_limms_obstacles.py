@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from climbplan.errors import SpecError
-from climbplan.limms.assembly import initial
 from climbplan.limms.check.verification import verification_of
-from climbplan.limms.corridor import centre_blocks, ways
-from climbplan.limms.modules.reaching import drive
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.planner import plan_limms
-from climbplan.limms.scene import scene_of
-from climbplan.reports.limms.obstacles import obstacles_of
-from climbplan.reports.viewer.limms_scene import scene_of_modules
-from climbplan.spec.limms.loading import LoadedLimms, load_limms
-from climbplan.spec.limms.space import space_of
+from climbplan.limms.motion.assembly import initial
+from climbplan.limms.motion.reaching import drive
+from climbplan.limms.pages.obstacles import obstacles_of
+from climbplan.limms.pages.scene import scene_of_modules
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.planner.planner import plan_limms
+from climbplan.limms.scene.corridor import centre_blocks, ways
+from climbplan.limms.scene.limms_scene import scene_of
+from climbplan.limms.schema.loading import LoadedLimms, load_limms
+from climbplan.limms.schema.space import space_of
 
 # One module hangs from the ceiling; a wall stands between the table with the box and its goal
 ROOM = """\

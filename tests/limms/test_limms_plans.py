@@ -12,8 +12,8 @@ import pytest
 
 from climbplan.errors import PlanFileError
 from climbplan.limms.check.verification import verification_of, verify_and_mark
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.plan_file import read_limms_plan
+from climbplan.limms.plan.file import read_limms_plan
+from climbplan.limms.plan.limms_plan import LimmsPlan
 
 
 def failing(plan: LimmsPlan) -> set[str]:

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from limms_scenes import loaded
 
-from climbplan.limms.assembly import initial, latch_arm
-from climbplan.limms.bounds import Connection, within_reach
 from climbplan.limms.check.verification import verification_of
-from climbplan.limms.courses import courses, relays
-from climbplan.limms.direct import search
-from climbplan.limms.means import standing_spots
-from climbplan.limms.modules.climbing_down import climb_down
-from climbplan.limms.planner import plan_limms
-from climbplan.limms.scene import Scene, scene_of
-from climbplan.limms.timeline import DRIVES, NOWHERE
-from climbplan.spec.limms.loading import LoadedLimms, load_limms
+from climbplan.limms.courses.courses import courses, relays
+from climbplan.limms.courses.direct import search
+from climbplan.limms.courses.means import standing_spots
+from climbplan.limms.motion.assembly import initial, latch_arm
+from climbplan.limms.motion.climbing_down import climb_down
+from climbplan.limms.motion.timeline import DRIVES, NOWHERE
+from climbplan.limms.planner.planner import plan_limms
+from climbplan.limms.scene.bounds import Connection, within_reach
+from climbplan.limms.scene.limms_scene import Scene, scene_of
+from climbplan.limms.schema.loading import LoadedLimms, load_limms
 
 # One module; no anchor serves both the start of the box and its goal
 HALL = """\

@@ -9,10 +9,10 @@ from limms_scenes import changed, loaded, scene
 
 from benchmarks.limms.random_rooms import random_room
 from climbplan.errors import Infeasible, NotProved
-from climbplan.limms.direct import search
-from climbplan.limms.planner import plan_limms
-from climbplan.limms.refusal import one_latch_too_weak, out_of_reach, unliftable
-from climbplan.spec.limms.loading import load_limms
+from climbplan.limms.courses.direct import search
+from climbplan.limms.courses.refusal import one_latch_too_weak, out_of_reach, unliftable
+from climbplan.limms.planner.planner import plan_limms
+from climbplan.limms.schema.loading import load_limms
 
 
 def test_light_box_takes_two_arms_first() -> None:

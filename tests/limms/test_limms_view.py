@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.limms.plan import LimmsPlan
-from climbplan.reports.viewer.limms_scene import limms_scene
+from climbplan.limms.pages.scene import limms_scene
+from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.reports.viewer.scene import between
 
 

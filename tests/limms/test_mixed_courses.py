@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from limms_scenes import loaded, scene
 
-from climbplan.limms import planner
 from climbplan.limms.arms.carrying import carry
-from climbplan.limms.assembly import initial
-from climbplan.limms.attempts import Attempts
-from climbplan.limms.between_legs import headed, put_down
+from climbplan.limms.attempts.attempts import Attempts
 from climbplan.limms.check.verification import verification_of
-from climbplan.limms.courses import relays
-from climbplan.limms.direct import search
-from climbplan.limms.means import all_means, legs_left, places_of
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.planner import plan_limms
-from climbplan.limms.scene import Scene, scene_of
-from climbplan.limms.timeline import DRIVES, STABLE
-from climbplan.plans.verification import Verification
-from climbplan.spec.limms.loading import LoadedLimms, load_limms
+from climbplan.limms.courses.courses import relays
+from climbplan.limms.courses.direct import search
+from climbplan.limms.courses.means import all_means, legs_left, places_of
+from climbplan.limms.motion.assembly import initial
+from climbplan.limms.motion.between_legs import headed, put_down
+from climbplan.limms.motion.timeline import DRIVES, STABLE
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.planner import planner
+from climbplan.limms.planner.planner import plan_limms
+from climbplan.limms.scene.limms_scene import Scene, scene_of
+from climbplan.limms.schema.loading import LoadedLimms, load_limms
+from climbplan.verification.verification import Verification
 
 # The box is below a ledge, its goal over it; nothing comes from the ground to the anchor over the
 # ledge, and nothing reaches the goal from the one below it

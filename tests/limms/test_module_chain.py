@@ -7,7 +7,7 @@ import pytest
 from limms_scenes import loaded
 
 from climbplan.limms.modules.chain import BRANCHES, forward, from_last, inverse
-from climbplan.limms.scene import Pose
+from climbplan.limms.scene.limms_scene import Pose
 
 MODULE = loaded("limms_lift_light").module
 

@@ -25,12 +25,12 @@ from climbplan.limms.check.verification import verification_of, verify
 from climbplan.limms.legs.program import FORCE_SHARE, LegProgram
 from climbplan.limms.modules.inertia import link_bodies
 from climbplan.limms.modules.limbs import arm, leg, root_on_anchor
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.plan_file import read_limms_plan
-from climbplan.limms.planner import plan_limms
-from climbplan.limms.scene import GRAVITY, Pose
-from climbplan.spec.limms.loading import builtin_module, load_limms
-from climbplan.spec.limms.module import OF_MASSES, ModuleSpec
+from climbplan.limms.plan.file import read_limms_plan
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.planner.planner import plan_limms
+from climbplan.limms.scene.limms_scene import GRAVITY, Pose
+from climbplan.limms.schema.loading import builtin_module, load_limms
+from climbplan.limms.schema.module import OF_MASSES, ModuleSpec
 
 MODULE = builtin_module("limms")
 BODIES = link_bodies(MODULE)

@@ -11,12 +11,12 @@ from scipy.optimize import linprog
 
 from climbplan.errors import Infeasible, LimitReached
 from climbplan.limms.check.verification import verify
-from climbplan.limms.direct import search
+from climbplan.limms.courses.direct import search
 from climbplan.limms.legs.leaps import find_leaps
 from climbplan.limms.legs.standing import largest_share
-from climbplan.limms.plan_file import write_limms_plan
-from climbplan.limms.planner import plan_limms
-from climbplan.limms.scene import GRAVITY
+from climbplan.limms.plan.file import write_limms_plan
+from climbplan.limms.planner.planner import plan_limms
+from climbplan.limms.scene.limms_scene import GRAVITY
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from benchmarks.limms.room_table import counts
 from benchmarks.limms.run import LimmsOptions, LimmsResult, as_json, bench_limms, write_text
 from benchmarks.limms.trial import Trial
 from climbplan.errors import UsageError
-from climbplan.limms.scene import scene_of
+from climbplan.limms.scene.limms_scene import scene_of
 
 
 def test_rooms_differ_and_repeat() -> None:

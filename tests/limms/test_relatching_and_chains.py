@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from limms_scenes import loaded, scene
 
-from climbplan.limms.bounds import anchor_wrist, chain_stretch, side_wrist, span
 from climbplan.limms.check.logic import broken
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.modules.loads import loads_of
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.planner import plan_limms
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.planner.planner import plan_limms
+from climbplan.limms.scene.bounds import anchor_wrist, chain_stretch, side_wrist, span
 
 
 @pytest.fixture(scope="module")

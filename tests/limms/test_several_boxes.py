@@ -10,22 +10,22 @@ import pytest
 from limms_scenes import changed, loaded
 
 from climbplan.errors import Infeasible, SpecError
-from climbplan.limms.actions import Action
-from climbplan.limms.assembly import _turned, initial
-from climbplan.limms.bounds import Connection
 from climbplan.limms.check.boxes import box_checks
 from climbplan.limms.check.loads import loads_of_all
 from climbplan.limms.check.verification import verification_of
-from climbplan.limms.courses import relays
-from climbplan.limms.motion_csv import export_csv
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.plan_file import read_limms_plan, write_limms_plan
-from climbplan.limms.planner import plan_limms
-from climbplan.limms.scene import scene_of, with_box_first, without_others
-from climbplan.limms.states import GOAL, START, Space
-from climbplan.plans.check import Check
-from climbplan.spec.limms.loading import load_limms
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.limms.courses.courses import relays
+from climbplan.limms.courses.states import GOAL, START, Space
+from climbplan.limms.exports.motion_csv import export_csv
+from climbplan.limms.motion.assembly import _turned, initial
+from climbplan.limms.plan.file import read_limms_plan, write_limms_plan
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.planner.planner import plan_limms
+from climbplan.limms.scene.actions import Action
+from climbplan.limms.scene.bounds import Connection
+from climbplan.limms.scene.limms_scene import scene_of, with_box_first, without_others
+from climbplan.limms.schema.loading import load_limms
+from climbplan.limms.schema.module import ModuleSpec
+from climbplan.verification.check import Check
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 
 from climbplan.limms.check.checker import _off_rates
 from climbplan.limms.check.verification import verification_of
-from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.plan.limms_plan import LimmsPlan
 
 
 @pytest.mark.parametrize(

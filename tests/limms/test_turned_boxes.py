@@ -18,20 +18,20 @@ from climbplan.limms.arms.guess import guess_for
 from climbplan.limms.arms.held_branches import HeldTask
 from climbplan.limms.check.loads import loads_of_all
 from climbplan.limms.check.verification import verification_of
-from climbplan.limms.corridor import centre_blocks, inner_blocks, ways, yaws_between
-from climbplan.limms.cubics import box_path
+from climbplan.limms.courses.refusal import proof
 from climbplan.limms.modules.contact import gap_to_blocks, gap_to_boxes
 from climbplan.limms.modules.distances import upright_gap
 from climbplan.limms.modules.limbs import arm, root_on_anchor
-from climbplan.limms.placement import extents, in_world, upright, vertical_inertia
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.plan_file import read_limms_plan, write_limms_plan
-from climbplan.limms.planner import plan_limms
-from climbplan.limms.refusal import proof
-from climbplan.limms.scene import Scene, scene_of
-from climbplan.limms.statement import held_forces
-from climbplan.spec.limms.loading import load_limms
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.limms.motion.cubics import box_path
+from climbplan.limms.plan.file import read_limms_plan, write_limms_plan
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.planner.planner import plan_limms
+from climbplan.limms.scene.corridor import centre_blocks, inner_blocks, ways, yaws_between
+from climbplan.limms.scene.limms_scene import Scene, scene_of
+from climbplan.limms.scene.placement import extents, in_world, upright, vertical_inertia
+from climbplan.limms.scene.statement import held_forces
+from climbplan.limms.schema.loading import load_limms
+from climbplan.limms.schema.module import ModuleSpec
 
 QUARTER = np.pi / 2
 

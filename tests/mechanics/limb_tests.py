@@ -10,7 +10,7 @@ import numpy as np
 from climbplan.mechanics.identification.limb_model import Limb, limb_matrices
 from climbplan.mechanics.identification.measurements import AXES
 from climbplan.robots.model import Robot
-from climbplan.spec.robots.source import load_robot
+from climbplan.schema.robots.source import load_robot
 
 SILVIA = Robot.from_spec(load_robot("silvia"))
 

@@ -9,7 +9,7 @@ import pytest
 
 from climbplan.mechanics.equilibrium import balance_load, grasp_matrix, total_load, wrench_of
 from climbplan.robots.model import Robot
-from climbplan.spec.robots.robot import RobotSpec
+from climbplan.schema.robots.robot import RobotSpec
 
 
 def test_grasp_matrix_sums_forces_and_moments() -> None:

@@ -18,7 +18,7 @@ from climbplan.mechanics.identification.study import identify
 from climbplan.mechanics.stiffness import limb_stiffness
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import jacobian_body, jacobian_world
-from climbplan.spec.robots.source import load_any_robot
+from climbplan.schema.robots.source import load_any_robot
 
 PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
 

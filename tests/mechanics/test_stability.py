@@ -18,7 +18,7 @@ from climbplan.mechanics.stiffness import joint_bending, joint_softness, limb_co
 from climbplan.robots.kinematics import inverse, jacobian_body, jacobian_world, toe_world
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body, skew
-from climbplan.spec.robots.robot import RobotSpec
+from climbplan.schema.robots.robot import RobotSpec
 
 RobotMaker = Callable[..., RobotSpec]
 STEP = 1e-6

@@ -23,7 +23,7 @@ from climbplan.mechanics.stiffness import (
 from climbplan.robots.kinematics import jacobian_world, toe_world
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.robots.robot import RobotSpec
+from climbplan.schema.robots.robot import RobotSpec
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ def test_a_start_without_derivatives_is_told(capfd: pytest.CaptureFixture[str]) 
 def test_integers_beside_smooth_rows(method: str) -> None:
     problem = Problem("circle", circle(binary=True), start=lambda _: {"left": 1.0, "x": [-1, 1]})
     found = solve_instance(
-        problem, {"r": 1.0}, cast(Method, method), MethodSettings(time_limit=20.0)
+        problem, {"r": 1.0}, cast("Method", method), MethodSettings(time_limit=20.0)
     ).result
     assert found.x is not None
     assert found.objective is not None

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from climbplan.climb.gait import plan_instants
+from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import (
     ClimbPlan,
     Forces,
@@ -19,11 +19,11 @@ from climbplan.climb.plan.climb_plan import (
     Study,
     Trajectory,
 )
-from climbplan.climb.scene import build_scene
+from climbplan.climb.scene.climb_scene import build_scene
+from climbplan.climb.schema.model import ClimbSpec
 from climbplan.robots.kinematics import inverse, jacobian_world, to_body
 from climbplan.robots.model import Robot
-from climbplan.spec.climb.model import ClimbSpec
-from climbplan.spec.robots.robot import RobotSpec
+from climbplan.schema.robots.robot import RobotSpec
 
 WALLS = {"gap": 1.23, "angle_deg": 0.0, "along": [-0.9, 0.9], "up": [-1.0, 8.0]}
 BLOCK = {"name": "block", "lower": [-0.2, 0.42, 0.2], "upper": [0.2, 0.8, 0.5]}

@@ -14,13 +14,13 @@ import pytest
 from headless_chromium import Browser, chromium_path
 from matplotlib.image import imread
 
-from climbplan.bookshelf.plan import ShelfPlan, totals_of
-from climbplan.bookshelf.plan_file import write_shelf_plan
-from climbplan.bookshelf.runs import run_shelf
-from climbplan.reports.bookshelf.figures import UNITS, costliest
-from climbplan.reports.bookshelf.report import figure_functions, report_dict, write_report
+from climbplan.bookshelf.pages.figures import UNITS, costliest
+from climbplan.bookshelf.pages.report import figure_functions, report_dict, write_report
+from climbplan.bookshelf.plan.file import write_shelf_plan
+from climbplan.bookshelf.plan.shelf_plan import ShelfPlan, totals_of
+from climbplan.bookshelf.planner.runs import run_shelf
+from climbplan.bookshelf.schema.loading import load_shelf
 from climbplan.reports.sheet import png
-from climbplan.spec.bookshelf.loading import load_shelf
 
 SPECS = Path(__file__).parents[2] / "specs"
 

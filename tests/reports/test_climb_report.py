@@ -14,11 +14,11 @@ import pytest
 import yaml
 
 from climbplan.climb.check.verification import verify
+from climbplan.climb.pages.figures import UNITS, key_figures
+from climbplan.climb.pages.report import report_dict, write_report
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.climb.plan.file import write_climb
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.reports.climb.figures import UNITS, key_figures
-from climbplan.reports.climb.report import report_dict, write_report
 
 MakePlan = Callable[..., ClimbPlan]
 ROOT = ("format", "format_version", "climbplan_version", "created", "spec", "spec_sha256", "seed")

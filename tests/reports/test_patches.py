@@ -7,9 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.reports.camera import FRONT, SIDE, Camera, clear_view
-from climbplan.reports.patches import (
+from climbplan.climb.pages.patches import (
     MARGIN,
     TUBE_SIDES,
     Box,
@@ -19,6 +17,8 @@ from climbplan.reports.patches import (
     solid_faces,
     surface_patches,
 )
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.reports.camera import FRONT, SIDE, Camera, clear_view
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Tube
 

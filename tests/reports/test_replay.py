@@ -8,16 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from climbplan.climb.pages.patches import limb_points
+from climbplan.climb.pages.replay import TOLERANCE, build_replay
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.reports.patches import limb_points
-from climbplan.reports.replay import (
-    START,
-    TOLERANCE,
-    build_replay,
-    key_frames,
-    sample_instants,
-    true_angles,
-)
+from climbplan.climb.plan.played import START, sample_instants, true_angles
+from climbplan.reports.key_frames import key_frames
 from climbplan.robots.kinematics import inverse, to_body, toe_world
 
 MakePlan = Callable[..., ClimbPlan]

@@ -14,12 +14,12 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from climbplan.climb.pages.cones import contact_forces, force_scale, round_newtons
+from climbplan.climb.pages.figure_forces import chosen_instants
+from climbplan.climb.pages.figure_region import region
+from climbplan.climb.pages.report import figure_functions
+from climbplan.climb.pages.series import least_at
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
-from climbplan.reports.climb.cones import contact_forces, force_scale, round_newtons
-from climbplan.reports.climb.figure_forces import chosen_instants
-from climbplan.reports.climb.figure_region import region
-from climbplan.reports.climb.report import figure_functions
-from climbplan.reports.climb.series import least_at
 from climbplan.reports.sheet import plain, png
 
 MakePlan = Callable[..., ClimbPlan]

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from headless_chromium import Browser, chromium_path
 
+from climbplan.climb.pages.page import build_page
+from climbplan.climb.pages.report import report_dict
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.climb.plan.file import write_climb
-from climbplan.reports.climb.page import build_page
-from climbplan.reports.climb.report import report_dict
 
 MakePlan = Callable[..., ClimbPlan]
 ATTACK = "<script>window.broken=1</script><img src=x onerror=window.broken=1>\"'&$title"

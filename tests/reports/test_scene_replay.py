@@ -14,15 +14,15 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from scenes import PlannedScenes
 
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.plan_file import read_limms_plan
-from climbplan.reports.limms.figure_modes import mode_timeline
-from climbplan.reports.limms.time_axis import TimeScale
+from climbplan.limms.pages.figure_modes import mode_timeline
+from climbplan.limms.pages.scene import limms_scene, scene_of_modules
+from climbplan.limms.pages.time_axis import TimeScale
+from climbplan.limms.plan.file import read_limms_plan
+from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.reports.palette import ink_on
 from climbplan.reports.scene_replay import beginning, scene_replay
-from climbplan.reports.viewer.limms_scene import limms_scene, scene_of_modules
 from climbplan.reports.viewer.scene import block, outline, polygons
-from climbplan.reports.viewer.walking_scene import walk_scene
+from climbplan.walking.pages.scene import walk_scene
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from climbplan.reports.climb.page import millimetres
+from climbplan.climb.pages.page import millimetres
 
 
 @pytest.mark.parametrize(

@@ -17,15 +17,15 @@ import numpy as np
 import pytest
 from headless_chromium import Browser, chromium_path
 
-from climbplan.bookshelf.plan_file import write_shelf_plan
-from climbplan.bookshelf.runs import run_shelf
+from climbplan.bookshelf.pages.scene import shelf_scene
+from climbplan.bookshelf.plan.file import write_shelf_plan
+from climbplan.bookshelf.planner.runs import run_shelf
+from climbplan.bookshelf.schema.loading import load_shelf
+from climbplan.climb.pages.scene import climb_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
 from climbplan.errors import UsageError
-from climbplan.reports.viewer.bookshelf_scene import shelf_scene
-from climbplan.reports.viewer.climb_scene import climb_scene
 from climbplan.reports.viewer.scene import Scene, between, polygons
-from climbplan.spec.bookshelf.loading import load_shelf
 
 pytest.importorskip("viser", reason="no viser found: the 3-D view is not tested")
 from climbplan.reports.viewer.server import Viewer  # (after the check that it can be had)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from urdf_humanoid import humanoid
 
-from climbplan.climb.proposed import Trials
+from climbplan.climb.proposed.proposed import Trials
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.proposal import bending
 from climbplan.robots.urdf.proposal.proposing import legs_of, settled

@@ -16,7 +16,7 @@ from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.model import Robot
 from climbplan.robots.urdf.capsule_fit import capsule_of, capsules_of
 from climbplan.robots.urdf.shapes import Shape
-from climbplan.spec.robots.source import load_any_robot
+from climbplan.schema.robots.source import load_any_robot
 
 SECTION = """kind: robot
 urdf: walker.urdf

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from climbplan.arrays import Array
+from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import (
@@ -20,7 +21,6 @@ from climbplan.robots.kinematics import (
 )
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.climb.loading import load_climb
 
 SPECS = Path(__file__).parents[2] / "specs"
 RADIUS = 0.03

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from climbplan.arrays import Array
+from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
 from climbplan.robots.any_robot import build_robot, without_flat_feet
 from climbplan.robots.facts import robot_facts
@@ -25,8 +26,7 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.task_robot import heading_as
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.robots.source import load_any_robot
+from climbplan.schema.robots.source import load_any_robot
 
 SPECS = Path(__file__).parents[2] / "specs"
 STEP = 1e-6

@@ -12,15 +12,11 @@ from urdf_walkers import Walker
 
 from climbplan.errors import SpecError
 from climbplan.robots.any_robot import build_robot
-from climbplan.robots.joint_dynamics import (
-    JointDynamics,
-    default_damping,
-    default_rotor_inertia,
-    dynamics_of,
-)
-from climbplan.spec.robots.source import load_any_robot
-from climbplan.spec.robots.urdf.tree import urdf_of_text
-from climbplan.spec.robots.urdf.xml import UrdfFaults
+from climbplan.robots.joint_dynamics import JointDynamics, default_damping, default_rotor_inertia
+from climbplan.robots.model import dynamics_of
+from climbplan.schema.robots.source import load_any_robot
+from climbplan.schema.robots.urdf.tree import urdf_of_text
+from climbplan.schema.robots.xml import UrdfFaults
 
 pytest.importorskip("pinocchio")
 SPECS = Path(__file__).parents[2] / "specs"

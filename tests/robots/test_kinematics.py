@@ -21,7 +21,7 @@ from climbplan.robots.kinematics import (
 )
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body, skew
-from climbplan.spec.robots.source import load_robot
+from climbplan.schema.robots.source import load_robot
 
 
 @pytest.fixture(scope="module")

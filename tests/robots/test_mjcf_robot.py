@@ -18,11 +18,11 @@ from climbplan.errors import SpecError
 from climbplan.robots.urdf.building import robot_of_urdf
 from climbplan.robots.urdf.pinocchio_model import urdf_model
 from climbplan.robots.urdf.shapes import collision_shapes
-from climbplan.spec.robots.mjcf.places import rpy
-from climbplan.spec.robots.source import load_any_robot
-from climbplan.spec.robots.urdf.source import UrdfRobot
-from climbplan.spec.robots.urdf.tree import read_urdf, urdf_of_text
-from climbplan.spec.robots.urdf.xml import UrdfFault
+from climbplan.schema.robots.mjcf.places import rpy
+from climbplan.schema.robots.source import load_any_robot
+from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.tree import read_urdf, urdf_of_text
+from climbplan.schema.robots.xml import UrdfFault
 
 mujoco = pytest.importorskip("mujoco")
 pinocchio = pytest.importorskip("pinocchio")

@@ -10,7 +10,7 @@ import pytest
 from climbplan.robots.facts import robot_facts
 from climbplan.robots.kinematics import toe_body
 from climbplan.robots.model import Robot
-from climbplan.spec.robots.source import builtin_robots, load_robot
+from climbplan.schema.robots.source import builtin_robots, load_robot
 
 
 @pytest.mark.parametrize("name", builtin_robots())

@@ -20,9 +20,9 @@ from climbplan.robots.urdf.proposal.postures import Legs
 from climbplan.robots.urdf.proposal.proposing import propose
 from climbplan.robots.urdf.proposal.refining import refined
 from climbplan.robots.urdf.proposal.settled import Proposal
-from climbplan.spec.robots.source import load_any_robot
-from climbplan.spec.robots.urdf.mimics import mimic_findings
-from climbplan.spec.robots.urdf.tree import urdf_of_text
+from climbplan.schema.robots.source import load_any_robot
+from climbplan.schema.robots.urdf.mimics import mimic_findings
+from climbplan.schema.robots.urdf.tree import urdf_of_text
 
 
 def chain(name: str, start: str, kinds: list[str]) -> str:

@@ -14,7 +14,7 @@ from climbplan.robots.gripper import wrists_at
 from climbplan.robots.kinematics import inverse, jacobian_body, toe_body
 from climbplan.robots.last_link import joint_axes_body, last_link_body
 from climbplan.robots.model import Robot
-from climbplan.spec.robots.source import load_robot, robot_text
+from climbplan.schema.robots.source import load_robot, robot_text
 
 STEP = 1e-6
 

@@ -19,7 +19,7 @@ from climbplan.robots.kinematics import (
 )
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.spec.robots.source import load_robot
+from climbplan.schema.robots.source import load_robot
 
 AXES = np.array(
     [[0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float

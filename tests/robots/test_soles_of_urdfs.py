@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from climbplan.cli.app import run
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_climb
+from climbplan.climb.simulation.replay import simulate
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.proposal.proposing import legs_of, propose
 from climbplan.simulation.conditions import NOMINAL
-from climbplan.simulation.replay import simulate
-from climbplan.spec.climb.loading import load_climb
 
 BIPED = Path(__file__).parents[2] / "specs" / "biped.urdf"
 FOOT = (

@@ -23,7 +23,7 @@ from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.stated_chains import StatedChains
 from climbplan.robots.stated_limbs import StatedLimbs
 from climbplan.robots.stated_robot import stated_limbs
-from climbplan.spec.robots.source import load_any_robot
+from climbplan.schema.robots.source import load_any_robot
 
 SPECS = Path(__file__).parents[2] / "specs"
 ROBOTS = ["silvia", "robot_walker.yaml"]

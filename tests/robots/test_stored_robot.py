@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
-from climbplan.plans.differences import largest, parts_apart
 from climbplan.robots.any_robot import build_robot
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.robots.stored import NotKept, RobotTexts, robot_texts, stored_robot
-from climbplan.spec.yaml_source import parse_yaml
+from climbplan.schema.robots.stored import NotKept, RobotTexts, robot_texts, stored_robot
+from climbplan.schema.yaml_source import parse_yaml
+from climbplan.verification.differences import largest, parts_apart
 
 SPECS = Path(__file__).parents[2] / "specs"
 WALKER = parse_yaml("kind: climb\nrobot: robot_walker.yaml\n", "spec")

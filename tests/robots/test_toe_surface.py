@@ -21,8 +21,8 @@ from climbplan.robots.urdf.proposal.proposing import legs_of
 from climbplan.robots.urdf.proposal.toes import Toe
 from climbplan.robots.urdf.shapes import collision_shapes
 from climbplan.robots.urdf.toe_surface import depth_in, exit_distance, support_of
-from climbplan.spec.robots.source import load_any_robot
-from climbplan.spec.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.source import load_any_robot
+from climbplan.schema.robots.urdf.source import UrdfRobot
 
 pytest.importorskip("pinocchio")
 coal = pytest.importorskip("coal")

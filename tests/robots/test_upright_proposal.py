@@ -10,7 +10,7 @@ import pytest
 from urdf_humanoid import humanoid
 from urdf_walkers import Walker
 
-from climbplan.climb.proposed import Trials
+from climbplan.climb.proposed.proposed import Trials
 from climbplan.errors import UsageError
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.touching_parts import parts_beside

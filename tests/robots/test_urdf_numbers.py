@@ -16,11 +16,11 @@ from climbplan.robots.any_robot import build_robot
 from climbplan.robots.model import Robot
 from climbplan.robots.urdf import pinocchio_model
 from climbplan.robots.urdf.normal_document import normal_document
-from climbplan.spec.document import Document
-from climbplan.spec.robots.source import load_any_robot
-from climbplan.spec.robots.urdf.model import UrdfRobotSpec
-from climbplan.spec.robots.urdf.source import UrdfRobot
-from climbplan.spec.robots.urdf.tree import read_urdf
+from climbplan.schema.document import Document
+from climbplan.schema.robots.source import load_any_robot
+from climbplan.schema.robots.urdf.model import UrdfRobotSpec
+from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.tree import read_urdf
 
 SECTION = """kind: robot
 urdf: walker.urdf

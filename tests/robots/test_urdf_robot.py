@@ -19,8 +19,8 @@ from climbplan.robots.any_robot import assumptions, build_robot
 from climbplan.robots.kinematics import inverse, joint_points_body, toe_body
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.spec.robots.source import load_any_robot
-from climbplan.spec.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.source import load_any_robot
+from climbplan.schema.robots.urdf.source import UrdfRobot
 
 
 def section(walker: Walker, **values: Any) -> dict[str, Any]:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from urdf_walkers import Walker
 
-from climbplan.spec.robots.source import load_any_robot
-from climbplan.spec.robots.urdf.source import UrdfRobot
-from climbplan.spec.walking.loading import load_mpc
-from climbplan.walking.plan import WalkPlan
-from climbplan.walking.planner import plan_walk
+from climbplan.schema.robots.source import load_any_robot
+from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.walking.plan.walk_plan import WalkPlan
+from climbplan.walking.planner.planner import plan_walk
+from climbplan.walking.schema.loading import load_mpc
 
 WALK = """
 kind: mpc

@@ -13,7 +13,7 @@ from climbplan.scan.cleaning import cleaned
 from climbplan.scan.holds import Grasping
 from climbplan.scan.raw import RawScan, ScanError, mesh
 from climbplan.scan.study import scan_of
-from climbplan.spec.climb.terrain import RegionSpec
+from climbplan.schema.terrain.terrain import RegionSpec
 from climbplan.terrain.holds import hold_on
 
 SCAN = scan_of(Path("cubes.stl"), [])

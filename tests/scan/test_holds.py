@@ -17,7 +17,7 @@ from climbplan.scan.raw import RawScan, ScanError
 from climbplan.scan.reading import read_scan
 from climbplan.scan.relief import surface_of_cloud
 from climbplan.scan.study import scan_of
-from climbplan.spec.climb.panel import PanelSpec
+from climbplan.schema.terrain.panel import PanelSpec
 from climbplan.terrain.holds import panel_frame
 
 GRASPING = Grasping(opening=0.06, depth=0.015)

@@ -17,7 +17,7 @@ from climbplan.scan import cleaning, heights
 from climbplan.scan.cleaning import unique_rows
 from climbplan.scan.raw import RawScan, ScanError
 from climbplan.scan.reading import read_scan
-from climbplan.spec.climb.scan import ScanSpec
+from climbplan.schema.terrain.scan import ScanSpec
 
 
 def _pcd(count: str) -> bytes:

@@ -16,7 +16,7 @@ from climbplan.errors import ExitCode
 from climbplan.scan.cleaning import areas
 from climbplan.scan.raw import ScanError
 from climbplan.scan.reading import read_scan
-from climbplan.spec.climb.scan import ScanSpec
+from climbplan.schema.terrain.scan import ScanSpec
 
 HEADER = (
     "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"

@@ -15,7 +15,7 @@ from climbplan.scan.convex import convex_pieces, peeled
 from climbplan.scan.distances import segment_distances
 from climbplan.scan.fitting import FoundRegion, found_regions
 from climbplan.scan.raw import RawScan
-from climbplan.spec.climb.scan import ScanSpec
+from climbplan.schema.terrain.scan import ScanSpec
 
 SPEC = ScanSpec(file="unread", toe_radius=ROOM)
 LEAST_COVERAGE = 0.85

@@ -10,8 +10,8 @@ from short_climb import SHORT_CLIMB
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
-from climbplan.climb.planner import plan_climb
-from climbplan.spec.climb.loading import load_text
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_text
 
 Planned = Callable[..., ClimbPlan]
 

@@ -11,17 +11,18 @@ import pytest
 from urdf_walkers import QUADRUPED
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_climb
+from climbplan.climb.simulation.comparison import compare, find_slips
+from climbplan.climb.simulation.control.feedforward import limb_weight_torques
+from climbplan.climb.simulation.model.chain_limb import motor_names
+from climbplan.climb.simulation.model.mjcf import build_mjcf, link_mass
+from climbplan.climb.simulation.replay import simulate
 from climbplan.robots.kinematics import joint_points_body, toe_world
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.chain_limb import motor_names
-from climbplan.simulation.comparison import compare, find_slips
+from climbplan.schema.examples import example_data, example_text
 from climbplan.simulation.conditions import NOMINAL, Conditions
-from climbplan.simulation.feedforward import limb_weight_torques
-from climbplan.simulation.model import build_mjcf, link_mass, motor_stiffness
-from climbplan.simulation.replay import simulate
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.examples import example_data, example_text
+from climbplan.simulation.motors import motor_stiffness
 
 SHORT = ["task.rounds=1", "task.goal.com=[0,0,0.05]", "trajectory.speed=0.005"]
 

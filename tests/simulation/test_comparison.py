@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from climbplan.arrays import Array
-from climbplan.simulation.comparison import Comparison
-from climbplan.simulation.study import Simulated, headline
+from climbplan.climb.simulation.comparison import Comparison
+from climbplan.climb.simulation.study import Simulated, headline
 
 
 def comparison(torque: Array, planned: Array) -> Comparison:
@@ -28,7 +28,7 @@ def comparison(torque: Array, planned: Array) -> Comparison:
 def told(compared: Comparison) -> str:
     run = SimpleNamespace(fallen=False, time=np.ones(1))
     found: Any = SimpleNamespace(run=run, compared=compared)
-    return headline(cast(Simulated, found))
+    return headline(cast("Simulated", found))
 
 
 def test_torques_of_a_small_robot_are_compared() -> None:

@@ -12,9 +12,9 @@ from a1_specs import GROUND_TO_WALLS as WALLS
 
 from climbplan.api.second_engine import simulate_in_drake
 from climbplan.cli.app import run
+from climbplan.schema.examples import example_data, example_text
 from climbplan.simulation.drake.report import report_dict
 from climbplan.simulation.drake.settings import Settings
-from climbplan.spec.examples import example_data, example_text
 
 MAX_END_MM = 15.0  # of the base from its plan, as planned
 MAX_TOE_DEPTH = 3e-3  # [m] in surfaces: shipped robots end in round pins of that radius

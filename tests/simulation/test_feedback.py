@@ -10,15 +10,15 @@ import pytest
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.simulation.control.odometry import standing
+from climbplan.climb.simulation.control.regulator import Regulator, between_toes
+from climbplan.climb.simulation.replay import simulate
+from climbplan.climb.simulation.worlds.world import nominal_world
 from climbplan.mechanics.stiffness import limb_compliance
-from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.kinematics import rigid_motion
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import NOMINAL, Conditions, regulated
-from climbplan.simulation.odometry import standing
-from climbplan.simulation.regulator import Regulator, between_toes
-from climbplan.simulation.replay import simulate
-from climbplan.simulation.worlds.world import nominal_world
 
 Planned = Callable[..., ClimbPlan]
 

@@ -12,21 +12,21 @@ import pytest
 from climbplan.cli.app import run
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_climb
+from climbplan.climb.simulation.comparison import compare
+from climbplan.climb.simulation.control.feedforward import _by_differences, limb_weight_torques
+from climbplan.climb.simulation.grips.grip_sharing import shared_at_best
+from climbplan.climb.simulation.model.chain_limb import motor_names
+from climbplan.climb.simulation.model.linkage_limb import elbow_angles
+from climbplan.climb.simulation.model.mjcf import build_mjcf, link_mass
+from climbplan.climb.simulation.replay import simulate
 from climbplan.mechanics.grip import grip_cones
-from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.chain_limb import motor_names
-from climbplan.simulation.comparison import compare
 from climbplan.simulation.conditions import NOMINAL
-from climbplan.simulation.feedforward import _by_differences, limb_weight_torques
-from climbplan.simulation.grip_sharing import shared_at_best
-from climbplan.simulation.linkage_limb import elbow_angles
-from climbplan.simulation.model import build_mjcf, link_mass
-from climbplan.simulation.replay import simulate
-from climbplan.spec.climb.loading import load_climb
 
 SPECS = Path(__file__).parents[2] / "specs"
 SHORT = ["task.rounds=1", "task.goal.com=[0,-0.3595,0.075]"]

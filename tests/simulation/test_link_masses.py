@@ -11,21 +11,22 @@ import pinocchio as pin
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_climb
+from climbplan.climb.simulation.control.feedforward import limb_weight_torques, limb_weight_wrench
+from climbplan.climb.simulation.model.chain_limb import motor_names
+from climbplan.climb.simulation.model.link_masses import LinkMasses, link_masses
+from climbplan.climb.simulation.model.mjcf import build_mjcf
+from climbplan.climb.simulation.study import simulate_plan
 from climbplan.errors import UsageError
-from climbplan.reports.replay import sample_instants, true_angles
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
-from climbplan.simulation.chain_limb import motor_names
+from climbplan.schema.robots.source import load_any_robot
+from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.simulation.asked import Asked
 from climbplan.simulation.conditions import NOMINAL, Conditions, require_possible
-from climbplan.simulation.feedforward import limb_weight_torques, limb_weight_wrench
-from climbplan.simulation.link_masses import LinkMasses, link_masses
-from climbplan.simulation.model import build_mjcf
-from climbplan.simulation.study import Asked, simulate_plan
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.robots.source import load_any_robot
-from climbplan.spec.robots.urdf.source import UrdfRobot
 
 SPECS = Path(__file__).parents[2] / "specs"
 

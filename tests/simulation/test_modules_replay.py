@@ -13,21 +13,21 @@ from typer.testing import CliRunner
 
 from climbplan.cli.app import app
 from climbplan.errors import UsageError
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.plan_file import write_limms_plan
-from climbplan.limms.planner import plan_limms
-from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.modules.comparison import compare_modules
-from climbplan.simulation.modules.model import light_share, simulated_module
-from climbplan.simulation.modules.replay import ModuleRun, simulate_modules
-from climbplan.simulation.modules.study import (
+from climbplan.limms.plan.file import write_limms_plan
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.planner.planner import plan_limms
+from climbplan.limms.schema.loading import load_limms
+from climbplan.limms.simulation.comparison import compare_modules
+from climbplan.limms.simulation.model import light_share, simulated_module
+from climbplan.limms.simulation.replay import ModuleRun, simulate_modules
+from climbplan.limms.simulation.study import (
     SimulatedModules,
     end_of,
     headline,
     simulate_module_plan,
 )
-from climbplan.simulation.study import Asked
-from climbplan.spec.limms.loading import load_limms
+from climbplan.simulation.asked import Asked
+from climbplan.simulation.conditions import Conditions
 
 pytest.importorskip("mujoco")
 SPECS = Path(__file__).parents[2] / "specs"

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.reports.replay import sample_instants, true_angles
+from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.simulation.control.regulator import JointOdometry
+from climbplan.climb.simulation.replay import simulate
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import Conditions, Regulated
-from climbplan.simulation.regulator import JointOdometry
-from climbplan.simulation.replay import simulate
 
 Planned = Callable[..., ClimbPlan]
 

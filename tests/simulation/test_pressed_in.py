@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.schema.transition_loading import load_transition
+from climbplan.climb.simulation.comparison import compare
+from climbplan.climb.simulation.replay import simulate
 from climbplan.climb.transition.planner import plan_transition
-from climbplan.simulation.comparison import compare
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.replay import simulate
-from climbplan.spec.climb.transition_loading import load_transition
 
 Planned = Callable[..., ClimbPlan]
 BRICKS = Path(__file__).parents[2] / "specs" / "transition_bricks.yaml"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.rolling import rolled
+from climbplan.simulation.measures import rolled
 
 RADIUS = 0.02
 

@@ -14,16 +14,12 @@ import pytest
 from climbplan.cli.simulate import Scaled, scaled
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
+from climbplan.climb.simulation.model.mjcf import build_mjcf
+from climbplan.climb.simulation.statics.playback import machine_of, prepare
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.robots.joint_dynamics import dynamics_of
+from climbplan.robots.model import dynamics_of
 from climbplan.simulation.conditions import NOMINAL, Conditions
-from climbplan.simulation.model import (
-    build_mjcf,
-    joint_damping,
-    motor_damping,
-    rotor_inertia,
-)
-from climbplan.simulation.statics.playback import machine_of, prepare
+from climbplan.simulation.motors import joint_damping, motor_damping, rotor_inertia
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -10,15 +10,17 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.schema.transition_loading import load_transition
+from climbplan.climb.simulation.comparison import compare, find_losses, find_slips
+from climbplan.climb.simulation.instants import instant_samples
+from climbplan.climb.simulation.model.mjcf import build_mjcf
+from climbplan.climb.simulation.replay import simulate
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.comparison import compare, find_losses, find_slips
 from climbplan.simulation.conditions import NOMINAL, Conditions, ContactLoss
-from climbplan.simulation.instants import instant_samples
-from climbplan.simulation.model import build_mjcf, motor_stiffness
-from climbplan.simulation.replay import planned_tilt, simulate
-from climbplan.spec.climb.transition_loading import load_transition
+from climbplan.simulation.measures import planned_tilt
+from climbplan.simulation.motors import motor_stiffness
 from climbplan.terrain.surfaces import Region, Tube
 
 SPECS = Path(__file__).parents[2] / "specs"

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.simulation.comparison import LEAST_HELD, find_slips
+from climbplan.climb.simulation.comparison import LEAST_HELD, find_slips
+from climbplan.climb.simulation.control.planned_pressure import planned_pressure
+from climbplan.climb.simulation.instants import instant_samples
+from climbplan.climb.simulation.replay import Run, simulate
 from climbplan.simulation.conditions import NOMINAL
-from climbplan.simulation.instants import instant_samples
-from climbplan.simulation.planned_pressure import planned_pressure
-from climbplan.simulation.replay import Run, simulate
 
 Planned = Callable[..., ClimbPlan]
 LIMB = 1  # the second to move

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.simulation.replay import simulate
+from climbplan.climb.simulation.start import set_up
+from climbplan.climb.simulation.worlds.ground import moved_terrain
+from climbplan.climb.simulation.worlds.world import nominal_world
 from climbplan.robots.kinematics import toe_world
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.replay import simulate
-from climbplan.simulation.start import set_up
-from climbplan.simulation.worlds.ground import moved_terrain
-from climbplan.simulation.worlds.world import nominal_world
 
 Planned = Callable[..., ClimbPlan]
 

@@ -9,9 +9,10 @@ from functools import partial
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.simulation.sweep import Sweep, sweep
+from climbplan.climb.simulation.variations import climb_trial, drawn_conditions
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.sweep import Sweep, sweep
-from climbplan.simulation.variations import Share, climb_trial, drawn_conditions, run_trials
+from climbplan.simulation.trials import Share, run_trials
 
 Planned = Callable[..., ClimbPlan]
 

@@ -11,11 +11,11 @@ from urdf_walkers import Walker
 from walking_urdf import WALK, write_robot
 
 from climbplan.simulation.conditions import NOMINAL
-from climbplan.simulation.walking.whole_replay import simulate_whole
-from climbplan.spec.walking.loading import load_mpc
-from climbplan.walking.plan import WalkPlan
-from climbplan.walking.plan_file import read_walk_plan, write_walk_plan
-from climbplan.walking.planner import plan_walk
+from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
+from climbplan.walking.plan.walk_plan import WalkPlan
+from climbplan.walking.planner.planner import plan_walk
+from climbplan.walking.schema.loading import load_mpc
+from climbplan.walking.simulation.whole_replay import simulate_whole
 
 
 @pytest.fixture(scope="module", name="plan")

@@ -10,16 +10,16 @@ import pytest
 
 from climbplan.errors import UsageError
 from climbplan.robots.rotations import rotation_world_body
+from climbplan.simulation.asked import Asked
 from climbplan.simulation.conditions import NOMINAL, Conditions, ContactLoss
-from climbplan.simulation.study import Asked
-from climbplan.simulation.walking.comparison import compare_walk
-from climbplan.simulation.walking.reference import walk_reference
-from climbplan.simulation.walking.replay import euler_angles, simulate_walk
-from climbplan.simulation.walking.study import simulate_walk_plan, tell
-from climbplan.spec.walking.loading import load_mpc
 from climbplan.walking.check.truth import continuous_rollout
-from climbplan.walking.plan import WalkPlan
-from climbplan.walking.planner import plan_walk
+from climbplan.walking.plan.walk_plan import WalkPlan
+from climbplan.walking.planner.planner import plan_walk
+from climbplan.walking.schema.loading import load_mpc
+from climbplan.walking.simulation.comparison import compare_walk
+from climbplan.walking.simulation.reference import walk_reference
+from climbplan.walking.simulation.replay import euler_angles, simulate_walk
+from climbplan.walking.simulation.study import simulate_walk_plan, tell
 
 FORWARD = Path(__file__).parents[2] / "specs" / "mpc_forward.yaml"
 

@@ -13,15 +13,15 @@ from walking_urdf import planned_walk
 from climbplan.cli.simulate import parsed_push
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.walking_body import TO_WALKING
+from climbplan.simulation.asked import Asked
 from climbplan.simulation.conditions import NOMINAL, Conditions
-from climbplan.simulation.study import Asked
-from climbplan.simulation.walking.whole_reference import WholeReference
-from climbplan.simulation.walking.whole_replay import Pushed, WholeRun, simulate_whole
-from climbplan.simulation.walking.whole_robot import whole_model, whole_robot
-from climbplan.simulation.walking.whole_study import simulate_whole_plan, tell
-from climbplan.walking.ground import Ground
-from climbplan.walking.plan import WalkPlan
-from climbplan.walking.swing_way import held_back
+from climbplan.walking.plan.swing_way import held_back
+from climbplan.walking.plan.walk_plan import WalkPlan
+from climbplan.walking.simulation.whole_reference import WholeReference
+from climbplan.walking.simulation.whole_replay import Pushed, WholeRun, simulate_whole
+from climbplan.walking.simulation.whole_robot import whole_model, whole_robot
+from climbplan.walking.simulation.whole_study import simulate_whole_plan, tell
+from climbplan.walking.task.ground import Ground
 
 mujoco = pytest.importorskip("mujoco")
 pytest.importorskip("pinocchio")

@@ -132,7 +132,7 @@ def _sqp() -> object:
 
 def _shelf() -> object:
     from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
-    from climbplan.bookshelf.scene import Scene, Shelf
+    from climbplan.bookshelf.scene.shelf_scene import Scene, Shelf
 
     rng = np.random.default_rng(3)
     count = 9

@@ -9,7 +9,7 @@ import pytest
 from brute_force import brute_force
 from random_scenes import stepping_scene, tiny_instance
 
-from climbplan.exports.instances.free_flyer import free_flyer_problem
+from climbplan.instances.free_flyer import free_flyer_problem
 from climbplan.methods.pinning import at_point
 from climbplan.program import Instance, Polytope, Program
 from climbplan.solvers.result import Known, relative_gap

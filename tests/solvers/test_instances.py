@@ -20,9 +20,9 @@ from benchmarks.instances.run import (
     solved_by,
 )
 from climbplan.errors import UsageError
-from climbplan.exports.instances import check_solution as checker
-from climbplan.exports.instances.families import FAMILIES, LEVELS, Named, the_set
-from climbplan.exports.instances.writing import file_point, known_values, write_set
+from climbplan.instances import check_solution as checker
+from climbplan.instances.families import FAMILIES, LEVELS, Named, the_set
+from climbplan.instances.writing import file_point, known_values, write_set
 from climbplan.solvers.registry import solve
 from climbplan.solvers.tree.normal_form import normal_form
 from climbplan.solvers.tree.search import TreeSearch
@@ -154,7 +154,7 @@ def test_known_values_are_of_the_set_and_hold() -> None:
 
 def test_a_comparison_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     own = [f for f in FAMILIES if f.name == "free-flyers"]
-    monkeypatch.setattr("climbplan.exports.instances.families.FAMILIES", own)
+    monkeypatch.setattr("climbplan.instances.families.FAMILIES", own)
     bench_instances(0, False, io.StringIO(), tmp_path, 1, 1.0, "scip,highs")
     first = (tmp_path / "results.csv").read_text()
     assert len(first.splitlines()) == 7

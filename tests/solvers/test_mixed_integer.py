@@ -10,7 +10,7 @@ from random_programs import random_program
 from scipy import sparse
 
 from climbplan.errors import UsageError
-from climbplan.exports.instances.cart_pole import MOST, PUSHED, walled_cart_pole
+from climbplan.instances.cart_pole import MOST, PUSHED, walled_cart_pole
 from climbplan.methods.pinning import at_point
 from climbplan.program import Program
 from climbplan.program.instance import Instance

@@ -8,8 +8,8 @@ from scipy.optimize import minimize
 
 from climbplan.errors import UsageError
 from climbplan.robots.model import Robot
-from climbplan.spec.climb.terrain import TerrainSpec
-from climbplan.spec.robots.source import load_robot
+from climbplan.schema.robots.source import load_robot
+from climbplan.schema.terrain.terrain import TerrainSpec
 from climbplan.terrain.model import build_terrain
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Tube

@@ -11,16 +11,16 @@ from scipy.interpolate import CubicHermiteSpline
 
 from climbplan.errors import SpecError
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.robots.leg_pairs import in_pairs
-from climbplan.spec.walking.loading import load_body, load_mpc
+from climbplan.schema.robots.leg_pairs import in_pairs
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.check.speed import leg_speeds
 from climbplan.walking.check.truth import euler_rates
-from climbplan.walking.plan import WalkPlan
-from climbplan.walking.plan_file import read_walk_plan, write_walk_plan
-from climbplan.walking.planner import plan_walk, solve_task
-from climbplan.walking.swing_way import along, arch
-from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY
+from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
+from climbplan.walking.plan.swing_way import along, arch
+from climbplan.walking.plan.walk_plan import WalkPlan
+from climbplan.walking.planner.planner import plan_walk, solve_task
+from climbplan.walking.schema.loading import load_body, load_mpc
+from climbplan.walking.task.task import ANGLES, POSITION, SPIN, VELOCITY
 
 SPEC = Path(__file__).parents[2] / "specs" / "mpc_hexapod.yaml"
 

@@ -12,7 +12,7 @@ from walking_urdf import walking_robot
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.proposal.walk_document import STANCE, walk_document
 from climbplan.robots.urdf.walking_body import WalkingBody, walking_body
-from climbplan.walking.swing_effort import swing_effort
+from climbplan.walking.planner.swing_effort import swing_effort
 
 pytest.importorskip("pinocchio")
 

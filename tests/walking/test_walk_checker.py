@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from walk_tasks import named, walk_task
 
-from climbplan.plans.verification import Verification
+from climbplan.verification.verification import Verification
 from climbplan.walking.check.checker import LIMITS, check_trajectory, failures
 from climbplan.walking.offline.sqp import solve_gait
-from climbplan.walking.task import Gait, WalkTask, WalkTrajectory
+from climbplan.walking.task.task import Gait, WalkTask, WalkTrajectory
 
 
 @cache

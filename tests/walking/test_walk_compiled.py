@@ -9,14 +9,14 @@ import pytest
 from walk_tasks import LEGS, named, shorter, walk_task
 
 from climbplan.walking.check.truth import continuous_rollout, toes_in_body
-from climbplan.walking.cost import objective
-from climbplan.walking.footing import footing_of
+from climbplan.walking.dynamics.cost import objective
 from climbplan.walking.kernels.feet import worst_beyond, worst_standing
 from climbplan.walking.kernels.footing import left_of
 from climbplan.walking.kernels.rollouts import rolled
+from climbplan.walking.offline.footing import footing_of
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.offline.sqp import guess, rolled_out
-from climbplan.walking.task import STATE, Gait, WalkTask
+from climbplan.walking.task.task import STATE, Gait, WalkTask
 
 RNG = np.random.default_rng(8)
 TASK = shorter(walk_task(integrator="mean", whole_stance=True), 5)

@@ -10,14 +10,14 @@ import pytest
 from walk_tasks import LEGS, named, shorter, stairs_task, walk_task
 
 from climbplan.walking.check.truth import knot_rollout
-from climbplan.walking.cost import objective
-from climbplan.walking.dynamics import BodyNumbers, knot_step, net_load, plain_knot_step
-from climbplan.walking.footing import gait_of
+from climbplan.walking.dynamics.cost import objective
+from climbplan.walking.dynamics.dynamics import BodyNumbers, knot_step, net_load, plain_knot_step
 from climbplan.walking.kernels.footing import HELD, SWINGING, stance_phases
+from climbplan.walking.offline.footing import gait_of
 from climbplan.walking.offline.gait_moves import contact_moves, region_moves
 from climbplan.walking.offline.gaits import mirror_even, mirrored
 from climbplan.walking.offline.pinned import PinnedProgram
-from climbplan.walking.task import STATE, Integrator
+from climbplan.walking.task.task import STATE, Integrator
 
 RNG = np.random.default_rng(9)
 

@@ -12,20 +12,20 @@ from pydantic import ValidationError
 from climbplan.datasets.verification import verify
 from climbplan.datasets.work import make_row
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.plans.dataset import Dataset
-from climbplan.plans.dataset_file import read_dataset_file, write_dataset_file
-from climbplan.plans.dataset_row import dataset_of
-from climbplan.spec.datasets.walks import WalksProblemSpec, WorldRangesSpec
-from climbplan.spec.walking.loading import load_body
+from climbplan.store.dataset import Dataset
+from climbplan.store.dataset_file import read_dataset_file, write_dataset_file
+from climbplan.store.dataset_row import dataset_of
 from climbplan.walking.check.checker import check_trajectory, failures
-from climbplan.walking.dataset_rows import WalkRows, task_of_frame, walk_of
-from climbplan.walking.draws import TREADS, in_world
 from climbplan.walking.online.dataset_library import is_dataset, library_of_dataset
+from climbplan.walking.online.dataset_rows import WalkRows, task_of_frame, walk_of
 from climbplan.walking.online.features import feature_count
 from climbplan.walking.online.library import SECTION, sections_of
 from climbplan.walking.online.run import library_key
-from climbplan.walking.problem import build_task
-from climbplan.walking.task import Gait, WalkTrajectory
+from climbplan.walking.problem.draws import TREADS, in_world
+from climbplan.walking.problem.problem import build_task
+from climbplan.walking.schema.dataset import WalksProblemSpec, WorldRangesSpec
+from climbplan.walking.schema.loading import load_body
+from climbplan.walking.task.task import Gait, WalkTrajectory
 
 SPEC = WalksProblemSpec.model_validate(
     {

@@ -21,13 +21,13 @@ from climbplan.walking.check.truth import (
     knot_step,
     runge_kutta,
 )
-from climbplan.walking.dynamics import BodyNumbers, net_load
-from climbplan.walking.dynamics import derivative as symbolic_rates
-from climbplan.walking.dynamics import knot_step as symbolic_step
+from climbplan.walking.dynamics.dynamics import BodyNumbers, net_load
+from climbplan.walking.dynamics.dynamics import derivative as symbolic_rates
+from climbplan.walking.dynamics.dynamics import knot_step as symbolic_step
 from climbplan.walking.kernels import compiling, step
 from climbplan.walking.kernels.knots import knots_rolled
 from climbplan.walking.kernels.step import linearised
-from climbplan.walking.task import ANGLES, SPIN, STATE, VELOCITY, Integrator
+from climbplan.walking.task.task import ANGLES, SPIN, STATE, VELOCITY, Integrator
 
 RNG = np.random.default_rng(5)
 # Products of inertia, which the shipped body has none of

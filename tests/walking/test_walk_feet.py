@@ -9,9 +9,9 @@ import pytest
 from walking_urdf import walking_robot
 
 from climbplan.errors import SpecError
-from climbplan.spec.walking.model import MpcSpec
-from climbplan.walking.problem import build_task
-from climbplan.walking.task import WalkTask
+from climbplan.walking.problem.problem import build_task
+from climbplan.walking.schema.model import MpcSpec
+from climbplan.walking.task.task import WalkTask
 
 pytest.importorskip("pinocchio")
 

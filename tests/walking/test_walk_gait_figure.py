@@ -9,11 +9,11 @@ import pytest
 from matplotlib.text import Text
 
 from benchmarks.walking.shipped_tasks import shipped
-from climbplan.reports.walking.figure_loop import even_runs, loop_gait, push_times
-from climbplan.reports.walking.figure_walk import snapshots, tracking
-from climbplan.reports.walking.report import drawn_figures
 from climbplan.walking.online.run import run_online
-from climbplan.walking.plan import LoopRecord, WalkPlan
+from climbplan.walking.pages.figure_loop import even_runs, loop_gait, push_times
+from climbplan.walking.pages.figure_walk import snapshots, tracking
+from climbplan.walking.pages.report import drawn_figures
+from climbplan.walking.plan.walk_plan import LoopRecord, WalkPlan
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,6 @@ from pydantic import ValidationError
 from walk_tasks import LEGS, walk_task
 
 from climbplan.errors import LimitReached, SpecError
-from climbplan.spec.walking.loading import load_mpc
-from climbplan.spec.walking.model import MpcSpec
 from climbplan.walking.check.checker import check_loop, failures
 from climbplan.walking.online.admittance import AdmittanceGains, AdmittanceLegs, limited
 from climbplan.walking.online.choice import SAFE, Command
@@ -25,8 +23,10 @@ from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.perception import Noise
 from climbplan.walking.online.run import world_of
 from climbplan.walking.online.tick import OnlineController, OnlineSettings
-from climbplan.walking.problem import sampled_task
-from climbplan.walking.task import VELOCITY
+from climbplan.walking.problem.problem import sampled_task
+from climbplan.walking.schema.loading import load_mpc
+from climbplan.walking.schema.model import MpcSpec
+from climbplan.walking.task.task import VELOCITY
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
 

@@ -7,14 +7,14 @@ import pytest
 from walk_tasks import named, shorter, stairs_task, walk_task
 
 from climbplan.walking.check.checker import check_trajectory, failures
-from climbplan.walking.draws import StartRanges, drawn_start
-from climbplan.walking.footing import footing_of, gait_of
 from climbplan.walking.kernels.footing import SWINGING
+from climbplan.walking.offline.footing import footing_of, gait_of
 from climbplan.walking.offline.gaits import starting_gaits
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.offline.sqp import iterate_of, rolled_out, solve_gait
+from climbplan.walking.problem.draws import StartRanges, drawn_start
 
 RNG = np.random.default_rng(7)
 

@@ -12,9 +12,7 @@ from walk_tasks import shorter, stairs_task, walk_task
 
 from benchmarks.walking.given_gait import bound_of_gait
 from climbplan.solvers.highs.model import highs, rows_model
-from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.check.checker import LIMITS, check_trajectory, failures
-from climbplan.walking.draws import StartRanges, drawn_start
 from climbplan.walking.micp.frame import Frame
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.method import solve_micp
@@ -23,6 +21,8 @@ from climbplan.walking.micp.ranges import Box, ranges_below
 from climbplan.walking.micp.shrinking import shrunk
 from climbplan.walking.micp.statement import relaxation
 from climbplan.walking.micp.tube import tube_about
+from climbplan.walking.plan.answer import WalkAnswer
+from climbplan.walking.problem.draws import StartRanges, drawn_start
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -15,7 +15,7 @@ from walk_tasks import shorter, stairs_task, walk_task
 from climbplan.arrays import BoolArray
 from climbplan.solvers.highs.model import highs, rows_model, run_highs
 from climbplan.walking.check.checker import check_trajectory, failures
-from climbplan.walking.cost import objective
+from climbplan.walking.dynamics.cost import objective
 from climbplan.walking.micp import parts as parts_of_tubes
 from climbplan.walking.micp import relaxed as relaxed_programs
 from climbplan.walking.micp.bounding import Bounding
@@ -39,7 +39,7 @@ from climbplan.walking.micp.steps import step
 from climbplan.walking.micp.tree import Search
 from climbplan.walking.micp.tube import tube_about
 from climbplan.walking.offline.search import SearchLimits, search
-from climbplan.walking.task import Gait, WalkTrajectory
+from climbplan.walking.task.task import Gait, WalkTrajectory
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from climbplan.walking.micp.motion import Motion
 from climbplan.walking.micp.relaxed import linear
 from climbplan.walking.micp.smooth import Function, sine, straight
 from climbplan.walking.micp.tube import Tube, tube_about, turning
-from climbplan.walking.task import WalkTask
+from climbplan.walking.task.task import WalkTask
 
 
 def swaying(task: WalkTask, *rolls: float) -> Array:

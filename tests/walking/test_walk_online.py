@@ -29,8 +29,8 @@ from climbplan.walking.online.run import library_key
 from climbplan.walking.online.safe_stance import safe_stance
 from climbplan.walking.online.strategies import Neighbours, StrategyName, trained
 from climbplan.walking.online.tick import OnlineController, OnlineSettings, horizon_of
-from climbplan.walking.problem import sampled_task
-from climbplan.walking.task import VELOCITY, Start, WalkTask
+from climbplan.walking.problem.problem import sampled_task
+from climbplan.walking.task.task import VELOCITY, Start, WalkTask
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
 

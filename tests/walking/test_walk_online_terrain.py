@@ -11,8 +11,6 @@ import pytest
 from pydantic import ValidationError
 
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.walking.loading import load_body
-from climbplan.spec.walking.model import MpcSpec
 from climbplan.walking.check.checker import check_loop, failures
 from climbplan.walking.check.terrain import ground_at
 from climbplan.walking.kernels.regions import best_region, nearest_regions
@@ -22,8 +20,10 @@ from climbplan.walking.online.library import build_library
 from climbplan.walking.online.run import library_key
 from climbplan.walking.online.safe_stance import braced_forces
 from climbplan.walking.online.tick import OnlineController, OnlineSettings, horizon_of
-from climbplan.walking.problem import build_task, sampled_task
-from climbplan.walking.task import WalkTask
+from climbplan.walking.problem.problem import build_task, sampled_task
+from climbplan.walking.schema.loading import load_body
+from climbplan.walking.schema.model import MpcSpec
+from climbplan.walking.task.task import WalkTask
 
 STONES = {
     "edge": 0.01,

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from climbplan.errors import LimitReached, PlanFileError
-from climbplan.spec.walking.loading import load_mpc
 from climbplan.walking.check.verification import verify, verify_and_mark
-from climbplan.walking.plan_file import read_walk_plan, write_walk_plan
-from climbplan.walking.planner import plan_walk
-from climbplan.walking.trajectory_csv import export_csv
+from climbplan.walking.exports.trajectory_csv import export_csv
+from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
+from climbplan.walking.planner.planner import plan_walk
+from climbplan.walking.schema.loading import load_mpc
 
 SPEC = """\
 kind: mpc

@@ -19,7 +19,7 @@ from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.tick import OnlineController, OnlineSettings
 from climbplan.walking.published.program import PublishedProgram
 from climbplan.walking.published.rows import ChangingRows
-from climbplan.walking.task import Integrator, Start
+from climbplan.walking.task.task import Integrator, Start
 
 RNG = np.random.default_rng(3)
 

@@ -10,7 +10,6 @@ from walk_tasks import LEGS, named, shorter, walk_task
 
 from benchmarks.walking.recovery_study import Study, run_study
 from climbplan.arrays import Array
-from climbplan.spec.walking.model import MpcSpec
 from climbplan.walking.check.checker import LOOP_LIMITS
 from climbplan.walking.check.truth import knot_step, toes_in_body
 from climbplan.walking.kernels.body import moved
@@ -23,7 +22,8 @@ from climbplan.walking.online.legs import EDGE, Phase, Stance, landed, standing
 from climbplan.walking.online.library import Library, build_library
 from climbplan.walking.online.run import settings_of, world_of
 from climbplan.walking.online.tick import OnlineController, OnlineSettings
-from climbplan.walking.task import POSITION, VELOCITY, Start
+from climbplan.walking.schema.model import MpcSpec
+from climbplan.walking.task.task import POSITION, VELOCITY, Start
 
 TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
 

@@ -10,24 +10,24 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from climbplan.spec.robots.rigid_body import RigidBodySpec
-from climbplan.spec.walking.loading import load_body
-from climbplan.spec.walking.model import MpcSpec
-from climbplan.spec.walking.terrain import SteppingStonesSpec
+from climbplan.schema.robots.rigid_body import RigidBodySpec
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.check.terrain import to_clear
-from climbplan.walking.gaps import farthest_apart, widest_gap
-from climbplan.walking.ground import Ground
 from climbplan.walking.kernels.ways import swing_heights
 from climbplan.walking.offline.gaits import cycle, with_regions
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.offline.sqp import iterate_of, solve_gait
-from climbplan.walking.problem import build_ground, build_task
-from climbplan.walking.stones import drawn_stones
-from climbplan.walking.task import Goal, WalkTask, WalkTrajectory
-from climbplan.walking.task_facts import facts_of, task_of
+from climbplan.walking.planner.gaps import farthest_apart, widest_gap
+from climbplan.walking.problem.problem import build_ground, build_task
+from climbplan.walking.schema.loading import load_body
+from climbplan.walking.schema.model import MpcSpec
+from climbplan.walking.schema.terrain import SteppingStonesSpec
+from climbplan.walking.task.facts import facts_of, task_of
+from climbplan.walking.task.ground import Ground
+from climbplan.walking.task.stones import drawn_stones
+from climbplan.walking.task.task import Goal, WalkTask, WalkTrajectory
 
 RAMP = {
     "regions": [

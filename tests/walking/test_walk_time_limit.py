@@ -11,14 +11,14 @@ import pytest
 from walk_tasks import named, walk_task
 
 from climbplan.errors import LimitReached
-from climbplan.spec.walking.loading import load_mpc
-from climbplan.spec.walking.solver import WalkSolverSpec, WalkTubeSpec
-from climbplan.walking import planner
-from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.offline import search as searching
 from climbplan.walking.offline.search import SearchLimits, _Search
 from climbplan.walking.offline.sqp import GaitAnswer
-from climbplan.walking.task import STATE, WalkTask, WalkTrajectory
+from climbplan.walking.plan.answer import WalkAnswer
+from climbplan.walking.planner import planner
+from climbplan.walking.schema.loading import load_mpc
+from climbplan.walking.schema.solver import WalkSolverSpec, WalkTubeSpec
+from climbplan.walking.task.task import STATE, WalkTask, WalkTrajectory
 
 SPEC = Path(__file__).parents[2] / "specs" / "mpc_forward.yaml"
 FOUND_NOTHING = WalkAnswer(None, np.inf, 0.0, "nothing")

@@ -19,8 +19,8 @@ from climbplan.walking.check.verification import verify
 from climbplan.walking.kernels.legs import leg_jacobian
 from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.sqp import solve_gait
-from climbplan.walking.plan import WalkPlan
-from climbplan.walking.plan_file import read_walk_plan, write_walk_plan
+from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
+from climbplan.walking.plan.walk_plan import WalkPlan
 
 pytest.importorskip("pinocchio")
 

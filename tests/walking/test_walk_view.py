@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.reports.viewer.walking_scene import walk_scene
-from climbplan.spec.walking.loading import load_mpc
-from climbplan.walking.plan_file import read_walk_plan, write_walk_plan
-from climbplan.walking.planner import plan_walk
+from climbplan.walking.pages.scene import walk_scene
+from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
+from climbplan.walking.planner.planner import plan_walk
+from climbplan.walking.schema.loading import load_mpc
 
 SPEC = """\
 kind: mpc

@@ -6,11 +6,11 @@ import highspy
 import numpy as np
 
 from climbplan.solvers.highs.model import highs, rows_model
-from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.micp.statement import Relaxation, relaxation
 from climbplan.walking.micp.tube import tube_about
 from climbplan.walking.offline.search import SearchLimits, search
-from climbplan.walking.task import WalkTask, WalkTrajectory
+from climbplan.walking.plan.answer import WalkAnswer
+from climbplan.walking.task.task import WalkTask, WalkTrajectory
 
 ANGLES, SPIN = np.array([0.1, 0.2, 0.1]), np.array([1.5, 3.0, 1.5])
 

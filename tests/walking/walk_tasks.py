@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.spec.walking.loading import load_body
-from climbplan.spec.walking.model import MpcSpec
-from climbplan.walking.footing import gait_of
+from climbplan.walking.offline.footing import gait_of
 from climbplan.walking.offline.gaits import cycle
-from climbplan.walking.problem import build_task
-from climbplan.walking.task import Gait, WalkTask
+from climbplan.walking.problem.problem import build_task
+from climbplan.walking.schema.loading import load_body
+from climbplan.walking.schema.model import MpcSpec
+from climbplan.walking.task.task import Gait, WalkTask
 
 LEGS = 4  # of these tasks
 PUBLISHED = {"integrator": "euler", "whole_stance": False}

@@ -15,11 +15,16 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.check.checks import NamedResidual, PlacementCheck, worst_of
-from climbplan.bookshelf.rectangles import distance, half_extents, separation
-from climbplan.bookshelf.scene import Scenes, Shelf, State
+from climbplan.bookshelf.scene.rectangles import (
+    ANGLE_LIMIT,
+    distance,
+    ground_contact,
+    half_extents,
+    separation,
+)
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, State
 
 LENGTH_LIMIT = 1e-5  # [m]
-ANGLE_LIMIT = 1e-4  # [rad] moves a corner by about as much
 
 _TARGET = {State.FLAT_LEFT: math.pi / 2, State.UPRIGHT: 0.0, State.FLAT_RIGHT: -math.pi / 2}
 _LEAN_SIGN = {State.LEAN_LEFT: 1.0, State.LEAN_RIGHT: -1.0}
@@ -61,12 +66,6 @@ def check_contact(
 def book_names(count: int) -> list[str]:
     """Names of n stored books and the inserted one."""
     return [f"book {k}" for k in range(count)] + ["the inserted book"]
-
-
-def slots(pose: Array, size: Array) -> IntArray:
-    """How many stored books stand left of the inserted one (S,), by their feet."""
-    feet = _foot(pose, size)
-    return (feet[:, :-1] < feet[:, -1:]).sum(axis=1)
 
 
 def _overlap(pose: Array, size: Array, limit: float) -> NamedResidual:
@@ -117,19 +116,9 @@ def _gaps(scenes: Scenes, pose: Array, state: IntArray, shelf: Shelf) -> Array:
     return gap
 
 
-def _foot(pose: Array, size: Array) -> Array:
-    """x of the ground contact, of its middle for flat and upright books (..., ) [m]."""
-    angle = pose[..., 2]
-    c, s = np.cos(angle), np.sin(angle)
-    lever = (size[..., 0] * np.abs(s) - size[..., 1] * c) / 2
-    tilted = np.minimum(np.abs(s), np.abs(c)) > ANGLE_LIMIT
-    foot: Array = pose[..., 0] + np.where(tilted, np.sign(s) * lever, 0.0)
-    return foot
-
-
 def _order(pose: Array, size: Array, limit: float) -> NamedResidual:
     """Centres and feet of the stored books from left to right."""
-    x, feet = pose[:, :-1, 0], _foot(pose, size)[:, :-1]
+    x, feet = pose[:, :-1, 0], ground_contact(pose, size)[:, :-1]
     back = np.maximum(x[:, :-1] - x[:, 1:], feet[:, :-1] - feet[:, 1:])
     places = [f"books {k} and {k + 1}" for k in range(back.shape[1])]
     return worst_of("book.order", "mm", limit, 1e3 * back, places)

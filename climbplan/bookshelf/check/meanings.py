@@ -8,7 +8,7 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.bookshelf.check.checker import LENGTH_LIMIT, check_contact
 from climbplan.bookshelf.check.checks import PlacementCheck
 from climbplan.bookshelf.check.published import check_published
-from climbplan.bookshelf.scene import Scenes, Shelf
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf
 
 
 def check_placements(

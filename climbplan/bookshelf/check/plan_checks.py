@@ -16,19 +16,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.bookshelf.check.checker import slots
 from climbplan.bookshelf.check.checks import NamedResidual
 from climbplan.bookshelf.check.meanings import check_placements, fit_side_by_side
-from climbplan.bookshelf.plan import NO_STATE, ShelfPlan, Solutions, totals_of, worst_overlap
-from climbplan.bookshelf.scene import Scenes, State, movement_cost
-from climbplan.bookshelf.scene_source import scenes_of, scenes_of_inline, shelf_of
+from climbplan.bookshelf.plan.shelf_plan import (
+    NO_STATE,
+    ShelfPlan,
+    Solutions,
+    totals_of,
+    worst_overlap,
+)
+from climbplan.bookshelf.scene.rectangles import slots
+from climbplan.bookshelf.scene.scene_source import scenes_of, scenes_of_inline, shelf_of
+from climbplan.bookshelf.scene.shelf_scene import Scenes, State, movement_cost
+from climbplan.bookshelf.schema.model import BookshelfSpec, ShelfSolverSpec
 from climbplan.errors import SpecError, UsageError
-from climbplan.plans.check import Check, LeftOut, Limit
-from climbplan.plans.held import held_check
-from climbplan.spec.bookshelf.model import BookshelfSpec, ShelfSolverSpec
-from climbplan.spec.holding import HeldSpec
-from climbplan.spec.kinds import validate
-from climbplan.spec.yaml_source import parse_yaml
+from climbplan.schema.holding import HeldSpec
+from climbplan.schema.kinds import validate
+from climbplan.schema.yaml_source import parse_yaml
+from climbplan.verification.check import Check, LeftOut, Limit
+from climbplan.verification.held import held_check
 
 LIMITS = {
     "file.spec_hash": Limit(0, "", "sha256 of the spec's text is the stored one"),

@@ -20,8 +20,8 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.check.checker import book_names
 from climbplan.bookshelf.check.checks import NamedResidual, PlacementCheck, worst_of
-from climbplan.bookshelf.rectangles import corners, separation
-from climbplan.bookshelf.scene import Scenes, Shelf, State
+from climbplan.bookshelf.scene.rectangles import corners, separation
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, State
 
 # What solvers leave on top of a tolerance that they use up [mm], on sines too
 ROUNDING = 1e-4

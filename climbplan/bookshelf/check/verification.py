@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.bookshelf.check.plan_checks import plan_checks
-from climbplan.bookshelf.plan import ShelfPlan, worst_overlap
-from climbplan.bookshelf.plan_file import read_as_found
-from climbplan.plans.check import LeftOut
-from climbplan.plans.held import held_against
-from climbplan.plans.verification import Verification, mark_verified
-from climbplan.spec.holding import HeldSpec
+from climbplan.bookshelf.plan.file import read_as_found
+from climbplan.bookshelf.plan.shelf_plan import ShelfPlan, worst_overlap
+from climbplan.schema.holding import HeldSpec
+from climbplan.verification.check import LeftOut
+from climbplan.verification.held import held_against
+from climbplan.verification.verification import Verification, mark_verified
 
 _TOUCH = 1e-5  # [m] of overlap that the meaning `contact` lets pass
 

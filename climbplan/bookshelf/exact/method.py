@@ -17,7 +17,6 @@ from functools import cache
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.bookshelf.answer import Placement, SceneAnswer, Shortage, Status
 from climbplan.bookshelf.exact.pairs import box_row, pair_floor
 from climbplan.bookshelf.exact.problem import (
     ALLOWED,
@@ -48,7 +47,8 @@ from climbplan.bookshelf.exact.tree import (
     offer_narrow,
     plant,
 )
-from climbplan.bookshelf.scene import Scene, Scenes, Shelf, State, movement_cost
+from climbplan.bookshelf.plan.answer import Placement, SceneAnswer, Shortage, Status
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State, movement_cost
 
 _CAPACITY = 1024  # nodes of a new tree
 _LARGE = 65536  # a tree that has grown beyond is not used again: it takes long to empty

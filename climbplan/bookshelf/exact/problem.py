@@ -15,7 +15,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.bookshelf.exact.compiling import compiled
 from climbplan.bookshelf.exact.pairs import box_row, highest, lowest, pair_floor
-from climbplan.bookshelf.scene import Scene, Shelf
+from climbplan.bookshelf.scene.shelf_scene import Scene, Shelf
 
 FLAT, LEAN_LEFT, UPRIGHT, LEAN_RIGHT = 0, 1, 2, 3
 

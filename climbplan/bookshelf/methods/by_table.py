@@ -8,16 +8,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from climbplan.bookshelf.answer import SceneAnswer
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.methods.envelope_grids import published_partitions
 from climbplan.bookshelf.methods.features import feature_map
 from climbplan.bookshelf.methods.judge import Judge
 from climbplan.bookshelf.methods.scene_method import SceneMethod
 from climbplan.bookshelf.methods.setting import MethodSetting, convex_solver
-from climbplan.bookshelf.points import features_of, theta_of
-from climbplan.bookshelf.scene import Scene
-from climbplan.bookshelf.stated import shelf_problem
+from climbplan.bookshelf.plan.answer import SceneAnswer
+from climbplan.bookshelf.scene.shelf_scene import Scene
+from climbplan.bookshelf.statement.points import features_of, theta_of
+from climbplan.bookshelf.statement.stated import shelf_problem
 from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel
 from climbplan.methods.envelope_rounds import EnvelopeOptions
@@ -28,10 +28,10 @@ from climbplan.program import Problem, Program
 from climbplan.reformulations.complementarity import Complementarity
 from climbplan.reformulations.envelopes import Squares
 from climbplan.reformulations.mccormick import McCormick
+from climbplan.schema.learning.strategy import ShelfFeatures
 from climbplan.solvers.admm import AdmmOptions
 from climbplan.solvers.ipopt.mpcc import STRAIGHT
 from climbplan.solvers.sqp.method import SqpOptions
-from climbplan.spec.fits.strategy import ShelfFeatures
 
 _WHOLE = ("minlp-scip", "minlp-bonmin", "micp", "mpcc", "admm")
 # Of solvers' points [mm, sines]: the check of the placement, at 0.01 mm, is what counts. Of

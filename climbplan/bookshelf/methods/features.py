@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.bookshelf.points import features_of
-from climbplan.bookshelf.rectangles import half_extents
-from climbplan.bookshelf.scene import Shelf
-from climbplan.spec.fits.strategy import ShelfFeatures
+from climbplan.bookshelf.scene.rectangles import half_extents
+from climbplan.bookshelf.scene.shelf_scene import Shelf
+from climbplan.bookshelf.statement.points import features_of
+from climbplan.schema.learning.strategy import ShelfFeatures
 
 Features = Callable[[dict[str, Array]], Array]  # of the statement's parameters [mm, rad]
 _ANGLE = 40.0  # [mm / rad] what a tilt weighs in distances: about half a book's height

@@ -7,15 +7,15 @@ import time
 from dataclasses import dataclass
 
 from climbplan.arrays import Array
-from climbplan.bookshelf.answer import Placement, SceneAnswer, Status
-from climbplan.bookshelf.points import placement_of, theta_of
-from climbplan.bookshelf.scene import Scene, Scenes, Shelf, movement_cost
-from climbplan.bookshelf.stated import checked
-from climbplan.bookshelf.statement import bookshelf
+from climbplan.bookshelf.plan.answer import Placement, SceneAnswer, Status
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, movement_cost
+from climbplan.bookshelf.schema.model import Meaning
+from climbplan.bookshelf.statement.points import placement_of, theta_of
+from climbplan.bookshelf.statement.stated import checked
+from climbplan.bookshelf.statement.statement import bookshelf
 from climbplan.methods.table import MethodResult
 from climbplan.program import Program
 from climbplan.program.instance import Instance
-from climbplan.spec.bookshelf.model import Meaning
 
 
 @dataclass(frozen=True)

@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.arrays import IntArray
-from climbplan.bookshelf.dataset_frame import shelf_dataset
 from climbplan.bookshelf.methods.features import Features
+from climbplan.bookshelf.methods.mirror import Solved, mirrored
 from climbplan.bookshelf.methods.shelf_context import context_of, require_context
-from climbplan.bookshelf.mirror import Solved, mirrored
-from climbplan.bookshelf.plan import ShelfPlan
-from climbplan.bookshelf.plan_file import read_shelf_plan
-from climbplan.bookshelf.points import features_of, point_of, theta_of
-from climbplan.bookshelf.scene import Shelf, State
+from climbplan.bookshelf.plan.dataset_frame import shelf_dataset
+from climbplan.bookshelf.plan.file import read_shelf_plan
+from climbplan.bookshelf.plan.shelf_plan import ShelfPlan
+from climbplan.bookshelf.scene.shelf_scene import Shelf, State
+from climbplan.bookshelf.schema.model import Meaning, ShelfLibrarySpec
+from climbplan.bookshelf.statement.points import features_of, point_of, theta_of
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.learning.library import Frame, Library
-from climbplan.plans import dataset_file
-from climbplan.plans.plan_format import plan_format
 from climbplan.program import Program
-from climbplan.spec.bookshelf.model import Meaning, ShelfLibrarySpec
+from climbplan.store import dataset_file
+from climbplan.store.plan_format import plan_format
 
 
 @dataclass(frozen=True)

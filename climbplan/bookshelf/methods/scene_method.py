@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from climbplan.bookshelf.answer import SceneAnswer
-from climbplan.bookshelf.scene import Scene
+from climbplan.bookshelf.plan.answer import SceneAnswer
+from climbplan.bookshelf.scene.shelf_scene import Scene
 
 
 class SceneMethod(Protocol):

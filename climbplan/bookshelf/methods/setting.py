@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from climbplan.bookshelf.scene import Shelf
+from climbplan.bookshelf.scene.shelf_scene import Shelf
+from climbplan.bookshelf.schema.model import BookshelfSpec, Meaning, ShelfSolverSpec
 from climbplan.errors import UsageError
-from climbplan.spec.bookshelf.model import BookshelfSpec, Meaning, ShelfSolverSpec
 
 if TYPE_CHECKING:
     from climbplan.solvers.convex.sessions import ConvexBackend

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from climbplan.bookshelf.scene import Shelf
+from climbplan.bookshelf.scene.shelf_scene import Shelf
 from climbplan.errors import UsageError
 
 _SAME = 1e-9  # [m, rad] shelves that differ by less are the same

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from climbplan.bookshelf import scene_file
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.methods.features import feature_map, feature_scale
 from climbplan.bookshelf.methods.library import Priced, library_of, placed_scenes, solved_scenes
+from climbplan.bookshelf.methods.mirror import Solved
 from climbplan.bookshelf.methods.shelf_context import context_of, require_context
-from climbplan.bookshelf.mirror import Solved
-from climbplan.bookshelf.points import theta_of
-from climbplan.bookshelf.scene import Shelf
-from climbplan.bookshelf.scene_file import read_scenes
-from climbplan.bookshelf.statement import bookshelf
-from climbplan.bookshelf.summary import TRIVIAL
+from climbplan.bookshelf.plan.summary import TRIVIAL
+from climbplan.bookshelf.scene import scene_file
+from climbplan.bookshelf.scene.scene_file import read_scenes
+from climbplan.bookshelf.scene.shelf_scene import Shelf
+from climbplan.bookshelf.schema.model import Meaning
+from climbplan.bookshelf.statement.points import theta_of
+from climbplan.bookshelf.statement.statement import bookshelf
 from climbplan.errors import UsageError
 from climbplan.learning.clusters import solution_columns
 from climbplan.learning.fit_run import TrainingData
-from climbplan.plans.plan_format import plan_format
 from climbplan.progress import Progress
-from climbplan.spec.bookshelf.model import Meaning
-from climbplan.spec.fits.strategy_loading import LoadedStrategy
+from climbplan.schema.learning.strategy_loading import LoadedStrategy
+from climbplan.store.plan_format import plan_format
 
 
 def shelf_data(loaded: LoadedStrategy, report: Progress | None = None) -> TrainingData:

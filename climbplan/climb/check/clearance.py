@@ -17,9 +17,9 @@ from climbplan.climb.check.convex import (
 )
 from climbplan.climb.check.distances import chain_distance
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge_worst
 from climbplan.terrain.raw_surface import SLENDER
 from climbplan.terrain.surfaces import Region, Tube
+from climbplan.verification.check import Check, judge_worst
 
 _IN_SCAN = "all that is solid is in the scan"
 _MEASURED = 0.05  # [m] link distances below this are measured, beyond it a bound is enough

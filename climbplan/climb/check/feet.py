@@ -18,8 +18,8 @@ from climbplan.climb.check.convex import polygon_edges, polygon_normal
 from climbplan.climb.check.distances import chain_distance
 from climbplan.climb.check.raw_distances import distances
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge_worst
 from climbplan.terrain.surfaces import Region, Tube
+from climbplan.verification.check import Check, judge_worst
 
 _TOLD = 0.05  # [m] room beside feet up to which it is measured
 

@@ -11,13 +11,13 @@ from scipy.spatial import QhullError
 from climbplan.arrays import Array
 from climbplan.climb.check.convex import hull_of, polygon_edges, polygon_normal
 from climbplan.climb.plan.climb_plan import ClimbPlan, StepLimits
-from climbplan.plans.check import Check, faults_check, judge
 from climbplan.robots.foot import Foot
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.spec.robots.ranges import LENGTH, MASS, SPEED, STIFFNESS, THICKNESS, TORQUE
+from climbplan.schema.robots.ranges import LENGTH, MASS, SPEED, STIFFNESS, THICKNESS, TORQUE
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Tube
+from climbplan.verification.check import Check, faults_check, judge
 
 _SAME_PLANE = 1e-6  # [m] and as a difference of unit normals
 _LEAST_AREA = 1e-8  # [m^2]

@@ -12,7 +12,7 @@ from climbplan.climb.check.friction_factor import friction_factor, least_factor
 from climbplan.climb.check.grips import grip_checks
 from climbplan.climb.check.soles import parted, sole_checks
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge_worst
+from climbplan.verification.check import Check, judge_worst
 
 
 def force_checks(subject: Subject) -> Iterator[Check]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.plans.check import LIMITS
+from climbplan.verification.check import LIMITS
 
 
 def friction_factor(name: str, shear: Array, held: Array, weight: float) -> Array:

@@ -10,8 +10,8 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.check.anew.grips import PARTS, hands_at, holds_of, spine_bounds, wrist_axes
 from climbplan.climb.check.anew.kinematics import Limbs
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge_worst
 from climbplan.robots.gripper import WRIST_JOINTS
+from climbplan.verification.check import Check, judge_worst
 
 _NO_SHEAR = 1e-6  # of the weight
 

@@ -21,9 +21,9 @@ from climbplan.climb.check.grips_apart import grips_apart
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.grips import GripPlan
-from climbplan.plans.check import Check, faults_check, judge_worst
 from climbplan.robots.gripper import WRIST_JOINTS, Gripper
 from climbplan.terrain.surfaces import Region
+from climbplan.verification.check import Check, faults_check, judge_worst
 
 _NO_SHEAR = 1e-6  # of the weight: less is rounding of forces that are zero
 _BISECTIONS = 60

@@ -12,8 +12,8 @@ import numpy as np
 from climbplan.climb.check.anew.grips import Holds
 from climbplan.climb.check.self_collision import segments_apart
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge_worst
 from climbplan.robots.gripper import Gripper
+from climbplan.verification.check import Check, judge_worst
 
 _TOLD = 0.02  # [m] room up to which it is measured
 

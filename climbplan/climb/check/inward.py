@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge_worst, unjudged
+from climbplan.verification.check import Check, judge_worst, unjudged
 
 
 def inward_check(subject: Subject, asked: float | None) -> Check:

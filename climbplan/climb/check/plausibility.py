@@ -1,6 +1,6 @@
 """What no climbing robot has: data and deflections far from anything built.
 
-`plans/plausibility.py` says why they are warned of.
+`verification/plausibility.py` says why they are warned of.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.plans.plausibility import (
+from climbplan.robots.joint_units import place_words, stiffness_unit, torque_unit
+from climbplan.robots.model import Robot
+from climbplan.schema.robots.urdf.tree import urdf_of_text
+from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
+from climbplan.terrain.surfaces import Region
+from climbplan.verification.plausibility import (
     implausible_force,
     implausible_friction,
     implausible_gravity,
 )
-from climbplan.robots.joint_units import place_words, stiffness_unit, torque_unit
-from climbplan.robots.model import Robot
-from climbplan.spec.robots.urdf.tree import urdf_of_text
-from climbplan.spec.robots.urdf.xml import UrdfFault, UrdfFaults
-from climbplan.terrain.surfaces import Region
 
 # A joint at the limb's full length holds a walking robot once or twice, a climber less than once.
 TORQUE_RATIO = 10.0

@@ -11,9 +11,9 @@ from climbplan.climb.check.anew.gait import gait_of
 from climbplan.climb.check.convex import polygon_edges, polygon_normal
 from climbplan.climb.check.normals import normals_of
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge_worst
 from climbplan.robots.joint_units import least_room
 from climbplan.terrain.surfaces import Region, Surface, Tube
+from climbplan.verification.check import Check, judge_worst
 
 _LEVEL = 1e-6  # [m] of height in a level shift: rounding
 

@@ -14,8 +14,8 @@ from climbplan.climb.check.grip_motion import motion_grips, wrist_moment_on_the_
 from climbplan.climb.check.motion_forces import motion_forces
 from climbplan.climb.check.motion_state import Motion, angles_of, instants_of, load_of
 from climbplan.climb.check.soles import sole_motion_checks
-from climbplan.plans.check import Check, judge_worst
 from climbplan.robots.joint_units import largest_torques
+from climbplan.verification.check import Check, judge_worst
 
 
 def pressing_checks(motion: Motion) -> Iterator[Check]:

@@ -14,7 +14,7 @@ from climbplan.climb.check.spec import risk_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.promise import interval_of
 from climbplan.climb.plan.world_sample import MIN_STANDING, wilson_interval
-from climbplan.plans.check import Check, judge, unjudged
+from climbplan.verification.check import Check, judge, unjudged
 
 
 def risk_check(plan: ClimbPlan) -> Iterator[Check]:

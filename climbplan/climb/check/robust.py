@@ -16,8 +16,8 @@ from climbplan.climb.check.anew.soles import centre_of_pressure, lying
 from climbplan.climb.check.anew.static_pose import Settled
 from climbplan.climb.check.grips import friction_in_hand, further_pull
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge_worst, unjudged
-from climbplan.spec.climb.margins import MarginsSpec
+from climbplan.climb.schema.margins import MarginsSpec
+from climbplan.verification.check import Check, judge_worst, unjudged
 
 WHOLE = 0.95  # part of a margin that counts as kept; the rest is rounding and arcs of limbs
 _SMOOTH = 1e-9  # least friction coefficient divided by

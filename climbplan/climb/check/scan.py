@@ -19,10 +19,10 @@ from climbplan.climb.check.raw_distances import distances, gaps, meeting
 from climbplan.climb.check.scan_grips import gripped_sides
 from climbplan.climb.check.scan_links import TOLD, contacts_on, judge_scan_links
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge_worst
 from climbplan.terrain.model import STATED
 from climbplan.terrain.raw_surface import FACING, RawSurface
 from climbplan.terrain.surfaces import Region
+from climbplan.verification.check import Check, judge_worst
 
 
 def scan_checks(subject: Subject) -> Iterator[Check]:

@@ -14,9 +14,9 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.climb.check.raw_distances import meeting
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge_worst
 from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.surfaces import Region
+from climbplan.verification.check import Check, judge_worst
 
 _NAME = "scan.grips"
 _ASIDE = np.deg2rad(25.5)  # by which a side may face away from the axis: fingers yield so far

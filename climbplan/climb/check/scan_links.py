@@ -15,9 +15,9 @@ from climbplan.climb.check.anew.capsules import Capsule
 from climbplan.climb.check.clearance import told_room
 from climbplan.climb.check.raw_distances import distances, meeting, nearest_on
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge_worst
 from climbplan.terrain.raw_surface import FACING, NARROW, RISING, SLENDER, RawSurface
 from climbplan.terrain.surfaces import Region
+from climbplan.verification.check import Check, judge_worst
 
 TOLD = 5e-3  # [m] room beside links and body up to which it is measured
 _NARROWED, _SLENDER_PARTS = 4, 6  # pieces of a limb's last 5 cm, and beyond them

@@ -22,9 +22,9 @@ from climbplan.climb.check.clearance import told_room
 from climbplan.climb.check.convex import ConvexBody
 from climbplan.climb.check.distances import chain_distance, nearest_on
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge_worst
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
+from climbplan.verification.check import Check, judge_worst
 
 _TOLD = 0.02  # [m] room between parts up to which it is measured, not bounded
 _OF_JOINT = 0.2  # of a radius: what of a link counts as the joint that carries it

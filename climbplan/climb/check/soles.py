@@ -17,8 +17,8 @@ from climbplan.climb.check.friction_factor import friction_factor, least_factor
 from climbplan.climb.check.motion_forces import MotionForces
 from climbplan.climb.check.motion_state import Motion
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge_worst
 from climbplan.robots.foot import Sole
+from climbplan.verification.check import Check, judge_worst
 
 NONE = 1e-4  # of the weight, pressure of a foot that is just set down or lifted off
 

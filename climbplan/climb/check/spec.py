@@ -22,17 +22,17 @@ from climbplan.climb.check.normals import normals_of
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.check.terrain import terrain_differences
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.schema.margins import MarginsSpec
+from climbplan.climb.schema.model import ClimbSpec, GoalSpec
+from climbplan.climb.schema.motion import MotionSpec
+from climbplan.climb.schema.transition import TransitionSpec
 from climbplan.errors import SpecError
-from climbplan.plans.check import Check, judge
-from climbplan.plans.differences import Difference, apart, same
-from climbplan.spec.climb.margins import MarginsSpec
-from climbplan.spec.climb.model import ClimbSpec, GoalSpec
-from climbplan.spec.climb.motion import MotionSpec
-from climbplan.spec.climb.transition import TransitionSpec
-from climbplan.spec.holding import HeldSpec
-from climbplan.spec.kinds import validate
-from climbplan.spec.robots.source import AnyRobot
-from climbplan.spec.yaml_source import parse_yaml
+from climbplan.schema.holding import HeldSpec
+from climbplan.schema.kinds import validate
+from climbplan.schema.robots.source import AnyRobot
+from climbplan.schema.yaml_source import parse_yaml
+from climbplan.verification.check import Check, judge
+from climbplan.verification.differences import Difference, apart, same
 
 
 def spec_checks(subject: Subject, robot: AnyRobot | None = None) -> Iterator[Check]:

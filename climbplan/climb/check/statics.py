@@ -20,9 +20,9 @@ from climbplan.climb.check.friction_factor import friction_factor, least_factor
 from climbplan.climb.check.robust import robust_checks
 from climbplan.climb.check.soles import parted
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge_worst, unjudged
+from climbplan.climb.schema.margins import MarginsSpec
 from climbplan.robots.joint_units import largest_torques
-from climbplan.spec.climb.margins import MarginsSpec
+from climbplan.verification.check import Check, judge_worst, unjudged
 
 LINEAR = "force.sag: predicted is a linear model"
 MODEL = "linear sag"  # of the badge

@@ -10,12 +10,12 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.plans.differences import Difference, apart, same
-from climbplan.spec.climb.motion import MotionSpec
-from climbplan.spec.climb.panel import HoldSpec, PanelSpec
-from climbplan.spec.climb.terrain import BoxSpec, GroundSpec, RegionSpec, SolidSpec, WallsSpec
+from climbplan.climb.schema.motion import MotionSpec
+from climbplan.schema.terrain.panel import HoldSpec, PanelSpec
+from climbplan.schema.terrain.terrain import BoxSpec, GroundSpec, RegionSpec, SolidSpec, WallsSpec
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Surface, Tube
+from climbplan.verification.differences import Difference, apart, same
 
 
 def terrain_differences(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:

@@ -26,8 +26,8 @@ from climbplan.climb.check.scan_links import contacts_on, judge_scan_links
 from climbplan.climb.check.self_collision import judge_self_collision
 from climbplan.climb.check.statics import told_of_sag
 from climbplan.climb.check.subject import Subject
-from climbplan.plans.check import Check, judge, judge_worst
 from climbplan.robots.joint_units import least_room
+from climbplan.verification.check import Check, judge, judge_worst
 
 _STRIDE = 5e-3  # [m] a swinging toe is looked at this often
 _MOST_PIECES = 16

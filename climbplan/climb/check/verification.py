@@ -35,11 +35,11 @@ from climbplan.climb.check.subject import subject_of
 from climbplan.climb.check.trajectory import trajectory_checks
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found
-from climbplan.plans.check import Check
-from climbplan.plans.content import compute_digest
-from climbplan.plans.held import held_against, held_check
-from climbplan.plans.verification import Verification, mark_verified
-from climbplan.spec.holding import HeldSpec
+from climbplan.schema.holding import HeldSpec
+from climbplan.store.content import compute_digest
+from climbplan.verification.check import Check
+from climbplan.verification.held import held_against, held_check
+from climbplan.verification.verification import Verification, mark_verified
 
 
 def verify(path: Path, held: HeldSpec | None = None) -> Verification:

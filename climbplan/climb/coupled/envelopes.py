@@ -17,7 +17,7 @@ from climbplan.climb.coupled.statement import force_range
 from climbplan.climb.envelopes.file import StoredEnvelopes, read_envelopes
 from climbplan.climb.envelopes.legs import POSITION_SCALE
 from climbplan.climb.envelopes.shipped import PREFERENCE, SHIPPED, shipped_envelopes
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import UsageError
 from climbplan.learning.envelope_box import Envelope
 from climbplan.robots.model import Robot

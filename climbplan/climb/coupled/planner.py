@@ -29,7 +29,7 @@ from climbplan.climb.postures.planner import (
     to_rounds,
 )
 from climbplan.climb.postures.statement import PostureMargins
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import NotProved
 from climbplan.solvers.result import SolverResult, relative_gap
 from climbplan.solvers.scip.bilinear import solve_minlp_scip

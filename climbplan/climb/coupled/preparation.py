@@ -15,7 +15,7 @@ from climbplan.arrays import Array, IntArray
 from climbplan.climb.coupled.statement import coupled_program, loadable
 from climbplan.climb.postures.explanation import explain_infeasible
 from climbplan.climb.postures.statement import PostureMargins, posture_program
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import LimitReached
 from climbplan.program import Program
 from climbplan.program.instance import Instance

@@ -24,7 +24,7 @@ from climbplan.climb.postures.statement import (
     region_polytope,
     sum_of_squares,
 )
-from climbplan.climb.scene import ClimbScene, load_wrench
+from climbplan.climb.scene.climb_scene import ClimbScene, load_wrench
 from climbplan.errors import NotProved
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program import Polytope, Program

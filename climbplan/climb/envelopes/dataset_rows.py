@@ -22,12 +22,12 @@ from climbplan.climb.envelopes.rows import Rows, linear_point
 from climbplan.climb.envelopes.search import find_posture
 from climbplan.climb.envelopes.statement import PostureStatement, posture_statement
 from climbplan.climb.envelopes.terrains import CORNERS, Patches, TerrainDistribution
+from climbplan.climb.schema.terrains_dataset import TerrainsProblemSpec
 from climbplan.errors import LimitReached, PlanFileError, UsageError
-from climbplan.plans.dataset import Dataset, DatasetFrame, solution_layout
-from climbplan.plans.dataset_row import RowAnswer
 from climbplan.program.instance import Instance
 from climbplan.robots.model import Robot
-from climbplan.spec.datasets.model import TerrainsProblemSpec
+from climbplan.store.dataset import Dataset, DatasetFrame, solution_layout
+from climbplan.store.dataset_row import RowAnswer
 
 KIND = "terrains"
 BLOCKS = ("weight", "toe", "force", "com", "rpy")  # all variables of the statement

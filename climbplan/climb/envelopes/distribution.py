@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.climb.envelopes.terrains import TerrainDistribution, distribution
+from climbplan.climb.schema.envelopes import EnvelopeTerrainSpec
 from climbplan.robots.model import Robot
 from climbplan.robots.task_robot import with_stance
-from climbplan.spec.fits.envelopes import EnvelopeTerrainSpec
 
 
 def terrains_of(spec: EnvelopeTerrainSpec, robot: Robot) -> TerrainDistribution:

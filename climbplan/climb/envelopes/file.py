@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from climbplan.climb.envelopes.run import EnvelopeRun, FittedEnvelopes
+from climbplan.climb.schema.envelopes_loading import LoadedEnvelopes
 from climbplan.learning.envelope_box import Envelope
-from climbplan.plans.hdf5_layout import Layout
-from climbplan.plans.hdf5_reading import Reader, opened_store
-from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json
-from climbplan.plans.root_attributes import Origin, write_root
-from climbplan.spec.fits.envelopes_loading import LoadedEnvelopes
+from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_reading import Reader, opened_store
+from climbplan.store.hdf5_writing import new_store, write_dataset, write_json
+from climbplan.store.root_attributes import Origin, write_root
 
 FORMAT = "climbplan/envelopes"
 FORMAT_VERSION = 1

@@ -24,14 +24,14 @@ from climbplan.climb.envelopes.fit import (
 from climbplan.climb.envelopes.rows import Rows, collect_rows
 from climbplan.climb.envelopes.statement import PostureStatement, posture_statement
 from climbplan.climb.envelopes.terrains import TerrainDistribution
+from climbplan.climb.schema.envelopes import EnvelopeFitSpec, EnvelopesSpec
+from climbplan.climb.schema.envelopes_loading import LoadedEnvelopes
 from climbplan.learning.envelope_box import EnvelopeSet, FirstStageLabels
 from climbplan.learning.envelope_clustering import fit_clusters
 from climbplan.learning.envelope_genetic import GeneticOptions, GeneticResult, evolve
-from climbplan.plans.dataset_file import read_dataset_file
 from climbplan.progress import Progress
 from climbplan.robots.model import Robot
-from climbplan.spec.fits.envelopes import EnvelopeFitSpec, EnvelopesSpec
-from climbplan.spec.fits.envelopes_loading import LoadedEnvelopes
+from climbplan.store.dataset_file import read_dataset_file
 
 GROWTHS = (0.0, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18, 0.25)  # of each side, in widths
 

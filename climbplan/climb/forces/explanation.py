@@ -21,7 +21,7 @@ from climbplan.climb.forces.solving import SolvedForces
 from climbplan.climb.forces.statement import ForceStatement
 from climbplan.climb.forces.tried_remedies import tried
 from climbplan.climb.plan.climb_plan import Instants
-from climbplan.climb.scene import MotionScene
+from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.errors import Conflict, LimitReached, NotProved, Remedy
 from climbplan.mechanics.flat_contact import beyond_sole, centre_of_pressure
 from climbplan.robots.rotations import rotation_world_body

@@ -33,10 +33,10 @@ from climbplan.climb.forces.statement import (
     free_depths_of,
     standing_use,
 )
-from climbplan.climb.scene import MotionScene
+from climbplan.climb.scene.climb_scene import MotionScene
+from climbplan.climb.schema.margins import MarginsSpec
 from climbplan.mechanics.friction import split_force
 from climbplan.mechanics.stability import loaded_stiffness
-from climbplan.spec.climb.margins import MarginsSpec
 
 _KEPT = 0.95  # of the largest share: at all of it forces have no room left, and cost what they may
 _TRIED = (_KEPT, 0.5 * _KEPT)  # parts of the largest share solved at in turn

@@ -22,7 +22,7 @@ from climbplan.climb.forces.statement import (
     torques_of,
 )
 from climbplan.climb.plan.climb_plan import Forces, Instants
-from climbplan.climb.scene import MotionScene
+from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.errors import UsageError
 from climbplan.mechanics.friction import critical_friction
 from climbplan.mechanics.stiffness import Deflections, deflections_for_forces
@@ -42,7 +42,7 @@ def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = Non
             raise UsageError("force.least_pressure: grippers pull; it is for toes that only press")
         if scene.spec.force.least_depth is not None:
             raise UsageError("force.least_depth: grippers hold; it is for toes that only press")
-        from climbplan.climb.grips.planner import plan_grip_forces
+        from climbplan.climb.forces.grips.planner import plan_grip_forces
 
         return plan_grip_forces(scene, instants, scene.grippers, solver)
     statement, found = solve_on_feet(scene, instants, solver or scene.spec.solver.force)

@@ -15,7 +15,7 @@ from climbplan.arrays import IntArray
 from climbplan.climb.forces.margins import MarginedForces, solve_with_margins
 from climbplan.climb.forces.statement import ForceStatement, state_forces
 from climbplan.climb.plan.climb_plan import Instants
-from climbplan.climb.scene import MotionScene
+from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.mechanics.flat_contact import spread_to_corners
 
 SHARES = (1.0, 0.5, 0.0)  # of the margin, tried in turn

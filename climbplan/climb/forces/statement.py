@@ -26,7 +26,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.plan.climb_plan import Instants
-from climbplan.climb.scene import MotionScene
+from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.mechanics.equilibrium import link_torques, total_load, wrench_of
 from climbplan.mechanics.friction import split_force
 from climbplan.mechanics.stability import BracedBody, braced_body, loaded_stiffness

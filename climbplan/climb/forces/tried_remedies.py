@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.climb.forces.soles import solve_on_feet
 from climbplan.climb.plan.climb_plan import Instants
-from climbplan.climb.scene import MotionScene, load_wrench
+from climbplan.climb.scene.climb_scene import MotionScene, load_wrench
 from climbplan.errors import Remedy
 
 _MOVES = 3  # steps outwards of a remedy that was tried and did not hold
@@ -45,7 +45,7 @@ def _holds(scene: MotionScene, instants: Instants, remedy: Remedy) -> bool:
         instants = replace(instants, mu=np.full_like(instants.mu, value))
     elif remedy.key == "task.payload.mass":
         payload = spec.task.payload.model_copy(update={"mass": value})
-        task = cast(Any, spec.task).model_copy(update={"payload": payload})
+        task = cast("Any", spec.task).model_copy(update={"payload": payload})
         scene = _with_spec(scene, task=task)
         load = load_wrench(scene.spec, scene.robot, instants.rpy)
         instants = replace(instants, external_wrench=load)
@@ -58,7 +58,9 @@ def _holds(scene: MotionScene, instants: Instants, remedy: Remedy) -> bool:
 
 def _with_spec(scene: MotionScene, **parts: object) -> MotionScene:
     """Return the scene with other parts of its spec."""
-    return cast(MotionScene, replace(cast(Any, scene), spec=scene.spec.model_copy(update=parts)))
+    return cast(
+        "MotionScene", replace(cast("Any", scene), spec=scene.spec.model_copy(update=parts))
+    )
 
 
 def _further(remedy: Remedy) -> Remedy | None:

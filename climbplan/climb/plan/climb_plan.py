@@ -14,10 +14,10 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.plan.grips import GripForces, GripPlan
 from climbplan.climb.plan.promise import Promise
 from climbplan.climb.plan.world_sample import WorldSample
-from climbplan.plans.root_attributes import PlanHeader
 from climbplan.robots.looks import Looks
 from climbplan.robots.model import Robot
-from climbplan.spec.robots.stored import RobotTexts
+from climbplan.schema.robots.stored import RobotTexts
+from climbplan.store.root_attributes import PlanHeader
 from climbplan.terrain.model import Terrain
 
 

@@ -26,10 +26,10 @@ from climbplan.climb.plan.promise import NEEDED, Promise, promise_of
 from climbplan.climb.plan.robot_store import read_robot, read_robot_texts, write_robot
 from climbplan.climb.plan.terrain_store import read_terrain, write_terrain
 from climbplan.climb.plan.world_sample import REQUIRED, WorldSample, sample_from_dict
-from climbplan.plans.hdf5_layout import Layout
-from climbplan.plans.hdf5_reading import Reader, opened_store
-from climbplan.plans.hdf5_writing import new_store, write_dataset, write_json
-from climbplan.plans.root_attributes import (
+from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_reading import Reader, opened_store
+from climbplan.store.hdf5_writing import new_store, write_dataset, write_json
+from climbplan.store.root_attributes import (
     read_header,
     read_status,
     require_finite,

@@ -8,10 +8,10 @@ import h5py
 import numpy as np
 
 from climbplan.climb.plan.grips import GripForces, GripPlan, SpineModel
-from climbplan.plans.hdf5_layout import Layout
-from climbplan.plans.hdf5_reading import Reader
-from climbplan.plans.hdf5_writing import write_dataset
 from climbplan.robots.gripper import Gripper
+from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_reading import Reader
+from climbplan.store.hdf5_writing import write_dataset
 
 GROUP = "grips"
 INPUTS = 4  # alpha, beta, gamma, friction

@@ -6,7 +6,7 @@ Each table's keys are the fields of the dataclass of the same name in `climb_pla
 
 from __future__ import annotations
 
-from climbplan.plans.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import Layout
 
 FORMATS = {"climb": "climbplan/climb", "transition": "climbplan/transition"}
 FORMAT = FORMATS["climb"]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import h5py
 import numpy as np
 
-from climbplan.plans.hdf5_layout import Layout
-from climbplan.plans.hdf5_reading import Reader
-from climbplan.plans.hdf5_writing import write_dataset
 from climbplan.robots.looks import BODY, Looks
 from climbplan.robots.model import Robot
+from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_reading import Reader
+from climbplan.store.hdf5_writing import write_dataset
 
 _GROUP = "looks"
 _LAYOUT = {

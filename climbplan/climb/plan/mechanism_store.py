@@ -10,15 +10,15 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.layout import BODY_PART, CAPSULES, JOINT_DYNAMICS, LINKS, TOUCHING
-from climbplan.plans.hdf5_layout import Layout
-from climbplan.plans.hdf5_reading import Reader
-from climbplan.plans.hdf5_writing import write_dataset
 from climbplan.robots.five_bar import FiveBar, Linkage
 from climbplan.robots.joint_dynamics import JointDynamics
 from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.model import MountedCapsules, Robot
 from climbplan.robots.serial_chain import SerialChain
+from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_reading import Reader
+from climbplan.store.hdf5_writing import write_dataset
 
 CHAIN = {
     "joint_zero": Layout(("N", "J", 3), "m", "body"),

@@ -20,11 +20,11 @@ from climbplan.climb.plan.mechanism_store import (
     write_links,
     write_mechanism,
 )
-from climbplan.plans.hdf5_reading import Reader
-from climbplan.plans.hdf5_writing import write_dataset, write_text
 from climbplan.robots.foot import Foot, Sole
 from climbplan.robots.model import Robot
-from climbplan.spec.robots.stored import RobotTexts
+from climbplan.schema.robots.stored import RobotTexts
+from climbplan.store.hdf5_reading import Reader
+from climbplan.store.hdf5_writing import write_dataset, write_text
 
 _TEXTS = {"yaml": "source", "urdf": "urdf"}  # attributes, only where there is something to say
 

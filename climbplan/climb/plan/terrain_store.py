@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 
 from climbplan.climb.plan import layout
-from climbplan.plans.hdf5_reading import Reader
-from climbplan.plans.hdf5_writing import write_dataset, write_text
+from climbplan.store.hdf5_reading import Reader
+from climbplan.store.hdf5_writing import write_dataset, write_text
 from climbplan.terrain.holds import Hold
 from climbplan.terrain.model import FreeRegion, Terrain
 from climbplan.terrain.raw_surface import RawSurface

@@ -3,7 +3,7 @@
 First what can be said by arithmetic (start and goal on their own, distance against rounds), then
 the constraints that the closest posture sequence found still violates, with their amounts and the
 keys of the spec that stand for them. All of this is about a restriction of the problem
-(`BOUND_SCOPE`): it proves nothing. What is proved is told by `climbplan.climb.proof`.
+(`BOUND_SCOPE`): it proves nothing. What is proved is told by `climbplan.climb.planner.proof`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.climb.postures.passage import closed_way
 from climbplan.climb.postures.ways import ways_too_long
-from climbplan.climb.scene import ClimbScene, Stance, normals_under
+from climbplan.climb.scene.climb_scene import ClimbScene, Stance, normals_under
 from climbplan.errors import Conflict, NotProved, ReachFailure, Remedy
 from climbplan.program import Program
 from climbplan.program.instance import Instance
@@ -106,7 +106,7 @@ def _without(key: str, words: str) -> Change:
 
 
 # What in the spec stands for a block, changed by the amount that is missing. Whether it is enough
-# is found out by planning with it (`climbplan.climb.remedies`).
+# is found out by planning with it (`climbplan.climb.planner.remedies`).
 _CHANGES: dict[str, Change] = {
     "steps.com": _step("com_max"),
     "steps.toe": _step("toe_max"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 
 
 def least_cost(scene: ClimbScene) -> float:

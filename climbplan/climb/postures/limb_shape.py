@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.robots.kinematics import inverse, joint_points_body, turns_under
 from climbplan.robots.model import Robot
 

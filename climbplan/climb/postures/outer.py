@@ -14,13 +14,13 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.postures.statement import region_polytope, sum_of_squares
-from climbplan.climb.scene import ClimbScene, MotionScene
+from climbplan.climb.scene.climb_scene import ClimbScene, MotionScene
+from climbplan.climb.schema.model import PostureSpec
 from climbplan.program import Polytope, Program
 from climbplan.program.statement import Expression
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.climb.model import PostureSpec
-from climbplan.spec.stated import stated
+from climbplan.schema.stated import stated
 
 SLACK = 1e-6  # [m] by which everything is wider than it is
 

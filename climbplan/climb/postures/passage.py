@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from climbplan.arrays import Array
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import Conflict, Remedy
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.model import FreeRegion

@@ -14,8 +14,8 @@ from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.explanation import BOUND_SCOPE, NoPostures, explain_infeasible
 from climbplan.climb.postures.statement import LinearRotation, PostureMargins, posture_program
-from climbplan.climb.scene import ClimbScene
-from climbplan.climb.within_reach import between
+from climbplan.climb.scene.climb_scene import ClimbScene
+from climbplan.climb.scene.within_reach import between
 from climbplan.errors import LimitReached, NotProved, UsageError
 from climbplan.program import Program
 from climbplan.solvers.model_file import save_model as write_model

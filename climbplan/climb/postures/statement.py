@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.climb.limb_clearance import standing_room
+from climbplan.climb.clearance.limbs import standing_room
 from climbplan.climb.postures.limb_shape import LimbShape, limb_shape
 from climbplan.climb.postures.turning import state_turns
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.program import Polytope, Program
 from climbplan.program.affine_array import AffineArray
 from climbplan.program.statement import Expression

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import Conflict, Remedy
 
 _SLACK = 1e-6  # of a step, for rounding

@@ -2,7 +2,7 @@
 
 A robot of many limbs braces: where its body is matters little. A quadruped stands on three legs,
 and has to have its body where these hold it. For each stance set within reach, at heights along the
-way, the least level shift that balances it is a cone program (`climb/balance.py`).
+way, the least level shift that balances it is a cone program (`climb/gait/balance.py`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import itertools
 import numpy as np
 
 from climbplan.arrays import IntArray
-from climbplan.climb.balance import balancing_shifts
+from climbplan.climb.gait.balance import balancing_shifts
 from climbplan.climb.transition.footholds import Poses
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.search import Search

@@ -8,10 +8,10 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.climb.check.verification import verification_of
+from climbplan.climb.clearance.swing import SwingMeets
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.in_hand import in_hand
-from climbplan.climb.looks import plan_looks
-from climbplan.climb.motion import StageClock
+from climbplan.climb.motion.in_hand import in_hand
+from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.plan.climb_plan import (
     ClimbPlan,
     Forces,
@@ -20,9 +20,10 @@ from climbplan.climb.plan.climb_plan import (
     Sequences,
     Trajectory,
 )
-from climbplan.climb.planner import deflection_warnings, step_limits
-from climbplan.climb.scene import Stance
-from climbplan.climb.swing import SwingMeets
+from climbplan.climb.planner.looks import plan_looks
+from climbplan.climb.planner.planner import deflection_warnings, step_limits
+from climbplan.climb.scene.climb_scene import Stance
+from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.climb.transition.clear_standing import standing_trouble
 from climbplan.climb.transition.gait import plan_instants
 from climbplan.climb.transition.mission import Tail, joined_instants, joined_rounds
@@ -33,10 +34,9 @@ from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.stances import Laboratory
 from climbplan.climb.transition.summary import summary_lines
 from climbplan.errors import NoPlanFound, NotProved, ReachFailure
-from climbplan.plans.verification import Verification
 from climbplan.robots.any_robot import assumptions
-from climbplan.spec.climb.transition_loading import LoadedTransition
-from climbplan.spec.robots.stored import robot_texts
+from climbplan.schema.robots.stored import robot_texts
+from climbplan.verification.verification import Verification
 
 # Of the margins, tried in turn; forces of the body that goes on, after each lift, take some
 _SHARES = (1.2, 0.9, 0.6, 0.3, 0.0)

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.limb_clearance import closest_link, links_room, world_capsules
+from climbplan.climb.clearance.limb_pairs import body_room, standing_overlap
+from climbplan.climb.clearance.limbs import closest_link, links_room, world_capsules
 from climbplan.climb.plan.climb_plan import Instants
-from climbplan.climb.self_clearance import body_room, standing_overlap
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.rotations import rotation_world_body

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.scene import load_wrench
+from climbplan.climb.scene.climb_scene import load_wrench
 from climbplan.climb.transition.complementarity import (
     MOST_LOAD,
     POINTS,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.raw_clearance import raw_body_room
+from climbplan.climb.clearance.raw_surface import raw_body_room
 from climbplan.climb.transition.clear_standing import ClearStanding, clear_standing
 from climbplan.climb.transition.scene import TransitionScene, hull_room
 from climbplan.robots.kinematics import inverse, to_body

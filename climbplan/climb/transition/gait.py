@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.climb.instants import instants_at, joint_angles
+from climbplan.climb.gait.instants import instants_at, joint_angles
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.transition.scene import TransitionScene
 

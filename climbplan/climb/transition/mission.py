@@ -12,22 +12,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.climb.motion import Motion, StageClock, plan_motion
+from climbplan.climb.motion.motion import Motion, StageClock, plan_motion
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.postures.explanation import NoPostures
-from climbplan.climb.scene import ClimbScene, Stance, build_scene, toes_as_stated
-from climbplan.climb.transition.scene import TransitionScene
-from climbplan.errors import NoPlanFound, NotProved, Remedy
-from climbplan.robots.kinematics import to_body
-from climbplan.spec.climb.model import (
+from climbplan.climb.scene.climb_scene import ClimbScene, Stance, build_scene, toes_as_stated
+from climbplan.climb.schema.model import (
     ClimbSpec,
     PosturePlannerSpec,
     SolverSpec,
     StartSpec,
     TaskSpec,
 )
-from climbplan.spec.climb.transition import TransitionPostureSpec, TransitionSpec
-from climbplan.spec.climb.transition_loading import LoadedTransition
+from climbplan.climb.schema.transition import TransitionPostureSpec, TransitionSpec
+from climbplan.climb.schema.transition_loading import LoadedTransition
+from climbplan.climb.transition.scene import TransitionScene
+from climbplan.errors import NoPlanFound, NotProved, Remedy
+from climbplan.robots.kinematics import to_body
 
 _SHARE = 0.5  # of the time limit, for the climb's postures
 _METHODS = ("micp", "nlp")  # the first whose postures hold is taken

@@ -11,7 +11,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.climb.plan.climb_plan import Rounds
-from climbplan.climb.scene import load_wrench
+from climbplan.climb.scene.climb_scene import load_wrench
 from climbplan.climb.transition.footholds import GOAL, START
 from climbplan.climb.transition.motion_statement import POINTS, Shape
 from climbplan.climb.transition.parting_faces import (

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.self_clearance import body_solids
+from climbplan.climb.clearance.limb_pairs import body_solids
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.kinematics import inverse

@@ -8,12 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.climb.motion import StageClock
+from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.plan.climb_plan import (
     ClimbPlan,
     Sequences,
 )
-from climbplan.climb.scene import on_scan
+from climbplan.climb.scene.climb_scene import on_scan
+from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.climb.transition.balanced_poses import balanced_poses
 from climbplan.climb.transition.carrying import (
     Complete,
@@ -33,7 +34,6 @@ from climbplan.climb.transition.search import Search
 from climbplan.climb.transition.stances import Laboratory
 from climbplan.errors import Infeasible, NoPlanFound, NotProved, UsageError
 from climbplan.progress import Progress
-from climbplan.spec.climb.transition_loading import LoadedTransition
 
 _FOR_SEARCH = 0.6  # share of the time limit that `auto` gives to the search
 _FOR_PLANS = 0.8  # share that it uses for plans of the spec as it is; the rest is for remedies

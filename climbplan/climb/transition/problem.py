@@ -16,7 +16,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.motion import StageClock
+from climbplan.climb.motion.motion import StageClock
+from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.climb.transition.carrying import Run, carry_through, verified
 from climbplan.climb.transition.complementarity import complementarity_statement
 from climbplan.climb.transition.complementarity_numbers import FreeMotion, found_at, free_motion
@@ -39,7 +40,6 @@ from climbplan.mechanics.friction import contact_frame
 from climbplan.program.problem import Problem
 from climbplan.program.trajectory import Trajectory
 from climbplan.reformulations.nlp_form import Bounds
-from climbplan.spec.climb.transition_loading import LoadedTransition
 
 Stated = tuple[Problem, dict[str, Array]]
 Values = Mapping[str, Array]

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.remedies import as_tried, listed
+from climbplan.climb.planner.remedies import as_tried, listed
+from climbplan.climb.schema.transition import TransitionSpec
+from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.errors import NoPlanFound, NotProved, Remedy, SpecError, UsageError
-from climbplan.spec.climb.transition import TransitionSpec
-from climbplan.spec.climb.transition_loading import LoadedTransition
-from climbplan.spec.overrides import Override
+from climbplan.schema.overrides import Override
 
 _MORE_ROUNDS = (1, 2)
 _ASIDE = 0.12  # [m]

@@ -7,10 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.plausible_lengths import implausible_lengths
-from climbplan.climb.proof import no_support, out_of_reach
-from climbplan.climb.raw_clearance import THE_SCAN, raw_body_room
-from climbplan.climb.scene import MotionScene, Stance, stance_of, warn_of_backs, with_scan
+from climbplan.climb.clearance.raw_surface import THE_SCAN, raw_body_room
+from climbplan.climb.planner.proof import no_support, out_of_reach
+from climbplan.climb.scene.climb_scene import (
+    MotionScene,
+    Stance,
+    stance_of,
+    warn_of_backs,
+    with_scan,
+)
+from climbplan.climb.scene.plausible_lengths import implausible_lengths
+from climbplan.climb.schema.transition import TransitionSpec
+from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.errors import (
     Conflict,
     Infeasible,
@@ -25,8 +33,6 @@ from climbplan.robots.kinematics import require_reachable, to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.task_robot import with_stance
-from climbplan.spec.climb.transition import TransitionSpec
-from climbplan.spec.climb.transition_loading import LoadedTransition
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.solids import Solid
 

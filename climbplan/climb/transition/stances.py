@@ -16,7 +16,7 @@ from climbplan.climb.forces.daqp import solve_daqp
 from climbplan.climb.forces.reduction import halfspaces, reduce_forces
 from climbplan.climb.forces.statement import ForceStatement, check_forces, state_forces, torque_use
 from climbplan.climb.plan.climb_plan import Instants
-from climbplan.climb.scene import load_wrench
+from climbplan.climb.scene.climb_scene import load_wrench
 from climbplan.climb.transition.footholds import Footholds, Poses, Reach, reach_of
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.mechanics.friction import regular_corners, split_force

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.summary import least_safety
+from climbplan.climb.planner.summary import least_safety
 
 _KINDS = 4  # kinds of sequence named
 

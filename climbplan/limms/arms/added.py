@@ -18,9 +18,9 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray
 from climbplan.limms.modules.chain import BRANCHES, in_range, inverse
 from climbplan.limms.modules.limbs import side_pose, standing_rotation
-from climbplan.limms.modules.moving import gaps, rooted
-from climbplan.limms.scene import Pose, Scene
-from climbplan.limms.timeline import PlanSoFar
+from climbplan.limms.motion.moving import gaps, rooted
+from climbplan.limms.motion.timeline import PlanSoFar
+from climbplan.limms.scene.limms_scene import Pose, Scene
 
 _OUT = (0.3, 0.45, 0.6, 0.75)  # [m] from the anchor, along its normal
 _ASIDE = (-0.3, -0.15, 0.0, 0.15, 0.3)  # [m] across it

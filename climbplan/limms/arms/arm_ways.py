@@ -18,11 +18,11 @@ from scipy.sparse.csgraph import dijkstra
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.limms.arms.held_branches import RANGE_MARGIN, HeldTask, clearance, off_singular
-from climbplan.limms.corridor import centre_blocks, way_length
 from climbplan.limms.modules.chain import in_range
 from climbplan.limms.modules.limbs import limb_angles
-from climbplan.limms.scene import Scene
-from climbplan.limms.statement import Limb
+from climbplan.limms.scene.corridor import centre_blocks, way_length
+from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.statement import Limb
 
 STEP = 0.07  # [m] between nodes
 AROUND = 0.35  # [m] round start and goal that is looked at

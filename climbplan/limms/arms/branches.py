@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from climbplan.limms.arms.answers import Outcome
 from climbplan.limms.arms.held import plan_held
 from climbplan.limms.arms.held_branches import HeldTask, combinations, path_choices
-from climbplan.limms.attempts import Attempts
-from climbplan.limms.corridor import centre_blocks, ways
-from climbplan.limms.densify import Follow
-from climbplan.limms.modules.moving import Blocked
-from climbplan.limms.scene import Scene
-from climbplan.limms.statement import Limb
-from climbplan.limms.work import Work
+from climbplan.limms.attempts.answers import Outcome
+from climbplan.limms.attempts.attempts import Attempts
+from climbplan.limms.attempts.work import Work
+from climbplan.limms.motion.densify import Follow
+from climbplan.limms.motion.moving import Blocked
+from climbplan.limms.scene.corridor import centre_blocks, ways
+from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.statement import Limb
 
 _MOST = 4  # combinations of branches
 

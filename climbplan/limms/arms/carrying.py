@@ -7,18 +7,18 @@ from itertools import permutations
 
 import numpy as np
 
-from climbplan.limms.actions import Action
-from climbplan.limms.arms.answers import Outcome
 from climbplan.limms.arms.branches import delivery, noted, solved_branches
-from climbplan.limms.assembly import latch_arm, latch_box, reach_box
-from climbplan.limms.attempts import Attempts
-from climbplan.limms.between_legs import Settle, as_it_is, come_down
-from climbplan.limms.bounds import Connection, on_ground
-from climbplan.limms.densify import add_traces
+from climbplan.limms.attempts.answers import Outcome
+from climbplan.limms.attempts.attempts import Attempts
 from climbplan.limms.modules.limbs import arm, root_on_anchor
-from climbplan.limms.modules.stretch_clearance import require_clear_of_all
-from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import NOWHERE, PlanSoFar
+from climbplan.limms.motion.assembly import latch_arm, latch_box, reach_box
+from climbplan.limms.motion.between_legs import Settle, as_it_is, come_down
+from climbplan.limms.motion.densify import add_traces
+from climbplan.limms.motion.stretch_clearance import require_clear_of_all
+from climbplan.limms.motion.timeline import NOWHERE, PlanSoFar
+from climbplan.limms.scene.actions import Action
+from climbplan.limms.scene.bounds import Connection, on_ground
+from climbplan.limms.scene.statement import Limb
 
 _DOWN = 2.0  # [m] that coming down from a wall counts as, beside driving
 _OWNERS = 2  # choices of modules

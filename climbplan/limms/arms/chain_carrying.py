@@ -9,21 +9,21 @@ from itertools import pairwise, permutations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.actions import Action
 from climbplan.limms.arms.added import Grip, grips, grounds, pairs
 from climbplan.limms.arms.branches import delivery, noted, solved_branches
 from climbplan.limms.arms.carrying import brought
 from climbplan.limms.arms.held_branches import HeldTask, way_points
-from climbplan.limms.assembly import latch_arm, latch_from_ground, root_pose
-from climbplan.limms.attempts import Attempts
-from climbplan.limms.between_legs import Settle, as_it_is, come_down
-from climbplan.limms.bounds import Connection, standing_places
+from climbplan.limms.attempts.attempts import Attempts
 from climbplan.limms.modules.limbs import arm
-from climbplan.limms.modules.moving import Blocked
-from climbplan.limms.modules.reaching import move_joints
-from climbplan.limms.scene import Scene
-from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import ADDED_ARM, PlanSoFar
+from climbplan.limms.motion.assembly import latch_arm, latch_from_ground, root_pose
+from climbplan.limms.motion.between_legs import Settle, as_it_is, come_down
+from climbplan.limms.motion.moving import Blocked
+from climbplan.limms.motion.reaching import move_joints
+from climbplan.limms.motion.timeline import ADDED_ARM, PlanSoFar
+from climbplan.limms.scene.actions import Action
+from climbplan.limms.scene.bounds import Connection, standing_places
+from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.statement import Limb
 
 
 @dataclass(frozen=True)

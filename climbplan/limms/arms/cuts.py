@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.arms.answers import Cut, Outcome
-from climbplan.limms.cubics import box_path
+from climbplan.limms.attempts.answers import Cut, Outcome
 from climbplan.limms.modules.contact import LINKS, gap_to_blocks, gap_to_boxes, link_segments
 from climbplan.limms.modules.limbs import limb_angles, limb_points
-from climbplan.limms.placement import centre_of, in_world, yaw_of
-from climbplan.limms.scene import Scene
-from climbplan.limms.statement import Limb, Trace
+from climbplan.limms.motion.cubics import box_path
+from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.placement import centre_of, in_world, yaw_of
+from climbplan.limms.scene.statement import Limb, Trace
 
 MARGIN = 0.008  # [m] beyond the radius
 ROUNDS = 4

@@ -11,11 +11,11 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.limms.arms.arm_ways import arm_way
 from climbplan.limms.arms.held_branches import HeldTask, release_share, way_points
-from climbplan.limms.corridor import way_length
 from climbplan.limms.modules.limbs import limb_angles
-from climbplan.limms.placement import centre_of
-from climbplan.limms.scene import GRAVITY, Scene
-from climbplan.limms.statement import Limb, Phase, Trace
+from climbplan.limms.scene.corridor import way_length
+from climbplan.limms.scene.limms_scene import GRAVITY, Scene
+from climbplan.limms.scene.placement import centre_of
+from climbplan.limms.scene.statement import Limb, Phase, Trace
 
 KNOTS = 8  # intervals of a phase
 BUMP = 0.2  # [m]

@@ -6,14 +6,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from climbplan.limms.arms.answers import Cut, Ends, Outcome
 from climbplan.limms.arms.cuts import solve_clear
 from climbplan.limms.arms.guess import guesses_for
 from climbplan.limms.arms.held_branches import HeldTask
 from climbplan.limms.arms.program import solve_arms
-from climbplan.limms.scene import Scene
-from climbplan.limms.statement import Limb, Trace
-from climbplan.limms.work import Work
+from climbplan.limms.attempts.answers import Cut, Ends, Outcome
+from climbplan.limms.attempts.work import Work
+from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.statement import Limb, Trace
 
 ITERATIONS = 600  # of IPOPT, for all programs of one choice of branches
 MOST = 100  # for one of them

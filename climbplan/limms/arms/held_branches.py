@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.limms.corridor import Way
 from climbplan.limms.modules.chain import BRANCHES, in_range
 from climbplan.limms.modules.contact import (
     gap_between,
@@ -21,10 +20,11 @@ from climbplan.limms.modules.contact import (
     link_segments,
 )
 from climbplan.limms.modules.limbs import limb_angles, limb_points
-from climbplan.limms.placement import centre_of, yaw_of
-from climbplan.limms.scene import Scene
-from climbplan.limms.statement import Limb
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.limms.scene.corridor import Way
+from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.placement import centre_of, yaw_of
+from climbplan.limms.scene.statement import Limb
+from climbplan.limms.schema.module import ModuleSpec
 
 RANGE_MARGIN = 0.02  # [rad]
 APPROACH_MARGIN = 0.15  # [rad] further where latches close

@@ -15,17 +15,17 @@ import casadi as ca
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.arms.answers import Cut, Ends, Outcome
 from climbplan.limms.arms.held_branches import APPROACH_MARGIN, RANGE_MARGIN, SINGULAR
 from climbplan.limms.arms.loads import load_function
 from climbplan.limms.arms.symbols import arm_function, box_frame, least_margins
+from climbplan.limms.attempts.answers import Cut, Ends, Outcome
+from climbplan.limms.attempts.work import work_of
 from climbplan.limms.modules.chain import inverse
 from climbplan.limms.modules.chain_symbols import chain_function
 from climbplan.limms.modules.limbs import limb_frames
-from climbplan.limms.placement import vertical_inertia
-from climbplan.limms.scene import GRAVITY, Scene
-from climbplan.limms.statement import Limb, Trace, held_forces
-from climbplan.limms.work import work_of
+from climbplan.limms.scene.limms_scene import GRAVITY, Scene
+from climbplan.limms.scene.placement import vertical_inertia
+from climbplan.limms.scene.statement import Limb, Trace, held_forces
 from climbplan.program.trajectory import Trajectory
 from climbplan.solvers.ipopt.trajectory import solve_trajectory
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.limms.modules.chain import ROLLS
-from climbplan.limms.scene import Scene
-from climbplan.limms.statement import Limb
+from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.statement import Limb
 
 Symbol = TypeVar("Symbol", ca.SX, ca.MX)
 

@@ -13,10 +13,10 @@ from climbplan.limms.check.limits import judge
 from climbplan.limms.check.loads import vertical_inertia
 from climbplan.limms.check.worst import Worst
 from climbplan.limms.modules.distances import upright_gap
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import GRAVITY, SIDE_NORMALS
-from climbplan.plans.check import Check
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS
+from climbplan.limms.schema.module import ModuleSpec
+from climbplan.verification.check import Check
 
 _STABLE, _FREE, _HELD, _QUADRUPED = 1, 2, 3, 4
 _AT_GOAL = 1e-4  # [m, rad]

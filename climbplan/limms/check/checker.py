@@ -18,12 +18,12 @@ from climbplan.limms.check.logic import RULES, broken
 from climbplan.limms.check.masses import mass_checks
 from climbplan.limms.check.motion import motion_checks
 from climbplan.limms.check.spec import spec_checks
-from climbplan.limms.plan import BOX_MODES, MODULE_MODES, LimmsPlan
-from climbplan.limms.scene import Pose
-from climbplan.plans.check import Check
-from climbplan.plans.held import held_check
-from climbplan.spec.holding import HeldSpec
-from climbplan.spec.limms.module import OF_MASSES, ModuleSpec
+from climbplan.limms.plan.limms_plan import BOX_MODES, MODULE_MODES, LimmsPlan
+from climbplan.limms.scene.limms_scene import Pose
+from climbplan.limms.schema.module import OF_MASSES, ModuleSpec
+from climbplan.schema.holding import HeldSpec
+from climbplan.verification.check import Check
+from climbplan.verification.held import held_check
 
 
 def plan_checks(plan: LimmsPlan, held: HeldSpec | None = None) -> Iterator[Check]:

@@ -8,8 +8,8 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.limms.check.dense import Stretch
-from climbplan.limms.plan import LimmsPlan
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.schema.module import ModuleSpec
 
 _STABLE = 1
 NOBODY = -1

@@ -11,9 +11,9 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.limms.check.kinematics import on_anchor, on_end, on_ground, placed, turned
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import Points, Pose
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.scene.limms_scene import Points, Pose
+from climbplan.limms.schema.module import ModuleSpec
 
 STEP = 1e-3  # [s]
 

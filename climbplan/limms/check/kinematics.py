@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from climbplan.arrays import Array
-from climbplan.limms.scene import Points, Pose
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.limms.scene.limms_scene import Points, Pose
+from climbplan.limms.schema.module import ModuleSpec
 
 _ACROSS, _ALONG = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _AXES = (_ALONG, _ACROSS, _ACROSS, _ALONG, _ACROSS, _ALONG)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from climbplan.limms.check.logic import RULES
-from climbplan.plans.check import Check, Limit
+from climbplan.verification.check import Check, Limit
 
 LIMITS = {
     "file.spec_hash": Limit(0, "", "sha256 of the spec's text is the stored one"),

@@ -31,9 +31,9 @@ from climbplan.limms.check.newton_euler import (
     total,
 )
 from climbplan.limms.modules.inertia import link_bodies
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import GRAVITY
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.scene.limms_scene import GRAVITY
+from climbplan.limms.schema.module import ModuleSpec
 
 _SLACK = 1e-9  # part of the scale with which nobody may help: what is left over is told
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import BoolArray
-from climbplan.limms.plan import LimmsPlan
+from climbplan.limms.plan.limms_plan import LimmsPlan
 
 RULES = {
     1: "quadruped box: each of its anchors holds one leg",

@@ -12,9 +12,9 @@ from climbplan.limms.check.dense import Stretch
 from climbplan.limms.check.kinematics import turned
 from climbplan.limms.check.limits import judge
 from climbplan.limms.check.loads import StretchLoads, loads_of_all
-from climbplan.limms.plan import LimmsPlan
-from climbplan.plans.check import Check, unjudged
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.schema.module import ModuleSpec
+from climbplan.verification.check import Check, unjudged
 
 MASSLESS = "massless modules"
 _NOT_JUDGED = MASSLESS

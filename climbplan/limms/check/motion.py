@@ -19,9 +19,9 @@ from climbplan.limms.modules.contact import (
     gap_within,
     link_segments,
 )
-from climbplan.limms.plan import LimmsPlan
-from climbplan.plans.check import Check
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.schema.module import ModuleSpec
+from climbplan.verification.check import Check
 
 _DRIVING = 1
 _STABLE = 1

@@ -12,7 +12,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.limms.modules.inertia import LinkBodies
-from climbplan.limms.scene import GRAVITY, Points
+from climbplan.limms.scene.limms_scene import GRAVITY, Points
 
 # Joint k lies at point k + 1; its axis is this column of the frames on both sides of it
 JOINT_COLUMN = (2, 1, 1, 2, 1, 2)

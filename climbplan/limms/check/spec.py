@@ -8,13 +8,13 @@ import numpy as np
 
 from climbplan.errors import SpecError
 from climbplan.limms.check.limits import judge
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import SIDE_NORMALS, Scene, scene_of
-from climbplan.plans.check import Check, not_compared
-from climbplan.plans.differences import Difference, largest, parts_apart, same
-from climbplan.spec.limms.loading import stored_limms
-from climbplan.spec.limms.model import LimmsSpec
-from climbplan.spec.limms.module import OF_MASSES
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Scene, scene_of
+from climbplan.limms.schema.loading import stored_limms
+from climbplan.limms.schema.model import LimmsSpec
+from climbplan.limms.schema.module import OF_MASSES
+from climbplan.verification.check import Check, not_compared
+from climbplan.verification.differences import Difference, largest, parts_apart, same
 
 
 def spec_checks(plan: LimmsPlan) -> Iterator[Check]:

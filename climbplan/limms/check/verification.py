@@ -9,13 +9,13 @@ import numpy as np
 
 from climbplan.limms.check.checker import plan_checks
 from climbplan.limms.check.masses import MASSLESS
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.plan_file import read_as_found
-from climbplan.limms.scene import GRAVITY
-from climbplan.plans.check import LeftOut
-from climbplan.plans.held import held_against
-from climbplan.plans.verification import Verification, mark_verified
-from climbplan.spec.holding import HeldSpec
+from climbplan.limms.plan.file import read_as_found
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.scene.limms_scene import GRAVITY
+from climbplan.schema.holding import HeldSpec
+from climbplan.verification.check import LeftOut
+from climbplan.verification.held import held_against
+from climbplan.verification.verification import Verification, mark_verified
 
 
 def verify(path: Path, held: HeldSpec | None = None) -> Verification:

@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.limms.check.limits import judge
-from climbplan.plans.check import Check
+from climbplan.verification.check import Check
 
 
 @dataclass

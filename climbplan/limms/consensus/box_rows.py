@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from climbplan.limms.consensus.columns import FASTEST, Columns
 from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STANDS, Setting
-from climbplan.limms.scene import GRAVITY
+from climbplan.limms.scene.limms_scene import GRAVITY
 from climbplan.program.linear_rows import LinearRows, Term
 
 FORCE_SHARE = 0.95  # of limits, which are balls: rows are planes round them

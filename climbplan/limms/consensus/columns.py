@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from climbplan.arrays import Array, IntArray
 from climbplan.limms.consensus.setting import POINTS, Setting
-from climbplan.limms.scene import Scene
+from climbplan.limms.scene.limms_scene import Scene
 from climbplan.program.linear_rows import LinearRows
 
 FASTEST = 6.0  # [m/s] of the box

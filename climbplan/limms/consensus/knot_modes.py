@@ -12,7 +12,7 @@ from climbplan.limms.consensus.copies import Modes
 from climbplan.limms.consensus.module_rows import MARGIN
 from climbplan.limms.consensus.setting import Setting
 from climbplan.limms.modules.limbs import end_rotation, standing_rotation
-from climbplan.limms.scene import SIDE_NORMALS
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS
 
 NOTHING, FIXED, ON_BOX, ON_PATCH, UPRIGHT, ON_MODULE = range(6)
 

@@ -25,7 +25,7 @@ from climbplan.limms.consensus.knot_modes import (
 from climbplan.limms.consensus.module_rows import AHEAD
 from climbplan.limms.consensus.setting import CHAIN_POINTS, POINTS, Setting
 from climbplan.limms.modules.chain_symbols import chain_function
-from climbplan.limms.scene import SIDE_NORMALS
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.solvers.ipopt.program import IpoptProgram
 

@@ -21,8 +21,8 @@ from climbplan.limms.consensus.setting import CHAIN_POINTS, Setting
 from climbplan.limms.modules.chain import BRANCHES, forward, from_last, in_range, inverse
 from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.modules.limbs import standing_rotation
-from climbplan.limms.scene import SIDE_NORMALS, Points, anchor_frame
-from climbplan.limms.scene import Pose as Frame
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Points, anchor_frame
+from climbplan.limms.scene.limms_scene import Pose as Frame
 
 _DEEP = 50.0  # [1/m] what a collision counts against squared distances
 _STANCES = (0.3, 0.38, 0.46, 0.54, 0.62)  # [m] of feet from their faces

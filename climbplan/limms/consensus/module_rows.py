@@ -13,7 +13,7 @@ from climbplan.limms.consensus.setting import (
     Setting,
     start_points,
 )
-from climbplan.limms.scene import SIDE_NORMALS
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS
 from climbplan.program.linear_rows import LinearRows, Number, Term
 
 MARGIN = 0.05  # [m] of what stands from edges of the ground

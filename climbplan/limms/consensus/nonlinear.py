@@ -16,8 +16,8 @@ from climbplan.limms.consensus.knot_start import start_at
 from climbplan.limms.consensus.planes import planes_at
 from climbplan.limms.consensus.setting import CHAIN_POINTS, POINTS, STABLE, Setting, start_points
 from climbplan.limms.modules.chain import forward, from_last
-from climbplan.limms.scene import Points
-from climbplan.limms.scene import Pose as Frame
+from climbplan.limms.scene.limms_scene import Points
+from climbplan.limms.scene.limms_scene import Pose as Frame
 
 BOX_WEIGHT, POINT_WEIGHT = 10.0, 1.0  # [1/m^2] of disagreements
 DEEP = 1e-4  # [m] penetration that calls for new planes

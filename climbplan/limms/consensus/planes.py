@@ -17,7 +17,7 @@ from climbplan.limms.consensus.knot_program import Plane
 from climbplan.limms.consensus.setting import POINTS, Setting
 from climbplan.limms.modules.contact import gap_to_blocks, link_segments
 from climbplan.limms.modules.distances import segment_to_segment
-from climbplan.limms.scene import Points
+from climbplan.limms.scene.limms_scene import Points
 
 NEAR = 0.06  # [m] gap below which a pair gets a plane
 SLACK = 0.004  # [m] beyond touching

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from climbplan.errors import LimitReached, NotProved
-from climbplan.limms.attempts import Attempts
+from climbplan.limms.attempts.attempts import Attempts
 from climbplan.limms.consensus.conflicts import conflicts_of
 from climbplan.limms.consensus.copies import Found
 from climbplan.limms.consensus.iteration import Agreement, Parameters, agree
@@ -21,15 +21,15 @@ from climbplan.limms.consensus.nonlinear import Nonlinear
 from climbplan.limms.consensus.refinement import action_of, refine
 from climbplan.limms.consensus.setting import FORMS, setting_of
 from climbplan.limms.consensus.story import consensus_lines, convergence_of
-from climbplan.limms.convergence import Convergence
-from climbplan.limms.direct import search
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.plan_making import Making, make_plan
-from climbplan.limms.refusal import BEHAVIOURS, ruled_out
-from climbplan.limms.scene import Scene, scene_of
-from climbplan.limms.timeline import PlanSoFar
+from climbplan.limms.courses.direct import search
+from climbplan.limms.courses.refusal import BEHAVIOURS, ruled_out
+from climbplan.limms.motion.plan_making import Making, make_plan
+from climbplan.limms.motion.timeline import PlanSoFar
+from climbplan.limms.plan.convergence import Convergence
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.scene.limms_scene import Scene, scene_of
+from climbplan.limms.schema.loading import LoadedLimms
 from climbplan.progress import Progress
-from climbplan.spec.limms.loading import LoadedLimms
 
 METHOD = "admm"
 SLICES = (150, 300, 600, 1200, 2400)  # looks of HiGHS in the first block, behaviours in turn

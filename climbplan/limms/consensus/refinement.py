@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.errors import LimitReached
-from climbplan.limms.actions import Action
 from climbplan.limms.arms.carrying import carry
 from climbplan.limms.arms.chain_carrying import Chain, carry_on_chains
-from climbplan.limms.assembly import initial
-from climbplan.limms.attempts import Attempts
-from climbplan.limms.bounds import Connection
+from climbplan.limms.attempts.attempts import Attempts
 from climbplan.limms.consensus.copies import Modes
 from climbplan.limms.consensus.iteration import Iterate
 from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STANDS
 from climbplan.limms.consensus.warm_start import carry_on
 from climbplan.limms.legs.walking import walk
-from climbplan.limms.scene import Scene
-from climbplan.limms.timeline import PlanSoFar
+from climbplan.limms.motion.assembly import initial
+from climbplan.limms.motion.timeline import PlanSoFar
+from climbplan.limms.scene.actions import Action
+from climbplan.limms.scene.bounds import Connection
+from climbplan.limms.scene.limms_scene import Scene
 
 REFINED = 60  # programs and courses of events of one refinement
 

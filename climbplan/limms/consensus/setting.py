@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.limms.corridor import centre_blocks
-from climbplan.limms.scene import Scene
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.limms.scene.corridor import centre_blocks
+from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.schema.module import ModuleSpec
 
 STABLE, FREE, HELD, STANDS, LEAPS = range(5)  # modes of the box in an interval
 POINTS = 5  # ends of a module's straight links: points 0, 2, 3, 5 and 7 of its chain

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from climbplan.limms.consensus.iteration import Iterate, Step
-from climbplan.limms.convergence import Convergence
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.summary import motion_line, refused_lines
+from climbplan.limms.plan.convergence import Convergence
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.plan.summary import motion_line, refused_lines
 
 
 def convergence_of(runs: Sequence[Sequence[Step]]) -> Convergence:

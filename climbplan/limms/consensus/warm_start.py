@@ -8,23 +8,23 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.actions import Action
 from climbplan.limms.arms.carrying import limb_of, whole_carried
 from climbplan.limms.arms.chain_carrying import Chain
 from climbplan.limms.arms.guess import KNOTS, Piece, traces_along
 from climbplan.limms.arms.held import plan_held
 from climbplan.limms.arms.held_branches import HeldTask
-from climbplan.limms.attempts import Attempts
+from climbplan.limms.attempts.attempts import Attempts
 from climbplan.limms.consensus.iteration import Iterate
 from climbplan.limms.consensus.setting import HELD
-from climbplan.limms.corridor import centre_blocks, ways
-from climbplan.limms.densify import Follow
 from climbplan.limms.modules.chain import BRANCHES
 from climbplan.limms.modules.limbs import limb_angles
-from climbplan.limms.modules.moving import Blocked
-from climbplan.limms.scene import Scene
-from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import PlanSoFar
+from climbplan.limms.motion.densify import Follow
+from climbplan.limms.motion.moving import Blocked
+from climbplan.limms.motion.timeline import PlanSoFar
+from climbplan.limms.scene.actions import Action
+from climbplan.limms.scene.corridor import centre_blocks, ways
+from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.statement import Limb
 
 
 def carry_on(

@@ -12,8 +12,8 @@ from climbplan.limms.legs.motion import LegMotion
 from climbplan.limms.legs.statement import BoxCut, LegCut, LegSample, LegTrace
 from climbplan.limms.modules.contact import LINKS, gap_between, gap_to_blocks, link_segments
 from climbplan.limms.modules.distances import block_gap
-from climbplan.limms.scene import Scene
-from climbplan.limms.statement import Limb
+from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.statement import Limb
 
 MARGIN = 0.006  # [m] beyond the radius
 FOOT_MARGIN = 0.0005  # [m] of feet, which stand on the ground before and after

@@ -14,9 +14,9 @@ from itertools import pairwise, permutations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.corridor import Way
-from climbplan.limms.scene import SIDE_NORMALS, Scene
-from climbplan.limms.statement import Limb
+from climbplan.limms.scene.corridor import Way
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Scene
+from climbplan.limms.scene.statement import Limb
 
 STANCE = 0.45  # [m] of a foot from the face of the box, nominal
 HEIGHT = 0.36  # [m] of the box's centre above the ground under it while it moves, nominal

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.corridor import Way
-from climbplan.limms.cubics import BoxPath
 from climbplan.limms.legs.gaits import Gait, centre_path, nominal_feet
 from climbplan.limms.legs.leaps import Leap
 from climbplan.limms.legs.statement import CONTROLS, LegPhase, LegTrace
 from climbplan.limms.modules.limbs import limb_angles
-from climbplan.limms.scene import GRAVITY, Scene
-from climbplan.limms.statement import Limb
+from climbplan.limms.motion.cubics import BoxPath
+from climbplan.limms.scene.corridor import Way
+from climbplan.limms.scene.limms_scene import GRAVITY, Scene
+from climbplan.limms.scene.statement import Limb
 
 SPEED = 0.3  # [m/s] of the box
 KNOTS = 6  # intervals of a stance

@@ -17,8 +17,8 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.limms.legs.gaits import patch_under
 from climbplan.limms.modules.chain import BRANCHES, in_range
 from climbplan.limms.modules.limbs import leg, limb_angles, limb_points
-from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Scene
-from climbplan.limms.statement import Limb
+from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, Scene
+from climbplan.limms.scene.statement import Limb
 
 HEIGHTS = np.arange(0.2, 0.72, 0.06)  # [m] of the box's centre over the ground at both ends
 GRID = np.arange(-0.78, 0.79, 0.06)  # [m] of the box's centre over a foothold

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.cubics import BoxPath, box_path, knot_samples
 from climbplan.limms.legs.joint_splines import spline_rates, spline_weights
 from climbplan.limms.legs.statement import LegTrace
 from climbplan.limms.modules.chain import from_last, inverse
 from climbplan.limms.modules.limbs import limb_frames, limb_points
-from climbplan.limms.modules.straight_ways import rates_of
-from climbplan.limms.scene import Points, Pose, Scene
-from climbplan.limms.statement import Limb
+from climbplan.limms.motion.cubics import BoxPath, box_path, knot_samples
+from climbplan.limms.motion.straight_ways import rates_of
+from climbplan.limms.scene.limms_scene import Points, Pose, Scene
+from climbplan.limms.scene.statement import Limb
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ from climbplan.limms.legs.statement import (
 )
 from climbplan.limms.legs.symbols import leg_function, limits_of
 from climbplan.limms.modules.chain_symbols import chain_function
-from climbplan.limms.scene import GRAVITY, SIDE_NORMALS, Scene
-from climbplan.limms.statement import Limb
+from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, Scene
+from climbplan.limms.scene.statement import Limb
 from climbplan.program.trajectory import Trajectory
 
 SPEED_SHARE = 0.95  # of the joint speed limit

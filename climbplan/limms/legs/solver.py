@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from climbplan.limms.attempts.work import Work, work_of
 from climbplan.limms.legs.program import LegProgram
 from climbplan.limms.legs.statement import BoxCut, LegCut, LegEnds, LegSample, LegTrace
-from climbplan.limms.scene import Scene
-from climbplan.limms.statement import Limb
-from climbplan.limms.work import Work, work_of
+from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.statement import Limb
 from climbplan.solvers.ipopt.trajectory import solve_trajectory
 
 

@@ -10,13 +10,13 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.limms.arms.held_branches import clearance
-from climbplan.limms.corridor import Way
 from climbplan.limms.legs.footholds import PATCH_MARGIN
 from climbplan.limms.legs.gaits import Gait
 from climbplan.limms.modules.chain import BRANCHES, in_range
 from climbplan.limms.modules.limbs import leg, limb_angles
-from climbplan.limms.scene import SIDE_NORMALS, Scene
-from climbplan.limms.statement import Limb
+from climbplan.limms.scene.corridor import Way
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Scene
+from climbplan.limms.scene.statement import Limb
 
 _SIDEWAYS = np.linspace(-0.45, 0.45, 7)
 _AWAY = np.linspace(0.03, 0.75, 10)

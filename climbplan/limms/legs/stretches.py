@@ -9,9 +9,9 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.limms.legs.motion import leg_motion
 from climbplan.limms.legs.statement import LegTrace
-from climbplan.limms.scene import GRAVITY, Pose, Scene
-from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import NOWHERE, QUADRUPED, PlanSoFar
+from climbplan.limms.motion.timeline import NOWHERE, QUADRUPED, PlanSoFar
+from climbplan.limms.scene.limms_scene import GRAVITY, Pose, Scene
+from climbplan.limms.scene.statement import Limb
 
 PROJECTIONS = 60  # onto cones and balance in turn
 CONE = 0.985  # of friction; what the program uses is less

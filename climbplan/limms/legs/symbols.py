@@ -12,9 +12,9 @@ import casadi as ca
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.scene import SIDE_NORMALS
-from climbplan.limms.statement import Limb
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS
+from climbplan.limms.scene.statement import Limb
+from climbplan.limms.schema.module import ModuleSpec
 
 OFF_AXIS = 0.05  # [m] of the wrist from the first axis, at least: branches meet there
 BENT = (0.12, 0.08)  # [rad] of elbow and wrist, at least

@@ -9,19 +9,19 @@ from itertools import permutations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.assembly import latch_box, stand_leg
-from climbplan.limms.attempts import Attempts
-from climbplan.limms.between_legs import Settle, as_it_is, come_down, headed
-from climbplan.limms.corridor import centre_blocks, ways
+from climbplan.limms.attempts.attempts import Attempts
 from climbplan.limms.legs.gaits import gaits
 from climbplan.limms.legs.motion import leg_motion
 from climbplan.limms.legs.quadruped import solve_sound, starts
 from climbplan.limms.legs.statement import LegEnds, LegTrace
 from climbplan.limms.legs.stretches import add_leg_traces
-from climbplan.limms.modules.moving import Blocked
-from climbplan.limms.scene import Scene
-from climbplan.limms.statement import Limb
-from climbplan.limms.timeline import PlanSoFar
+from climbplan.limms.motion.assembly import latch_box, stand_leg
+from climbplan.limms.motion.between_legs import Settle, as_it_is, come_down, headed
+from climbplan.limms.motion.moving import Blocked
+from climbplan.limms.motion.timeline import PlanSoFar
+from climbplan.limms.scene.corridor import centre_blocks, ways
+from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.statement import Limb
 
 
 def walk(

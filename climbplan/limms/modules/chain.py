@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.scene import Points, Pose
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.limms.scene.limms_scene import Points, Pose
+from climbplan.limms.schema.module import ModuleSpec
 
 ROLLS = (True, False, False, True, False, True)
 BRANCHES = tuple(product((1, -1), (1, -1), (1, -1)))

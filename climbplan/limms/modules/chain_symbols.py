@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from climbplan.limms.modules.chain import ROLLS
-from climbplan.spec.limms.module import ModuleSpec
+from climbplan.limms.schema.module import ModuleSpec
 
 
 def chain_function(module: ModuleSpec) -> ca.Function:

@@ -10,7 +10,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.limms.modules.distances import segment_to_block, segment_to_segment
-from climbplan.limms.scene import Points
+from climbplan.limms.scene.limms_scene import Points
 
 LINKS = ((0, 2), (2, 3), (3, 5), (5, 7))  # straight pieces between the points of a module
 _OWN_PAIRS = ((0, 2), (0, 3), (1, 3))  # that do not share a joint

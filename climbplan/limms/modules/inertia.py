@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.spec.limms.module import ENDS, JOINTS, ModuleSpec
+from climbplan.limms.schema.module import ENDS, JOINTS, ModuleSpec
 
 
 class LinkBodies(NamedTuple):

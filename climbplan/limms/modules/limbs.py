@@ -6,9 +6,9 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.limms.modules.chain import along, forward
-from climbplan.limms.placement import centre_of, upright, yaw_of
-from climbplan.limms.scene import FLIP, SIDE_NORMALS, Points, Pose, Scene, anchor_frame
-from climbplan.limms.statement import Limb
+from climbplan.limms.scene.limms_scene import FLIP, SIDE_NORMALS, Points, Pose, Scene, anchor_frame
+from climbplan.limms.scene.placement import centre_of, upright, yaw_of
+from climbplan.limms.scene.statement import Limb
 
 UPRIGHT = np.eye(3)
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.limms.plan import LimmsPlan
-from climbplan.limms.scene import GRAVITY
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.limms.scene.limms_scene import GRAVITY
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from climbplan.errors import Conflict, Remedy
-from climbplan.limms.scene import GRAVITY, Scene
+from climbplan.limms.scene.limms_scene import GRAVITY, Scene
 
 # Ways of modules that carry nothing are made so much slower until what they ask for is held
 PACES = (1.0, 0.5, 0.25, 0.12)

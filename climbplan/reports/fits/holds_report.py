@@ -15,8 +15,8 @@ from climbplan.scan.holds import Grasping, found_holds
 from climbplan.scan.orienting import facing
 from climbplan.scan.panel import holds_headline, panel_of
 from climbplan.scan.raw import RawScan
-from climbplan.spec.climb.scan import ScanSpec
-from climbplan.spec.yaml_source import write_yaml
+from climbplan.schema.terrain.scan import ScanSpec
+from climbplan.schema.yaml_source import write_yaml
 
 _UNITS = {"opening": "m", "depth": "m", "width": "m"}
 _ABOVE = 10.0  # [m] of the place from which sheets beside closed bodies are seen

@@ -12,10 +12,10 @@ import numpy as np
 from climbplan.mechanics.identification.fit import Estimate, Fit
 from climbplan.mechanics.identification.measurements import AXES
 from climbplan.mechanics.identification.study import Identification
-from climbplan.plans.csv_file import SafeWriter
 from climbplan.reports.fits.figure_stiffness import stiffness
 from climbplan.reports.sheet import png
 from climbplan.robots.serial_chain import SerialChain
+from climbplan.store.csv_file import SafeWriter
 
 RESULT = "stiffness.csv"
 

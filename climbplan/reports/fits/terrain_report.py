@@ -16,7 +16,7 @@ from climbplan.reports.page_template import fill, frame_fields
 from climbplan.reports.sheet import heading, new_figure, plain, png
 from climbplan.reports.unit_words import written
 from climbplan.scan.study import FittedScan
-from climbplan.spec.yaml_source import write_yaml
+from climbplan.schema.yaml_source import write_yaml
 
 RESULT = "terrain.yaml"
 _LISTED = 200  # regions in the page's table; all are in terrain.yaml

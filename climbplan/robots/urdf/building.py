@@ -25,10 +25,10 @@ from climbplan.robots.urdf.pinocchio_model import LegAtZero, urdf_model
 from climbplan.robots.urdf.shapes import body_box, body_parts, collision_shapes
 from climbplan.robots.urdf.toe_surface import buried_toes
 from climbplan.robots.urdf.workspace import common_reach, farthest_toes, stance_balls
-from climbplan.spec.document import Finding
-from climbplan.spec.robots.ranges import LENGTH, THICKNESS
-from climbplan.spec.robots.urdf.checks import led_bounds
-from climbplan.spec.robots.urdf.source import UrdfRobot
+from climbplan.schema.document import Finding
+from climbplan.schema.robots.ranges import LENGTH, THICKNESS
+from climbplan.schema.robots.urdf.checks import led_bounds
+from climbplan.schema.robots.urdf.source import UrdfRobot
 
 _THINNEST = 0.02  # [m] half extent of a body at least
 LEAST_BALL = 0.025  # [m] about the stance, below which no step could be planned

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from climbplan.spec.robots.urdf.meshes import mesh_path, y_is_up
-from climbplan.spec.robots.urdf.source import UrdfRobot
-from climbplan.spec.robots.urdf.xml import Element, number_of, parsed, vector_of
+from climbplan.schema.robots.urdf.meshes import mesh_path, y_is_up
+from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.xml import Element, number_of, parsed, vector_of
 
 
 @dataclass(frozen=True)

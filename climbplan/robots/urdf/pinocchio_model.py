@@ -15,10 +15,10 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.errors import MissingSolver
 from climbplan.robots.urdf.normal_document import normal_document
-from climbplan.spec.document import Finding
-from climbplan.spec.robots.urdf.mimics import follows
-from climbplan.spec.robots.urdf.source import UrdfRobot
-from climbplan.spec.robots.urdf.tree import UrdfLink
+from climbplan.schema.document import Finding
+from climbplan.schema.robots.urdf.mimics import follows
+from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.tree import UrdfLink
 
 _HOLDER = 6  # coordinates of the free base, before those of the joints
 _MASS_OFF = 1e-9  # relative, by which sums of masses may differ in rounding

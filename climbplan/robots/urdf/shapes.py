@@ -10,7 +10,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.robots.urdf.normal_document import normal_document
 from climbplan.robots.urdf.pinocchio_model import UrdfModel
-from climbplan.spec.document import Finding
+from climbplan.schema.document import Finding
 
 _FLAT = 2e-3  # [m] of a part of the body that is too thin to be in the way
 _RIM = 16  # points on the rim of a cylinder

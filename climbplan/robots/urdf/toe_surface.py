@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull, QhullError
 from climbplan.arrays import Array
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
 from climbplan.robots.urdf.shapes import Shape
-from climbplan.spec.document import Finding
+from climbplan.schema.document import Finding
 
 TOLERANCE = 1e-3  # [m] between a toe and the surface of its collision geometry
 _OUTSIDE = -np.inf

@@ -14,8 +14,8 @@ from xml.etree import ElementTree
 import trimesh
 
 from climbplan.errors import UsageError
-from climbplan.spec.robots.urdf.meshes import mesh_path
-from climbplan.spec.robots.urdf.xml import UrdfFault
+from climbplan.schema.robots.urdf.meshes import mesh_path
+from climbplan.schema.robots.xml import UrdfFault
 
 _WORLD = "world"
 

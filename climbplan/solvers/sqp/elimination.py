@@ -27,7 +27,7 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 def _compiled(function: Function) -> Function:
     options: dict[str, Any] = {"cache": True, "error_model": "numpy"}
-    return cast(Function, numba.njit(**options)(function))
+    return cast("Function", numba.njit(**options)(function))
 
 
 @_compiled

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.plans.check import Check, Limit, unjudged
+from climbplan.verification.check import Check, Limit, unjudged
 from climbplan.walking.check.speed import speed_residuals
 from climbplan.walking.check.terrain import (
     ground_at,
@@ -22,7 +22,7 @@ from climbplan.walking.check.terrain import (
 )
 from climbplan.walking.check.torque import torque_residuals
 from climbplan.walking.check.truth import continuous_rollout, knot_step, toes_in_body
-from climbplan.walking.task import (
+from climbplan.walking.task.task import (
     ANGLE_RANGE,
     ANGLES,
     POSITION,

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.walking.task import WalkTask
+from climbplan.walking.task.task import WalkTask
 
 
 def objective_terms(task: WalkTask, state: Array, force: Array) -> dict[str, float]:

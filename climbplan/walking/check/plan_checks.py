@@ -10,20 +10,20 @@ from dataclasses import fields, replace
 import numpy as np
 
 from climbplan.errors import MissingSolver, SpecError
-from climbplan.plans.check import Check, Limit, not_compared
-from climbplan.plans.held import held_check
 from climbplan.robots.walking_legs import WalkingLegs
-from climbplan.spec.holding import HeldSpec
-from climbplan.spec.kinds import validate
-from climbplan.spec.walking.loading import stored_body
-from climbplan.spec.walking.model import MpcSpec
-from climbplan.spec.yaml_source import parse_yaml
+from climbplan.schema.holding import HeldSpec
+from climbplan.schema.kinds import validate
+from climbplan.schema.yaml_source import parse_yaml
+from climbplan.verification.check import Check, Limit, not_compared
+from climbplan.verification.held import held_check
 from climbplan.walking.check.checker import check_loop, check_trajectory
 from climbplan.walking.check.objective import objective_terms
-from climbplan.walking.foot_centres import raised_task
-from climbplan.walking.plan import WalkPlan
-from climbplan.walking.problem import build_task, sampled_task
-from climbplan.walking.task import WalkTask
+from climbplan.walking.plan.foot_centres import raised_task
+from climbplan.walking.plan.walk_plan import WalkPlan
+from climbplan.walking.problem.problem import build_task, sampled_task
+from climbplan.walking.schema.loading import stored_body
+from climbplan.walking.schema.model import MpcSpec
+from climbplan.walking.task.task import WalkTask
 
 LIMITS = {
     "file.spec_hash": Limit(0, "", "sha256 of the spec's text is the stored one"),

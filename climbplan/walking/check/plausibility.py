@@ -1,4 +1,4 @@
-"""What no walking robot has, told before all else (`plans/plausibility.py` says why)."""
+"""What no walking robot has, told before all else (`verification/plausibility.py` says why)."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from climbplan.plans.plausibility import (
+from climbplan.verification.plausibility import (
     implausible_force,
     implausible_friction,
     implausible_gravity,
 )
-from climbplan.walking.plan import WalkPlan
+from climbplan.walking.plan.walk_plan import WalkPlan
 
 SPIN = 20.0  # [rad/s] three turns a second of the body
 

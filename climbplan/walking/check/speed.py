@@ -18,8 +18,8 @@ from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.walking.check.truth import euler_rates
-from climbplan.walking.swing_way import along, arch
-from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, WalkTask, WalkTrajectory
+from climbplan.walking.plan.swing_way import along, arch
+from climbplan.walking.task.task import ANGLES, POSITION, SPIN, VELOCITY, WalkTask, WalkTrajectory
 
 _PARTS = 16  # of an interval
 _FINEST = 0.005  # [s]

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.walking.ground import Ground
+from climbplan.walking.task.ground import Ground
 
 _NOWHERE = -np.inf
 _ROUNDING = 1e-9  # [m]

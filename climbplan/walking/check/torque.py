@@ -15,7 +15,7 @@ from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.walking.check.truth import toes_in_body
-from climbplan.walking.task import ANGLES, WalkTask, WalkTrajectory
+from climbplan.walking.task.task import ANGLES, WalkTask, WalkTrajectory
 
 
 @dataclass(frozen=True)

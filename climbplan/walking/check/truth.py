@@ -9,7 +9,15 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.task import ANGLES, POSITION, SPIN, STATE, VELOCITY, Integrator, RigidBody
+from climbplan.walking.task.task import (
+    ANGLES,
+    POSITION,
+    SPIN,
+    STATE,
+    VELOCITY,
+    Integrator,
+    RigidBody,
+)
 
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 

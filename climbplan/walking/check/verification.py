@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.plans.held import held_against
-from climbplan.plans.verification import Verification, mark_verified
-from climbplan.spec.holding import HeldSpec
+from climbplan.schema.holding import HeldSpec
+from climbplan.verification.held import held_against
+from climbplan.verification.verification import Verification, mark_verified
 from climbplan.walking.check.plan_checks import plan_checks
 from climbplan.walking.check.plausibility import implausible_walk
-from climbplan.walking.plan_file import read_as_found
+from climbplan.walking.plan.file import read_as_found
 
 
 def verify(path: Path, held: HeldSpec | None = None) -> Verification:

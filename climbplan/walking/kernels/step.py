@@ -1,7 +1,7 @@
 """The body's rates, its next state at a knot and the Jacobian of that, compiled.
 
-Generated from the declaration in `walking/dynamics.py`, eqs. (8.14) to (8.19), and its derivatives
-by CasADi, without C. Tests hold them against `truth.py`.
+Generated from the declaration in `walking/dynamics/dynamics.py`, eqs. (8.14) to (8.19), and its
+derivatives by CasADi, without C. Tests hold them against `truth.py`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.solvers.generated import kernel
-from climbplan.walking import dynamics
+from climbplan.walking.dynamics import dynamics
 from climbplan.walking.kernels.compiling import compiled
 
 

@@ -15,9 +15,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.walking.answer import Improvement
 from climbplan.walking.check.checker import passes
-from climbplan.walking.footing import gait_of
 from climbplan.walking.micp.covering import Leaf, covering, narrow_first
 from climbplan.walking.micp.heads import (
     SHORTEST,
@@ -33,9 +31,11 @@ from climbplan.walking.micp.relaxed import SAG, linear, relaxed
 from climbplan.walking.micp.statement import Relaxation, relaxation
 from climbplan.walking.micp.tree import Search
 from climbplan.walking.micp.tube import Tube, tube_about
+from climbplan.walking.offline.footing import gait_of
 from climbplan.walking.offline.gaits import with_regions
 from climbplan.walking.offline.sqp import iterate_of, solve_gait
-from climbplan.walking.task import WalkTask, WalkTrajectory
+from climbplan.walking.plan.answer import Improvement
+from climbplan.walking.task.task import WalkTask, WalkTrajectory
 
 _DRAWING = 0.4  # of the time that is left, for drawing tube and ranges closer
 _BRANCHING = 0.3  # of all time, to part tubes

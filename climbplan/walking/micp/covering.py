@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.walking.micp.tube import Tube, tube_about
-from climbplan.walking.task import ANGLES, SPIN, WalkTask
+from climbplan.walking.task.task import ANGLES, SPIN, WalkTask
 
 _WORTH = 0.02  # of what is enough, that two tubes have to raise the bound by
 

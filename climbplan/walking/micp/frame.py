@@ -10,7 +10,7 @@ from climbplan.arrays import Array
 from climbplan.walking.micp.model import Lin, LinearModel
 from climbplan.walking.micp.ranges import Box, ranges_below
 from climbplan.walking.micp.tube import Tube, turning
-from climbplan.walking.task import POSITION, VELOCITY, WalkTask
+from climbplan.walking.task.task import POSITION, VELOCITY, WalkTask
 
 # Products are lines where these are off by no more: rows of envelopes that lie so near each other
 # are the same to a solver whose tolerance is 1e-7, and have it go round in circles.

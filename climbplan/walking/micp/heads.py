@@ -22,7 +22,7 @@ from climbplan.walking.micp.relaxed import SAG, infeasible, linear, relaxed
 from climbplan.walking.micp.shrinking import shrunk
 from climbplan.walking.micp.statement import Relaxation, relaxation
 from climbplan.walking.micp.tube import Tube
-from climbplan.walking.task import Goal, WalkTask
+from climbplan.walking.task.task import Goal, WalkTask
 
 _T = TypeVar("_T", Tube, Box)
 _WHOLE = ("low", "high", "off")  # of a box: states are of one knot more than intervals

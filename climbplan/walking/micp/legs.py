@@ -10,7 +10,7 @@ from climbplan.arrays import Array
 from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.pieces import Piece
 from climbplan.walking.micp.spinning import Spinning
-from climbplan.walking.task import POSITION
+from climbplan.walking.task.task import POSITION
 
 FACETS = 8  # of friction cones, around them
 

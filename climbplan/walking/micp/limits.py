@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from climbplan.spec.walking.solver import WalkSolverSpec
+from climbplan.walking.schema.solver import WalkSolverSpec
 
 
 @dataclass(frozen=True)

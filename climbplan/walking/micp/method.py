@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.walking.answer import WalkAnswer
 from climbplan.walking.micp.abreast import cover_abreast
 from climbplan.walking.micp.bounding import Bounding
 from climbplan.walking.micp.limits import MicpLimits
-from climbplan.walking.task import WalkTask
+from climbplan.walking.plan.answer import WalkAnswer
+from climbplan.walking.task.task import WalkTask
 
 
 def solve_micp(

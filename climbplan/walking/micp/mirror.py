@@ -15,7 +15,7 @@ from climbplan.arrays import Array
 from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.statement import Relaxation
 from climbplan.walking.micp.tube import Tube
-from climbplan.walking.task import WalkTask
+from climbplan.walking.task.task import WalkTask
 
 _LENGTHS = np.array([1.0, -1.0, 1.0])  # of the image, across the plane of x and z
 _TURNS = -_LENGTHS

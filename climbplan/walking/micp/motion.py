@@ -10,7 +10,7 @@ from climbplan.arrays import Array
 from climbplan.walking.micp.counts import Count, Counts
 from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.pieces import Height, Piece
-from climbplan.walking.task import VELOCITY
+from climbplan.walking.task.task import VELOCITY
 
 _AHEAD, _LAST = (1, 2, 0), (2, 0, 1)
 

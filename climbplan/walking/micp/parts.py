@@ -17,7 +17,7 @@ from climbplan.walking.micp.heads import SHORTEST, Stated, least_of_head
 from climbplan.walking.micp.kept import Decision, Kept
 from climbplan.walking.micp.ranges import Box
 from climbplan.walking.micp.statement import Relaxation
-from climbplan.walking.task import ANGLES
+from climbplan.walking.task.task import ANGLES
 
 _FIRST = 2  # intervals whose contacts make parts first
 _FEW = 8  # parts that a whole tube makes at most

@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.walking.micp.tube import Tube
-from climbplan.walking.task import ANGLES, POSITION, SPIN, STATE, VELOCITY, WalkTask
+from climbplan.walking.task.task import ANGLES, POSITION, SPIN, STATE, VELOCITY, WalkTask
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from climbplan.walking.micp.model import Lin, total
 from climbplan.walking.micp.ranges import Box
 from climbplan.walking.micp.relaxed import infeasible, linear, solve_linear
 from climbplan.walking.micp.statement import Relaxation
-from climbplan.walking.task import ANGLES, POSITION
+from climbplan.walking.task.task import ANGLES, POSITION
 
 _PAD = 1e-5  # beyond what the solver says: more than its tolerance
 _WORTH = 0.02  # of a range, that a question has to be able to draw it closer by

@@ -23,7 +23,7 @@ from climbplan.walking.micp.motion import Motion
 from climbplan.walking.micp.pieces import Height, Piece
 from climbplan.walking.micp.ranges import Box
 from climbplan.walking.micp.tube import Tube
-from climbplan.walking.task import POSITION, WalkTask, WalkTrajectory
+from climbplan.walking.task.task import POSITION, WalkTask, WalkTrajectory
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.walking.check.truth import knot_step
-from climbplan.walking.task import ANGLES, SPIN, WalkTask
+from climbplan.walking.task.task import ANGLES, SPIN, WalkTask
 
 _GRID = 21  # points an angle
 _ROUNDING = 1e-12

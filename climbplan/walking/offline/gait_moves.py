@@ -8,9 +8,9 @@ import numpy as np
 
 from climbplan.arrays import BoolArray, IntArray
 from climbplan.robots.leg_order import alternating, mirror_legs
-from climbplan.walking.footing import gait_of
-from climbplan.walking.ground import Ground
-from climbplan.walking.task import Gait
+from climbplan.walking.offline.footing import gait_of
+from climbplan.walking.task.ground import Ground
+from climbplan.walking.task.task import Gait
 
 _BESIDE = 4  # regions that a foothold may go to in one move
 

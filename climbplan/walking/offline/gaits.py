@@ -10,11 +10,11 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.robots.leg_order import MIRROR_POINT, alternating, mirror_legs
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.footing import gait_of
 from climbplan.walking.kernels.footing import stance_phases
 from climbplan.walking.kernels.regions import best_region, nearest_regions
+from climbplan.walking.offline.footing import gait_of
 from climbplan.walking.offline.sqp import guessed_states
-from climbplan.walking.task import POSITION, Gait, WalkTask
+from climbplan.walking.task.task import POSITION, Gait, WalkTask
 
 GAITS = ("trot", "slow trot", "jump", "walking trot", "pace", "bound", "walk", "stand")
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.robots.walking_legs import WalkingLegs
-from climbplan.walking.footing import Footing
 from climbplan.walking.kernels.legs import torque_rows
 from climbplan.walking.kernels.speeds import GLANCES, landing_intervals, speed_rows
-from climbplan.walking.task import Gait, WalkTask
+from climbplan.walking.offline.footing import Footing
+from climbplan.walking.task.task import Gait, WalkTask
 
 _TORQUE_IN_HAND = 0.999  # of torque limits, for what iterates still move
 _SPEED_IN_HAND = 0.96  # of speed limits, for that and for what is fastest between glances

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.walking.answer import Improvement, WalkAnswer
 from climbplan.walking.check.checker import passes
 from climbplan.walking.offline.gaits import (
     cycle,
@@ -39,8 +38,9 @@ from climbplan.walking.offline.sqp import (
     iterate_of,
     solve_gait,
 )
-from climbplan.walking.online.warm_up import warm_up
-from climbplan.walking.task import Gait, WalkTask
+from climbplan.walking.offline.warm_up import warm_up
+from climbplan.walking.plan.answer import Improvement, WalkAnswer
+from climbplan.walking.task.task import Gait, WalkTask
 
 _SETTLING = 3  # QPs before IPOPT: a third of its iterations less
 _LONGER = 6  # and more of them for gaits beyond the guessed one

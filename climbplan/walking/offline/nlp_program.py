@@ -18,9 +18,9 @@ from climbplan.arrays import Array
 from climbplan.program.trajectory import Trajectory
 from climbplan.robots.symbols import rotation
 from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compiled
-from climbplan.walking.dynamics import BodyNumbers, knot_step, net_load, plain_knot_step
+from climbplan.walking.dynamics.dynamics import BodyNumbers, knot_step, net_load, plain_knot_step
 from climbplan.walking.offline.pinned import FACETS, Iterate, PinnedProgram
-from climbplan.walking.task import ANGLE_RANGE, STATE, Gait, WalkTask
+from climbplan.walking.task.task import ANGLE_RANGE, STATE, Gait, WalkTask
 
 EPSILON = 1e-3  # of c (1 - c) <= eps
 ITERATIONS = 200  # infeasible gaits would use up IPOPT's own 3000

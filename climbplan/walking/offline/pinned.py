@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 
 from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.footing import UNKNOWN, Footing, footing_of, toe_heights
 from climbplan.walking.kernels.feet import place_toes, worst_beyond
 from climbplan.walking.kernels.footing import walk_cost
 from climbplan.walking.kernels.knots import knots_rolled
 from climbplan.walking.kernels.qp import assembled, force_cost, in_units
 from climbplan.walking.kernels.ways import swing_heights
+from climbplan.walking.offline.footing import UNKNOWN, Footing, footing_of, toe_heights
 from climbplan.walking.offline.joint_rows import JointRows
-from climbplan.walking.task import ANGLES, POSITION, STATE, Gait, WalkTask
+from climbplan.walking.task.task import ANGLES, POSITION, STATE, Gait, WalkTask
 
 FACETS = 8
 FOOT_SCALE = 0.1  # [m] unit of the foothold unknowns

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import BoolArray
-from climbplan.walking.answer import Improvement, WalkAnswer
 from climbplan.walking.check.checker import passes
-from climbplan.walking.footing import gait_of
+from climbplan.walking.offline.footing import gait_of
 from climbplan.walking.offline.gait_moves import (
     contact_moves,
     region_moves,
@@ -25,8 +24,9 @@ from climbplan.walking.offline.gait_moves import (
 from climbplan.walking.offline.gaits import GAITS, enough_contacts, starting_gaits, with_regions
 from climbplan.walking.offline.pinned import Iterate
 from climbplan.walking.offline.sqp import ROUGHLY, GaitAnswer, iterate_of, solve_gait
-from climbplan.walking.online.warm_up import warm_up
-from climbplan.walking.task import Gait, WalkTask
+from climbplan.walking.offline.warm_up import warm_up
+from climbplan.walking.plan.answer import Improvement, WalkAnswer
+from climbplan.walking.task.task import Gait, WalkTask
 
 _FIRST_SHARE = 0.2  # of the QPs, for glances at named gaits
 _GLANCE = 2  # QPs

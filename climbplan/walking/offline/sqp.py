@@ -8,9 +8,9 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.footing import footing_of
+from climbplan.walking.offline.footing import footing_of
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
-from climbplan.walking.task import POSITION, STATE, VELOCITY, Gait, WalkTask, WalkTrajectory
+from climbplan.walking.task.task import POSITION, STATE, VELOCITY, Gait, WalkTask, WalkTrajectory
 
 AGREEMENT = 1e-7  # largest change of a state that ends the iterations
 ROUGHLY = 1e-4  # and that, where gaits are only compared

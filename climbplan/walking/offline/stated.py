@@ -15,8 +15,8 @@ from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.program.problem import Problem
 from climbplan.walking.check.checker import check_trajectory
-from climbplan.walking.footing import gait_of
 from climbplan.walking.kernels.ways import swing_heights
+from climbplan.walking.offline.footing import gait_of
 from climbplan.walking.offline.nlp import guesses
 from climbplan.walking.offline.nlp_program import (
     NlpShape,
@@ -25,7 +25,7 @@ from climbplan.walking.offline.nlp_program import (
     parts_of,
     values_of,
 )
-from climbplan.walking.task import Gait, WalkTask, WalkTrajectory
+from climbplan.walking.task.task import Gait, WalkTask, WalkTrajectory
 
 
 def walk_problem(task: WalkTask, guess: str = "trot") -> tuple[Problem, dict[str, Array]]:

@@ -19,7 +19,7 @@ from climbplan.walking.kernels.rollouts import borne_out
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.offline.sqp import guess
 from climbplan.walking.published.program import PublishedProgram
-from climbplan.walking.task import Gait, WalkTask, WalkTrajectory
+from climbplan.walking.task.task import Gait, WalkTask, WalkTrajectory
 
 SPEED_SLACK, ANGLE_SLACK = 0.05, 0.05  # [m/s], [rad] of the rollout over the horizon
 REACH_SLACK = 5e-3  # [m]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import BoolArray
-from climbplan.walking.footing import footing_of, gait_of
 from climbplan.walking.kernels.feet import each_within
 from climbplan.walking.kernels.footing import left_of
+from climbplan.walking.offline.footing import footing_of, gait_of
 from climbplan.walking.offline.pinned import Iterate
 from climbplan.walking.online.attempt import REACH_SLACK
-from climbplan.walking.task import Gait, WalkTask, WalkTrajectory
+from climbplan.walking.task.task import Gait, WalkTask, WalkTrajectory
 
 _QUICKEST = 8.0  # [m/s^2] that forces within friction change the velocity by
 

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, field
 
 from climbplan.walking.online.attempt import Attempt, Budget, Progress
-from climbplan.walking.task import WalkTrajectory
+from climbplan.walking.task.task import WalkTrajectory
 
 LAST, FALLBACK, SAFE = -1, -2, -3  # winners that are no section of the library
 KEPT = -4  # no winner: between knots the plan before goes on

@@ -31,7 +31,7 @@ from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.perception import Noise, Perception
 from climbplan.walking.online.plant import LegForces
 from climbplan.walking.online.tick import OnlineController
-from climbplan.walking.task import STATE, VELOCITY, Gait, RigidBody, WalkTask, WalkTrajectory
+from climbplan.walking.task.task import STATE, VELOCITY, Gait, RigidBody, WalkTask, WalkTrajectory
 
 RECOVERED = 0.25  # [m/s] off the reference at most
 SUDDEN = 50.0  # [m/s^2] beyond what planned forces explain: a push

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.errors import UsageError
-from climbplan.plans.dataset_file import FORMAT, read_dataset_file
-from climbplan.plans.hdf5_reading import Reader, opened_store
-from climbplan.walking.dataset_rows import KIND, task_of_frame, walk_of
+from climbplan.store.dataset_file import FORMAT, read_dataset_file
+from climbplan.store.hdf5_reading import Reader, opened_store
+from climbplan.walking.online.dataset_rows import KIND, task_of_frame, walk_of
 from climbplan.walking.online.library import Library, joined, mirrored, sections_of, symmetric
-from climbplan.walking.task import WalkTask
+from climbplan.walking.task.task import WalkTask
 
 
 def is_dataset(path: Path) -> bool:

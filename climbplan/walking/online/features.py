@@ -7,7 +7,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.robots.leg_order import MIRROR_POINT, MIRROR_TURN, mirror_legs
 from climbplan.walking.online.measurement import Situation
-from climbplan.walking.task import SPIN, VELOCITY
+from climbplan.walking.task.task import SPIN, VELOCITY
 
 # What a unit of distance between two situations is, for each kind of feature
 _SCALES = {

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.walking.footing import gait_of
-from climbplan.walking.ground import Ground
+from climbplan.walking.offline.footing import gait_of
 from climbplan.walking.offline.gaits import with_regions
 from climbplan.walking.offline.pinned import Iterate
 from climbplan.walking.online.candidates import flat_gait
-from climbplan.walking.problem import ground_under
-from climbplan.walking.task import POSITION, Gait, Goal, Start, WalkTask, WalkTrajectory
+from climbplan.walking.problem.problem import ground_under
+from climbplan.walking.task.ground import Ground
+from climbplan.walking.task.task import POSITION, Gait, Goal, Start, WalkTask, WalkTrajectory
 
 
 def grounded(ground: Ground, toes: Array) -> Array:

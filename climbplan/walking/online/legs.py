@@ -12,7 +12,7 @@ from climbplan.walking.check.truth import toes_in_body
 from climbplan.walking.kernels.ways import highest_beneath
 from climbplan.walking.online.footholds import grounded
 from climbplan.walking.online.safe_stance import braced_forces
-from climbplan.walking.task import ANGLES, POSITION, VELOCITY, WalkTask, WalkTrajectory
+from climbplan.walking.task.task import ANGLES, POSITION, VELOCITY, WalkTask, WalkTrajectory
 
 _LANDING_MARGIN = 0.01  # [m]
 _RISING = 0.2  # share of a swing in which a toe goes up, and again down

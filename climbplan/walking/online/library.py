@@ -13,10 +13,10 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import LimitReached, UsageError
-from climbplan.plans.hdf5_layout import Layout
-from climbplan.plans.hdf5_reading import Reader, opened_store
-from climbplan.plans.hdf5_writing import new_store, write_dataset, write_text
 from climbplan.robots.leg_order import MIRROR_POINT, MIRROR_TURN, mirror_legs
+from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_reading import Reader, opened_store
+from climbplan.store.hdf5_writing import new_store, write_dataset, write_text
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.online.features import (
     feature_count,
@@ -24,8 +24,8 @@ from climbplan.walking.online.features import (
     features_of,
 )
 from climbplan.walking.online.measurement import Situation
-from climbplan.walking.problem import ground_under
-from climbplan.walking.task import (
+from climbplan.walking.problem.problem import ground_under
+from climbplan.walking.task.task import (
     ANGLES,
     POSITION,
     SPIN,

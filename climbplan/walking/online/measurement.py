@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.walking.task import POSITION, SPIN, VELOCITY, RigidBody
+from climbplan.walking.task.task import POSITION, SPIN, VELOCITY, RigidBody
 
 OLDEST = 0.1  # [s] of a measurement that is still used
 _LARGEST_SPEED, _LARGEST_SPIN, _LARGEST_TILT = 8.0, 25.0, 1.4  # beyond: no measurement

@@ -10,7 +10,7 @@ from climbplan.arrays import Array, BoolArray
 from climbplan.walking.online.estimation import Beginning, ContactFilter, Sensed, SensorQuality
 from climbplan.walking.online.legs import Stance
 from climbplan.walking.online.sensors import SimulatedSensors
-from climbplan.walking.task import ANGLES, POSITION, SPIN, STATE, VELOCITY, WalkTask
+from climbplan.walking.task.task import ANGLES, POSITION, SPIN, STATE, VELOCITY, WalkTask
 
 _LISTENING = 2.0  # [s]
 

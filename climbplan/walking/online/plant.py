@@ -10,7 +10,7 @@ from climbplan.walking.check.truth import toes_in_body
 from climbplan.walking.kernels.body import moved
 from climbplan.walking.online.admittance import AdmittanceGains, AdmittanceLegs, limited
 from climbplan.walking.online.legs import Stance
-from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, WalkTask
+from climbplan.walking.task.task import ANGLES, POSITION, SPIN, VELOCITY, WalkTask
 
 
 class LegForces:

@@ -14,12 +14,8 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.progress import Progress
-from climbplan.spec.walking.loading import LoadedMpc
-from climbplan.spec.walking.loop import WalkLoopSpec
-from climbplan.spec.walking.model import MpcSpec
-from climbplan.spec.walking.solver import WalkLibrarySpec
-from climbplan.walking.cost import cost_terms
-from climbplan.walking.foot_centres import raised
+from climbplan.walking.dynamics.cost import cost_terms
+from climbplan.walking.offline.warm_up import warm_up
 from climbplan.walking.online.admittance import AdmittanceGains
 from climbplan.walking.online.closed_loop import (
     Loop,
@@ -37,11 +33,15 @@ from climbplan.walking.online.library import Library, build_library, read_librar
 from climbplan.walking.online.perception import Noise
 from climbplan.walking.online.strategies import trained
 from climbplan.walking.online.tick import OnlineController, OnlineSettings, horizon_of
-from climbplan.walking.online.warm_up import warm_up
-from climbplan.walking.plan import LoopRecord, WalkPlan
-from climbplan.walking.problem import build_task, sampled_task
+from climbplan.walking.plan.foot_centres import raised
+from climbplan.walking.plan.walk_plan import LoopRecord, WalkPlan
+from climbplan.walking.problem.problem import build_task, sampled_task
 from climbplan.walking.published.program import TOLERANCE
-from climbplan.walking.task import VELOCITY, WalkTask
+from climbplan.walking.schema.loading import LoadedMpc
+from climbplan.walking.schema.loop import WalkLoopSpec
+from climbplan.walking.schema.model import MpcSpec
+from climbplan.walking.schema.solver import WalkLibrarySpec
+from climbplan.walking.task.task import VELOCITY, WalkTask
 
 MOST_WARNINGS = 20  # of ticks, told one by one
 

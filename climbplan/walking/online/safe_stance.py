@@ -16,7 +16,15 @@ from climbplan.robots.leg_order import alternating
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.walking.check.truth import toes_in_body
 from climbplan.walking.online.footholds import grounded
-from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY, Gait, WalkTask, WalkTrajectory
+from climbplan.walking.task.task import (
+    ANGLES,
+    POSITION,
+    SPIN,
+    VELOCITY,
+    Gait,
+    WalkTask,
+    WalkTrajectory,
+)
 
 _SLACK = 0.02  # [m] out of its box that a toe may be told to stand
 _FRICTION = 0.8  # share of the friction coefficient that is made use of

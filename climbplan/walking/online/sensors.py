@@ -7,7 +7,7 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.online.estimation import Sensed, SensorQuality, logarithm
-from climbplan.walking.task import ANGLES, POSITION, SPIN, VELOCITY
+from climbplan.walking.task.task import ANGLES, POSITION, SPIN, VELOCITY
 
 
 class SimulatedSensors:

@@ -15,7 +15,7 @@ from climbplan.learning.library import Frame
 from climbplan.learning.library import Library as Rows
 from climbplan.learning.network import fit_network
 from climbplan.walking.online.library import Library
-from climbplan.walking.task import POSITION
+from climbplan.walking.task.task import POSITION
 
 StrategyName = Literal["knn", "forest", "boosting", "network", "reduce"]
 _TREES, _DEPTH = 60, 30

@@ -16,8 +16,8 @@ from typing import Literal
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.walking.footing import footing_of
 from climbplan.walking.kernels.body import PARTS, moved
+from climbplan.walking.offline.footing import footing_of
 from climbplan.walking.offline.gaits import cycle
 from climbplan.walking.offline.pinned import Iterate
 from climbplan.walking.online.attempt import Attempt, Budget, GaitTrials
@@ -42,7 +42,15 @@ from climbplan.walking.online.library import SECTION, Library
 from climbplan.walking.online.measurement import Situation, fault_of
 from climbplan.walking.online.safe_stance import safe_stance
 from climbplan.walking.online.strategies import Neighbours, Ranking
-from climbplan.walking.task import ANGLES, POSITION, VELOCITY, Gait, Start, WalkTask, WalkTrajectory
+from climbplan.walking.task.task import (
+    ANGLES,
+    POSITION,
+    VELOCITY,
+    Gait,
+    Start,
+    WalkTask,
+    WalkTrajectory,
+)
 
 _FALLBACKS = (("trot", 0), ("trot", 1), ("stand", 0), ("walking trot", 0), ("walking trot", 2))
 _ELASTIC_QPS = 4

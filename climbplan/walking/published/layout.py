@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.walking.footing import Footing
-from climbplan.walking.task import (
+from climbplan.walking.offline.footing import Footing
+from climbplan.walking.task.task import (
     ANGLE_RANGE,
     ANGLES,
     POSITION,

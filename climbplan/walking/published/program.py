@@ -22,7 +22,7 @@ from climbplan.walking.kernels.footing import HELD, SWINGING
 from climbplan.walking.offline.pinned import FACETS, Iterate, PinnedProgram
 from climbplan.walking.published.layout import ENTRIES, SQUARES, Layout, tracked_columns
 from climbplan.walking.published.rows import ChangingRows
-from climbplan.walking.task import POSITION
+from climbplan.walking.task.task import POSITION
 
 TOLERANCE = 1e-3  # absolute and relative, of OSQP: its default
 _MOST_STEPS = 4000

@@ -17,8 +17,8 @@ from climbplan.climb.envelopes.terrains import (
 )
 from climbplan.errors import UsageError
 from climbplan.robots.model import Robot
+from climbplan.schema.robots.source import load_robot
 from climbplan.solvers.registry import solve
-from climbplan.spec.robots.source import load_robot
 
 
 @pytest.fixture(scope="module")

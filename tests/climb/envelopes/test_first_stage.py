@@ -17,7 +17,7 @@ from climbplan.climb.envelopes.statement import PostureStatement, posture_statem
 from climbplan.climb.envelopes.terrains import TerrainDistribution, distribution
 from climbplan.learning.envelope_box import Envelope, exterior
 from climbplan.robots.model import Robot
-from climbplan.spec.robots.source import load_robot
+from climbplan.schema.robots.source import load_robot
 
 Case = tuple[TerrainDistribution, PostureStatement, Rows]
 

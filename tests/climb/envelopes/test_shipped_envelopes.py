@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from climbplan.climb.envelopes.shipped import SHIPPED, shipped_envelopes
+from climbplan.climb.schema.envelopes_loading import load_envelopes
 from climbplan.errors import UsageError
-from climbplan.spec.fits.envelopes_loading import load_envelopes
 
 SPECS = Path(__file__).parents[3] / "specs"
 # Least shares of feasible and of infeasible held-out terrains that P1 tells right

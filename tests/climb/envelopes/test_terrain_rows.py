@@ -19,17 +19,17 @@ from climbplan.climb.envelopes.distribution import terrains_of
 from climbplan.climb.envelopes.legs import ball_directions
 from climbplan.climb.envelopes.statement import posture_statement
 from climbplan.climb.envelopes.terrains import Patches
+from climbplan.climb.schema.envelopes_loading import envelopes_of
+from climbplan.climb.schema.terrains_dataset import TerrainsProblemSpec
 from climbplan.datasets.verification import verification_of
 from climbplan.errors import LimitReached, PlanFileError, SpecError, UsageError
-from climbplan.plans.dataset import Dataset
-from climbplan.plans.dataset_row import Row, child_seed, dataset_of
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.model import Robot
-from climbplan.spec.datasets.model import TerrainsProblemSpec
-from climbplan.spec.fits.envelopes_loading import envelopes_of
-from climbplan.spec.robots.source import load_any_robot, load_robot
-from climbplan.spec.source import SourceText
-from climbplan.spec.yaml_source import parse_yaml
+from climbplan.schema.robots.source import load_any_robot, load_robot
+from climbplan.schema.source import SourceText
+from climbplan.schema.yaml_source import parse_yaml
+from climbplan.store.dataset import Dataset
+from climbplan.store.dataset_row import Row, child_seed, dataset_of
 
 PLACE = Path("dataset.h5")
 

@@ -14,9 +14,9 @@ import yaml
 
 from benchmarks.climb.random_climbs import random_climb
 from climbplan.arrays import Array
-from climbplan.climb.clearance import body_shortfall, hull_world
-from climbplan.climb.gait import plan_instants
-from climbplan.climb.limb_clearance import BETWEEN, limb_points
+from climbplan.climb.clearance.body import body_shortfall, hull_world
+from climbplan.climb.clearance.limbs import BETWEEN, limb_points
+from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.check import check_postures, posture_cost
 from climbplan.climb.postures.nlp.layout import variable_layout
@@ -33,15 +33,15 @@ from climbplan.climb.postures.nlp.starts import convex_guess, straight_guess
 from climbplan.climb.postures.nlp.stated import posture_problem
 from climbplan.climb.postures.nlp.statement import posture_nlp, turning_bulge
 from climbplan.climb.postures.planner import plan_postures
-from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure
 from climbplan.methods.table import solve_instance
 from climbplan.methods.task import Method
 from climbplan.program.layout import Layout
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.spec.climb.loading import load_climb
-from climbplan.spec.climb.terrain import SolidSpec
+from climbplan.schema.terrain.terrain import SolidSpec
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Tube
 

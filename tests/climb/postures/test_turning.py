@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.climb.motion import StageClock, plan_motion
+from climbplan.climb.motion.motion import StageClock, plan_motion
 from climbplan.climb.postures.statement import LinearRotation, PostureMargins, posture_program
 from climbplan.climb.postures.turning import turn_normals
-from climbplan.climb.scene import ClimbScene, build_scene
+from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
+from climbplan.climb.schema.loading import load_climb
 from climbplan.robots.kinematics import inverse, to_body
-from climbplan.spec.climb.loading import load_climb
 
 # A narrow stance on level ground, in which middle legs would turn too far
 NARROW = """\

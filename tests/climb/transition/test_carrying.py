@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from climbplan.climb.motion import StageClock
+from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.transition import carrying
 from climbplan.climb.transition.motion import Motion
 from climbplan.errors import NoPlanFound, ReachFailure

@@ -10,13 +10,13 @@ import pytest
 
 from climbplan.arrays import Array
 from climbplan.climb.check.verification import verification_of, verify
-from climbplan.climb.limb_clearance import BETWEEN, link_distances, tapered
+from climbplan.climb.clearance.limbs import BETWEEN, link_distances, tapered
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
+from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.climb.transition.scene import build_transition
 from climbplan.robots.capsules import straight_capsules
-from climbplan.spec.climb.transition_loading import load_transition
 from climbplan.terrain.raw_surface import NARROW, SLENDER
 from climbplan.terrain.solids import Solid
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from scenes import PlannedScenes
 
-from climbplan.climb.chaining import started
 from climbplan.climb.check.verification import verify, verify_and_mark
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner.chaining import started
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_climb, load_text
+from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import SpecError
-from climbplan.spec.climb.loading import load_climb, load_text
-from climbplan.spec.climb.transition_loading import load_transition
 
 SPECS = Path(__file__).parents[3] / "specs"
 MISSION = SPECS / "mission_ground_to_top.yaml"

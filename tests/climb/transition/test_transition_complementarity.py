@@ -10,6 +10,7 @@ import pytest
 from climbplan.arrays import Array
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.file import write_climb
+from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.complementarity import Shape, complementarity_statement
 from climbplan.climb.transition.complementarity_numbers import free_motion
 from climbplan.climb.transition.homotopy import run_start
@@ -19,7 +20,6 @@ from climbplan.climb.transition.scene import TransitionScene, build_transition
 from climbplan.climb.transition.stances import Laboratory
 from climbplan.errors import UsageError
 from climbplan.robots.stated_chains import StatedChains
-from climbplan.spec.climb.transition_loading import load_transition
 
 SPECS = Path(__file__).parents[3] / "specs"
 FLAT, BRICKS = SPECS / "transition_flat.yaml", SPECS / "transition_bricks.yaml"

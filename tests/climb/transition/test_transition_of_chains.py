@@ -15,6 +15,7 @@ from climbplan.arrays import IntArray
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
+from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.clear_standing import clear_standing
 from climbplan.climb.transition.motion import Motion, plan_motion
 from climbplan.climb.transition.motion_numbers import links_beside, motion_numbers, shape_of
@@ -27,7 +28,6 @@ from climbplan.errors import NotProved, SpecError
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.kinematics import inverse, to_body
 from climbplan.robots.touching_parts import limbs_room, parts_beside
-from climbplan.spec.climb.transition_loading import load_transition
 
 SPECS = Path(__file__).parents[3] / "specs"
 SPEC = """kind: transition

@@ -12,8 +12,8 @@ from scenes import PlannedScenes
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
+from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.planner import plan_transition
-from climbplan.spec.climb.transition_loading import load_transition
 
 SPECS = Path(__file__).parents[3] / "specs"
 FLAT = SPECS / "transition_flat.yaml"

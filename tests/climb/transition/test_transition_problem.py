@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.climb.motion import StageClock
+from climbplan.climb.motion.motion import StageClock
+from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.carrying import Run, carry_through, transition_cost, verified
 from climbplan.climb.transition.complementarity_numbers import free_motion
 from climbplan.climb.transition.homotopy import complements, sequence_at
@@ -20,7 +21,6 @@ from climbplan.climb.transition.scene import build_transition
 from climbplan.climb.transition.search import Search
 from climbplan.methods.table import solve_instance
 from climbplan.methods.task import Method
-from climbplan.spec.climb.transition_loading import load_transition
 
 SPECS = Path(__file__).parents[3] / "specs"
 

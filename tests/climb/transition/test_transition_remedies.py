@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from climbplan.climb.schema.transition_loading import LoadedTransition, load_transition
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NotProved, Remedy
-from climbplan.spec.climb.transition_loading import LoadedTransition, load_transition
-from climbplan.spec.overrides import Override
+from climbplan.schema.overrides import Override
 
 SPECS = Path(__file__).parents[3] / "specs"
 

@@ -11,6 +11,7 @@ from scipy.optimize import linprog
 
 from climbplan.arrays import IntArray
 from climbplan.climb.forces.statement import state_forces
+from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.footholds import GOAL, START
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.climb.transition.pose_ways import stance_of_move
@@ -24,7 +25,6 @@ from climbplan.climb.transition.stances import (
 )
 from climbplan.errors import NotProved
 from climbplan.robots.rotations import skew
-from climbplan.spec.climb.transition_loading import load_transition
 
 SPECS = Path(__file__).parents[3] / "specs"
 FLAT = SPECS / "transition_flat.yaml"

@@ -13,17 +13,17 @@ from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.plan.promise import Promise, interval_of
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import LoadedClimb, load_text
+from climbplan.climb.schema.margins import MarginsSpec
+from climbplan.climb.simulation.risk import planning
+from climbplan.climb.simulation.risk.judging import Judged, Outcome, judge_plan
+from climbplan.climb.simulation.risk.more import as_stated, gaits, more
+from climbplan.climb.simulation.risk.planning import Ways, plan_with_risk
+from climbplan.climb.simulation.worlds.stated import uncertainty_of
+from climbplan.climb.simulation.worlds.uncertainty import layout_of, numbers_of
 from climbplan.errors import PlanFileError, SpecError
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.risk import planning
-from climbplan.simulation.risk.more import as_stated, gaits, more
-from climbplan.simulation.risk.planning import Ways, plan_with_risk
-from climbplan.simulation.worlds.judging import Judged, Outcome, judge_plan
-from climbplan.simulation.worlds.stated import uncertainty_of
-from climbplan.simulation.worlds.uncertainty import layout_of, numbers_of
-from climbplan.spec.climb.loading import LoadedClimb, load_text
-from climbplan.spec.climb.margins import MarginsSpec
 
 SPEC = """
 kind: climb

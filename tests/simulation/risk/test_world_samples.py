@@ -17,12 +17,12 @@ from climbplan.climb.check.verification import verification_of, verify
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.plan.world_sample import WorldSample, wilson_interval
+from climbplan.climb.schema.loading import load_text
+from climbplan.climb.simulation.risk import needs, sampling
+from climbplan.climb.simulation.risk.judging import Judged, Outcome
+from climbplan.climb.simulation.worlds.stated import uncertainty_of
+from climbplan.climb.simulation.worlds.uncertainty import Uncertainty, layout_of
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.simulation.risk import needs, sampling
-from climbplan.simulation.worlds.judging import Judged, Outcome
-from climbplan.simulation.worlds.stated import uncertainty_of
-from climbplan.simulation.worlds.uncertainty import Uncertainty, layout_of
-from climbplan.spec.climb.loading import load_text
 
 Planned = Callable[..., ClimbPlan]
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from climbplan.arrays import Array
-from climbplan.simulation.statics.compiling import compiled
-from climbplan.simulation.statics.contact import SLIDES
-from climbplan.simulation.statics.corner import _onto_cone, _runs_into
-from climbplan.simulation.statics.tuples import Ground, Stand, Touch
+from climbplan.climb.simulation.statics.compiling import compiled
+from climbplan.climb.simulation.statics.contact import SLIDES
+from climbplan.climb.simulation.statics.corner import _onto_cone, _runs_into
+from climbplan.climb.simulation.statics.tuples import Ground, Stand, Touch
 
 
 @compiled

@@ -7,10 +7,10 @@ import pytest
 from scipy.optimize import minimize
 
 from climbplan.arrays import Array
-from climbplan.simulation.statics.compiling import compiled
-from climbplan.simulation.statics.limb import _held
-from climbplan.simulation.statics.links import SOFTEST, _chain, _softness, _volume
-from climbplan.simulation.statics.tuples import Pad, Springs
+from climbplan.climb.simulation.statics.compiling import compiled
+from climbplan.climb.simulation.statics.limb import _held
+from climbplan.climb.simulation.statics.links import SOFTEST, _chain, _softness, _volume
+from climbplan.climb.simulation.statics.tuples import Pad, Springs
 
 STIFF, COMMAND = 50.0, np.array([0.1, 0.2, -0.1])  # [N m/rad], [rad]
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.planner import plan_climb
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.schema.loading import load_climb
+from climbplan.climb.simulation.statics.outcome import FARTHEST, FELL, SLID
+from climbplan.climb.simulation.statics.playback import Steps, played, prepare
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.statics.outcome import FARTHEST, FELL, SLID
-from climbplan.simulation.statics.playback import Steps, played, prepare
-from climbplan.spec.climb.loading import load_climb
 
 SPECS = Path(__file__).parents[3] / "specs"
 RADIUS = 0.03

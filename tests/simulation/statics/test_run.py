@@ -9,10 +9,10 @@ import pytest
 
 from benchmarks.climb.shipped import planned_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.simulation.replay import simulate
+from climbplan.climb.simulation.statics.outcome import FELL
+from climbplan.climb.simulation.statics.playback import played, prepare
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.replay import simulate
-from climbplan.simulation.statics.outcome import FELL
-from climbplan.simulation.statics.playback import played, prepare
 
 Planned = Callable[..., ClimbPlan]
 

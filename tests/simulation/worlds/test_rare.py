@@ -10,10 +10,10 @@ from scipy.stats import norm
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.simulation.risk.judging import judge_plan
+from climbplan.climb.simulation.risk.rare import rare_dict, rare_falls, rare_told, split
 from climbplan.errors import UsageError
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.worlds.judging import judge_plan
-from climbplan.simulation.worlds.rare import rare_dict, rare_falls, rare_told, split
 
 Planned = Callable[..., ClimbPlan]
 

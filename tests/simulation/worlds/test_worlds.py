@@ -10,15 +10,17 @@ import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.promise import interval_of
-from climbplan.simulation.climb_report import tell
+from climbplan.climb.simulation.model.mjcf import build_mjcf
+from climbplan.climb.simulation.report import tell
+from climbplan.climb.simulation.risk.judging import Judged, Outcome, judge_plan
+from climbplan.climb.simulation.study import simulate_plan
+from climbplan.climb.simulation.worlds.ground import moved_terrain
+from climbplan.climb.simulation.worlds.stated import uncertainty_of
+from climbplan.climb.simulation.worlds.uncertainty import layout_of, numbers_of
+from climbplan.simulation.asked import Asked
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.model import build_mjcf, motor_stiffness
+from climbplan.simulation.motors import motor_stiffness
 from climbplan.simulation.pictures import open_camera
-from climbplan.simulation.study import Asked, simulate_plan
-from climbplan.simulation.worlds.ground import moved_terrain
-from climbplan.simulation.worlds.judging import Judged, Outcome, judge_plan
-from climbplan.simulation.worlds.stated import uncertainty_of
-from climbplan.simulation.worlds.uncertainty import layout_of, numbers_of
 from climbplan.terrain.surfaces import Region
 
 Planned = Callable[..., ClimbPlan]

@@ -12,18 +12,18 @@ from dataclasses import replace
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.grips import GripPlan, SpineModel
+from climbplan.climb.schema.model import ClimbSpec
+from climbplan.climb.schema.transition import TransitionSpec
 from climbplan.errors import ClimbplanError, MissingSolver, SpecError
-from climbplan.plans.check import Check, LeftOut, judge, not_compared
-from climbplan.plans.differences import Difference, largest, parts_apart
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.model import Robot
 from climbplan.robots.task_robot import heading_as, standing_as, with_grip_limit, with_stance
-from climbplan.spec.climb.model import ClimbSpec
-from climbplan.spec.climb.transition import TransitionSpec
-from climbplan.spec.robots.source import AnyRobot
-from climbplan.spec.robots.stored import NotKept, StoredRobot, stored_robot
-from climbplan.spec.yaml_source import parse_yaml
+from climbplan.schema.robots.source import AnyRobot
+from climbplan.schema.robots.stored import NotKept, StoredRobot, stored_robot
+from climbplan.schema.yaml_source import parse_yaml
 from climbplan.terrain.model import build_terrain
+from climbplan.verification.check import Check, LeftOut, judge, not_compared
+from climbplan.verification.differences import Difference, largest, parts_apart
 
 
 def built_anew(

@@ -13,19 +13,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.clearance import body_shortfall, hull_world
-from climbplan.climb.gait import plan_instants, poses_between
-from climbplan.climb.limb_clearance import (
+from climbplan.climb.clearance.body import body_shortfall, hull_world
+from climbplan.climb.clearance.limb_pairs import standing_overlap
+from climbplan.climb.clearance.limbs import (
     BETWEEN,
     closest_link,
     limb_shortfall,
     world_capsules,
 )
+from climbplan.climb.clearance.raw_surface import Contacts, nearest_raw
+from climbplan.climb.clearance.swing import TOE_CLEARANCE, SwingBlocked, swing_paths
+from climbplan.climb.gait.gait import plan_instants, poses_between
 from climbplan.climb.plan.climb_plan import Instants, Rounds
-from climbplan.climb.raw_clearance import Contacts, nearest_raw
-from climbplan.climb.scene import ClimbScene
-from climbplan.climb.self_clearance import standing_overlap
-from climbplan.climb.swing import TOE_CLEARANCE, SwingBlocked, swing_paths
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import NotProved, ReachFailure
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.surfaces import Tube

@@ -37,7 +37,7 @@ from climbplan.climb.postures.nlp.starts import (
 from climbplan.climb.postures.nlp.statement import posture_nlp
 from climbplan.climb.postures.planner import PostureResult
 from climbplan.climb.postures.ways import ways_too_long
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import LimitReached, NotProved, ReachFailure
 from climbplan.progress import Progress
 from climbplan.robots.kinematics import require_reachable, to_body

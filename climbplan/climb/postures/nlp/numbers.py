@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.climb.gait import poses_between
-from climbplan.climb.limb_clearance import standing_room
+from climbplan.climb.clearance.limbs import standing_room
+from climbplan.climb.gait.gait import poses_between
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.layout import (
     MOMENTS,
@@ -21,7 +21,7 @@ from climbplan.climb.postures.nlp.layout import (
     variable_layout,
 )
 from climbplan.climb.postures.nlp.links import parting_planes
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.robots.kinematics import inverse, joint_points_body
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.stated_robot import stated_limbs

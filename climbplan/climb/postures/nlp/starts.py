@@ -16,7 +16,7 @@ from climbplan.arrays import Array, IntArray
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.numbers import Guess, put_on_surfaces
 from climbplan.climb.postures.planner import LINEAR_ROTATION_LIMIT, plan_postures
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import NoPlanFound
 from climbplan.robots.kinematics import to_body
 from climbplan.robots.rotations import rotation_world_body

@@ -21,7 +21,7 @@ from climbplan.climb.postures.nlp.numbers import (
     variable_bounds,
 )
 from climbplan.climb.postures.nlp.statement import posture_trajectory
-from climbplan.climb.scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.program.problem import Problem
 
 

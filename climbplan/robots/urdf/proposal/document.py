@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.robots.joint_dynamics import dynamics_of
-from climbplan.robots.model import Robot
+from climbplan.robots.model import Robot, dynamics_of
 from climbplan.robots.urdf.proposal.settled import SHARE, Proposal
 from climbplan.robots.urdf.proposal.yaml_words import mapping, scalar
 

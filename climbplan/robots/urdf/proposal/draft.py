@@ -10,9 +10,9 @@ from typing import Any
 from climbplan.errors import SpecError
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.shapes import Shape, collision_shapes
-from climbplan.spec.document import Document
-from climbplan.spec.robots.source import robot_of
-from climbplan.spec.robots.urdf.source import UrdfRobot
+from climbplan.schema.document import Document
+from climbplan.schema.robots.source import robot_of
+from climbplan.schema.robots.urdf.source import UrdfRobot
 
 
 @dataclass

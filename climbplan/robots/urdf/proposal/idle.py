@@ -15,7 +15,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.robots.urdf.pinocchio_model import UrdfModel
 from climbplan.robots.urdf.proposal.touching import Parts, parts_of
-from climbplan.spec.robots.urdf.tree import UrdfTree
+from climbplan.schema.robots.urdf.tree import UrdfTree
 
 Bounds = dict[str, tuple[float, float]]  # of joints by name [rad]
 _DRAWN = 800  # postures of the joints

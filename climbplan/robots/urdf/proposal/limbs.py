@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from climbplan.errors import UsageError
-from climbplan.spec.robots.urdf.checks import FEWEST_JOINTS, MOST_JOINTS
-from climbplan.spec.robots.urdf.model import FEWEST_LEGS
-from climbplan.spec.robots.urdf.tree import UrdfJoint, UrdfTree
+from climbplan.schema.robots.urdf.checks import FEWEST_JOINTS, MOST_JOINTS
+from climbplan.schema.robots.urdf.model import FEWEST_LEGS
+from climbplan.schema.robots.urdf.tree import UrdfJoint, UrdfTree
 
 _ALIKE = 0.2  # by which lengths of limbs of a group may differ
 

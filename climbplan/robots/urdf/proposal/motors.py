@@ -8,8 +8,8 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.robots.urdf.workspace import common_reach
-from climbplan.spec.robots.urdf.model import FEWEST_FLAT_FEET
-from climbplan.spec.robots.urdf.tree import UrdfJoint
+from climbplan.schema.robots.urdf.model import FEWEST_FLAT_FEET
+from climbplan.schema.robots.urdf.tree import UrdfJoint
 
 GRAVITY = 9.81  # [m/s^2]
 _MOST = 10.0  # times what holds the whole robot at the end of the limb: no motor of its has that

@@ -17,8 +17,8 @@ from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
 from climbplan.robots.urdf.proposal.limbs import FoundLimb
 from climbplan.robots.urdf.proposal.toes import Toe, toe_at
 from climbplan.robots.urdf.shapes import Shape
-from climbplan.spec.robots.urdf.checks import FEWEST_JOINTS
-from climbplan.spec.robots.urdf.tree import UrdfJoint
+from climbplan.schema.robots.urdf.checks import FEWEST_JOINTS
+from climbplan.schema.robots.urdf.tree import UrdfJoint
 
 _WEAK = 0.25  # of what a fair share of the weight asks at the farthest lever
 _STILL = 0.01  # [m] that a toe is from a joint, below which its link cannot stand on it

@@ -33,10 +33,10 @@ from climbplan.robots.urdf.proposal.soles import Soles, soles_of
 from climbplan.robots.urdf.proposal.standings import standing
 from climbplan.robots.urdf.proposal.toes import Toe, spherical, toe_of
 from climbplan.robots.urdf.shapes import Shape
-from climbplan.spec.robots.urdf.checks import JOINTS_OF_FLAT_FEET
-from climbplan.spec.robots.urdf.model import FEWEST_FLAT_FEET, FEWEST_LEGS
-from climbplan.spec.robots.urdf.tree import UrdfJoint, UrdfTree, read_urdf
-from climbplan.spec.robots.urdf.xml import UrdfFault, UrdfFaults
+from climbplan.schema.robots.urdf.checks import JOINTS_OF_FLAT_FEET
+from climbplan.schema.robots.urdf.model import FEWEST_FLAT_FEET, FEWEST_LEGS
+from climbplan.schema.robots.urdf.tree import UrdfJoint, UrdfTree, read_urdf
+from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
 
 _AHEAD = 1.3  # times as far apart front to rear as side to side: how legs tell forward from aside
 LYING = (("z", "-x"), ("z", "x"))  # forward and up of a base on its front, whose x was ahead

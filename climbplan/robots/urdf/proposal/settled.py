@@ -34,7 +34,7 @@ from climbplan.robots.urdf.proposal.soles import Soles
 from climbplan.robots.urdf.proposal.toes import Toe
 from climbplan.robots.urdf.proposal.touching import Parts, parts_of
 from climbplan.robots.urdf.shapes import Shape, body_box
-from climbplan.spec.robots.urdf.tree import UrdfTree
+from climbplan.schema.robots.urdf.tree import UrdfTree
 
 SHARE = 0.1  # of compliance in the structure
 FLOOR = 0.8  # friction: rubber on a floor

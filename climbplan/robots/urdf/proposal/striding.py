@@ -22,7 +22,7 @@ from climbplan.robots.urdf.proposal.proposing import LYING, legs_of, settled
 from climbplan.robots.urdf.proposal.settled import Proposal, Settled
 from climbplan.robots.urdf.toe_boxes import borne, toe_boxes
 from climbplan.robots.urdf.walking_body import TO_WALKING
-from climbplan.spec.robots.leg_pairs import in_pairs
+from climbplan.schema.robots.leg_pairs import in_pairs
 
 _EXTENT = np.array([1.0, 0.5, 0.4])  # of boxes along, across and up, that count alike
 _BESIDE = 0.25  # of a metre of box, that a metre of the centre of mass beside the diagonals costs

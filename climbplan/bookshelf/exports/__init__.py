@@ -1,0 +1,1 @@
+"""Placements of books as other programs read them."""

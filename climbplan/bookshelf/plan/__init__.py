@@ -1,0 +1,1 @@
+"""Bookshelf runs: in memory, in files, and in words."""

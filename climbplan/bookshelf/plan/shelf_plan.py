@@ -1,0 +1,136 @@
+"""The result of a bookshelf run: scenes, where the books go, and what was proved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.bookshelf.plan.answer import Placement, SceneAnswer
+from climbplan.bookshelf.scene.rectangles import separation, slots
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf
+from climbplan.store.root_attributes import PlanHeader
+
+STATUSES = ("optimal", "feasible", "infeasible", "limit")
+NO_STATE = -1  # of every book of a scene without a placement, and its slot
+
+
+@dataclass(frozen=True)
+class Solutions:
+    """What was found for S scenes of n stored books; no placement: NaN poses, states -1."""
+
+    pose: Array  # (S, n + 1, 3) x [m], y [m], angle [rad], the inserted book last
+    state: IntArray  # (S, n + 1) of `State`
+    slot: IntArray  # (S,) stored books left of the inserted one
+    status: tuple[str, ...]  # (S,) of STATUSES
+    objective: Array  # (S,) [mm^2] infinite without a placement
+    bound: Array  # (S,) [mm^2] minus infinity where nothing is proved
+    time: Array  # (S,) [s]
+    candidates_tried: IntArray  # (S,)
+    nodes: IntArray  # (S,) of a tree, or iterations
+    overlap: Array  # (S,) [m] worst penetration, NaN without a placement
+    message: tuple[str, ...]  # (S,) why there is no placement, or what deserves a remark
+
+    @classmethod
+    def of(cls, scenes: Scenes, answers: Sequence[SceneAnswer]) -> Solutions:
+        """From answers that were checked."""
+        count, books = len(scenes), scenes.count + 1
+        pose = np.full((count, books, 3), math.nan)
+        state = np.full((count, books), NO_STATE, np.int64)
+        for k, answer in enumerate(answers):
+            if answer.placement is not None:
+                pose[k], state[k] = answer.placement.pose, answer.placement.state
+        placed = np.isfinite(pose).all(axis=(1, 2))
+        slot = np.where(placed, slots(pose, scenes.sizes), NO_STATE)
+        return cls(
+            pose=pose,
+            state=state,
+            slot=slot.astype(np.int64),
+            status=tuple(answer.status for answer in answers),
+            objective=np.array([answer.objective for answer in answers], float),
+            bound=np.array([answer.bound for answer in answers], float),
+            time=np.array([answer.seconds for answer in answers], float),
+            candidates_tried=np.array([answer.candidates for answer in answers], np.int64),
+            nodes=np.array([answer.nodes for answer in answers], np.int64),
+            overlap=worst_overlap(scenes, pose),
+            message=tuple(_message(answer) for answer in answers),
+        )
+
+    @property
+    def placed(self) -> BoolArray:
+        """Which scenes have a placement (S,)."""
+        return np.asarray(np.isfinite(self.pose).all(axis=(1, 2)), bool)
+
+    def placement(self, scene: int) -> Placement | None:
+        """Where the books of a scene go."""
+        if not self.placed[scene]:
+            return None
+        return Placement(self.pose[scene], self.state[scene], int(self.slot[scene]))
+
+    def count(self, *status: str) -> int:
+        """How many scenes ended like that."""
+        return sum(word in status for word in self.status)
+
+
+@dataclass(frozen=True)
+class Totals:
+    """A run as a whole."""
+
+    status: str
+    objective: float  # [mm^2] sum over scenes with a placement
+    bound: float | None  # [mm^2] of the same scenes; None if one of them has no bound
+    gap: float | None  # [mm^2]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShelfPlan(PlanHeader):
+    """A bookshelf run as its plan file keeps it."""
+
+    title: str
+    shelf: Shelf
+    meaning: str
+    method: str
+    scenes: Scenes
+    solutions: Solutions
+    totals: Totals
+
+
+def totals_of(solutions: Solutions) -> Totals:
+    """One status, cost and bound of all scenes."""
+    placed = solutions.placed
+    objective = float(solutions.objective[placed].sum())
+    bound = float(solutions.bound[placed].sum())
+    known = placed.any() and math.isfinite(bound)
+    return Totals(
+        status_of(solutions.status),
+        objective,
+        bound if known else None,
+        objective - bound if known else None,
+    )
+
+
+def status_of(statuses: Sequence[str]) -> str:
+    """`limit` if a scene has no answer, `infeasible` if none has a placement, else the weaker."""
+    if "limit" in statuses:
+        return "limit"
+    if all(status == "infeasible" for status in statuses):
+        return "infeasible"
+    return "feasible" if "feasible" in statuses else "optimal"
+
+
+def worst_overlap(scenes: Scenes, pose: Array) -> Array:
+    """Deepest penetration of two books (S,) [m]; NaN where the pose (S, n + 1, 3) is NaN."""
+    size = scenes.sizes
+    i, j = np.triu_indices(pose.shape[1], 1)
+    depth = -separation(pose[:, i], size[:, i], pose[:, j], size[:, j])
+    worst: Array = np.maximum(depth.max(axis=1), 0.0)
+    return worst
+
+
+def _message(answer: SceneAnswer) -> str:
+    if answer.status == "infeasible" and answer.shortage is not None:
+        return "; ".join(filter(None, (str(answer.shortage), answer.word)))
+    return answer.word

@@ -1,0 +1,1 @@
+"""Shelf and books in numbers, drawn at random or read from files."""

@@ -1,0 +1,1 @@
+"""The bookshelf as a mixed-integer bilinear program."""

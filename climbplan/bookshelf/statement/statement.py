@@ -1,0 +1,258 @@
+"""The bookshelf as a mixed-integer bilinear program (chapter 8.1.1).
+
+Stored once for any number of books, in two meanings. `contact`: books on the ground without
+overlap, leaning books within the contact gap of what they lean on, the stored order kept.
+`published`: the published constraints with their tolerances (facts of the code that goes with
+arXiv 2110.00666), one line a pair that passes two given corners where a book leans.
+
+Lengths are in mm, so that the cost is in mm^2 as published. Corners are numbered from the top
+right clockwise; book n is the inserted one.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from climbplan.bookshelf.scene.shelf_scene import Shelf, State
+from climbplan.bookshelf.schema.model import Meaning
+from climbplan.program import Program
+from climbplan.program.statement import Expression
+
+TOP_RIGHT, BOTTOM_RIGHT, BOTTOM_LEFT, TOP_LEFT = range(4)
+ACROSS = np.array([0.5, 0.5, -0.5, -0.5])  # of each corner from the centre, in widths
+UP = np.array([0.5, -0.5, -0.5, 0.5])  # in heights
+INSERTED_STATES = (State.FLAT_LEFT, State.UPRIGHT, State.FLAT_RIGHT)
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """By how much equations and inequalities may be off."""
+
+    length: float  # [mm] of everything between points
+    sine: float  # of a state's angle
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """Where corners may be [mm]."""
+
+    left: float
+    right: float
+    height: float
+
+
+def pairs(n: int) -> list[tuple[int, int]]:
+    """Pairs of books (i < j), the inserted one with every stored one."""
+    return list(itertools.combinations(range(n + 1), 2))
+
+
+def bookshelf(n: int, shelf: Shelf, meaning: Meaning = "contact") -> Program:
+    """Insert one book among n stored ones with the least movement.
+
+    Parameters: `size` (n + 1, 2) height, width [mm]; `pose` (n, 3) x [mm], y [mm], angle [rad] of
+    the stored books before the insertion.
+    """
+    frame, tolerance = _frame(shelf, meaning)
+    p = Program(f"bookshelf, {n} stored books, {meaning}")
+    size, pose = p.parameter("size", (n + 1, 2)), p.parameter("pose", (n, 3))
+    height, width = size[:, 0], size[:, 1]
+
+    slack = tolerance.length
+    low, high = np.array([frame.left, 0.0]), np.array([frame.right, frame.height])
+    center = p.continuous("center", (n + 1, 2), low, high, unit="mm")
+    cos = p.continuous("cos", (n + 1,), 0.0, 1.0)  # eq. (8.4)
+    sin = p.continuous("sin", (n + 1,), -1.0, 1.0)  # > 0: tilts to the left
+    # Eq. (8.2), corners inside the shelf, is their bounds
+    vertex = p.continuous("vertex", (n + 1, 4, 2), low - slack, high + slack, unit="mm")
+
+    # Rotation, eq. (8.3)
+    p.equal("book.rotation", cos**2 + sin**2 - 1)
+
+    # Corners, eq. (8.1)
+    across, up = np.outer(width, ACROSS), np.outer(height, UP)
+    turned = np.stack(
+        [across * cos[:, None] - up * sin[:, None], across * sin[:, None] + up * cos[:, None]], 2
+    )
+    p.equal("book.corners", vertex - center[:, None] - turned, unit="mm")
+
+    # Separating lines, eq. (8.5); a unit normal gives the offset its meaning
+    i, j = np.transpose(pairs(n))
+    most = math.hypot(max(-frame.left, frame.right), frame.height) + slack
+    normal = p.continuous("normal", (len(i), 2), -1.0, 1.0)
+    offset = p.continuous("offset", (len(i),), -most, most, unit="mm")
+    p.equal("line.unit", np.sum(normal**2, axis=1) - 1)
+    beyond = np.sum(normal[:, None] * vertex[i], axis=2) - offset[:, None]
+    before = np.sum(normal[:, None] * vertex[j], axis=2) - offset[:, None]
+    p.between("line.left", beyond, -np.inf, slack, unit="mm")
+    p.between("line.right", before, -slack, np.inf, unit="mm")
+
+    # Each stored book has one of five states, the inserted one of three
+    stored = p.binary("state", (n, len(State)))
+    inserted = p.binary("inserted_state", (len(INSERTED_STATES),))
+    p.exactly_one("book.one_state", stored)
+    p.exactly_one("book.one_inserted_state", inserted)
+    flat_left = np.append(stored[:, State.FLAT_LEFT], inserted[[0]])
+    upright = np.append(stored[:, State.UPRIGHT], inserted[[1]])
+    flat_right = np.append(stored[:, State.FLAT_RIGHT], inserted[[2]])
+    lean_left, lean_right = stored[:, State.LEAN_LEFT], stored[:, State.LEAN_RIGHT]
+
+    # Flat and upright, eqs. (8.6) to (8.8)
+    off = tolerance.sine
+    for name, state, sine, rise in (
+        ("flat_left", flat_left, 1.0, width / 2),
+        ("upright", upright, 0.0, height / 2),
+        ("flat_right", flat_right, -1.0, width / 2),
+    ):
+        p.when(f"{name}.angle", state, sin, sine - off, sine + off)
+        p.when(f"{name}.ground", state, center[:, 1] - rise, -slack, slack, unit="mm")
+
+    # Leaning, eqs. (8.9), (8.10): on the ground with the lower corner (K3, L3)
+    foot_left, foot_right = vertex[:n, BOTTOM_LEFT], vertex[:n, BOTTOM_RIGHT]
+    p.when("lean_left.angle", lean_left, sin[:n], lower=-off)
+    p.when("lean_right.angle", lean_right, sin[:n], upper=off)
+    p.when("lean_left.ground", lean_left, foot_left[:, 1], -slack, slack, unit="mm")
+    p.when("lean_right.ground", lean_right, foot_right[:, 1], -slack, slack, unit="mm")
+
+    if meaning == "contact":
+        _stable(p, shelf, size[:n], cos[:n], sin[:n], lean_left, lean_right)
+        _touching(p, shelf, size, center, cos, sin, vertex, lean_left, lean_right)
+        _ordered(p, (frame.left, frame.right), center[:n], foot_left, foot_right, stored)
+    else:
+        _supported(p, shelf, center, vertex, normal, offset, lean_left, lean_right)
+
+    # Movement of the stored books; the inserted one is free
+    p.minimise("translation", np.sum((center[:n] - pose[:, :2]) ** 2))
+    p.minimise(
+        "rotation", sum((c - ca.cos(a)) ** 2 for c, a in zip(cos[:n], pose[:, 2], strict=True))
+    )
+    return p
+
+
+def _frame(shelf: Shelf, meaning: Meaning) -> tuple[_Frame, Tolerances]:
+    if meaning == "contact":
+        frame = _Frame(1e3 * shelf.left, 1e3 * shelf.right, 1e3 * shelf.height)
+        return frame, Tolerances(0.0, 0.0)
+    rules = shelf.published
+    half = 1e3 * rules.half_width
+    return _Frame(-half, half, 1e3 * rules.height), Tolerances(1e3 * rules.distance, rules.sine)
+
+
+def _stable(
+    p: Program,
+    shelf: Shelf,
+    size: Expression,
+    cos: Expression,
+    sin: Expression,
+    lean_left: Expression,
+    lean_right: Expression,
+) -> None:
+    """K2 without its neighbour: |a| >= atan(W / H) + margin, so that the centre hangs over."""
+    height, width = size[:, 0], size[:, 1]
+    diagonal = np.array([ca.sqrt(h**2 + w**2) for h, w in size], dtype=object)
+    cm, sm = math.cos(shelf.lean_margin), math.sin(shelf.lean_margin)
+    cos_least = (height * cm - width * sm) / diagonal
+    sin_least = (width * cm + height * sm) / diagonal
+    p.when("lean_left.stable", lean_left, sin * cos_least - cos * sin_least, lower=0.0)
+    p.when("lean_right.stable", lean_right, -sin * cos_least - cos * sin_least, lower=0.0)
+
+
+def _touching(
+    p: Program,
+    shelf: Shelf,
+    size: Expression,
+    center: Expression,
+    cos: Expression,
+    sin: Expression,
+    vertex: Expression,
+    lean_left: Expression,
+    lean_right: Expression,
+) -> None:
+    """A leaning book has a point within the contact gap of a point of what it leans on (K1, L1)."""
+    n = len(lean_left)
+    wall = 1e3 * shelf.wall_gap
+    left, right = 1e3 * shelf.left, 1e3 * shelf.right
+    p.when("lean_left.wall", lean_left[0], vertex[0, TOP_LEFT, 0] - left, upper=wall, unit="mm")
+    p.when(
+        "lean_right.wall",
+        lean_right[-1],
+        right - vertex[n - 1, TOP_RIGHT, 0],
+        upper=wall,
+        unit="mm",
+    )
+    if n == 1:
+        return
+    # One point in each of two neighbours, in shares of width and height from the centre
+    share = p.continuous("touch.share", (n - 1, 2, 2), -0.5, 0.5)
+    points = []
+    for side, book in enumerate((slice(0, n - 1), slice(1, n))):
+        across, up = share[:, side, 0] * size[book, 1], share[:, side, 1] * size[book, 0]
+        c, s = cos[book], sin[book]
+        points.append(center[book] + np.stack([across * c - up * s, across * s + up * c], axis=1))
+    gap = 1e3 * shelf.book_gap
+    most = math.hypot(right - left, 1e3 * shelf.height)
+    apart = p.continuous("touch.apart", (n - 1, 2), -most, most, unit="mm")
+    p.equal("touch.points", apart - points[1] + points[0], unit="mm")
+    # In gaps: a square in mm^2 would be scaled unlike the rest
+    reach = np.sum(apart**2, axis=1) / max(gap, 1e-3)
+    p.when("lean_left.touch", lean_left[1:], reach, upper=gap, unit="mm")
+    p.when("lean_right.touch", lean_right[:-1], reach, upper=gap, unit="mm")
+
+
+def _ordered(
+    p: Program,
+    sides: tuple[float, float],
+    center: Expression,
+    foot_left: Expression,
+    foot_right: Expression,
+    stored: Expression,
+) -> None:
+    """Centres and feet of the stored books keep their order."""
+    n = len(center)
+    foot = p.continuous("foot", (n,), *sides, unit="mm")
+    resting = stored[:, [State.FLAT_LEFT, State.UPRIGHT, State.FLAT_RIGHT]]
+    lean_left, lean_right = stored[:, State.LEAN_LEFT], stored[:, State.LEAN_RIGHT]
+    middle = (foot - center[:, 0])[:, None] + np.zeros((1, 3))
+    p.when("foot.resting", resting, middle, 0.0, 0.0, unit="mm")
+    p.when("foot.lean_left", lean_left, foot - foot_left[:, 0], 0.0, 0.0, unit="mm")
+    p.when("foot.lean_right", lean_right, foot - foot_right[:, 0], 0.0, 0.0, unit="mm")
+    if n > 1:
+        p.between("order.centers", center[1:, 0] - center[:-1, 0], 0.0, np.inf, unit="mm")
+        p.between("order.feet", foot[1:] - foot[:-1], 0.0, np.inf, unit="mm")
+
+
+def _supported(
+    p: Program,
+    shelf: Shelf,
+    center: Expression,
+    vertex: Expression,
+    normal: Expression,
+    offset: Expression,
+    lean_left: Expression,
+    lean_right: Expression,
+) -> None:
+    """Eqs. (8.9), (8.10) as published: the line passes the upper corners that face each other,
+    and the centre is between the own foot and the neighbour's centre or the wall."""
+    n, rules = len(lean_left), shelf.published
+    slack, half = 1e3 * rules.distance, 1e3 * rules.half_width
+    number = {pair: k for k, pair in enumerate(pairs(n))}
+    wall_left = vertex[0, TOP_LEFT, 0] + half - 1e3 * rules.left_wall
+    wall_right = half - vertex[n - 1, TOP_RIGHT, 0]
+    p.when("lean_left.wall", lean_left[0], wall_left, upper=slack, unit="mm")
+    p.when("lean_right.wall", lean_right[-1], wall_right, upper=slack, unit="mm")
+    for k in range(n - 1):
+        a, b = normal[number[k, k + 1]], offset[number[k, k + 1]]
+        upper = np.array([vertex[k, TOP_RIGHT] @ a - b, vertex[k + 1, TOP_LEFT] @ a - b])
+        p.when(f"lean_right.line[{k}]", lean_right[k], upper, -slack, slack, unit="mm")
+        p.when(f"lean_left.line[{k + 1}]", lean_left[k + 1], upper, -slack, slack, unit="mm")
+    x = center[:n, 0]
+    before, after = np.append(-half, x[:-1]), np.append(x[1:], half)
+    foot_left, foot_right = vertex[:n, BOTTOM_LEFT, 0], vertex[:n, BOTTOM_RIGHT, 0]
+    between_left = np.stack([x - before, foot_left - x], axis=1)
+    between_right = np.stack([after - x, x - foot_right], axis=1)
+    p.when("lean_left.stable", lean_left[:, None], between_left, lower=-slack, unit="mm")
+    p.when("lean_right.stable", lean_right[:, None], between_right, lower=-slack, unit="mm")

@@ -1,0 +1,1 @@
+"""Room that links, body and swinging toes have, as planning measures it."""

@@ -1,0 +1,340 @@
+"""Room between links and solids: standing limbs along the whole motion, exact kinematics.
+
+Links keep their radius from obstacles, from the material behind surfaces and from the walls of
+tubes. Near what its limb may stand on, a last link keeps less: a point of its axis at distance d
+from the toe keeps
+
+    min(r, f + d / 4),
+
+in steps along the link, where r is the radius of the link and f that of a spherical foot, so that
+a limb is a cone of 14 degrees there. Without such a foot, the last 5 cm are left out. The checks
+measure it again (`climbplan/climb/check/clearance.py`); scans have a rule of their own
+(`climbplan/terrain/raw_surface.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from climbplan.arrays import Array, BoolArray
+from climbplan.climb.clearance.raw_surface import THE_SCAN, Contacts, nearest_raw
+from climbplan.climb.plan.climb_plan import Instants, Rounds
+from climbplan.climb.scene.climb_scene import ClimbScene, MotionScene
+from climbplan.robots.capsules import Capsules, limb_capsules
+from climbplan.robots.kinematics import (
+    inverse,
+    joint_points_body,
+    standing_inverse,
+    to_body,
+)
+from climbplan.robots.model import Robot
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.terrain.raw_surface import NARROW, SLENDER
+from climbplan.terrain.solids import Solid
+from climbplan.terrain.surfaces import Tube
+
+BETWEEN = (
+    1e-3  # [m] that links, as thick as they are, keep: what one may lose between checked poses
+)
+_STEPS = 6  # poses checked along a push
+_CONE = 6  # pieces of a last link, each as thick as at its thinner end
+_SAME_SPHERE = 1e-3  # [m] by which the capsule of a foot may reach beyond its sphere
+_ON_SOLID = 1e-3  # [m] within which a toe stands on a solid
+_TOUCHING = 1e-9  # [m] a corner this close to a face belongs to it
+
+
+def standing_room(scene: ClimbScene) -> float:
+    """Distance [m] of links' axes that postures are planned with, with the spec's clearance."""
+    return scene.robot.limb_radius + max(scene.spec.posture.limb_clearance, BETWEEN)
+
+
+@dataclass(frozen=True)
+class LimbShortfall:
+    """The link that comes closest to an obstacle."""
+
+    missing: float  # [m] of the room asked for, <= 0 if it is kept
+    where: str  # "round 3, LM lifted"
+    limb: int
+    link: int
+    radius: float  # [m]
+    obstacle: str
+    solids: tuple[Solid, ...] = ()  # that links come too close to
+    toe: Array | None = None  # (3,) of that limb where it stands on another surface [m]
+
+    def words(self, scene: MotionScene) -> str:
+        """Limb, link, obstacle and missing room in the robot's terms."""
+        robot = scene.robot
+        name = f"{robot.limb_names[self.limb]}'s {robot.joint_name(self.limb, self.link)}"
+        return (
+            f"{name}, {1e3 * self.radius:.0f} mm in radius, comes {1e3 * self.missing:.1f} mm too "
+            f"close to {self.obstacle!r}"
+        )
+
+
+def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> LimbShortfall | None:
+    """Return where standing limbs come closest to a solid or a scan; None if there is neither.
+
+    Looked at along every push, from the placing of a limb to the next lift, and at the start.
+    """
+    if not scene.terrain.link_solids and scene.terrain.scan is None:
+        return None
+    lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
+    share = np.linspace(0.0, 1.0, _STEPS)[:, None]
+    com, rpy = (
+        x[lift, None] + share * (x[push] - x[lift])[:, None] for x in (instants.com, instants.rpy)
+    )  # (P, S, 3)
+    toes = np.broadcast_to(instants.toes[push, None], (*com.shape[:2], scene.robot.limb_count, 3))
+    normals = np.broadcast_to(instants.normal[push, None], toes.shape)
+    # At the start all stand where the first instant has them, or left from there
+    first = instants.normal[:1]
+    start = instants.com[:1], instants.rpy[:1], rounds.toes[:1], first
+    flat_toes, flat_normals = (v.reshape(-1, *v.shape[2:]) for v in (toes, normals))
+    flat = (com.reshape(-1, 3), rpy.reshape(-1, 3), flat_toes, flat_normals)
+    stood = np.concatenate([start[2], flat_toes])
+    links = world_capsules(scene, *(np.concatenate(both) for both in zip(start, flat, strict=True)))
+    solids = scene.terrain.link_solids
+
+    def shortfall(
+        missing: float, index: tuple[int, ...], link: int, radius: float, name: str
+    ) -> LimbShortfall:
+        pose, limb = index
+        where = "start posture"
+        if pose > 0:
+            where = instants.label(int(push[(pose - 1) // _STEPS]), scene.robot.limb_names)
+        return LimbShortfall(missing, where, limb, link, radius, name)
+
+    short = []
+    if solids:
+        found = closest_link(scene, links)
+        solid = solids[found.solid]
+        missing = BETWEEN - found.distance
+        nearest = shortfall(missing, found.index, found.link, found.radius, solid.name)
+        if isinstance(solid, Solid):
+            pose, limb = found.index
+            toe = stood[pose, limb]
+            # One that it stands on is as near to its toe as feet are large
+            on_it = solid.face_distance(toe) < scene.robot.standoff + _ON_SOLID
+            toe = None if on_it else toe
+            nearest = replace(nearest, solids=(solid,), toe=toe)
+        short.append(nearest)
+    if scene.terrain.scan is not None:
+        contacts = Contacts(
+            np.concatenate([start[2], flat_toes])[..., None, :],
+            np.concatenate([first, flat_normals])[..., None, :],
+        )
+        raw = nearest_raw(scene.terrain.scan, links, contacts, BETWEEN)
+        nearest = shortfall(raw.missing, raw.index, raw.link, raw.radius, THE_SCAN)
+        short.append(replace(nearest, solids=raw.solids))
+    return max(short, key=lambda s: s.missing)
+
+
+def limb_points(scene: MotionScene, com: Array, rpy: Array, toes: Array) -> Array:
+    """Joints and toes (P, N, J + 1, 3) of limbs for toes (P, N, 3), world; NaN out of reach.
+
+    Of feet that are not flat.
+    """
+    robot = scene.robot
+    angles = inverse(robot, to_body(com, rpy, toes)).best()
+    points = joint_points_body(robot, angles)
+    return com[:, None, None] + np.einsum("kab,knjb->knja", rotation_world_body(rpy), points)
+
+
+def world_capsules(
+    scene: MotionScene, com: Array, rpy: Array, toes: Array, normal: Array
+) -> Capsules:
+    """Links (P, N, C) of limbs for toes (P, N, 3), world; NaN out of reach.
+
+    normal: (P, N, 3) of the surfaces under the toes.
+    """
+    angles = standing_inverse(scene.robot, com, rpy, toes, normal).best()
+    return limb_capsules(scene.robot, angles).moved(com, rotation_world_body(rpy))
+
+
+def foot_radius(robot: Robot) -> float:
+    """Return the radius of spherical feet [m]; zero for points, soles and grippers."""
+    return 0.0 if robot.foot is None or robot.foot.sole is not None else robot.foot.radius
+
+
+def tapered(links: Capsules, foot: float) -> Capsules:
+    """Return links as they keep off what they may stand on: last ones narrow to their toes.
+
+    Args:
+        links: (..., N, C) links.
+        foot: Radius of spherical feet [m], else zero.
+
+    Returns:
+        (..., N, C + 6 C) links, whose radius is the room that they keep; NaN for what is left out.
+    """
+    last = np.isfinite(links.to_toe)  # (N, C)
+    first = 0.0 if foot > 0 else NARROW
+    whole = np.maximum((links.radius + BETWEEN - foot) / SLENDER, first)  # (N, C) from the toe on
+    along = links.starts - links.ends
+    length = np.linalg.norm(along, axis=-1)  # (..., N, C)
+    unit = along / np.maximum(length, 1e-9)[..., None]
+    beyond = links.to_toe + np.nan_to_num(_largest(length))  # (N, C) from the toe to the start
+    foot_itself = last & (beyond + links.radius <= foot + _SAME_SPHERE)
+
+    def cut(far: Array) -> Array:
+        """Places (..., N, C, 3) of last links so far (N, C) from their toes, on their axes."""
+        way = np.clip(far - np.where(last, links.to_toe, 0.0), 0.0, length)
+        return np.asarray(links.ends + way[..., None] * unit)
+
+    # From the knee on to where a link begins to narrow, then piece by piece to the toe
+    gone = last & (whole >= beyond)
+    starts = [np.where((gone | foot_itself)[..., None], np.nan, links.starts)]
+    ends, room = [np.where(last[..., None], cut(whole), links.ends)], [links.radius]
+    for piece in range(_CONE):
+        far = first + (whole - first) * np.array([piece + 1, piece])[:, None, None] / _CONE
+        left_out = ~last | foot_itself | (far[0] <= links.to_toe) | (far[1] >= beyond)
+        left_out |= far[0] <= far[1]
+        starts.append(np.where(left_out[..., None], np.nan, cut(far[0])))
+        ends.append(cut(far[1]))
+        room.append(np.minimum(links.radius, foot + SLENDER * far[1] - BETWEEN))
+    return Capsules(
+        np.concatenate(starts, axis=-2),
+        np.concatenate(ends, axis=-2),
+        np.concatenate(room, axis=-1),
+        np.tile(links.link, 1 + _CONE),
+        np.tile(links.to_toe, 1 + _CONE),
+    )
+
+
+def _largest(length: Array) -> Array:
+    """The length (N, C) of links (..., N, C), the same in all poses; zero where none is known."""
+    flat = length.reshape(-1, *length.shape[-2:])
+    return np.asarray(np.where(np.isnan(flat), 0.0, flat).max(axis=0, initial=0.0))
+
+
+@dataclass(frozen=True)
+class Closest:
+    """The link closest to a solid among many."""
+
+    distance: float  # [m] of its surface
+    index: tuple[int, ...]  # of pose and limb
+    link: int
+    radius: float  # [m]
+    solid: int  # of `Terrain.link_solids`
+
+
+def closest_link(scene: MotionScene, links: Capsules, limb: int | None = None) -> Closest:
+    """Return the link that comes closest to a solid, as thick as links are; NaN are left out.
+
+    Args:
+        scene: Robot and terrain, which has solids.
+        links: (..., N, C) links in the world; of one limb alone where `limb` is given.
+        limb: Number of that limb.
+
+    Distances beyond `BETWEEN` are lower bounds.
+    """
+    room = links_room(scene, links, BETWEEN, limb)
+    least = int(np.argmin(np.where(np.isnan(room), np.inf, room)))
+    *index, solid, link = (int(i) for i in np.unravel_index(least, room.shape))
+    which = index[-1], link
+    return Closest(
+        float(room.flat[least]),
+        tuple(index) if limb is None else (*index[:-1], limb),
+        int(links.link[which]),
+        float(links.radius[which]),
+        solid,
+    )
+
+
+def links_room(
+    scene: MotionScene, links: Capsules, enough: float, limb: int | None = None
+) -> Array:
+    """Room (..., N, S, C) [m] of links beside each of `Terrain.link_solids`, as thick as they are.
+
+    Args:
+        scene: Robot and terrain.
+        links: (..., N, C) links in the world; of one limb alone where `limb` is given.
+        enough: Room up to which it is measured [m]; beyond it values are lower bounds.
+        limb: Number of that limb.
+
+    NaN where links are; infinite for the sphere of a foot on what it may stand on.
+    """
+    terrain = scene.terrain
+    count = links.radius.shape[-1]
+    near = tapered(links, foot_radius(scene.robot))
+    stood = terrain.stood_solids if limb is None else terrain.stood_solids[limb : limb + 1]
+    every = np.empty((*links.starts.shape[:-2], len(terrain.link_solids), count))
+    for number, solid in enumerate(terrain.link_solids):
+        on = stood[:, number]
+        for chosen, rows in ((links, np.flatnonzero(~on)), (near, np.flatnonzero(on))):
+            if not len(rows):
+                continue
+            radius = chosen.radius[rows]
+            starts, ends = (v[..., rows, :, :] for v in (chosen.starts, chosen.ends))
+            room = link_distances(solid, starts, ends, float(radius.max()) + enough) - radius
+            # All pieces of a link; what is left out has no places
+            pieces = room.reshape(*room.shape[:-1], -1, count)
+            room = np.where(np.isnan(pieces), np.inf, pieces).min(axis=-2)
+            every[..., rows, number, :] = room
+    unknown = np.asarray(np.isnan(links.starts).any(axis=-1))[..., None, :]
+    return np.where(unknown, np.nan, every)
+
+
+def link_distances(
+    solid: Solid | Tube, starts: Array, ends: Array, enough: float = np.inf
+) -> Array:
+    """Distances (...) of segments (..., 3) from a convex solid, negative where they meet it.
+
+    From the wall of a tube the distance is that from inside.
+
+    A segment that a face parts from the solid by `enough` [m] gets that lower bound instead. Where
+    they meet, the value is minus the way out across a face.
+    """
+    if isinstance(solid, Tube):
+        radial = np.linalg.norm(np.stack([starts, ends])[..., :2] - solid.center, axis=-1)
+        return np.asarray(solid.wall - radial.max(axis=0))  # the inside is convex
+    flat = np.stack([starts.reshape(-1, 3), ends.reshape(-1, 3)])
+    faces = flat @ solid.A.T - solid.b  # (2, S, F)
+    distance = faces.min(axis=0).max(axis=1)
+    near = distance < enough
+    if near.any():
+        distance[near] = _near_distances(solid, flat[:, near], faces[:, near], distance[near])
+    return np.asarray(distance.reshape(starts.shape[:-1]))
+
+
+def _near_distances(solid: Solid, flat: Array, faces: Array, bound: Array) -> Array:
+    """Exact distances (S,) of segments with ends (2, S, 3), face distances (2, S, F) of their ends.
+
+    Apart, the nearest points lie on an edge of the solid or at an end of the segment before a face.
+    """
+    best = _edge_distances(solid, *flat)
+    for end, distance in zip(flat, faces, strict=True):
+        foot = end[:, None] - distance[..., None] * solid.A  # (S, F, 3)
+        on_face = (foot @ solid.A.T - solid.b).max(axis=-1) <= _TOUCHING
+        best = np.minimum(best, np.where(on_face & (distance >= 0), distance, np.inf).min(axis=1))
+    return np.where((bound < 0) & _meets(faces), bound, best)
+
+
+def _meets(faces: Array) -> BoolArray:
+    """Whether segments with face distances (2, S, F) at their ends pass through the solid (S,)."""
+    first, last = faces
+    slope = last - first
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = -first / slope
+    enter = np.where(slope < 0, crossing, -np.inf).max(axis=1)
+    leave = np.where(slope > 0, crossing, np.inf).min(axis=1)
+    beside = ((slope == 0) & (first > 0)).any(axis=1)
+    return np.asarray(~beside & (np.maximum(enter, 0.0) <= np.minimum(leave, 1.0)))
+
+
+def _edge_distances(solid: Solid, starts: Array, ends: Array) -> Array:
+    """Least distance (S,) of segments from all edges of a solid."""
+    on = np.abs(solid.vertices @ solid.A.T - solid.b) < 1e3 * _TOUCHING
+    first, last = np.nonzero(np.triu(on.astype(int) @ on.T.astype(int) >= 2, k=1))
+    origin, edge = solid.vertices[first], solid.vertices[last] - solid.vertices[first]
+    link, apart = (ends - starts)[:, None], starts[:, None] - origin
+    # Least |apart + s link - t edge| over the unit square: s inside for the best t, and back
+    a = np.maximum((link**2).sum(axis=-1), np.finfo(float).tiny)
+    e = (edge**2).sum(axis=-1)
+    b, c, f = (link * edge).sum(-1), (link * apart).sum(-1), (apart * edge).sum(-1)
+    det = a * e - b * b
+    s = np.clip(np.where(det > 1e-12 * a * e, b * f - c * e, 0.0) / np.maximum(det, 1e-300), 0, 1)
+    t = np.clip((b * s + f) / e, 0.0, 1.0)
+    s = np.clip((b * t - c) / a, 0.0, 1.0)
+    gap = apart + s[..., None] * link - t[..., None] * edge
+    return np.asarray(np.sqrt((gap**2).sum(axis=-1)).min(axis=1))

@@ -1,0 +1,1 @@
+"""Climbs as other programs read them: samples, joint motion, and the regulator's files."""

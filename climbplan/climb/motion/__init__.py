@@ -1,0 +1,1 @@
+"""From postures to a motion with forces that passes the exact checks."""

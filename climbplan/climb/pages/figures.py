@@ -1,0 +1,149 @@
+"""The key figures of a climb plan: what a reader wants to know first."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from climbplan.arrays import Array
+from climbplan.climb.pages.plan_spec import plan_spec
+from climbplan.climb.pages.series import least_at
+from climbplan.climb.pages.study_grid import study_axes
+from climbplan.climb.plan.climb_plan import ClimbPlan, Study
+from climbplan.robots.joint_units import torque_unit
+
+# Unit of every number in the report, by dotted key; what is not listed is a pure number.
+UNITS = {
+    "timings.*": "s",
+    "climb.height": "m",
+    "climb.path": "m",
+    "climb.duration": "s",
+    "climb.speed": "m/s",
+    "safety.torque.torque": "N m",
+    "safety.torque.max_torque": "N m",
+    "worst_torque.torque": "N m",
+    "worst_torque.max_torque": "N m",
+    "load.payload": "kg",
+    "load.external_force": "N",
+    "load.external_moment": "N m",
+    "normal_force.*": "N",
+    "sag.*": "m",
+    "tilt.*": "rad",
+    "penetration.*": "m",
+}
+
+
+def _number(value: float) -> float | None:
+    """A JSON number, None for infinity."""
+    return float(value) if np.isfinite(value) else None
+
+
+def _range(values: Array) -> dict[str, float | None]:
+    """Least and most; None for both of nothing."""
+    if values.size == 0:
+        return {"least": None, "most": None}
+    return {"least": _number(values.min()), "most": _number(values.max())}
+
+
+def _joint(plan: ClimbPlan, k: int, limb: int, joint: int) -> dict[str, Any]:
+    """One joint at one instant."""
+    names = plan.robot.limb_names
+    return {
+        "where": plan.instants.label(k, names),
+        "instant": k,
+        "limb": names[limb],
+        "joint": plan.robot.joint_name(limb, joint),
+        "torque": float(abs(plan.forces.motor_torques[k, limb, joint])),
+        "torque_unit": torque_unit(plan.robot, limb, joint),
+        "max_torque": float(plan.robot.max_torque[limb, joint]),
+    }
+
+
+def _safety(plan: ClimbPlan) -> dict[str, Any]:
+    forces, instants = plan.forces, plan.instants
+    names = plan.robot.limb_names
+    k = least_at(forces.safety_torque)
+    load = np.abs(forces.motor_torques[k]) / plan.robot.max_torque
+    limb, joint = np.unravel_index(int(np.argmax(load)), load.shape)
+    m = least_at(forces.safety_friction)
+    ratio = forces.mu_critical[m] / instants.mu[m]
+    slipping = int(np.argmax(ratio))
+    return {
+        "torque": {
+            "least": _number(forces.safety_torque[k]),
+            "asked": plan.limits.safety_torque,
+            **_joint(plan, k, int(limb), int(joint)),
+        },
+        "friction": {
+            "least": _number(forces.safety_friction[m]),
+            "asked": plan.limits.safety_friction,
+            "where": instants.label(m, names),
+            "instant": m,
+            "limb": names[slipping],
+            "mu_critical": float(forces.mu_critical[m, slipping]),
+            "mu": float(instants.mu[m, slipping]),
+        },
+    }
+
+
+def _worst_torque(plan: ClimbPlan) -> dict[str, Any]:
+    magnitude = np.abs(plan.forces.motor_torques) * ~plan.robot.slides  # forces are no torques
+    k, limb, joint = np.unravel_index(int(np.argmax(magnitude)), magnitude.shape)
+    return _joint(plan, int(k), int(limb), int(joint))
+
+
+def _study(plan: ClimbPlan, study: Study) -> dict[str, Any]:
+    axes = study_axes(plan, study)
+    return {
+        "axes": [
+            {"key": a.key, "unit": a.unit, "values": a.values.tolist(), "own": a.own} for a in axes
+        ],
+        "labels": list(Study.LABELS),
+        "label": study.label.tolist(),
+        "counts": {
+            name: int(np.count_nonzero(study.label == i)) for i, name in enumerate(Study.LABELS)
+        },
+    }
+
+
+def key_figures(plan: ClimbPlan) -> dict[str, Any]:
+    """Climb, safety, loads, forces, sag and penetration of a plan, SI units (see UNITS)."""
+    instants, forces, time = plan.instants, plan.forces, plan.trajectory.time
+    spec = plan_spec(plan)
+    pressing = instants.contact
+    normal = np.einsum("kni,kni->kn", forces.force, instants.normal)[pressing]
+    pushed = toes_pushed_in(plan)[pressing]
+    wrench = instants.external_wrench
+    path = float(np.linalg.norm(np.diff(plan.rounds.com, axis=0), axis=1).sum())
+    duration = float(time[-1] - time[0])
+    return {
+        "climb": {
+            "rounds": plan.rounds.count,
+            "instants": instants.count,
+            "limbs": plan.robot.limb_count,
+            "height": float(plan.rounds.com[-1, 2] - plan.rounds.com[0, 2]),
+            "path": path,
+            "duration": duration,
+            "speed": path / duration if duration > 0 else None,
+        },
+        "safety": _safety(plan),
+        "worst_torque": _worst_torque(plan),
+        "load": {
+            "payload": spec.task.payload.mass if spec is not None else None,
+            "external_force": float(np.linalg.norm(wrench[:, :3], axis=1).max()),
+            "external_moment": float(np.linalg.norm(wrench[:, 3:], axis=1).max()),
+        },
+        "normal_force": _range(normal),
+        "sag": _range(-forces.com_deflection[:, 2]),
+        "tilt": _range(np.linalg.norm(forces.com_deflection[:, 3:], axis=1)),
+        "penetration": _range(pushed),
+        "study": _study(plan, plan.study) if plan.study is not None else None,
+    }
+
+
+def toes_pushed_in(plan: ClimbPlan) -> Array:
+    """Depth (K, N) [m] of the toe commands behind the surface, along its normal."""
+    into = plan.forces.toe_command - plan.instants.toes
+    depth: Array = -np.einsum("kni,kni->kn", into, plan.instants.normal)
+    return depth

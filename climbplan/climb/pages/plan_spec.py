@@ -1,0 +1,24 @@
+"""The spec inside a plan, for what only the spec says."""
+
+from __future__ import annotations
+
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.schema.model import ClimbSpec
+from climbplan.climb.schema.transition import TransitionSpec
+from climbplan.errors import SpecError
+from climbplan.schema.kinds import validate
+from climbplan.schema.yaml_source import parse_yaml
+
+
+def plan_spec(plan: ClimbPlan) -> ClimbSpec | TransitionSpec | None:
+    """The plan's own spec; None if its text is not a spec of its kind in this version.
+
+    A report is made of the plan's numbers, so a text that cannot be read only leaves gaps.
+    """
+    try:
+        document = parse_yaml(plan.spec_text, "spec")
+        if plan.kind == "transition":
+            return validate(document, TransitionSpec)[0]
+        return validate(document, ClimbSpec)[0]
+    except SpecError:
+        return None

@@ -1,0 +1,117 @@
+"""The report of a climb plan: report.json, figures, and the HTML page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from climbplan.climb.check.verification import verify
+from climbplan.climb.pages.figures import UNITS, key_figures
+from climbplan.climb.pages.grip_figures import UNITS as GRIP_UNITS
+from climbplan.climb.pages.grip_figures import grip_figures
+from climbplan.climb.pages.page import build_page
+from climbplan.climb.pages.plan_spec import plan_spec
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.file import read_climb
+from climbplan.climb.plan.layout import FORMAT_VERSION, FORMATS
+from climbplan.reports.plan_report import FigureOf, PlanReport
+from climbplan.reports.report_files import finite
+from climbplan.verification.verification import Verification
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FIGURES: Mapping[str, Callable[[ClimbPlan], Figure]] = {
+    "postures": FigureOf("climbplan.climb.pages.figure_postures:postures"),
+    "torque": FigureOf("climbplan.climb.pages.figure_series:torque"),
+    "friction": FigureOf("climbplan.climb.pages.figure_series:friction"),
+    "safety": FigureOf("climbplan.climb.pages.figure_safety:safety"),
+    "forces": FigureOf("climbplan.climb.pages.figure_forces:forces"),
+}
+
+
+def figure_functions(plan: ClimbPlan) -> dict[str, Callable[[ClimbPlan], Figure]]:
+    """The figures of a plan by file name; the feasible region only with a study.
+
+    A transition also has its contact schedule, a robot with grippers its grips.
+    """
+    own: dict[str, Callable[[ClimbPlan], Figure]] = {}
+    if plan.study is not None:
+        own["region"] = FigureOf("climbplan.climb.pages.figure_region:region")
+    if plan.kind == "transition":
+        own["schedule"] = FigureOf("climbplan.climb.pages.figure_schedule:schedule")
+    if plan.grips is not None:
+        own["grips"] = FigureOf("climbplan.climb.pages.figure_grips:grips")
+    return {**FIGURES, **own}
+
+
+def _values(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
+    """Root attributes of the file, checks, times, sizes, and the key figures of a climb."""
+    spec = plan_spec(plan)
+    return {
+        "format": FORMATS[plan.kind],
+        "format_version": FORMAT_VERSION,
+        "climbplan_version": plan.climbplan_version,
+        "created": plan.created,
+        "name": plan.name,
+        "title": spec.title if spec is not None else "",
+        "robot": {
+            "name": plan.robot.name,
+            "mass": plan.robot.mass,
+            "limbs": list(plan.robot.limb_names),
+        },
+        "spec": plan.spec_text,
+        "spec_sha256": plan.spec_sha256,
+        "seed": plan.seed,
+        "status": plan.status,
+        "verified": verification.passed,
+        **verification.scope(),
+        "objective": plan.objective,
+        "bound": plan.bound,
+        "gap": plan.gap,
+        "risk": None if plan.promise is None else plan.promise.told(),
+        "worlds": None if plan.sample is None else plan.sample.as_dict(),
+        "timings": finite(plan.timings),
+        "solvers": finite(plan.solvers),
+        "sizes": finite(plan.sizes),
+        "verification": [check.as_dict() for check in verification.checks],
+        "warnings": list(plan.warnings),
+        **key_figures(plan),
+        **grip_figures(plan),
+        **_transition(plan),
+        "figures": [f"figures/{name}.png" for name in figure_functions(plan)],
+        "units": UNITS | (GRIP_UNITS if plan.grips is not None else {}),
+    }
+
+
+def _transition(plan: ClimbPlan) -> dict[str, Any]:
+    """The contact sequence, and all that the search found."""
+    if plan.kind != "transition":
+        return {}
+    listed: list[dict[str, Any]] = []
+    if plan.sequences is not None:
+        found = plan.sequences
+        for row, name in enumerate(found.name):
+            listed.append(
+                {
+                    "name": name,
+                    "cost": float(found.cost[row]),
+                    "safety_torque": finite(float(found.safety_torque[row])),
+                    "safety_friction": finite(float(found.safety_friction[row])),
+                    "outcome": found.outcome[row],
+                }
+            )
+    return {"contact_sequence": plan.contact_sequence, "sequences": listed}
+
+
+def _page(plan: ClimbPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+    """The page draws what is missing here itself."""
+    pictures = ("schedule", "postures", "grips")
+    shown = {name.capitalize(): images[name] for name in pictures if name in images}
+    return build_page(plan, report, shown)
+
+
+_REPORT = PlanReport(read_climb, verify, _values, figure_functions, _page)
+report_dict = _REPORT.report_dict
+write_report = _REPORT.write_report
+write_values = _REPORT.write_values

@@ -1,0 +1,1 @@
+"""The climb planner: methods, remedies, proofs, and studies over spec values."""

@@ -1,0 +1,1 @@
+"""Robots proposed from their URDF, put to the test of climbs."""

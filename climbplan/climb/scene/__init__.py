@@ -1,0 +1,1 @@
+"""Robot, terrain, start and goal in numbers."""

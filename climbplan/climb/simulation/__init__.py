@@ -1,0 +1,1 @@
+"""Climbs and transitions played in MuJoCo and by statics, as planned and in uncertain worlds."""

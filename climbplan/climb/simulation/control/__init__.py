@@ -1,0 +1,1 @@
+"""What motors are commanded: feedforward of limbs' weight, and the regulator from joint angles."""

@@ -1,0 +1,123 @@
+"""Figures of a simulated run: each leg beside its plan, sag, falls over a key, pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from climbplan.climb.pages.series import spans
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.simulation.comparison import Comparison
+from climbplan.climb.simulation.instants import instant_samples
+from climbplan.climb.simulation.replay import Run
+from climbplan.climb.simulation.sweep import SweepPoint
+from climbplan.reports import palette
+from climbplan.reports.sheet import (
+    foot_legend,
+    heading,
+    limb_name,
+    new_figure,
+    panel_title,
+    plain,
+    style_axes,
+)
+
+_SHOWN_MU = 1.6  # friction axis, in units of the terrain's coefficient
+
+
+def leg(plan: ClimbPlan, run: Run, limb: int) -> Figure:
+    """Worst motor torque and critical friction of one leg: planned, simulated, limits."""
+    figure = new_figure(4.6, entries=4)
+    top, bottom = figure.subplots(2, 1, sharex=True)
+    at = instant_samples(plan)
+    time = plan.trajectory.time
+    unit = plan.robot.joint_unit[limb]  # forces of joints that slide act at that arm
+    planned = np.abs(plan.forces.motor_torques[:, limb] * unit).max(axis=1)
+    top.plot(run.time, np.abs(run.torque[:, limb] * unit).max(axis=1), color=palette.INK, lw=0.8)
+    top.plot(time[at], planned, "o-", color=palette.LIMBS[0], ms=2.5, lw=1.2)
+    limit = float((plan.robot.max_torque[limb] * unit)[plan.robot.has_joint[limb]].min())
+    top.axhline(limit, color=palette.FAILURE, lw=1.4, ls=(0, (5, 2)))
+    top.set_ylabel("|torque| [N m]")
+    top.set_ylim(0, 1.08 * limit)
+    pressing = run.normal[:, limb] > 0.5
+    critical = np.where(
+        pressing, run.shear[:, limb] / np.maximum(run.normal[:, limb], 1e-9), np.nan
+    )
+    mu = plan.instants.mu[:, limb] * run.conditions.friction
+    bottom.plot(run.time, critical, color=palette.INK, lw=0.8)
+    bottom.plot(
+        time[at], plan.forces.mu_critical[:, limb], "o-", color=palette.LIMBS[0], ms=2.5, lw=1.2
+    )
+    bottom.step(time[at], mu, where="mid", color=palette.FAILURE, lw=1.4, ls=(0, (5, 2)))
+    bottom.set_ylabel(r"critical friction $\mu_c$")
+    bottom.set_ylim(0, _SHOWN_MU * float(mu.max()))
+    bottom.set_xlabel("time of the plan [s]")
+    for ax in (top, bottom):
+        for span in spans(~plan.trajectory.contact[:, limb]):
+            ax.axvspan(time[span.first], time[span.last], color=palette.MUTED, alpha=0.22, lw=0)
+        ax.set_xlim(time[0], time[-1])
+        style_axes(ax)
+    panel_title(top, "Motor nearest to its limit")
+    panel_title(bottom, "Friction coefficient at which the toe slips")
+    handles = [
+        Line2D([], [], color=palette.INK, lw=1.0),
+        Line2D([], [], color=palette.LIMBS[0], lw=1.2, marker="o", ms=3),
+        Line2D([], [], color=palette.FAILURE, lw=1.4, ls=(0, (5, 2))),
+        Patch(color=palette.MUTED, alpha=0.22, lw=0),
+    ]
+    foot_legend(figure, handles, ["simulated", "planned", "limit", "limb lifted"])
+    name = limb_name(plan.robot.limb_names[limb])
+    ended = f", falls at {run.time[-1]:.0f} s" if run.fallen else ""
+    heading(figure, f"{name}: simulated and planned", plain(f"{plan.name}, MuJoCo{ended}"))
+    return figure
+
+
+def sag(plan: ClimbPlan, run: Run, compared: Comparison) -> Figure:
+    """How far the body is from its planned path, simulated and predicted."""
+    figure = new_figure(3.4, entries=3)
+    ax = figure.subplots()
+    off = 1e3 * (plan.trajectory.com[: run.samples] - run.com)
+    for axis, name in enumerate("xyz"):
+        ax.plot(run.time, off[:, axis], lw=1.0, color=palette.LIMBS[axis], label=name)
+    at = run.time[compared.sample]
+    for axis in range(3):
+        ax.plot(at, 1e3 * compared.sag_predicted[:, axis], ".", color=palette.LIMBS[axis], ms=3.5)
+    ax.axhline(0, color=palette.MUTED, lw=0.6)
+    ax.set_xlabel("time of the plan [s]")
+    ax.set_ylabel("planned less simulated [mm]")
+    style_axes(ax)
+    lines = [Line2D([], [], color=palette.LIMBS[axis], lw=1.2) for axis in range(3)]
+    names = ["x", "y (forward)", "z (sag); dots: static equilibrium at the toes' places"]
+    foot_legend(figure, lines, names)
+    heading(figure, "Body against its planned path", plain(f"{plan.name}, MuJoCo"))
+    return figure
+
+
+def falls(points: Sequence[SweepPoint], key: str, name: str) -> Figure:
+    """Share of falls in random worlds over a value of the spec."""
+    figure = new_figure(3.6, entries=2)
+    ax = figure.subplots()
+    there = [p for p in points if p.trials]
+    x = [p.value for p in there]
+    y = np.array([p.share.value for p in there])
+    low, high = np.array([p.share.interval for p in there]).reshape(-1, 2).T
+    bars = ax.errorbar(
+        x, 100 * y, 100 * np.abs(np.stack([y - low, high - y])), fmt="o-", color=palette.FORCE,
+        lw=1.3, ms=4, capsize=3,
+    )  # fmt: skip
+    for point in points:
+        if point.no_plan:
+            ax.axvline(point.value, color=palette.MUTED, lw=0.8, ls=":")
+    ax.set_xlabel(plain(key))
+    ax.set_ylabel("runs that fall [%]")
+    ax.set_ylim(-3, 103)
+    style_axes(ax)
+    none = Line2D([], [], color=palette.MUTED, lw=0.8, ls=":")
+    foot_legend(figure, [bars.lines[0], none], ["share of falls, 95 % interval", "no plan"])
+    runs = max((len(p.trials) for p in points), default=0)
+    heading(figure, "Falls in random worlds", plain(f"{name}, {runs} runs a value"))
+    return figure

@@ -1,0 +1,1 @@
+"""Grippers in a simulated run."""

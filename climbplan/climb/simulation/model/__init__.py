@@ -1,0 +1,1 @@
+"""Robot and terrain as MuJoCo bodies."""

@@ -1,0 +1,133 @@
+"""Vectors of three, rotations and systems of six, written out: NumPy's cost more than they do."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.arrays import Array
+from climbplan.climb.simulation.statics.compiling import compiled
+
+
+@compiled
+def _cross(a: Array, b: Array, out: Array) -> None:
+    """out = a x b; out may be neither."""
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def _dot(a: Array, b: Array) -> float:
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+@compiled
+def _times(matrix: Array, vector: Array, out: Array) -> None:
+    """out = matrix @ vector."""
+    for i in range(3):
+        out[i] = matrix[i, 0] * vector[0] + matrix[i, 1] * vector[1] + matrix[i, 2] * vector[2]
+
+
+@compiled
+def _rows_times(matrix: Array, vector: Array, out: Array) -> None:
+    """out (3,) = matrix (3, n) @ vector (n,)."""
+    for i in range(3):
+        total = 0.0
+        for j in range(len(vector)):
+            total += matrix[i, j] * vector[j]
+        out[i] = total
+
+
+@compiled
+def _add_times(matrix: Array, vector: Array, out: Array) -> None:
+    """Add matrix (n, 3) @ vector (3,) to out (n,)."""
+    for j in range(len(out)):
+        out[j] += matrix[j, 0] * vector[0] + matrix[j, 1] * vector[1] + matrix[j, 2] * vector[2]
+
+
+@compiled
+def _transposed_times(matrix: Array, vector: Array, out: Array) -> None:
+    """out = matrix.T @ vector."""
+    for i in range(3):
+        out[i] = matrix[0, i] * vector[0] + matrix[1, i] * vector[1] + matrix[2, i] * vector[2]
+
+
+@compiled
+def _both_sides(outer: Array, inner: Array, room: Array, out: Array) -> None:
+    """out = outer inner outer^T; room: (3, 3)."""
+    for i in range(3):
+        for j in range(3):
+            room[i, j] = (
+                inner[i, 0] * outer[j, 0] + inner[i, 1] * outer[j, 1] + inner[i, 2] * outer[j, 2]
+            )
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = (
+                outer[i, 0] * room[0, j] + outer[i, 1] * room[1, j] + outer[i, 2] * room[2, j]
+            )
+
+
+@compiled
+def _inverse(matrix: Array, out: Array) -> float:
+    """out = matrix^-1 by cofactors; returns the determinant, at 0 of which out is not finite."""
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    d, e, f = matrix[1, 0], matrix[1, 1], matrix[1, 2]
+    g, h, i = matrix[2, 0], matrix[2, 1], matrix[2, 2]
+    p, q, r = e * i - f * h, f * g - d * i, d * h - e * g
+    volume = a * p + b * q + c * r
+    scale = 1.0 / volume
+    out[0, 0], out[0, 1], out[0, 2] = p * scale, (c * h - b * i) * scale, (b * f - c * e) * scale
+    out[1, 0], out[1, 1], out[1, 2] = q * scale, (a * i - c * g) * scale, (c * d - a * f) * scale
+    out[2, 0], out[2, 1], out[2, 2] = r * scale, (b * g - a * h) * scale, (a * e - b * d) * scale
+    return float(volume)
+
+
+@compiled
+def _turn(rotation: Array, turn: Array) -> None:
+    """rotation = exp(turn) rotation, in place, by the unit quaternion of the turn."""
+    angle = np.sqrt(_dot(turn, turn))
+    if angle < 1e-14:
+        return
+    w, s = np.cos(angle / 2), np.sin(angle / 2) / angle
+    x, y, z = s * turn[0], s * turn[1], s * turn[2]
+    m00, m01, m02 = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    m10, m11, m12 = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    m20, m21, m22 = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    for j in range(3):
+        a, b, c = rotation[0, j], rotation[1, j], rotation[2, j]
+        rotation[0, j] = m00 * a + m01 * b + m02 * c
+        rotation[1, j] = m10 * a + m11 * b + m12 * c
+        rotation[2, j] = m20 * a + m21 * b + m22 * c
+
+
+@compiled
+def _solve_firm(matrix: Array, vector: Array) -> bool:
+    """Solve matrix x = vector (6) in place, matrix destroyed; False unless all pivots are > 0.
+
+    Without exchange of rows: of the stiffness of a body that stands firm all pivots are positive,
+    and a body that buckles shows.
+    """
+    for k in range(6):
+        pivot = matrix[k, k]
+        if not pivot > 1e-9:
+            return False
+        for i in range(k + 1, 6):
+            factor = matrix[i, k] / pivot
+            if factor != 0.0:
+                for j in range(k + 1, 6):
+                    matrix[i, j] -= factor * matrix[k, j]
+                vector[i] -= factor * vector[k]
+    for k in range(5, -1, -1):
+        total = vector[k]
+        for j in range(k + 1, 6):
+            total -= matrix[k, j] * vector[j]
+        vector[k] = total / matrix[k, k]
+    return True
+
+
+@compiled
+def _copied(one: Array, other: Array) -> None:
+    """What stands in one (N, n) stands in the other too."""
+    for i in range(len(one)):
+        for a in range(one.shape[1]):
+            other[i, a] = one[i, a]

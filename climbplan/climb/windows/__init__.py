@@ -1,0 +1,1 @@
+"""Long climbs planned a window of rounds at a time."""

@@ -1,0 +1,154 @@
+"""The report of a dataset: report.json, figures, and the HTML page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from climbplan.bookshelf.check.plan_checks import LIMITS
+from climbplan.bookshelf.check.plan_checks import MEANINGS as PLACEMENTS
+from climbplan.bookshelf.plan.dataset_frame import KIND
+from climbplan.bookshelf.plan.summary import TRIVIAL
+from climbplan.datasets.pages.figures import figure_functions
+from climbplan.reports.page_parts import Card, Rows, Table
+from climbplan.reports.page_template import (
+    fill,
+    origin_rows,
+    report_fields,
+    run_fields,
+    verification_fields,
+)
+from climbplan.reports.report_files import finite, write_files
+from climbplan.reports.sheet import png
+from climbplan.store.dataset import Dataset
+from climbplan.store.dataset_file import FORMAT, FORMAT_VERSION
+from climbplan.store.dataset_statistics import statistics
+from climbplan.verification.verification import Verification
+
+_LISTED = 40  # rows without an answer, and the costliest
+_ORIGIN = ("Problem", "Parameters", "Integers")
+
+
+def report_dict(data: Dataset, verification: Verification) -> dict[str, Any]:
+    """JSON-ready values: the root attributes of the file, the checks, and the figures."""
+    report = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "climbplan_version": data.climbplan_version,
+        "created": data.created,
+        "name": data.name,
+        "title": data.title,
+        "problem": data.frame.problem,
+        "parameters": len(data.frame.parameter_names),
+        "integers": len(data.frame.integer_names),
+        "spec": data.spec_text,
+        "spec_sha256": data.spec_sha256,
+        "seed": data.base_seed,
+        "status": data.overall,
+        "verified": verification.passed,
+        **verification.scope(),
+        "timings": dict(data.timings),
+        "solvers": dict(data.solvers),
+        "verification": [check.as_dict() for check in verification.checks],
+        **statistics(data),
+        "without_answer": [_row(data, int(k)) for k in np.flatnonzero(~data.feasible)[:_LISTED]],
+        "costliest": [_row(data, k) for k in _costliest(data)],
+        "trivial": TRIVIAL if data.frame.kind == KIND else None,
+        "units": {
+            "cost.*": data.frame.objective_unit,
+            "trivial": data.frame.objective_unit,
+            "time.*": "s",
+            "timings.*": "s",
+            "costliest.*.objective": data.frame.objective_unit,
+            "costliest.*.time": "s",
+            "without_answer.*.time": "s",
+        },
+    }
+    whole: dict[str, Any] = finite(report)
+    return whole
+
+
+def write_report(
+    data: Dataset, directory: Path, verification: Verification, meanings: Mapping[str, str]
+) -> None:
+    """Write report.json, report.html and figures/*.png into a directory.
+
+    meanings: of the dataset's own checks, by name. Raises UsageError where it cannot be written.
+    """
+    report = report_dict(data, verification)
+    images = {name: png(draw()) for name, draw in figure_functions(data).items()}
+    report["figures"] = [f"figures/{name}.png" for name in images]
+    write_files(directory, report, _page(report, images, meanings), images)
+
+
+def _page(
+    report: Mapping[str, Any], images: Mapping[str, bytes], meanings: Mapping[str, str]
+) -> str:
+    known = {**{name: limit.meaning for name, limit in LIMITS.items()}, **PLACEMENTS, **meanings}
+    origin = origin_rows(report, {name: report[name.lower()] for name in _ORIGIN})
+    unit = report["units"]["cost.*"]
+    head = ("Row", "Status", f"Cost{f' [{unit}]' if unit else ''}", "Time [ms]", "Remark")
+    least = report["trivial"]
+    costly = [row for row in report["costliest"] if least is None or row["objective"] > least]
+    listed = [*report["without_answer"], *costly]
+    above = "" if least is None else f" above {least:g} {unit}"
+    tables: dict[str, Rows] = {
+        "Solvers": [(name, str(version)) for name, version in report["solvers"].items()],
+        "Reasons of rows without an answer": [
+            (reason, f"{rows} rows") for reason, rows in report["reasons"].items()
+        ],
+        "Dataset": origin,
+    }
+    return fill(
+        "dataset.html",
+        **report_fields(report, "dataset", _cards(report), images, report["status"]),
+        **verification_fields(report, known, "Everything is computed again from the stored rows."),
+        **run_fields(report, tables, "this dataset was made from"),
+        pictures_note="Outcomes, times and costs of all rows; then the costliest.",
+        table_note=f"Those without an answer, then the costliest{above}; all are in the file.",
+        table=Table.of(head, map(_cells, listed)),
+    )
+
+
+def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
+    rows, cost, time = report["rows"], report["cost"], report["time"]
+    unit = f" {report['units']['cost.*']}" if report["units"]["cost.*"] else ""
+    optimal = f"{rows.get('optimal', 0)} proved optimal"
+    yield Card("Rows answered", f"{rows['answered']} of {rows['count']}", optimal)
+    yield Card("Limit reached", str(rows.get("limit", 0)))
+    yield Card("Failed", str(rows.get("failed", 0)))
+    if cost["mean"] is not None:
+        yield Card("Mean cost", f"{cost['mean']:.4g}{unit}", f"median {cost['median']:.4g}")
+    if time["median"] is not None:
+        worst = f"99 % {1e3 * time['most99']:.3g} ms, worst {1e3 * time['largest']:.3g} ms"
+        yield Card("Median time", f"{1e3 * time['median']:.3g} ms", worst)
+    strategies = report["strategies"]
+    once = f"{strategies['seen_once']} of them in one row"
+    yield Card("Different strategies", str(strategies["distinct"]), once)
+
+
+def _cells(entry: Mapping[str, Any]) -> tuple[str, ...]:
+    cost = "" if entry["objective"] is None else f"{entry['objective']:.4g}"
+    time = f"{1e3 * entry['time']:.2f}"
+    return (str(entry["row"]), entry["status"], cost, time, entry["message"])
+
+
+def _costliest(data: Dataset) -> list[int]:
+    cost = np.where(data.feasible, data.objective, -math.inf)
+    order = np.argsort(-cost, kind="stable")[:_LISTED]
+    return [int(k) for k in order if data.feasible[k]]
+
+
+def _row(data: Dataset, k: int) -> dict[str, Any]:
+    return {
+        "row": k,
+        "seed": int(data.seed[k]),
+        "status": data.status[k],
+        "objective": float(data.objective[k]),
+        "time": float(data.time[k]),
+        "message": data.message[k],
+    }

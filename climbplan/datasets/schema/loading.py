@@ -1,0 +1,103 @@
+"""From a dataset spec file and overrides to a validated model, with all mistakes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from climbplan.climb.schema.envelopes_loading import limb_findings
+from climbplan.datasets.schema.model import (
+    BY_PROBLEM,
+    ProgramDatasetSpec,
+    ShelfDatasetSpec,
+    TerrainsDatasetSpec,
+    WalksDatasetSpec,
+)
+from climbplan.errors import SpecError, SpecMistake
+from climbplan.schema.document import Document, Finding, KeyPath
+from climbplan.schema.fields import nearest
+from climbplan.schema.kinds import find_kind, validate
+from climbplan.schema.loaded import LoadedSpec, origin_of, root_paths
+from climbplan.schema.overrides import Override, apply_overrides
+from climbplan.schema.robots.named import any_robot_of_document
+from climbplan.schema.source import SourceText, read_source
+from climbplan.schema.wording import shown
+from climbplan.schema.yaml_source import parse_yaml
+from climbplan.walking.schema.loading import body_of_document
+
+_PATHS = (
+    ("problem", "solver", "library", "file"),
+    ("problem", "solver", "library"),
+    ("problem", "solver", "model", "file"),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadedDataset(LoadedSpec):
+    """A dataset spec and the text it came from."""
+
+    spec: ShelfDatasetSpec | ProgramDatasetSpec | TerrainsDatasetSpec | WalksDatasetSpec
+
+
+def load_dataset(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedDataset:
+    """Read, override and check a dataset spec; `source` is a path or `-` for standard input.
+
+    Raises:
+        SpecError: with every mistake in spec and overrides.
+    """
+    text = read_source(source)
+    return dataset_of(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
+
+
+def dataset_of(document: Document, text: SourceText) -> LoadedDataset:
+    """The dataset spec that a document describes.
+
+    Raises:
+        SpecError: with every mistake in it.
+    """
+    findings: list[Finding] = []
+    kind = find_kind(document, wanted="dataset")
+    if isinstance(kind, Finding):
+        findings.append(kind)
+    root_paths(document, _PATHS)
+    model = _model_of(document)
+    if isinstance(model, Finding):
+        raise SpecError(document.source, document.mistakes([*findings, model]))
+    spec, found = validate(document, model)
+    findings += [f for f in found if f.path != ("kind",)]
+    robot_mistakes: list[SpecMistake] = []
+    if model is TerrainsDatasetSpec:
+        path: KeyPath = ("problem", "robot")
+        robot, robot_mistakes = any_robot_of_document(document, text.directory, path)
+        if spec is not None and robot is not None and isinstance(spec, TerrainsDatasetSpec):
+            findings += limb_findings(spec.problem.terrain, robot, ("problem", "terrain"))
+    mistakes = [*document.mistakes(findings), *robot_mistakes]
+    if model is WalksDatasetSpec:
+        mistakes += body_of_document(document, text.directory, ("problem", "robot"))[1]
+    if spec is None or mistakes:
+        raise SpecError(document.source, mistakes)
+    return LoadedDataset(spec=spec, **origin_of(document, text))
+
+
+def _model_of(
+    document: Document,
+) -> (
+    type[ShelfDatasetSpec]
+    | type[ProgramDatasetSpec]
+    | type[TerrainsDatasetSpec]
+    | type[WalksDatasetSpec]
+    | Finding
+):
+    """The model that `problem.kind` asks for, or what is wrong with it."""
+    known = ", ".join(f"`{kind}`" for kind in BY_PROBLEM)
+    problem = document.value.get("problem")
+    if not isinstance(problem, dict):
+        got = "missing" if problem is None else f"got {shown(problem)}"
+        return Finding(("problem",), f"{got}, expected a mapping with a `kind` (one of {known})")
+    kind = problem.get("kind")
+    if not isinstance(kind, str) or kind not in BY_PROBLEM:
+        near = nearest(kind, list(BY_PROBLEM)) if isinstance(kind, str) else None
+        got = "missing" if kind is None else f"got {shown(kind)}"
+        return Finding(("problem", "kind"), f"{got}, expected one of {known}", near)
+    return BY_PROBLEM[kind]

@@ -1,0 +1,1 @@
+"""What planning has tried, what programs answered, and how long it may go on."""

@@ -1,0 +1,1 @@
+"""Which actions bring the boxes to their goals, cheapest first."""

@@ -1,0 +1,1 @@
+"""Module plans as other programs read them."""

@@ -1,0 +1,1 @@
+"""From a course of events to dense samples of everything that moves."""

@@ -1,0 +1,184 @@
+"""A finished course of events made into a plan, for every method."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from climbplan.arrays import Array, IntArray
+from climbplan.limms.attempts.attempts import Attempts
+from climbplan.limms.modules.chain import forward
+from climbplan.limms.motion.timeline import DRIVES, PlanSoFar, Stretch
+from climbplan.limms.plan.convergence import Convergence
+from climbplan.limms.plan.limms_plan import LimmsPlan, Motion
+from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, Points, Pose, Scene
+from climbplan.limms.scene.placement import in_world
+from climbplan.limms.schema.loading import LoadedLimms
+
+
+@dataclass(frozen=True)
+class Making:
+    """How a plan came about."""
+
+    method: str
+    sequence: str  # modes in words
+    seconds: dict[str, float]
+    sizes: dict[str, Any]
+    solvers: dict[str, str]
+    convergence: Convergence | None = None
+
+
+def make_plan(
+    loaded: LoadedLimms, scene: Scene, world: PlanSoFar, attempts: Attempts, making: Making
+) -> LimmsPlan:
+    """The plan, without the lines of its summary."""
+    motion, stages = motion_of(world.stretches, scene.module, scene.wall_position, scene.box_size)
+    work = attempts.work
+    seconds = making.seconds | {"build": work.build_seconds, "solve": work.seconds}
+    cut_short = attempts.over
+    return LimmsPlan(
+        name=loaded.name,
+        title=loaded.spec.title,
+        method=making.method,
+        status="limit" if cut_short else "feasible",
+        motion=motion,
+        anchor_names=scene.anchor_names,
+        anchor_normal=np.vstack([*([SIDE_NORMALS] * scene.boxes), scene.wall_normal]),
+        box_size=scene.box_size,
+        box_mass=scene.box_mass,
+        goal=scene.goals,
+        goal_yaw=scene.goal_yaws,
+        arrival_speed=scene.arrival_speed,
+        friction=scene.friction,
+        solids=scene.solids,
+        module=scene.module.model_dump(mode="json"),
+        module_text=loaded.module_text,
+        module_names=scene.module_names,
+        massless=scene.massless,
+        stages=stages,
+        sequence=making.sequence,
+        spec_text=loaded.text,
+        spec_sha256=loaded.sha256,
+        seed=loaded.spec.seed,
+        objective=float(np.linalg.norm(motion.box_position[-1] - scene.goals, axis=1).max()),
+        timings={key: round(value, 4) for key, value in seconds.items()},
+        solvers=making.solvers,
+        sizes={
+            "modules": scene.count,
+            **making.sizes,
+            "programs": work.programs,
+            "ipopt_iterations": work.iterations,
+            "variables": attempts.variables,
+            "constraints": attempts.constraints,
+        },
+        warnings=((cut_short_warning(attempts.limit),) if cut_short else ())
+        + _warnings(scene, motion),
+        convergence=making.convergence,
+    )
+
+
+def cut_short_warning(limit: float) -> str:
+    """That the clock decided, `limit` [s]."""
+    return (
+        f"`solver.time_limit` ({limit:g} s) ended the search: with more time it may end elsewhere"
+    )
+
+
+def _warnings(scene: Scene, motion: Motion) -> tuple[str, ...]:
+    """What the model leaves out and the real thing would feel."""
+    weight = scene.module.mass * GRAVITY
+    found = []
+    if scene.massless and weight > scene.module.max_force:
+        text = f"the motion leaves out the modules' own dynamics: a module weighs {weight:.1f} N"
+        if weight > 2 * scene.module.max_force:
+            text += f", twice what a contact is said to hold ({scene.module.max_force:.0f} N)"
+        found.append(text)
+    for m, name in enumerate(scene.module_names):
+        ends = np.stack([motion.base_anchor[:, m], motion.tip_anchor[:, m]], axis=-1)
+        on_box = ((ends >= 0) & (ends < scene.wall_offset)).any(axis=-1)
+        alone = on_box & (motion.mode[:, m] == DRIVES) & (motion.ground_end[:, m] < 0)
+        if scene.massless and alone.any():
+            found.append(
+                f"for a while nothing but the standing box holds module {name}: whether a box of "
+                f"{scene.weight:.1f} N tips under {weight:.1f} N is not looked at"
+            )
+    return tuple(found)
+
+
+def motion_of(
+    stretches: Sequence[Stretch],
+    module: Any,
+    wall_position: Array,
+    box_size: Array,
+) -> tuple[Motion, tuple[tuple[str, float, float], ...]]:
+    """Stretches put end to end, and the times of each; all boxes rest but the one it brings."""
+    begins = np.concatenate([[0.0], np.cumsum([s.time[-1] for s in stretches])])
+    joined: dict[str, list[Any]] = {key: [] for key in Motion.__annotations__}
+    boxes = len(box_size)
+    for stretch, begin in zip(stretches, begins[:-1], strict=True):
+        n = len(stretch.time)
+        base = Pose(stretch.base_position, stretch.base_rotation)
+        points: Points = forward(module, base, stretch.angles)
+        order = list(stretch.number)
+        brought = order[0]
+        box = np.empty((n, boxes, 3))
+        box[:, order] = np.concatenate(
+            [stretch.box[:, None], np.tile(stretch.others, (n, 1, 1))], axis=1
+        )
+        turning = np.zeros((n, boxes, 3))
+        turning[:, order, 0] = np.concatenate(
+            [stretch.turning[:, :1], np.tile(stretch.their_yaws, (n, 1))], axis=1
+        )
+        turning[:, brought] = stretch.turning
+        velocity, acceleration = np.zeros((n, boxes, 3)), np.zeros((n, boxes, 3))
+        velocity[:, brought], acceleration[:, brought] = stretch.velocity, stretch.acceleration
+        box_mode = np.ones((n, boxes), int)
+        box_mode[:, brought] = stretch.box_mode
+        force = np.zeros((n, boxes, 4, 3))
+        force[:, brought] = stretch.force
+        offsets = SIDE_NORMALS[None] * box_size[:, None] / 2  # (B, 4, 3)
+        offsets = in_world(turning[:, :, :1], offsets[None])  # (n, B, 4, 3)
+        on_boxes = (box[:, :, None] + offsets).reshape(n, -1, 3)
+        parts = {
+            "time": begin + stretch.time,
+            "box_position": box,
+            "box_velocity": velocity,
+            "box_acceleration": acceleration,
+            "box_yaw": turning[..., 0],
+            "box_yaw_rate": turning[..., 1],
+            "box_yaw_acceleration": turning[..., 2],
+            "box_mode": box_mode,
+            "joint_position": points.position,
+            "joint_rotation": points.rotation,
+            "joint_angles": stretch.angles,
+            "joint_velocity": stretch.rates,
+            "mode": np.tile(stretch.mode, (n, 1)),
+            "base_anchor": np.tile(_in_plan(stretch.base_anchor, order), (n, 1)),
+            "tip_anchor": np.tile(_in_plan(stretch.tip_anchor, order), (n, 1)),
+            "ground_end": np.tile(stretch.grounded, (n, 1)),
+            "anchor_position": np.concatenate(
+                [on_boxes, np.tile(wall_position, (n, 1, 1))], axis=1
+            ),
+            "force": force,
+        }
+        for key, value in parts.items():
+            joined[key].append(value)
+    motion = Motion(**{key: np.concatenate(values) for key, values in joined.items()})
+    stages: list[tuple[str, float, float]] = []
+    for stretch, begin, end in zip(stretches, begins[:-1], begins[1:], strict=True):
+        if stages and stages[-1][0] == stretch.name:
+            stages[-1] = (stretch.name, stages[-1][1], float(end))
+        else:
+            stages.append((stretch.name, float(begin), float(end)))
+    return motion, tuple(stages)
+
+
+def _in_plan(anchors: IntArray, order: Sequence[int]) -> IntArray:
+    """Anchors of a stretch by the numbers of the plan, in which boxes keep theirs."""
+    on_box = (anchors >= 0) & (anchors < 4 * len(order))
+    numbers = np.array(order)[np.where(on_box, anchors // 4, 0)]
+    found: IntArray = np.where(on_box, 4 * numbers + anchors % 4, anchors)
+    return found

@@ -1,0 +1,172 @@
+"""A plan as it grows: stretches of time with constant modes, densely sampled, put end to end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from climbplan.arrays import Array, IntArray
+from climbplan.limms.modules.chain import forward
+from climbplan.limms.modules.contact import link_segments
+from climbplan.limms.scene.limms_scene import Points, Pose, Scene
+
+STEP = 0.01  # [s] between samples at most
+
+STABLE, FREE, MANIPULATED, QUADRUPED = 1, 2, 3, 4  # of a box
+DRIVES, ARM, ADDED_ARM, LEG, ADDED_LEG = 1, 2, 3, 4, 5  # of a module
+NOWHERE = -1
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Constant modes over (n,) samples; first and last sample are its ends."""
+
+    name: str
+    time: Array  # (n,) from 0 [s]
+    box: Array  # (n, 3) [m]
+    velocity: Array  # (n, 3) [m/s]
+    acceleration: Array  # (n, 3) [m/s^2]
+    turning: Array  # (n, 3) of the box: yaw, its rate and acceleration [rad, rad/s, rad/s^2]
+    box_mode: int
+    base_position: Array  # (n, L, 3) of first ends [m]
+    base_rotation: Array  # (n, L, 3, 3)
+    angles: Array  # (n, L, 6) [rad]
+    rates: Array  # (n, L, 6) [rad/s]
+    mode: IntArray  # (L,)
+    base_anchor: IntArray  # (L,)
+    tip_anchor: IntArray  # (L,)
+    grounded: IntArray  # (L,) end that stands on the ground: 0, 1, or -1 none
+    force: Array  # (n, 4, 3) on the box at its anchors [N]
+    number: tuple[int, ...]  # (B,) of the boxes in the plan, the one that is brought first
+    others: Array  # (B - 1, 3) where the others stand [m]
+    their_yaws: Array  # (B - 1,) [rad]
+
+    def place(self, module: int, base: Pose, angles: Array, rates: Array) -> None:
+        """Write the motion of one module: its first end (n, 3) and (n, 3, 3), joints (n, 6)."""
+        self.angles[:, module] = angles
+        self.rates[:, module] = rates
+        self.base_position[:, module] = base.position
+        self.base_rotation[:, module] = base.rotation
+
+
+@dataclass
+class PlanSoFar:
+    """Where everything is now, and what was planned so far."""
+
+    scene: Scene
+    box: Array  # (3,)
+    yaw: float  # of the box [rad]
+    box_mode: int
+    base_position: Array  # (L, 3)
+    base_rotation: Array  # (L, 3, 3)
+    angles: Array  # (L, 6)
+    mode: IntArray
+    base_anchor: IntArray
+    tip_anchor: IntArray
+    grounded: IntArray
+    stretches: list[Stretch] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, scene: Scene, poses: tuple[Array, Array], angles: Array) -> PlanSoFar:
+        """At the start: modules stand upright or are latched to anchors."""
+        count = scene.count
+        held = scene.held >= 0
+        return cls(
+            scene=scene,
+            box=scene.box_start[0].copy(),
+            yaw=float(scene.start_yaws[0]),
+            box_mode=STABLE,
+            base_position=poses[0].copy(),
+            base_rotation=poses[1].copy(),
+            angles=angles.copy(),
+            mode=np.where(held, ARM, DRIVES),
+            base_anchor=scene.held.copy(),
+            tip_anchor=np.full(count, NOWHERE),
+            grounded=np.where(held, NOWHERE, 0),
+        )
+
+    def copy(self) -> PlanSoFar:
+        """An independent copy to try something on."""
+        return PlanSoFar(
+            self.scene,
+            self.box.copy(),
+            self.yaw,
+            self.box_mode,
+            self.base_position.copy(),
+            self.base_rotation.copy(),
+            self.angles.copy(),
+            self.mode.copy(),
+            self.base_anchor.copy(),
+            self.tip_anchor.copy(),
+            self.grounded.copy(),
+            list(self.stretches),
+        )
+
+    @property
+    def place(self) -> Array:
+        """Where the box is (D,), with its yaw if it turns [m, rad]."""
+        return np.array([*self.box, self.yaw]) if self.scene.turns else self.box
+
+    @property
+    def centres(self) -> Array:
+        """Of all boxes (B, 3) [m]."""
+        return np.vstack([self.box, self.scene.box_start[1:]])
+
+    @property
+    def yaws(self) -> Array:
+        """Of all boxes (B,) [rad]."""
+        return np.array([self.yaw, *self.scene.start_yaws[1:]])
+
+    def points(self, module: int) -> Points:
+        """Where a module is now."""
+        base = Pose(self.base_position[module], self.base_rotation[module])
+        return forward(self.scene.module, base, self.angles[module])
+
+    def segments(self, module: int) -> Array:
+        """Its links (4, 2, 3)."""
+        return link_segments(self.points(module), self.scene.module.radius)
+
+    def rest(self, name: str, time: Array) -> Stretch:
+        """A stretch in which nothing moves; what moves after all is written into its arrays."""
+        n = len(time)
+        return Stretch(
+            name=name,
+            time=time,
+            box=np.tile(self.box, (n, 1)),
+            velocity=np.zeros((n, 3)),
+            acceleration=np.zeros((n, 3)),
+            turning=np.tile([self.yaw, 0.0, 0.0], (n, 1)),
+            box_mode=self.box_mode,
+            base_position=np.tile(self.base_position, (n, 1, 1)),
+            base_rotation=np.tile(self.base_rotation, (n, 1, 1, 1)),
+            angles=np.tile(self.angles, (n, 1, 1)),
+            rates=np.zeros((n, self.scene.count, 6)),
+            mode=self.mode.copy(),
+            base_anchor=self.base_anchor.copy(),
+            tip_anchor=self.tip_anchor.copy(),
+            grounded=self.grounded.copy(),
+            force=np.zeros((n, 4, 3)),
+            number=self.scene.number,
+            others=self.scene.box_start[1:],
+            their_yaws=self.scene.start_yaws[1:],
+        )
+
+    def add(self, stretch: Stretch) -> None:
+        """Append a stretch; its last sample is where everything is now."""
+        self.stretches.append(stretch)
+        self.box, self.yaw = stretch.box[-1].copy(), float(stretch.turning[-1, 0])
+        self.box_mode = stretch.box_mode
+        self.base_position = stretch.base_position[-1].copy()
+        self.base_rotation = stretch.base_rotation[-1].copy()
+        self.angles = stretch.angles[-1].copy()
+
+    @property
+    def duration(self) -> float:
+        """Seconds planned so far."""
+        return float(sum(s.time[-1] for s in self.stretches))
+
+
+def samples(duration: float) -> Array:
+    """Times (n,) from 0 to duration, at most `STEP` apart."""
+    return np.linspace(0.0, duration, max(int(np.ceil(duration / STEP)), 2) + 1)

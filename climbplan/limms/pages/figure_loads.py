@@ -1,0 +1,64 @@
+"""Forces and joint torques of modules while they hold or push the box."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from climbplan.arrays import Array
+from climbplan.limms.modules.loads import loads_of
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.reports import palette
+from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain, style_axes
+
+
+def loads_over_time(plan: LimmsPlan) -> Figure:
+    """Force that each module passes on, and torque at its worst joint, beside what they may be."""
+    loads = loads_of(plan)
+    count = len(plan.module_names)
+    figure = new_figure(3.9, entries=count + 2)
+    heading(figure, plain(plan.title or plan.name), "from the box's forces alone")
+    left, right = figure.subplots(1, 2)
+    limit = float(plan.module["max_force"])
+    _curves(left, plan, loads.force, limit)
+    panel_title(left, "Force [N]", f"limit {limit:g} N")
+    _curves(right, plan, loads.torque, loads.limit)
+    panel_title(right, "Torque at the worst joint [N m]", f"limit {loads.limit:g} N m")
+    if loads.own_weight <= loads.limit:
+        right.axhline(loads.own_weight, color=palette.REQUIRED, linewidth=0.9, linestyle=":")
+    handles = [Line2D([], [], color=palette.limb_color(m), linewidth=2) for m in range(count)]
+    handles.append(Line2D([], [], color=palette.FAILURE, linewidth=0.9, linestyle="--"))
+    handles.append(Line2D([], [], color=palette.REQUIRED, linewidth=0.9, linestyle=":"))
+    names = [plain(name, 12) for name in plan.module_names]
+    foot_legend(figure, handles, [*names, "limit", "a straight module held level, itself"])
+    return figure
+
+
+def _curves(ax: Axes, plan: LimmsPlan, values: Array, limit: float) -> None:
+    """One curve for each module over the time in which there are forces."""
+    time = plan.motion.time
+    count = values.shape[1]
+    for m in range(count):
+        if values[:, m].max() > 0:
+            # Thinner and thinner: curves that coincide are all seen
+            width = 1.3 + 0.9 * (count - 1 - m)
+            ax.plot(time, values[:, m], color=palette.limb_color(m), linewidth=width)
+    ax.axhline(limit, color=palette.FAILURE, linewidth=0.9, linestyle="--")
+    begin, end = _loaded(plan, values)
+    ax.set_xlim(begin, end)
+    ax.set_ylim(0, 1.08 * max(limit, float(values.max())))
+    ax.set_xlabel("time [s]")
+    style_axes(ax)
+
+
+def _loaded(plan: LimmsPlan, values: Array) -> tuple[float, float]:
+    """When the first force begins and the last ends [s], with a little room."""
+    time = plan.motion.time
+    at = np.flatnonzero(values.max(axis=1) > 0)
+    if not len(at):
+        return float(time[0]), float(time[-1])
+    begin, end = float(time[at[0]]), float(time[at[-1]])
+    room = max(0.03 * (end - begin), 0.02)
+    return begin - room, end + room

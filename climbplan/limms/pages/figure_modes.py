@@ -1,0 +1,116 @@
+"""Who is in which mode when: one bar for the box and one for each module."""
+
+from __future__ import annotations
+
+import itertools
+from itertools import product
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from climbplan.limms.pages.time_axis import TimeScale
+from climbplan.limms.plan.limms_plan import BOX_MODES, MODULE_MODES, LimmsPlan
+from climbplan.reports import palette
+from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain, style_axes
+
+BOX_COLORS = {1: "#C9D2DC", 2: "#56B4E9", 3: "#E69F00", 4: "#009E73"}
+_STYLES = ("-", "--", "-.")  # of boxes
+MODULE_COLORS = {1: "#E4E9EF", 2: "#D55E00", 3: "#F0B48A", 4: "#0072B2", 5: "#9CC7E8"}
+
+
+def mode_timeline(plan: LimmsPlan) -> Figure:
+    """Modes and latches over time, and the way of each box."""
+    motion = plan.motion
+    count = plan.deliveries
+    rows = len(plan.module_names) + count
+    figure = new_figure(2.6 + 0.42 * rows, entries=len(BOX_MODES) + len(MODULE_MODES))
+    heading(figure, plain(plan.title or plan.name), plain(plan.sequence))
+    top, below = figure.subplots(2, 1, sharex=True, height_ratios=[0.5 * rows + 0.3, 1.6])
+    boxes = ["box"] if count == 1 else [f"box {b}" for b in range(count)]
+    names = [*boxes, *plan.module_names]
+    scale = TimeScale(plan)
+    for row in range(len(names)):
+        is_box = row < count
+        mode = motion.box_mode[:, row] if is_box else motion.mode[:, row - count]
+        colors = BOX_COLORS if is_box else MODULE_COLORS
+        for first, last in _runs(mode):
+            begin, end = motion.time[first], motion.time[last]
+            color = colors.get(int(mode[first]), palette.FAILURE)
+            top.barh(row, end - begin, left=begin, height=0.72, color=color, linewidth=0)
+        if not is_box:
+            _latches(plan, row - count, row, top, scale)
+
+    top.set_yticks(range(len(names)), [plain(name, 12) for name in names])
+    top.invert_yaxis()
+    panel_title(top, "Modes", "text: the anchors that a module's ends are latched to")
+    style_axes(top)
+    for b, axis in product(range(count), range(3)):
+        color, style = palette.LIMBS[axis], _STYLES[b % len(_STYLES)]
+        label = "xyz"[axis] + (f", {boxes[b]}" if count > 1 else "")
+        path = motion.box_position[:, b, axis]
+        below.plot(motion.time, path, label=label, color=color, linewidth=1.4, linestyle=style)
+        below.axhline(plan.goal[b, axis], color=color, linewidth=0.7, linestyle=":")
+    below.set_xlabel(scale.label)
+    below.set_ylabel("box [m]")
+    is_turned = bool(motion.box_yaw.any() or plan.goal_yaw.any())
+    if is_turned:
+        _yaws(plan, below)
+    below.legend(frameon=False, fontsize=8, ncols=3 + is_turned, loc="upper left")
+    panel_title(below, "Centre of the box" + "es" * (count > 1), "dots: goal")
+    style_axes(below)
+    scale.apply((top, below))
+    handles = [Patch(color=c) for c in (*BOX_COLORS.values(), *MODULE_COLORS.values())]
+    labels = [*(f"box {n}" for n in BOX_MODES.values()), *MODULE_MODES.values()]
+    foot_legend(figure, handles, labels)
+    return figure
+
+
+def _yaws(plan: LimmsPlan, ax: Axes) -> None:
+    """How boxes are turned, on an axis of their own."""
+    right = ax.twinx()
+    for b in range(plan.deliveries):
+        style = _STYLES[b % len(_STYLES)]
+        yaw = np.degrees(plan.motion.box_yaw[:, b])
+        ax.plot([], [], label="yaw", color=palette.INK, linewidth=1.4, linestyle=style)
+        right.plot(plan.motion.time, yaw, color=palette.INK, linewidth=1.4, linestyle=style)
+    right.set_ylabel("yaw [deg]", fontsize=ax.yaxis.label.get_fontsize())
+    right.tick_params(labelsize=ax.yaxis.get_ticklabels()[0].get_fontsize())
+    right.spines["top"].set_visible(False)
+
+
+def _runs(values: np.ndarray) -> list[tuple[int, int]]:
+    edges = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]
+    return [(a, b - 1) for a, b in itertools.pairwise(edges)]
+
+
+def _latches(plan: LimmsPlan, module: int, row: int, ax: Axes, scale: TimeScale) -> None:
+    """Names of the anchors, in the bar."""
+    motion = plan.motion
+    both = motion.base_anchor[:, module] * 100_000 + motion.tip_anchor[:, module]
+    for first, last in _runs(both):
+        held = [
+            _anchor_name(plan, int(a))
+            for a in (motion.base_anchor[first, module], motion.tip_anchor[first, module])
+            if a >= 0
+        ]
+        begin, end = motion.time[first], motion.time[last]
+        shown = float(np.diff(scale.place(np.array([begin, end])))[0])
+        if held and shown > 0.05:
+            text = plain(" + ".join(held), 28)
+            color = palette.ink_on(
+                MODULE_COLORS.get(int(motion.mode[first, module]), palette.FAILURE)
+            )
+            ax.text(
+                (begin + end) / 2, row, text, ha="center", va="center", fontsize=7.5, color=color
+            )
+
+
+def _anchor_name(plan: LimmsPlan, anchor: int) -> str:
+    """An anchor's own name, or whose end it is."""
+    known = len(plan.anchor_names)
+    if anchor < known:
+        return plan.anchor_names[anchor]
+    module = (anchor - known) // 2
+    return f"on {plan.module_names[module]}" if module < len(plan.module_names) else "nothing"

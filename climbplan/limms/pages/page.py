@@ -1,0 +1,89 @@
+"""The HTML page of a LIMMS plan: one file with an animated replay that needs nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from climbplan.limms.check.limits import LIMITS, MASS_LIMITS
+from climbplan.limms.pages.scene import scene_of_modules
+from climbplan.limms.plan.limms_plan import LimmsPlan
+from climbplan.reports.page_parts import Card, Table, read_part
+from climbplan.reports.page_template import (
+    data_element,
+    fill,
+    origin_rows,
+    plan_tables,
+    report_fields,
+    run_fields,
+    verification_fields,
+)
+from climbplan.reports.scene_replay import scene_replay
+
+
+def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+    """The page as text.
+
+    report: as `report_dict` gives it. images: PNG files by name.
+    """
+    limits = report["limits"]
+    origin = origin_rows(report, {"Method": report["method"], "Modes": report["sequence"]})
+    return fill(
+        "limms.html",
+        **report_fields(
+            report,
+            "limms",
+            _cards(report),
+            images,
+            report["status"],
+            (read_part("replay.js"),),
+            data_element("replay-data", scene_replay(scene_of_modules(plan))),
+        ),
+        **verification_fields(
+            report, {name: limit.meaning for name, limit in (LIMITS | MASS_LIMITS).items()}
+        ),
+        **run_fields(report, plan_tables(report, origin)),
+        stages=Table.of(
+            ("Stage", "From [s]", "To [s]"),
+            ((s["name"], f"{s['begin']:.2f}", f"{s['end']:.2f}") for s in report["stages"]),
+        ),
+        loads=Table.of(
+            ("Module", "Force [N]", "Torque [N m]", "Modes"),
+            (
+                (m["name"], f"{m['force']:.1f}", f"{m['torque']:.1f}", _modes(m["modes"]))
+                for m in report["modules"]
+            ),
+        ),
+        loads_note=(
+            f"Largest values from the box's forces alone; limits {limits['force']:.0f} N and "
+            f"{limits['torque']:.0f} N m. Held level, straight, a module needs "
+            f"{limits['own_weight_torque']:.1f} N m for itself. What box and modules ask for "
+            "together stands under the checks that begin with load."
+        ),
+    )
+
+
+def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
+    box = report["box"]
+    boxes, off = report["boxes"], f"{1e3 * report['objective']:.2f} mm off"
+    if len(boxes) > 1:
+        masses = " + ".join(f"{each['mass']:g}" for each in boxes)
+        yield Card(f"{len(boxes)} boxes", f"{masses} kg", f"the worst {off} its goal")
+    else:
+        yield Card("Box", f"{box['mass']:g} kg", f"{off} its goal")
+    yield Card("Motion", f"{report['duration']:.1f} s", f"arrives at {box['final_speed']:.2f} m/s")
+    for number, each in enumerate(boxes):
+        which = f"box {number}" if len(boxes) > 1 else "the box"
+        yield Card(f"Modes of {which}", " → ".join(name for name, _ in each["modes"]))
+    yield Card(
+        "Planned in",
+        f"{report['timings']['total']:.1f} s",
+        f"{report['sizes']['programs']} programs",
+    )
+    force = max(m["force"] for m in report["modules"])
+    yield Card("Largest force", f"{force:.1f} N", f"limit {report['limits']['force']:.0f} N")
+
+
+def _modes(story: Sequence[tuple[str, float]]) -> str:
+    """Modes with their durations, in order."""
+    return ", ".join(f"{name} {seconds:.1f} s" for name, seconds in story)

@@ -1,0 +1,139 @@
+"""The report of a LIMMS plan: report.json, figures, and the HTML page with its replay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from climbplan.limms.check.verification import verify
+from climbplan.limms.modules.loads import loads_of
+from climbplan.limms.pages.page import build_page
+from climbplan.limms.plan.file import FORMAT, FORMAT_VERSION, read_limms_plan
+from climbplan.limms.plan.limms_plan import BOX_MODES, MODULE_MODES, LimmsPlan
+from climbplan.limms.plan.summary import box_story, module_story
+from climbplan.reports.plan_report import FigureOf, PlanReport
+from climbplan.reports.report_files import finite
+from climbplan.verification.verification import Verification
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+UNITS = {
+    "objective": "m",
+    "timings.*": "s",
+    "duration": "s",
+    "box.mass": "kg",
+    "box.goal": "m",
+    "box.final_speed": "m/s",
+    "box.modes.*.1": "s",
+    "boxes.*.mass": "kg",
+    "boxes.*.goal": "m",
+    "boxes.*.modes.*.1": "s",
+    "stages.*.begin": "s",
+    "stages.*.end": "s",
+    "modules.*.force": "N",
+    "modules.*.torque": "N m",
+    "modules.*.modes.*.1": "s",
+    "convergence.box_*": "m",
+    "convergence.points_*": "m",
+    "convergence.axes_*": "rad",
+    "convergence.missed": "m",
+    "convergence.violation": "m",
+    "convergence.*_seconds": "s",
+    "limits.force": "N",
+    "limits.torque": "N m",
+    "limits.own_weight_torque": "N m",
+}
+
+
+FIGURES: Mapping[str, Callable[[LimmsPlan], Figure]] = {
+    "modes": FigureOf("climbplan.limms.pages.figure_modes:mode_timeline"),
+    "poses": FigureOf("climbplan.limms.pages.figure_modules:key_poses"),
+    "loads": FigureOf("climbplan.limms.pages.figure_loads:loads_over_time"),
+}
+
+
+def figures_of(plan: LimmsPlan) -> Mapping[str, Callable[[LimmsPlan], Figure]]:
+    """What can be drawn of a plan."""
+    if plan.convergence is None:
+        return FIGURES
+    return {
+        **FIGURES,
+        "convergence": FigureOf("climbplan.limms.pages.figure_convergence:convergence"),
+    }
+
+
+def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
+    """Root attributes of the file, checks, times, sizes, stages, and loads of each module."""
+    loads, last = loads_of(plan), plan.deliveries - 1
+    report = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "climbplan_version": plan.climbplan_version,
+        "created": plan.created,
+        "name": plan.name,
+        "title": plan.title,
+        "method": plan.method,
+        "sequence": plan.sequence,
+        "spec": plan.spec_text,
+        "spec_sha256": plan.spec_sha256,
+        "seed": plan.seed,
+        "status": plan.status,
+        "verified": verification.passed,
+        **verification.scope(),
+        "objective": plan.objective,
+        "timings": plan.timings,
+        "solvers": plan.solvers,
+        "sizes": plan.sizes,
+        "verification": [check.as_dict() for check in verification.checks],
+        "warnings": list(plan.warnings),
+        "duration": float(plan.motion.time[-1]),
+        "box": {
+            "mass": float(plan.box_mass[0]),
+            "goal": plan.goal[0].tolist(),
+            "goal_yaw": float(plan.goal_yaw[0]),
+            "final_yaw": float(plan.motion.box_yaw[-1, 0]),
+            "final_speed": float(np.linalg.norm(plan.motion.box_velocity[-1, last])),
+            "modes": [[BOX_MODES[mode], seconds] for mode, seconds in box_story(plan)],
+        },
+        "boxes": [
+            {
+                "mass": float(plan.box_mass[b]),
+                "goal": plan.goal[b].tolist(),
+                "goal_yaw": float(plan.goal_yaw[b]),
+                "final_yaw": float(plan.motion.box_yaw[-1, b]),
+                "modes": [[BOX_MODES[mode], seconds] for mode, seconds in box_story(plan, b)],
+            }
+            for b in range(plan.deliveries)
+        ],
+        "stages": [{"name": n, "begin": a, "end": b} for n, a, b in plan.stages],
+        "modules": [
+            {
+                "name": name,
+                "force": float(loads.force[:, m].max()),
+                "torque": float(loads.torque[:, m].max()),
+                "modes": [[MODULE_MODES[k], seconds] for k, seconds in module_story(plan, m)],
+            }
+            for m, name in enumerate(plan.module_names)
+        ],
+        "limits": {
+            "force": plan.module["max_force"],
+            "torque": loads.limit,
+            "own_weight_torque": loads.own_weight,
+        },
+        "figures": [f"figures/{name}.png" for name in figures_of(plan)],
+        "units": UNITS,
+    }
+    if plan.convergence is not None:
+        record = vars(plan.convergence)
+        report["convergence"] = {key: values.tolist() for key, values in record.items()}
+    whole: dict[str, Any] = finite(report)
+    return whole
+
+
+_REPORT = PlanReport(read_limms_plan, verify, _values, figures_of, build_page)
+report_dict = _REPORT.report_dict
+write_report = _REPORT.write_report
+write_values = _REPORT.write_values

@@ -1,0 +1,212 @@
+"""LIMMS plans as HDF5 files: writing them, and reading them back exactly."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from climbplan.limms.plan.convergence import RESIDUALS, Convergence
+from climbplan.limms.plan.limms_plan import LimmsPlan, Motion
+from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_reading import Reader, opened_store
+from climbplan.store.hdf5_writing import new_store, write_dataset, write_text
+from climbplan.store.root_attributes import (
+    read_header,
+    read_status,
+    require_finite,
+    require_plan,
+    write_header,
+)
+
+FORMAT = "climbplan/limms"
+FORMAT_VERSION = 1
+STATUSES = ("feasible", "limit")  # limit: the clock cut the search short
+
+# T samples, B boxes, L modules, A anchors
+MOTION: dict[str, tuple[str, Layout]] = {
+    "time": ("time", Layout(("T",), "s")),
+    "box_position": ("box/position", Layout(("T", "B", 3), "m", "world")),
+    "box_velocity": ("box/velocity", Layout(("T", "B", 3), "m/s", "world")),
+    "box_acceleration": ("box/acceleration", Layout(("T", "B", 3), "m/s^2", "world")),
+    "box_yaw": ("box/yaw", Layout(("T", "B"), "rad", "world")),
+    "box_yaw_rate": ("box/yaw_rate", Layout(("T", "B"), "rad/s", "world")),
+    "box_yaw_acceleration": ("box/yaw_acceleration", Layout(("T", "B"), "rad/s^2", "world")),
+    "box_mode": ("box/mode", Layout(("T", "B"), kind="int")),
+    "joint_position": ("limms/joint_position", Layout(("T", "L", 8, 3), "m", "world")),
+    "joint_rotation": ("limms/joint_rotation", Layout(("T", "L", 8, 3, 3), "", "world")),
+    "joint_angles": ("limms/joint_angles", Layout(("T", "L", 6), "rad")),
+    "joint_velocity": ("limms/joint_velocity", Layout(("T", "L", 6), "rad/s")),
+    "mode": ("limms/mode", Layout(("T", "L"), kind="int")),
+    "base_anchor": ("limms/base_anchor", Layout(("T", "L"), kind="int")),
+    "tip_anchor": ("limms/tip_anchor", Layout(("T", "L"), kind="int")),
+    "ground_end": ("limms/ground_end", Layout(("T", "L"), kind="int")),
+    "anchor_position": ("anchors/position", Layout(("T", "A", 3), "m", "world")),
+    "force": ("force", Layout(("T", "B", 4, 3), "N", "world")),
+}
+STILL: dict[str, tuple[str, Layout]] = {
+    "anchor_normal": ("anchors/normal", Layout(("A", 3), "", "world")),
+    "box_size": ("box/size", Layout(("B", 3), "m")),
+    "box_mass": ("box/mass", Layout(("B",), "kg")),
+    "goal": ("box/goal", Layout(("B", 3), "m", "world")),
+    "goal_yaw": ("box/goal_yaw", Layout(("B",), "rad", "world")),
+    "solids": ("terrain/solids", Layout(("S", 2, 3), "m", "world")),
+}
+# Boxes of plans that do not have these keep their attitude
+_TURNING = ("box_yaw", "box_yaw_rate", "box_yaw_acceleration", "goal_yaw")
+# I iterations of a consensus; the group is there only if the method has them
+CONVERGENCE: dict[str, Layout] = {
+    "attempt": Layout(("I",), kind="int"),
+    "frozen": Layout(("I",), kind="int"),
+    **{
+        f"{name}_{part}": Layout(("I",), unit)
+        for name, unit in RESIDUALS.items()
+        for part in ("mean", "max")
+    },
+    "missed": Layout(("I",), "m"),
+    "violation": Layout(("I",), "m"),
+    "mixed_integer_seconds": Layout(("I",), "s"),
+    "nonlinear_seconds": Layout(("I",), "s"),
+}
+_NAMES = Layout(("A",), kind="text")
+_MODULES = Layout(("L",), kind="text")
+_LINKS = Layout((7,), "m")
+
+_NOTES = {
+    "objective_is": "distance of the box from its goal at the end [m]",
+    "box_modes": "1 stable, 2 free, 3 manipulated, 4 quadruped",
+    "module_modes": "1 free, 2 arm, 3 added arm, 4 leg, 5 added leg",
+    "ends": "base_anchor is at a module's first end, tip_anchor at its last; ground_end says which "
+    "end stands on the ground (0 first, 1 last, -1 none)",
+    "samples": "where modes change a time is there twice, before and after",
+    "yaw_is": "boxes stay upright: box/yaw (T, B) turns a box's frame to the world's about z; "
+    "anchors/normal of boxes' anchors are in the box's frame",
+    "force_is": "force (T, B, 4, 3) on each box at its own four anchors, of a leg at its foot",
+}
+
+
+def write_limms_plan(plan: LimmsPlan, path: Path) -> None:
+    """Write a plan; the file appears whole or not at all, in place of one that is there.
+
+    An empty `created` or `climbplan_version` becomes now and this version. Raises UsageError if
+    the file cannot be written.
+    """
+    with new_store(path) as file:
+        _write_header(file, plan)
+        for name in ("box", "limms", "anchors", "terrain"):
+            file.create_group(name)
+        for key, (name, layout) in MOTION.items():
+            group, _, leaf = name.rpartition("/")
+            write_dataset(file[group or "/"], leaf, vars(plan.motion)[key], layout, True)
+        for key, (name, layout) in STILL.items():
+            group, _, leaf = name.rpartition("/")
+            write_dataset(file[group], leaf, vars(plan)[key], layout)
+        if plan.convergence is not None:
+            group = file.create_group("convergence")
+            for key, layout in CONVERGENCE.items():
+                write_dataset(group, key, vars(plan.convergence)[key], layout)
+        write_dataset(file["anchors"], "name", plan.anchor_names, _NAMES)
+        write_dataset(file["limms"], "name", plan.module_names, _MODULES)
+        if plan.module_text:
+            write_text(file["limms"], "source", plan.module_text)
+        write_dataset(file["limms"], "link_lengths", plan.module["link_lengths"], _LINKS)
+
+
+def read_limms_plan(path: Path) -> LimmsPlan:
+    """The plan in a file, exactly as it was written.
+
+    Raises PlanFileError for anything that is not a whole LIMMS plan: another format or version,
+    missing or misshapen data, NaN where numbers must be.
+    """
+    plan = read_as_found(path)
+    require_finite(path, plan)
+    return plan
+
+
+def read_as_found(path: Path) -> LimmsPlan:
+    """As `read_limms_plan`, but numbers that are not finite are only listed, for a check."""
+    with opened_store(path) as file:
+        reader = Reader(path, file)
+        require_plan(reader, FORMAT_VERSION, FORMAT)
+        return _read(reader)
+
+
+def _write_header(file: h5py.File, plan: LimmsPlan) -> None:
+    texts = {"title": plan.title, "method": plan.method, "sequence": plan.sequence}
+    write_header(
+        file,
+        plan,
+        FORMAT,
+        FORMAT_VERSION,
+        texts={"status": plan.status, **texts, **_NOTES},
+        numbers={
+            "objective": plan.objective,
+            "arrival_speed": plan.arrival_speed,
+            "friction": plan.friction,
+            "force_limit": plan.module["max_force"],
+        },
+        objects={"module": plan.module, "stages": plan.stages},
+    )
+    file.attrs["massless"] = np.bool_(plan.massless)
+
+
+def _read(reader: Reader) -> LimmsPlan:
+    turns = reader.has("box/yaw")
+    values: dict[str, Any] = {
+        key: reader.array(name, layout)
+        for key, (name, layout) in {**MOTION, **STILL}.items()
+        if turns or key not in _TURNING
+    }
+    if not turns:
+        boxes = reader.dimensions["B"]
+        upright = np.zeros((reader.dimensions["T"], boxes))
+        values |= dict.fromkeys(_TURNING, upright) | {"goal_yaw": np.zeros(boxes)}
+    motion = Motion(**{key: values.pop(key) for key in MOTION})
+    convergence = None
+    if reader.has("convergence"):
+        found = {key: reader.array(f"convergence/{key}", lay) for key, lay in CONVERGENCE.items()}
+        convergence = Convergence(**found)
+    if not len(motion.time):
+        raise reader.refuse("no samples")
+    if reader.dimensions["A"] < 4 * reader.dimensions["B"]:
+        raise reader.refuse("fewer anchors than four on each box")
+    module = reader.mapping("module")
+    copies = {
+        "limms/link_lengths": (reader.array("limms/link_lengths", _LINKS).tolist(), "link_lengths"),
+        "force_limit": (reader.number("", "force_limit"), "max_force"),
+    }
+    own = reader.has_attribute("limms", "source")
+    return LimmsPlan(
+        title=reader.text("", "title"),
+        method=reader.text("", "method"),
+        status=read_status(reader, STATUSES),
+        motion=motion,
+        anchor_names=reader.texts("anchors/name", _NAMES),
+        module=module,
+        module_text=reader.text("limms", "source") if own else "",
+        at_odds=tuple(name for name, (copy, key) in copies.items() if module.get(key) != copy),
+        module_names=reader.texts("limms/name", _MODULES),
+        # Plans of before modules had masses do not say so
+        massless=not reader.has_attribute("", "massless") or reader.flag("", "massless"),
+        arrival_speed=reader.number("", "arrival_speed"),
+        friction=reader.number("", "friction"),
+        stages=_stages(reader),
+        sequence=reader.text("", "sequence"),
+        objective=reader.number("", "objective"),
+        convergence=convergence,
+        **values,
+        **read_header(reader, ("total",), ("programs",)),
+    )
+
+
+def _stages(reader: Reader) -> tuple[tuple[str, float, float], ...]:
+    value = reader.json("", "stages")
+    try:
+        stages = tuple((str(name), float(begin), float(end)) for name, begin, end in value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise reader.refuse("attribute stages is not a list of names and times") from error
+    if not stages:
+        raise reader.refuse("attribute stages names no stage")
+    return stages

@@ -1,0 +1,1 @@
+"""Free space, anchors, boxes and modules in numbers, and bounds that no plan escapes."""

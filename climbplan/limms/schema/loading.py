@@ -1,0 +1,156 @@
+"""From a LIMMS spec and its module file to validated models, with all mistakes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from climbplan.errors import SpecError, SpecMistake
+from climbplan.limms.schema.model import LimmsSpec
+from climbplan.limms.schema.module import ModuleSpec
+from climbplan.limms.schema.placing import placing_findings
+from climbplan.schema.document import Document, Finding
+from climbplan.schema.fields import nearest
+from climbplan.schema.kinds import validate, validate_kind
+from climbplan.schema.loaded import LoadedSpec, origin_of
+from climbplan.schema.overrides import Override, apply_overrides
+from climbplan.schema.source import SourceText, read_source
+from climbplan.schema.yaml_source import parse_yaml
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadedLimms(LoadedSpec):
+    """A LIMMS spec, its module, and the text it came from."""
+
+    spec: LimmsSpec
+    module: ModuleSpec
+    module_text: str = ""  # of the file that a path names; empty for a built-in one
+
+
+def load_limms(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedLimms:
+    """Read, override and check a LIMMS spec; `source` is a path or `-` for standard input.
+
+    Raises:
+        SpecError: with every mistake in spec, overrides and module file.
+    """
+    text = read_source(source)
+    return limms_of(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
+
+
+def limms_of(document: Document, text: SourceText) -> LoadedLimms:
+    """The LIMMS spec that a document is.
+
+    Raises:
+        SpecError: with every mistake in it and in the module file.
+    """
+    spec, findings = validate_kind(document, "limms", LimmsSpec)
+    module, module_text, module_mistakes = _module(document, text.directory)
+    if spec is not None and module is not None and not findings:
+        findings += placing_findings(spec, module)
+    mistakes = [*document.mistakes(findings), *module_mistakes]
+    if spec is None or module is None or mistakes:
+        raise SpecError(document.source, mistakes)
+    return LoadedLimms(
+        spec=spec, module=module, module_text=module_text, **origin_of(document, text)
+    )
+
+
+@dataclass(frozen=True)
+class StoredLimms:
+    """A LIMMS spec as a plan carries it."""
+
+    loaded: LoadedLimms
+    taken: str  # why the module is the plan's own word, empty if it is not
+
+
+def stored_limms(text: str, module_text: str, module: Mapping[str, Any]) -> StoredLimms:
+    """The spec of a plan with its module: built-in, or from the text that the plan carries.
+
+    module: what the plan says of its module, which is all there is of one that is neither. Raises
+    SpecError with every mistake in the texts.
+    """
+    document = parse_yaml(text, "spec")
+    spec, findings = validate(document, LimmsSpec)
+    if spec is None or findings:
+        raise SpecError(document.source, document.mistakes(findings))
+    taken = ""
+    if _is_path(spec.robot):
+        if module_text:
+            own = module_of(parse_yaml(module_text, f"module {spec.robot}"))
+        else:
+            own = ModuleSpec.model_validate(module)
+            taken = f"the plan does not carry {spec.robot}"
+    elif spec.robot in builtin_modules():
+        own = builtin_module(spec.robot)
+    else:
+        own = ModuleSpec.model_validate(module)
+        taken = f"{spec.robot!r} is no built-in module"
+    source = SourceText("spec", "spec", Path(), text)
+    return StoredLimms(LoadedLimms(spec=spec, module=own, **origin_of(document, source)), taken)
+
+
+def builtin_modules() -> list[str]:
+    """Names of the modules that come with the package."""
+    directory = files("climbplan").joinpath("robots", "modules")
+    names = [entry.name for entry in directory.iterdir()]
+    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
+
+
+def module_of_text(document: Document, text: SourceText) -> ModuleSpec:
+    """As `module_of`, with the arguments that all readers of a kind take."""
+    return module_of(document)
+
+
+def module_of(document: Document) -> ModuleSpec:
+    """The module that a document describes.
+
+    Raises:
+        SpecError: with every mistake in it.
+    """
+    module, findings = validate_kind(document, "module", ModuleSpec)
+    if module is None or findings:
+        raise SpecError(document.source, document.mistakes(findings))
+    return module
+
+
+def builtin_module(name: str) -> ModuleSpec:
+    """A module that comes with the package."""
+    path = files("climbplan").joinpath("robots", "modules", f"{name}.yaml")
+    return module_of(parse_yaml(path.read_text(encoding="utf-8"), f"module {name}"))
+
+
+def _module(
+    document: Document, directory: Path
+) -> tuple[ModuleSpec | None, str, list[SpecMistake]]:
+    """The module, the text of its file if it has one of its own, and what is wrong with it."""
+    reference = document.value.get("robot", "limms")
+    if not isinstance(reference, str) or not reference:
+        return None, "", []  # the model says what is wrong with it
+    if not _is_path(reference):
+        known = builtin_modules()
+        if reference not in known:
+            expected = (
+                f"expected a built-in module ({', '.join(known)}) or the path of a module YAML "
+                f"file, got {reference!r}"
+            )
+            finding = Finding(("robot",), expected, nearest(reference, known))
+            return None, "", [document.mistake(finding)]
+        return builtin_module(reference), "", []
+    try:
+        source = read_source(directory / reference)
+        return module_of(parse_yaml(source.text, source.shown)), source.text, []
+    except SpecError as error:
+        mistakes = [
+            replace(m, source=m.source or error.source)
+            if m.line
+            else document.mistake(Finding(("robot",), f"{error.source}: {m.message}", m.suggestion))
+            for m in error.mistakes
+        ]
+        return None, "", mistakes
+
+
+def _is_path(reference: str) -> bool:
+    return Path(reference).suffix in (".yaml", ".yml")

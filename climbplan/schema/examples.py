@@ -1,0 +1,112 @@
+"""The runnable example specs, wherever the package was installed from."""
+
+from __future__ import annotations
+
+import re
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+
+from climbplan.errors import UsageError
+from climbplan.schema.fields import nearest
+
+# What `climbplan new KIND` writes; the most telling example of each kind.
+FIRST_EXAMPLE = {
+    "climb": "climb_obstacle",
+    "transition": "transition_flat",
+    "bookshelf": "bookshelf_scene",
+    "mpc": "mpc_forward",
+    "envelopes": "envelopes_wall3",
+    "program": "cart_pole",
+    "dataset": "dataset_bookshelf",
+    "strategy": "strategy_bookshelf",
+    "limms": "limms_throw",
+    "robot": "silvia",
+    "module": "limms",
+}
+# What only some examples show
+ABOUT = {
+    "climb_walker": "a robot from a URDF",
+    "robot_walker": "from a URDF",
+    "robot_hexapod": "a hexapod from a URDF",
+    "robot_long_climber": "grippers that open 110 mm",
+    "mpc_hexapod": "a hexapod from a URDF",
+    "climb_telescope": "legs with joints that slide",
+    "climb_biped": "flat feet",
+    "climb_biped_stairs": "flat feet up stairs",
+    "robot_telescope": "legs with joints that slide",
+    "robot_biped": "flat feet",
+    "mpc_telescope": "legs with joints that slide",
+    "climb_single_wall": "grippers on one wall",
+    "climb_rough_chimney": "between scanned walls",
+    "mission_ground_to_top": "and on as a climb",
+    "mission_rough_shaft": "the same in a scan",
+}
+# Files that an example reads, or that state its problem
+_DATA = {
+    "bookshelf_file": ("bookshelf_scenes.h5",),
+    "cart_pole": ("cart_pole.py",),
+    "strategy_bookshelf": ("bookshelf_scenes.h5",),
+    "dataset_cart_pole": ("cart_pole.py",),
+    "robot_walker": ("walker.urdf",),
+    "robot_hexapod": ("hexapod.urdf",),
+    "mpc_hexapod": ("robot_hexapod.yaml", "hexapod.urdf"),
+    "robot_telescope": ("telescope.urdf",),
+    "robot_biped": ("biped.urdf",),
+    "climb_biped": ("robot_biped.yaml", "biped.urdf"),
+    "climb_biped_stairs": ("robot_biped.yaml", "biped.urdf"),
+    "climb_telescope": ("robot_telescope.yaml", "telescope.urdf"),
+    "mpc_telescope": ("robot_telescope.yaml", "telescope.urdf"),
+    "climb_rough_chimney": ("rough_chimney.stl",),
+    "mission_rough_shaft": ("rough_shaft.stl",),
+    "climb_walker": ("robot_walker.yaml", "walker.urdf"),
+}
+
+
+def example_names(kind: str) -> list[str]:
+    """Names of the example specs of one kind, sorted; empty for an unknown kind."""
+    marker = re.compile(rf"^kind:\s*{re.escape(kind)}\s*(#.*)?$", re.MULTILINE)
+    return sorted(
+        name for name, file in _files().items() if marker.search(file.read_text(encoding="utf-8"))
+    )
+
+
+def example_text(name: str) -> str:
+    """The YAML text of an example, comments included.
+
+    Raises:
+        UsageError: there is no such example.
+    """
+    examples = _files()
+    if name not in examples:
+        near = nearest(name, list(examples))
+        hint = f" (did you mean {near!r}?)" if near else ""
+        raise UsageError(f"no example {name!r}, there are {', '.join(sorted(examples))}{hint}")
+    return examples[name].read_text(encoding="utf-8")
+
+
+def example_data(name: str) -> dict[str, bytes]:
+    """The files that an example reads, by name; they belong beside it."""
+    folder = _specs()
+    return {data: folder.joinpath(data).read_bytes() for data in _DATA.get(name, ())}
+
+
+def example_resource(name: str) -> Traversable:
+    """A file beside the examples, by its whole name."""
+    return _specs().joinpath(name)
+
+
+def _specs() -> Traversable:
+    package = files("climbplan")
+    specs = package.joinpath("example_specs")  # a wheel carries them inside the package
+    return specs if specs.is_dir() else package.joinpath("..", "specs")  # a checkout beside it
+
+
+def _files() -> dict[str, Traversable]:
+    robots = files("climbplan").joinpath("robots")
+    directories = [d for d in (_specs(), robots, robots.joinpath("modules")) if d.is_dir()]
+    return {
+        entry.name.removesuffix(".yaml"): entry
+        for directory in directories
+        for entry in directory.iterdir()
+        if entry.name.endswith(".yaml")
+    }

@@ -1,0 +1,42 @@
+"""JSON Schema of each kind of spec, for editors that complete and check YAML."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from climbplan.errors import UsageError
+from climbplan.schema.fields import nearest
+from climbplan.schema.kinds import KINDS
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def json_schema(kind: str) -> dict[str, Any]:
+    """JSON Schema (draft 2020-12) of one kind; each property has its meaning and unit.
+
+    Raises:
+        UsageError: there is no such kind.
+    """
+    if kind not in KINDS:
+        near = nearest(kind, list(KINDS))
+        hint = f" (did you mean {near!r}?)" if near else ""
+        raise UsageError(f"no spec kind {kind!r}, known are {', '.join(KINDS)}{hint}")
+    body = KINDS[kind].model.model_json_schema()
+    body["required"] = list(dict.fromkeys(["kind", *body.get("required", [])]))
+    return {
+        "$schema": DIALECT,
+        "$id": f"urn:climbplan:spec:{kind}",
+        "title": f"climbplan {kind} spec",
+        **{key: value for key, value in body.items() if key != "title"},
+    }
+
+
+def all_schemas() -> dict[str, Any]:
+    """One JSON Schema that accepts every kind and tells them apart by `kind`."""
+    return {
+        "$schema": DIALECT,
+        "$id": "urn:climbplan:spec",
+        "title": "climbplan spec",
+        "oneOf": [{"$ref": f"urn:climbplan:spec:{kind}"} for kind in KINDS],
+        "$defs": {kind: json_schema(kind) for kind in KINDS},
+    }

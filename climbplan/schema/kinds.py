@@ -1,0 +1,120 @@
+"""The kinds of spec that exist, the model of each, and which kind a document is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, TypeVar, cast
+
+from pydantic import ValidationError
+
+from climbplan.errors import SpecError
+from climbplan.schema.base import SpecModel
+from climbplan.schema.document import Document, Finding
+from climbplan.schema.fields import nearest
+from climbplan.schema.wording import findings_of, shown
+
+if TYPE_CHECKING:
+    from climbplan.schema.source import SourceText
+
+
+@dataclass(frozen=True)
+class SpecKind:
+    """The model and the reader of one kind of spec, by name: they are imported when first used."""
+
+    model_name: str  # MODULE:CLASS
+    reader_name: str  # MODULE:FUNCTION, called with a document and its source text
+
+    @property
+    def model(self) -> type[SpecModel]:
+        """The pydantic model."""
+        return cast("type[SpecModel]", resolve_name(self.model_name))
+
+    def read(self, document: Document, text: SourceText) -> object:
+        """Return the validated spec.
+
+        Raises:
+            SpecError: with every mistake in it.
+        """
+        read: object = resolve_name(self.reader_name)(document, text)
+        return read
+
+
+def _kind(package: str, model: str, reader: str) -> SpecKind:
+    return SpecKind(f"climbplan.{package}.{model}", f"climbplan.{package}.{reader}")
+
+
+_CLIMB, _WALKING = "climb.schema", "walking.schema"
+_SHELF, _LIMMS = "bookshelf.schema", "limms.schema"
+KINDS = {
+    "climb": _kind(_CLIMB, "model:ClimbSpec", "loading:climb_of_document"),
+    "transition": _kind(
+        _CLIMB, "transition:TransitionSpec", "transition_loading:transition_of_document"
+    ),
+    "mpc": _kind(_WALKING, "model:MpcSpec", "loading:mpc_of"),
+    "bookshelf": _kind(_SHELF, "model:BookshelfSpec", "loading:shelf_of_document"),
+    "envelopes": _kind(_CLIMB, "envelopes:EnvelopesSpec", "envelopes_loading:envelopes_of"),
+    "program": _kind("schema.program", "model:ProgramSpec", "loading:program_of"),
+    "dataset": _kind("datasets.schema", "model:DatasetSpec", "loading:dataset_of"),
+    "strategy": _kind("schema.learning", "strategy:StrategySpec", "strategy_loading:strategy_of"),
+    "limms": _kind(_LIMMS, "model:LimmsSpec", "loading:limms_of"),
+    "robot": _kind("schema.robots", "robot:RobotSpec", "source:robot_of_text"),
+    "module": _kind(_LIMMS, "module:ModuleSpec", "loading:module_of_text"),
+}
+
+Model = TypeVar("Model", bound=SpecModel)
+
+
+def find_kind(document: Document, wanted: str | None = None) -> str | Finding:
+    """The kind of a document, or what is wrong with its `kind`.
+
+    Raises:
+        SpecError: it is not a mapping at all, or a spec of another kind than `wanted`; what else
+            it holds need not be looked at then.
+    """
+    known = ", ".join(f"`{kind}`" for kind in KINDS)
+    example = f"kind: {wanted or 'climb'}"
+    if not isinstance(document.value, dict):
+        expected = f"expected keys and values, the first `{example}`, got {shown(document.value)}"
+        raise SpecError(document.source, [document.mistake(Finding((), expected))])
+    if "kind" not in document.value:
+        return Finding(("kind",), f"missing, expected `{example}` (known kinds: {known})")
+    kind = document.value["kind"]
+    if not isinstance(kind, str) or kind not in KINDS:
+        near = nearest(kind, list(KINDS)) if isinstance(kind, str) else None
+        return Finding(("kind",), f"expected one of {known}, got {shown(kind)}", near)
+    if wanted is not None and kind != wanted:
+        message = f"expected a spec of kind `{wanted}`, got a `{kind}`"
+        raise SpecError(document.source, [document.mistake(Finding(("kind",), message))])
+    return kind
+
+
+def validate(document: Document, model: type[Model]) -> tuple[Model | None, list[Finding]]:
+    """The document as `model`, or every mistake in it (those of its YAML included)."""
+    findings = list(document.findings)
+    broken = [f.path for f in findings if f.option is None]
+    result = None
+    try:
+        result = model.model_validate(document.value)
+    except ValidationError as error:
+        # A value that the YAML reader refused was left empty: not a second mistake.
+        findings += [
+            f
+            for f in findings_of(error, model)
+            if not any(f.path[: len(path)] == path for path in broken)
+        ]
+    return (None if findings else result), findings
+
+
+def validate_kind(
+    document: Document, kind: str, model: type[Model]
+) -> tuple[Model | None, list[Finding]]:
+    """As `validate`, of a document that has to be of a kind.
+
+    Raises:
+        SpecError: as `find_kind`.
+    """
+    found = find_kind(document, wanted=kind)
+    wrong = [found] if isinstance(found, Finding) else []
+    spec, findings = validate(document, model)
+    return spec, [*wrong, *(finding for finding in findings if finding.path != ("kind",))]

@@ -1,0 +1,249 @@
+"""A compiled MJCF file written as URDF, which is read, checked and kept in plans as any other.
+
+Links are bodies, with their origin moved into the joint that carries them, as URDF has it; a body
+of several joints has a link without mass for each but the last. Named sites are links without mass.
+Angles count from the pose of the file, as a URDF's zero is: `ref` is taken off the bounds.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from climbplan.arrays import Array
+from climbplan.schema.robots.mjcf.compiled import Mjcf, compiled
+from climbplan.schema.robots.mjcf.places import line_attribute, origin_element, rotation, words
+from climbplan.schema.robots.mjcf.shapes import Shapes
+from climbplan.schema.robots.xml import Element, UrdfFault
+
+_WORLD = "world"
+
+
+def mjcf_as_urdf(path: Path, root: Element) -> str:
+    """The URDF text of the robot in an MJCF file; `from_line` of an element is its line there.
+
+    Raises MissingSolver without MuJoCo and UrdfFault for what has no counterpart in a URDF.
+    """
+    return _Writer(compiled(path, root), path).text()
+
+
+class _Writer:
+    def __init__(self, found: Mjcf, path: Path) -> None:
+        self.found, self.path = found, path
+        self.library, self.spec, self.model = found.library, found.spec, found.model
+        self.name = str(self.spec.modelname) or path.stem
+        self.shapes = Shapes(found, path)
+        model = self.model
+        self.bodies = [b for b in range(1, model.nbody) if model.body_rootid[b] == found.robot]
+        taken = {model.body(body).name for body in self.bodies}
+        self.links = {b: model.body(b).name or _free(f"body_{b}", taken) for b in self.bodies}
+        self.taken = taken | set(self.links.values())
+        self.joint_names = {model.joint(j).name for j in range(model.njnt)}
+        self.origin = {body: self._origin(body) for body in self.bodies}
+        self.efforts = self._efforts()
+        self.follows = self._follows()
+
+    def text(self) -> str:
+        """The whole document."""
+        parts = [part for body in self.bodies for part in self._body(body)]
+        return "\n".join([f"<robot name={quoteattr(self.name)}>", *parts, "</robot>", ""])
+
+    # Bodies
+
+    def _joints(self, body: int) -> list[int]:
+        """Joints of a body, the free one left out."""
+        model, free = self.model, self.library.mjtJoint.mjJNT_FREE
+        first = int(model.body_jntadr[body])
+        own = range(first, first + int(model.body_jntnum[body]))
+        return [joint for joint in own if model.jnt_type[joint] != free]
+
+    def _origin(self, body: int) -> Array:
+        """The link's origin in the body's frame: its last joint [m]."""
+        joints = self._joints(body)
+        return np.array(self.model.jnt_pos[joints[-1]]) if joints else np.zeros(3)
+
+    def _body(self, body: int) -> list[str]:
+        """The joints that carry a body, its link and its sites."""
+        model, link = self.model, self.links[body]
+        parts, joints = [], self._joints(body)
+        parent, before = int(model.body_parentid[body]), np.zeros(3)
+        at, turn = np.array(model.body_pos[body]), rotation(self.library, model.body_quat[body])
+        above = _WORLD
+        if parent in self.links:
+            above, before = self.links[parent], self.origin[parent]
+        elif joints:  # the world carries it by joints
+            above = _free(_WORLD, self.taken)
+            parts.append(f"<link name={quoteattr(above)}/>")
+        if not joints and parent in self.links:
+            name = _free(f"{link}_fixed", self.joint_names)
+            parts.append(_fixed(name, above, link, at - before, turn))
+        here = at - before
+        for number, joint in enumerate(joints):
+            pos = np.array(model.jnt_pos[joint])
+            last = number == len(joints) - 1
+            below = link if last else _free(f"{link}_{number + 1}", self.taken)
+            if not last:
+                parts.append(f"<link name={quoteattr(below)}/>")
+            step = here + turn @ pos if number == 0 else pos - here
+            parts.append(self._joint(joint, above, below, step, turn if number == 0 else None))
+            above, here = below, pos
+        parts.append(self._link(body))
+        return parts + self._sites(body)
+
+    def _link(self, body: int) -> str:
+        model = self.model
+        line = self.found.line("body", model.body(body).name)
+        inertial = ""
+        mass = float(model.body_mass[body])
+        if mass > 0:
+            turn = rotation(self.library, model.body_iquat[body])
+            about = turn @ np.diag(model.body_inertia[body]) @ turn.T
+            moments = " ".join(
+                f'i{"xyz"[i]}{"xyz"[j]}="{float(about[i, j])!r}"'
+                for i in range(3)
+                for j in range(i, 3)
+            )
+            lever = np.array(model.body_ipos[body]) - self.origin[body]
+            inertial = (
+                f'<inertial><origin xyz="{words(lever)}"/><mass value="{mass!r}"/>'
+                f"<inertia {moments}/></inertial>"
+            )
+        shapes = self.shapes.of(body, self.origin[body])
+        name = quoteattr(self.links[body])
+        return f"<link name={name}{line_attribute(line)}>{inertial}{shapes}</link>"
+
+    def _sites(self, body: int) -> list[str]:
+        """Named sites, at which toes may be."""
+        model, parts = self.model, []
+        for site in range(model.nsite):
+            name = model.site(site).name
+            if not name or int(model.site_bodyid[site]) != body:
+                continue
+            own = _free(name, self.taken)
+            fixed = _free(f"{own}_fixed", self.joint_names)
+            at = np.array(model.site_pos[site]) - self.origin[body]
+            turn = rotation(self.library, model.site_quat[site])
+            parts.append(f"<link name={quoteattr(own)}/>")
+            parts.append(_fixed(fixed, self.links[body], own, at, turn))
+        return parts
+
+    # Joints
+
+    def _joint(self, joint: int, above: str, below: str, step: Array, turn: Array | None) -> str:
+        model, library = self.model, self.library
+        name = model.joint(joint).name or _free(f"joint_{joint}", self.joint_names)
+        line = self.found.line("joint", name)
+        kind = int(model.jnt_type[joint])
+        limited = bool(model.jnt_limited[joint])
+        if kind == library.mjtJoint.mjJNT_HINGE:
+            written = "revolute" if limited else "continuous"
+        elif kind == library.mjtJoint.mjJNT_SLIDE:
+            written = "prismatic"
+        elif kind == library.mjtJoint.mjJNT_FREE:  # not of the robot's root
+            written = "floating"
+        else:
+            raise UrdfFault(f"joint {name!r}: a ball joint; expected hinges", line)
+        if self.follows.get(joint) == "":
+            written = "fixed"
+        limit = ""
+        if limited:
+            zero = float(model.qpos0[model.jnt_qposadr[joint]])
+            low, high = (float(bound) - zero for bound in model.jnt_range[joint])
+            limit = f' lower="{low!r}" upper="{high!r}"'
+        if joint in self.efforts:
+            limit += f' effort="{self.efforts[joint]!r}"'
+        own = int(model.jnt_dofadr[joint])
+        dynamics = (
+            f'<dynamics damping="{float(model.dof_damping[own])!r}" '
+            f'friction="{float(model.dof_frictionloss[own])!r}" '
+            f'armature="{float(model.dof_armature[own])!r}"/>'
+        )
+        axis = words(model.jnt_axis[joint])
+        ends = f"<parent link={quoteattr(above)}/><child link={quoteattr(below)}/>"
+        return (
+            f'<joint name={quoteattr(name)} type="{written}"{line_attribute(line)}>{ends}'
+            f'{origin_element(step, turn)}<axis xyz="{axis}"/><limit{limit}/>{dynamics}'
+            f"{self.follows.get(joint, '')}</joint>"
+        )
+
+    def _efforts(self) -> dict[int, float]:
+        """Torque limits [N m]: what the joint lets through of what its strongest motor gives."""
+        model, library = self.model, self.library
+        found: dict[int, float] = {}
+        by_joint = (int(library.mjtTrn.mjTRN_JOINT), int(library.mjtTrn.mjTRN_JOINTINPARENT))
+        for motor in range(model.nu):
+            if int(model.actuator_trntype[motor]) not in by_joint:
+                continue
+            if model.actuator_forcelimited[motor]:
+                force = _smaller(model.actuator_forcerange[motor])
+            elif model.actuator_ctrllimited[motor] and self._is_plain(motor):
+                gain = abs(float(model.actuator_gainprm[motor][0]))
+                force = gain * _smaller(model.actuator_ctrlrange[motor])
+            else:
+                continue
+            joint = int(model.actuator_trnid[motor][0])
+            torque = force * abs(float(model.actuator_gear[motor][0]))
+            found[joint] = max(found.get(joint, 0.0), torque)
+        for joint in range(model.njnt):
+            if model.jnt_actfrclimited[joint]:
+                through = _smaller(model.jnt_actfrcrange[joint])
+                found[joint] = min(found.get(joint, math.inf), through)
+        return found
+
+    def _is_plain(self, motor: int) -> bool:
+        """Whether its force is a gain times its command, and nothing else."""
+        library, model = self.library, self.model
+        return bool(
+            model.actuator_gaintype[motor] == library.mjtGain.mjGAIN_FIXED
+            and model.actuator_biastype[motor] == library.mjtBias.mjBIAS_NONE
+            and model.actuator_dyntype[motor] == library.mjtDyn.mjDYN_NONE
+        )
+
+    def _follows(self) -> dict[int, str]:
+        """Joints that an equality makes follow another, as URDF has it; empty of one it holds."""
+        model, found = self.model, {}
+        for equality in range(model.neq):
+            if model.eq_type[equality] != self.library.mjtEq.mjEQ_JOINT:
+                continue
+            if not model.eq_active0[equality]:
+                continue
+            joint, other = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
+            name = model.joint(joint).name
+            offset, ratio, *bent = (float(a) for a in model.eq_data[equality][:5])
+            if any(bent) or (other < 0 and offset):
+                what = "by a polynomial" if any(bent) else f"{offset:g} off the pose of the file"
+                message = f"joint {name!r} is held {what}; expected one that follows in proportion"
+                raise UrdfFault(message, self.found.line("joint", name))
+            if other < 0:
+                found[joint] = ""
+                continue
+            leader = model.joint(other).name
+            found[joint] = (
+                f'<mimic joint={quoteattr(leader or "unnamed")} multiplier="{ratio!r}" '
+                f'offset="{offset!r}"/>'
+            )
+        return found
+
+
+def _fixed(name: str, above: str, below: str, at: Array, turn: Array) -> str:
+    ends = f"<parent link={quoteattr(above)}/><child link={quoteattr(below)}/>"
+    return f'<joint name={quoteattr(name)} type="fixed">{ends}{origin_element(at, turn)}</joint>'
+
+
+def _smaller(bounds: Any) -> float:
+    """What is given in both directions."""
+    low, high = (float(bound) for bound in bounds)
+    return max(min(-low, high), 0.0)
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """A name that is not taken yet, and taken from now on."""
+    free, number = name, 2
+    while free in taken:
+        free, number = f"{name}_{number}", number + 1
+    taken.add(free)
+    return free

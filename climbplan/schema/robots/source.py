@@ -1,0 +1,108 @@
+"""Robots by built-in name or by path, with mistakes at the robot file's own lines."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+from climbplan.errors import SpecError
+from climbplan.schema.document import Document, Finding
+from climbplan.schema.fields import nearest
+from climbplan.schema.kinds import find_kind, validate
+from climbplan.schema.robots.robot import RobotSpec
+from climbplan.schema.robots.urdf.model import UrdfRobotSpec
+from climbplan.schema.robots.urdf.source import UrdfRobot, urdf_robot
+from climbplan.schema.source import SourceText, read_source
+from climbplan.schema.yaml_source import parse_yaml
+
+AnyRobot = RobotSpec | UrdfRobot
+NO_CHAINS = "expected limbs of coxa, femur and tibia, not a robot from a URDF"
+URDF_HINT = "; a URDF needs to be told its legs: `robot: {urdf: PATH, legs: {NAME: {toe: LINK}}}`"
+
+
+class UnknownRobot(ValueError):
+    """Neither a built-in robot nor a robot file; `suggestion` is the nearest built-in name."""
+
+    def __init__(self, name: str) -> None:
+        self.suggestion = nearest(name, builtin_robots())
+        known = ", ".join(f"`{robot}`" for robot in builtin_robots())
+        super().__init__(
+            f"expected a built-in robot ({known}) or the path of a robot YAML file, got {name!r}"
+            + (URDF_HINT if name.endswith((".urdf", ".xacro")) else "")
+        )
+
+
+def builtin_robots() -> list[str]:
+    """Names of the robots that come with the package."""
+    directory = files("climbplan").joinpath("robots")
+    names = [entry.name for entry in directory.iterdir()]
+    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
+
+
+def robot_text(name: str) -> str:
+    """The YAML text of a built-in robot."""
+    if name not in builtin_robots():
+        raise UnknownRobot(name)
+    return files("climbplan").joinpath("robots", f"{name}.yaml").read_text(encoding="utf-8")
+
+
+def load_robot(reference: str | Path, directory: Path | None = None) -> RobotSpec:
+    """A robot of coxa, femur and tibia by built-in name, or from a YAML file.
+
+    The file is relative to `directory`.
+
+    Raises:
+        UnknownRobot: `reference` is neither a YAML file's name nor a built-in one.
+        SpecError: the file cannot be used; with its own lines; or it names a URDF.
+    """
+    robot = load_any_robot(reference, directory)
+    if isinstance(robot, UrdfRobot):
+        raise robot.refused([Finding(("urdf",), NO_CHAINS)])
+    return robot
+
+
+def load_any_robot(reference: str | Path, directory: Path | None = None) -> AnyRobot:
+    """As `load_robot`, of limbs of any kind."""
+    name = str(reference)
+    if Path(name).suffix not in (".yaml", ".yml"):
+        return robot_of(parse_yaml(robot_text(name), f"robot {name}"), Path())
+    source = read_source((directory or Path()) / name)
+    return robot_of(parse_yaml(source.text, source.shown), source.directory)
+
+
+def robot_files(reference: str, directory: Path) -> list[Path]:
+    """The file of a robot or body that a path names, and the URDF that this names if it does."""
+    path = directory / reference
+    value = parse_yaml(read_source(path).text, str(path)).value
+    urdf = value.get("urdf") if isinstance(value, dict) else None
+    return [path, path.parent / urdf] if isinstance(urdf, str) else [path]
+
+
+def robot_of_text(document: Document, text: SourceText) -> AnyRobot:
+    """As `robot_of`; paths in it start from the directory of its source text."""
+    return robot_of(document, text.directory)
+
+
+def robot_of(document: Document, directory: Path) -> AnyRobot:
+    """The robot that a document describes; paths in it start from `directory`.
+
+    Raises:
+        SpecError: with every mistake in it.
+    """
+    findings: list[Finding] = []
+    kind = find_kind(document, wanted="robot")
+    if isinstance(kind, Finding):
+        findings.append(kind)
+    robot: AnyRobot | None
+    if isinstance(document.value, dict) and "urdf" in document.value:
+        spec, found = validate(document, UrdfRobotSpec)
+        robot = None
+        if spec is not None:
+            robot, own = urdf_robot(spec, document, (), directory)
+            found = [*found, *own]
+    else:
+        robot, found = validate(document, RobotSpec)
+    findings += [f for f in found if f.path != ("kind",)]
+    if robot is None or findings:
+        raise SpecError(document.source, document.mistakes(findings))
+    return robot

@@ -1,0 +1,112 @@
+"""Robots as plan files keep them: the texts of the files that a spec names.
+
+A plan goes where its spec's files do not, and must be verified there. A built-in robot is known by
+its name; of any other the plan carries the text.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from climbplan.errors import SpecError, SpecMistake
+from climbplan.schema.document import Document, KeyPath
+from climbplan.schema.kinds import validate
+from climbplan.schema.robots.source import AnyRobot, UnknownRobot, load_any_robot, robot_of
+from climbplan.schema.robots.urdf.model import UrdfRobotSpec
+from climbplan.schema.robots.urdf.source import UrdfRobot, robot_of_tree
+from climbplan.schema.robots.urdf.tree import urdf_of_text
+from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
+from climbplan.schema.source import read_source
+from climbplan.schema.yaml_source import parse_yaml
+
+_NO_MESHES = {"limb_radius": 0.02, "body_half_size": (0.1, 0.1, 0.1)}  # in place of what meshes say
+_BY_MESHES = {
+    "limb_radius": ("limb_radius", "capsules", "touching"),
+    "body_half_size": ("body_hull", "body_parts", "touching"),
+}
+
+
+@dataclass(frozen=True)
+class RobotTexts:
+    """What a plan carries of the files that a robot comes from; empty for a built-in robot."""
+
+    yaml: str = ""  # the robot file that the spec names
+    urdf: str = ""  # the URDF that the spec or the robot file names
+
+
+@dataclass(frozen=True)
+class StoredRobot:
+    """A robot from texts, and the fields of it that only meshes, which no plan carries, tell."""
+
+    robot: AnyRobot
+    unknown: tuple[str, ...] = ()
+
+
+class NotKept(Exception):
+    """A robot that neither the package nor the plan has; says so in words."""
+
+
+def robot_texts(reference: str | UrdfRobotSpec, directory: Path, robot: AnyRobot) -> RobotTexts:
+    """The texts of the files from which `robot` was loaded, for its plan.
+
+    reference: the spec's `robot`, whose path starts from `directory`. Raises SpecError if the file
+    is no longer there.
+    """
+    named = isinstance(reference, str) and _is_path(reference)
+    return RobotTexts(
+        yaml=read_source(directory / str(reference)).text if named else "",
+        urdf=robot.tree.text if isinstance(robot, UrdfRobot) else "",
+    )
+
+
+def stored_robot(document: Document, texts: RobotTexts) -> StoredRobot:
+    """The robot of a plan's spec, built-in or from the texts that the plan carries.
+
+    Raises NotKept if it is neither, and SpecError for texts that are no robot.
+    """
+    reference = document.value.get("robot") if isinstance(document.value, dict) else None
+    if isinstance(reference, dict):
+        return _of_urdf(document, ("robot",), texts.urdf)
+    name = str(reference)
+    if not _is_path(name):
+        try:
+            return StoredRobot(load_any_robot(name))
+        except UnknownRobot:
+            raise NotKept(f"{name!r} is no built-in robot") from None
+    if not texts.yaml:
+        raise NotKept(f"the plan does not carry {name}")
+    own = parse_yaml(texts.yaml, f"robot {name}")
+    if isinstance(own.value, dict) and "urdf" in own.value:
+        return _of_urdf(own, (), texts.urdf)
+    return StoredRobot(robot_of(own, Path()))
+
+
+def _of_urdf(document: Document, path: KeyPath, text: str) -> StoredRobot:
+    """A robot section at `path`, with its URDF's text."""
+    if not text:
+        raise NotKept("the plan does not carry its URDF")
+    section = document.value["robot"] if path else document.value
+    own = Document(document.source, document.text, section)
+    spec, findings = validate(own, UrdfRobotSpec)
+    robot: UrdfRobot | None = None
+    unknown: tuple[str, ...] = ()
+    if spec is not None:
+        try:
+            tree = urdf_of_text(text, Path(spec.urdf))
+        except (UrdfFault, UrdfFaults) as error:
+            raise SpecError(spec.urdf, [SpecMistake("", str(error))]) from error
+        if any(link.collision_meshes for link in tree.links.values()):
+            unknown = tuple(name for name in _NO_MESHES if vars(spec)[name] is None)
+            spec = spec.model_copy(update={name: _NO_MESHES[name] for name in unknown})
+        robot, findings = robot_of_tree(spec, document, path, Path(), tree)
+    if robot is None or findings:
+        raise SpecError(document.source, document.mistakes(findings))
+    return StoredRobot(
+        replace(robot, is_stored=True),
+        tuple(dict.fromkeys(part for name in unknown for part in _BY_MESHES[name])),
+    )
+
+
+def _is_path(reference: str) -> bool:
+    return Path(reference).suffix in (".yaml", ".yml")

@@ -1,0 +1,71 @@
+"""Where the meshes of a URDF are: `package://`, `file://`, relative and absolute."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from urllib.parse import unquote, urlparse
+
+from climbplan.schema.robots.xml import UrdfFault
+
+_PACKAGE = "package://"
+_HEAD = 65_536  # [bytes] of a mesh file that has its <asset>
+_AXIS = 16  # [bytes] behind the tag
+
+
+def mesh_path(name: str, urdf: Path, packages: Mapping[str, str], directory: Path) -> Path:
+    """The file of a mesh that a URDF names.
+
+    packages: package name -> directory, relative to `directory`. Others are looked for among the
+    directories above the URDF and in ROS_PACKAGE_PATH. Raises UrdfFault for what is not there.
+    """
+    if name.startswith(_PACKAGE):
+        package, _, rest = name.removeprefix(_PACKAGE).partition("/")
+        path = _package(package, urdf, packages, directory) / rest
+    elif name.startswith("file://"):
+        path = Path(unquote(urlparse(name).path))
+    elif "://" in name:
+        raise UrdfFault(f"mesh {name!r}: expected package://, file:// or a path")
+    else:
+        path = urdf.parent / name  # an absolute path stays what it is
+    if not path.is_file():
+        raise UrdfFault(f"mesh {name!r} not found: no file {path}")
+    return path.resolve()
+
+
+@cache
+def y_is_up(path: Path) -> bool:
+    """Whether a mesh file says that its y points up: `<up_axis>` of COLLADA.
+
+    Where that is left out z is up, as in all other meshes of URDFs.
+    """
+    if path.suffix.lower() != ".dae":
+        return False
+    try:
+        with path.open("rb") as stream:
+            return b"Y_UP" in stream.read(_HEAD).partition(b"<up_axis>")[2][:_AXIS]
+    except OSError:
+        return False
+
+
+def _package(name: str, urdf: Path, packages: Mapping[str, str], directory: Path) -> Path:
+    if name in packages:
+        path = directory / packages[name]
+        if not path.is_dir():
+            raise UrdfFault(f"package {name!r}: no directory {path}")
+        return path
+    above = urdf.resolve().parents
+    listed = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
+    for parent in above:
+        if parent.name == name:
+            return parent
+    for parent in (*above, *listed):
+        for place in (parent, parent / name):
+            if place.name == name and place.is_dir():
+                return place
+    raise UrdfFault(
+        f"package {name!r} not found above {urdf.parent} or in ROS_PACKAGE_PATH; expected "
+        f"`packages: {{{name}: DIRECTORY}}`"
+    )

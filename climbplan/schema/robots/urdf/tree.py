@@ -1,0 +1,360 @@
+"""The links and joints of a URDF, each with the line it stands in, and nothing but numbers in them.
+
+Pinocchio leaves out what it cannot read (a shape, a mass) with no more than a line on the terminal:
+all that counts for planning is looked at here first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+from climbplan.schema.robots.mjcf.as_urdf import mjcf_as_urdf
+from climbplan.schema.robots.ranges import ANGLE, LENGTH, MASS, PLACE
+from climbplan.schema.robots.urdf.encoding import decoded
+from climbplan.schema.robots.urdf.xacro import refuse_xacro
+from climbplan.schema.robots.xml import (
+    Element,
+    UrdfFault,
+    UrdfFaults,
+    number_of,
+    parsed,
+    text_of,
+    vector_of,
+)
+
+LARGEST_URDF = 20_000_000  # [bytes]
+TURNING = ("revolute", "continuous")
+SLIDING = "prismatic"
+_KINDS = (*TURNING, SLIDING, "fixed", "floating", "planar")
+_NO_SDF = (
+    "an SDF file, which Pinocchio reads only where it is built with sdformat, as none of the "
+    "packages on PyPI is; expected a URDF or an MJCF file"
+)
+_SHORTEST = 1e-6  # of an axis
+_LARGEST_SCALE = 1e6  # of a mesh
+_LARGEST_DYNAMICS = 1e7  # of damping, friction and armature
+# Sizes that each shape has to have
+_SHAPES = {
+    "box": ("size",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),  # length without the round ends
+    "sphere": ("radius",),
+    "mesh": (),
+}
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """That a joint follows another one: multiplier times that one's place, plus offset."""
+
+    joint: str
+    multiplier: float
+    offset: float  # [rad], [m] of a joint that slides
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """One joint as it is written."""
+
+    name: str
+    line: int
+    kind: str
+    parent: str
+    child: str
+    lower: float  # [rad], [m] of one that slides; -inf if there is none
+    upper: float
+    effort: float | None  # [N m], [N]; None if not given
+    velocity: float | None  # [rad/s], [m/s]
+    mimic: Mimic | None
+    damping: float = 0.0  # [N m s/rad], [N s/m], viscous
+    friction: float = 0.0  # [N m], [N], dry
+    armature: float | None = None  # [kg m^2], [kg], of an MJCF file; None if not given
+
+    @property
+    def mimics(self) -> str | None:
+        """The joint that it follows."""
+        return None if self.mimic is None else self.mimic.joint
+
+    @property
+    def turns(self) -> bool:
+        """Whether it turns about its axis."""
+        return self.kind in TURNING
+
+    @property
+    def slides(self) -> bool:
+        """Whether it slides along its axis."""
+        return self.kind == SLIDING
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is a joint that a leg may have."""
+        return self.turns or self.slides
+
+
+@dataclass(frozen=True)
+class UrdfLink:
+    """One link as it is written."""
+
+    name: str
+    line: int
+    mass: float  # [kg], 0 if there is none
+    collision_meshes: tuple[tuple[str, int], ...]  # file names and their lines
+    has_collision: bool
+
+
+@dataclass(frozen=True)
+class UrdfTree:
+    """All of a URDF that planning looks at."""
+
+    path: Path
+    text: str = field(repr=False)
+    name: str
+    links: dict[str, UrdfLink]
+    joints: dict[str, UrdfJoint]
+
+    @property
+    def by_child(self) -> dict[str, UrdfJoint]:
+        """The joint that carries each link (the last one, should there be several)."""
+        return {joint.child: joint for joint in self.joints.values()}
+
+    @property
+    def roots(self) -> list[str]:
+        """Links that no joint carries."""
+        carried = self.by_child
+        return [name for name in self.links if name not in carried]
+
+    @property
+    def moving_mass(self) -> dict[str, float]:
+        """Mass [kg] of each link that a joint moves, with all that is fixed to it."""
+        carried = self.by_child
+        mass = {joint.child: 0.0 for joint in self.joints.values() if joint.kind != "fixed"}
+        for link in self.links.values():
+            name = link.name
+            while name in carried and carried[name].kind == "fixed":
+                name = carried[name].parent
+            if name in mass:
+                mass[name] += link.mass
+        return mass
+
+    def at(self, line: int) -> str:
+        """Where something is written: `robot.urdf line 12`."""
+        return f"{self.path.name} line {line}"
+
+    def way_to(self, link: str, base: str) -> list[UrdfJoint] | None:
+        """Joints from `base` to `link`, None if they are not connected that way."""
+        carried, here = self.by_child, link
+        way: list[UrdfJoint] = []
+        while here != base:
+            joint = carried.get(here)
+            if joint is None or len(way) > len(self.joints):
+                return None
+            way.append(joint)
+            here = joint.parent
+        return way[::-1]
+
+
+Entry = TypeVar("Entry", UrdfLink, UrdfJoint)
+
+
+def read_urdf(path: Path) -> UrdfTree:
+    """The tree of a URDF file, or of an MJCF file, which is written as URDF first.
+
+    Raises UrdfFault for a file that is missing, too large or neither, UrdfFaults with all that is
+    wrong in one, and MissingSolver for an MJCF file without MuJoCo.
+    """
+    try:
+        if path.is_dir():
+            raise UrdfFault("a directory, expected a URDF file")
+        with path.open("rb") as stream:
+            content = stream.read(LARGEST_URDF + 1)
+    except FileNotFoundError:
+        raise UrdfFault(f"no such file: {path}") from None
+    except (OSError, ValueError) as error:
+        raise UrdfFault(f"{path}: cannot be read: {error}") from error
+    if len(content) > LARGEST_URDF:
+        raise UrdfFault(f"too large, a URDF has {LARGEST_URDF / 1e6:.0f} MB at most")
+    text = decoded(content)
+    root = parsed(text)
+    if root.tag == "mujoco":
+        text = mjcf_as_urdf(path, root)
+    elif root.tag == "sdf":
+        raise UrdfFault(_NO_SDF, root.line)
+    return urdf_of_text(text, path)
+
+
+def urdf_of_text(text: str, path: Path) -> UrdfTree:
+    """The tree of a URDF's text, `path` the file that it is from.
+
+    Raises UrdfFault for what is no URDF, and UrdfFaults with all that is wrong in one.
+    """
+    root = parsed(text)
+    if root.tag != "robot":
+        expected = "expected <robot>, or <mujoco> of an MJCF file,"
+        raise UrdfFault(f"{expected} as the first element, got <{root.tag}>", root.line)
+    refuse_xacro(root, path)
+    for element in root.walk():
+        element.line = int(number_of(element, "from_line") or element.line)
+    faults: list[UrdfFault] = []
+    links = _named(_read(_link, root.all("link"), faults), "link", faults)
+    joints = _named(_read(_joint, root.all("joint"), faults), "joint", faults)
+    if not root.all("link"):
+        faults.append(UrdfFault("no <link> in it"))
+    known = {element.attributes.get("name") for element in root.all("link")}
+    faults += [
+        UrdfFault(f"{role} of joint {joint.name!r} is no link: {name!r}", joint.line)
+        for joint in joints.values()
+        for role, name in (("parent", joint.parent), ("child", joint.child))
+        if name not in known
+    ]
+    if faults:
+        raise UrdfFaults(sorted(faults, key=lambda fault: fault.line or 0))
+    name = root.attributes.get("name", "") or path.stem
+    return UrdfTree(path, text, name, links, joints)
+
+
+def _read(
+    reader: Callable[[Element], Entry], elements: list[Element], faults: list[UrdfFault]
+) -> list[Entry]:
+    out = []
+    for element in elements:
+        try:
+            out.append(reader(element))
+        except UrdfFault as fault:
+            faults.append(fault)
+    return out
+
+
+def _named(entries: list[Entry], what: str, faults: list[UrdfFault]) -> dict[str, Entry]:
+    out: dict[str, Entry] = {}
+    for entry in entries:
+        if entry.name in out:
+            faults.append(UrdfFault(f"two {what}s are named {entry.name!r}", entry.line))
+        out[entry.name] = entry
+    return out
+
+
+def _link(element: Element) -> UrdfLink:
+    inertial = element.first("inertial")
+    mass = 0.0
+    if inertial is not None:
+        given = number_of(inertial.first("mass"), "value")
+        if given is None or inertial.first("inertia") is None:
+            raise UrdfFault("<inertial> without <mass value=...> or <inertia>", inertial.line)
+        if given > MASS.high:  # links may be as light as nothing
+            message = f"<mass>: expected {MASS.high:g} kg at most, got {given:g}"
+            raise UrdfFault(message, inertial.line)
+        mass = given
+        _inertia(inertial.first("inertia"))
+        _origin(inertial)
+    meshes = []
+    for collision in element.all("collision"):
+        _origin(collision)
+        shape = _shape(collision)
+        if shape.tag == "mesh":
+            meshes.append((text_of(shape, "filename"), shape.line))
+    collides = bool(element.all("collision"))
+    return UrdfLink(text_of(element, "name"), element.line, mass, tuple(meshes), collides)
+
+
+def _inertia(element: Element | None) -> None:
+    """Refuse moments of inertia that are missing or no numbers: Pinocchio would drop them all."""
+    if element is None:
+        return
+    for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
+        if number_of(element, name) is None:
+            raise UrdfFault(f"<inertia> without `{name}`", element.line)
+
+
+def _origin(holder: Element) -> None:
+    """Refuse a place that is not three numbers each, or one out of this world."""
+    for origin in holder.all("origin"):
+        for name, allowed in (("xyz", PLACE), ("rpy", ANGLE)):
+            values = vector_of(origin, name) or (0.0, 0.0, 0.0)
+            if not all(allowed.holds(value) for value in values):
+                got = " ".join(f"{value:g}" for value in values)
+                message = f"`{name}` of <origin>: expected {allowed.expected}, got {got}"
+                raise UrdfFault(message, origin.line)
+
+
+def _shape(collision: Element) -> Element:
+    """The one shape of a <collision>."""
+    geometry = collision.first("geometry")
+    shapes = [] if geometry is None else geometry.children
+    if len(shapes) != 1 or shapes[0].tag not in _SHAPES:
+        got = ", ".join(f"<{shape.tag}>" for shape in shapes) or "none"
+        raise UrdfFault(
+            f"<collision> with one shape expected, {', '.join(_SHAPES)}; got {got}", collision.line
+        )
+    shape = shapes[0]
+    scale = vector_of(shape, "scale") if shape.tag == "mesh" else None
+    if scale is not None and not all(0 < abs(part) <= _LARGEST_SCALE for part in scale):
+        got = " ".join(f"{part:g}" for part in scale)
+        expected = f"three numbers up to {_LARGEST_SCALE:g}, none of them zero"
+        raise UrdfFault(f"`scale` of <mesh>: expected {expected}, got {got}", shape.line)
+    for name in _SHAPES[shape.tag]:
+        sizes = vector_of(shape, name) if name == "size" else (number_of(shape, name) or 0.0,)
+        if sizes is None or min(sizes) <= 0:
+            raise UrdfFault(f"<{shape.tag}>: expected `{name}` > 0", shape.line)
+        if max(sizes) > LENGTH.high:
+            largest = f"`{name}` up to {LENGTH.high:g} m, got {max(sizes):g}"
+            raise UrdfFault(f"<{shape.tag}>: expected {largest}", shape.line)
+    return shape
+
+
+def _joint(element: Element) -> UrdfJoint:
+    name, kind = text_of(element, "name"), text_of(element, "type")
+    ends = []
+    for role in ("parent", "child"):
+        holder = element.first(role)
+        if holder is None:
+            raise UrdfFault(f"joint {name!r} has no <{role}>", element.line)
+        ends.append(text_of(holder, "link"))
+    if kind not in _KINDS:
+        expected = ", ".join(_KINDS)
+        raise UrdfFault(f"joint {name!r} has the type {kind!r}, expected {expected}", element.line)
+    _origin(element)
+    axis = element.first("axis")
+    if kind not in ("fixed", "floating") and axis is not None:
+        direction = vector_of(axis, "xyz") or (0.0, 0.0, 0.0)
+        if math.hypot(*direction) < _SHORTEST:
+            raise UrdfFault(f"joint {name!r}: expected an axis of some length", axis.line)
+    limit, mimic = element.first("limit"), element.first("mimic")
+    lower, upper = -math.inf, math.inf
+    if kind in ("revolute", SLIDING):
+        lower, upper = number_of(limit, "lower") or 0.0, number_of(limit, "upper") or 0.0
+    dynamics = element.first("dynamics")
+    for attribute in ("damping", "friction", "armature"):
+        stated = number_of(dynamics, attribute) or 0.0
+        if not 0 <= stated <= _LARGEST_DYNAMICS:
+            message = f"<dynamics {attribute}> of joint {name!r}: expected 0 to "
+            line = element.line if dynamics is None else dynamics.line
+            raise UrdfFault(f"{message}{_LARGEST_DYNAMICS:g}, got {stated:g}", line)
+    return UrdfJoint(
+        name=name,
+        line=element.line,
+        kind=kind,
+        parent=ends[0],
+        child=ends[1],
+        lower=lower,
+        upper=upper,
+        effort=number_of(limit, "effort"),
+        velocity=number_of(limit, "velocity"),
+        # A joint that does not move follows nothing: reduced models leave the element behind
+        mimic=None if mimic is None or kind == "fixed" else _mimic(mimic),
+        damping=number_of(dynamics, "damping") or 0.0,
+        friction=number_of(dynamics, "friction") or 0.0,
+        armature=number_of(dynamics, "armature") or None,
+    )
+
+
+def _mimic(element: Element) -> Mimic:
+    multiplier = number_of(element, "multiplier")
+    return Mimic(
+        joint=text_of(element, "joint"),
+        multiplier=1.0 if multiplier is None else multiplier,
+        offset=number_of(element, "offset") or 0.0,
+    )

@@ -1,0 +1,1 @@
+"""Terrain as specs state it: walls and steps, solids, panels of holds, scans."""

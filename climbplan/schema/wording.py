@@ -1,0 +1,109 @@
+"""Validation errors of the models, said for people: what stands there and what was expected."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+from pydantic import ValidationError
+
+from climbplan.schema.base import LARGEST_NUMBER, SpecModel
+from climbplan.schema.document import Finding, KeyPath
+from climbplan.schema.fields import (
+    FILE_TAG,
+    MAPPING_TAG,
+    NUMBER_TAG,
+    Slot,
+    explain_unknown_key,
+    nearest,
+    slot_at,
+)
+from climbplan.schema.units import meant_number
+
+_TAGS = (FILE_TAG, MAPPING_TAG, NUMBER_TAG)
+MOST_FINDINGS = 200  # enough to mend a file by; beyond, it is no spec
+
+
+def findings_of(error: ValidationError, model: type[SpecModel]) -> list[Finding]:
+    """All mistakes that validating a spec as `model` found, once each."""
+    findings: dict[KeyPath, Finding] = {}
+    details = error.errors(include_url=False)
+    for detail in details[:MOST_FINDINGS]:
+        path: KeyPath = tuple(s for s in detail["loc"] if s not in _TAGS)
+        if detail["type"] == "too_short" and _inside(path, details):
+            continue  # entries that are wrong were not counted
+        if detail["type"] == "spec":
+            for fault in detail["ctx"]["faults"]:
+                below = (*path, *_segments(fault.key))
+                findings.setdefault(below, Finding(below, fault.message))
+            continue
+        finding = _finding(path, detail["type"], detail["input"], model)
+        findings.setdefault(finding.path, finding)
+    if len(details) > MOST_FINDINGS:
+        findings[()] = Finding((), f"and {len(details) - MOST_FINDINGS} more mistakes")
+    # A misspelt key is one mistake, not also a missing one.
+    meant = {(*f.path[:-1], f.suggestion) for f in findings.values() if f.suggestion}
+    return [f for f in findings.values() if f.path not in meant]
+
+
+def _inside(path: KeyPath, details: list[Any]) -> bool:
+    """Whether there is a mistake below `path`."""
+    return any(len(d["loc"]) > len(path) and d["loc"][: len(path)] == path for d in details)
+
+
+def _finding(path: KeyPath, kind: str, given: Any, model: type[SpecModel]) -> Finding:
+    if kind == "extra_forbidden":
+        message, suggestion = explain_unknown_key(model, path)
+        return Finding(path, message, suggestion)
+    slot = slot_at(model, path)
+    if kind == "missing":
+        if isinstance(path[-1], int):  # a list that is too short
+            parent = slot_at(model, path[:-1])
+            return Finding(path[:-1], _mismatch(parent, given))
+        meaning = f": {slot.meaning}" if slot is not None and slot.meaning else ""
+        expected = slot.expected() if slot is not None else "a value"
+        return Finding(path, f"missing, expected {expected}{meaning}")
+    suggestion = None
+    if slot is not None and slot.choices and isinstance(given, str):
+        suggestion = nearest(given, list(slot.choices))
+    return Finding(path, _mismatch(slot, given), suggestion)
+
+
+def _mismatch(slot: Slot | None, given: Any) -> str:
+    if slot is None:
+        return f"not expected here, got {shown(given)}"
+    return f"expected {slot.expected()}, got {shown(given)}{_remedy(slot, given)}"
+
+
+def _remedy(slot: Slot, given: Any) -> str:
+    if slot.is_number and isinstance(given, str):
+        number = meant_number(given, slot.unit)
+        return "" if number is None else f" (write {number:.6g})"
+    if slot.is_number and isinstance(given, float | int) and abs(given) > LARGEST_NUMBER:
+        return f" (numbers end at {LARGEST_NUMBER:g})" if math.isfinite(given) else ""
+    if slot.type is str and isinstance(given, bool | int | float):
+        return f' (write "{shown(given)}" in quotes)'
+    if slot.type is str and given == "":
+        return " (empty)"
+    return ""
+
+
+def shown(value: Any) -> str:
+    """A YAML value as a person would recognise it, cut to one short line."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, str):
+        return repr(value if len(value) <= 60 else value[:57] + "...")
+    if isinstance(value, dict):
+        return f"a mapping with the keys {', '.join(value)}"[:80] if value else "an empty mapping"
+    if isinstance(value, list):
+        text = f"[{', '.join(shown(item) for item in value[:40])}]"
+        return text if len(text) <= 80 else f"{text[:60]}... ({len(value)} entries)"
+    if isinstance(value, float) and not math.isfinite(value):
+        return f"{'-' if value < 0 else ''}.{'nan' if math.isnan(value) else 'inf'}"
+    return json.dumps(value)
+
+
+def _segments(key: str) -> KeyPath:
+    return tuple(int(s) if s.isdigit() else s for s in key.split(".")) if key else ()

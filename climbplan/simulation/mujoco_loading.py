@@ -1,0 +1,28 @@
+"""The package `mujoco`, an extra."""
+
+from __future__ import annotations
+
+import os
+from ctypes.util import find_library
+from importlib import import_module
+from types import ModuleType
+
+from climbplan.errors import MissingSolver
+
+
+def load_mujoco() -> ModuleType:
+    """The package `mujoco`.
+
+    Without a display it is told to draw off screen, which it wants to know before it is loaded; a
+    choice that the environment names (MUJOCO_GL) stands. Raises MissingSolver with how to install
+    it.
+    """
+    if not {"MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+        for library, backend in (("EGL", "egl"), ("OSMesa", "osmesa")):
+            if find_library(library) is not None:
+                os.environ["MUJOCO_GL"] = backend
+                break
+    try:
+        return import_module("mujoco")
+    except ImportError as error:
+        raise MissingSolver("simulation needs MuJoCo: pip install 'climbplan[simulate]'") from error

@@ -1,0 +1,105 @@
+"""One row of a dataset, and what can make rows: a problem kind with a sampler and a solver."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.arrays import Array, IntArray
+from climbplan.store.dataset import ANSWERED, Dataset, DatasetFrame
+
+Drawn = TypeVar("Drawn")
+
+
+@dataclass(frozen=True)
+class RowAnswer:
+    """What a solver made of one problem, checked."""
+
+    status: str  # of `dataset.STATUSES`
+    message: str = ""
+    solution: Mapping[str, NDArray[Any]] | None = None  # as the frame's layouts say, without rows
+    integers: IntArray | None = None  # (q,)
+    objective: float = math.nan
+    bound: float = -math.inf
+    time: float = 0.0  # [s]
+    evidence: Mapping[str, NDArray[Any]] | None = None  # what a row without an answer holds instead
+
+
+@dataclass(frozen=True)
+class Row:
+    """One problem with its outcome."""
+
+    index: int
+    seed: int
+    parameters: Array | None  # (p,) None if the problem could not be drawn
+    answer: RowAnswer
+
+
+class RowSource(Protocol, Generic[Drawn]):
+    """A sampler with a solver; made once in each worker."""
+
+    @property
+    def frame(self) -> DatasetFrame:
+        """What its rows share."""
+
+    def draw(self, rng: np.random.Generator) -> Drawn:
+        """A problem; the same for the same state of the generator."""
+
+    def parameters(self, drawn: Drawn) -> Array:
+        """Its parameters (p,)."""
+
+    def solve(self, drawn: Drawn) -> RowAnswer:
+        """Its answer, through the problem's own check."""
+
+
+def child_seed(seed: int, row: int) -> int:
+    """The seed of a row, 63 bits: independent of other rows and of who computes it."""
+    child = np.random.SeedSequence(seed, spawn_key=(row,))
+    return int(child.generate_state(1, np.uint64)[0] >> 1)
+
+
+def dataset_of(frame: DatasetFrame, rows: Sequence[Row]) -> Dataset:
+    """Rows in order of their index, as columns."""
+    ordered = sorted(rows, key=lambda row: row.index)
+    n = len(ordered)
+    parameters = np.full((n, len(frame.parameter_names)), math.nan)
+    integers = np.full((n, len(frame.integer_names)), -1, np.int64)
+    solution: dict[str, NDArray[Any]] = {}
+    for name, layout in frame.layouts.items():
+        shape = (n, *(int(k) for k in layout.shape[1:]))
+        solution[name] = (
+            np.full(shape, math.nan) if layout.kind == "float" else np.full(shape, -1, np.int64)
+        )
+    objective = np.full(n, math.nan)
+    for k, row in enumerate(ordered):
+        if row.parameters is not None:
+            parameters[k] = row.parameters
+        answer = row.answer
+        if answer.status in ANSWERED and answer.solution is not None:
+            objective[k] = answer.objective
+            if answer.integers is not None:
+                integers[k] = answer.integers
+            for name, value in answer.solution.items():
+                solution[name][k] = value
+        elif answer.evidence is not None:
+            for name, value in answer.evidence.items():
+                solution[name][k] = value
+    return Dataset(
+        frame=frame,
+        parameters=parameters,
+        feasible=np.array([row.answer.status in ANSWERED for row in ordered], bool),
+        solution=solution,
+        integers=integers,
+        objective=objective,
+        bound=np.array([row.answer.bound for row in ordered], float),
+        time=np.array([row.answer.time for row in ordered], float),
+        seed=np.array([row.seed for row in ordered], np.int64),
+        row=np.array([row.index for row in ordered], np.int64),
+        status=tuple(row.answer.status for row in ordered),
+        message=tuple(row.answer.message for row in ordered),
+    )

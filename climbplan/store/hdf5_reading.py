@@ -1,0 +1,351 @@
+"""Reading HDF5 with every doubt turned into a clear message.
+
+A file from elsewhere is not trusted. Nothing is allocated before type, shape and stored size were
+looked at, links out of the file are refused, and whatever the HDF5 library says about damage
+becomes a PlanFileError.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from climbplan.errors import PlanFileError
+from climbplan.store.hdf5_heap import text_heaps_are_whole
+from climbplan.store.hdf5_layout import Layout
+
+LARGEST_DATASET = 2**30  # [bytes]
+LARGEST_NUMBER = 1e60  # beyond, products overflow: no more a number of anything than NaN is
+_LARGEST_RATIO = 1100  # deflate cannot shrink further than this
+_LARGEST_TEXT = 2**26  # [bytes]
+_MOST_DIGITS = 60  # of a whole number
+_DEEPEST = 32  # levels of JSON
+_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
+_DTYPE_KINDS = {"float": "f", "int": "iu", "bool": "b"}
+_TYPES: dict[str, type[Any]] = {"float": np.float64, "int": np.int64, "bool": np.bool_}
+
+# What h5py raises when bytes are not what they claim to be; it has no exception of its own.
+_DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, OverflowError)
+
+
+@contextmanager
+def opened_store(path: Path) -> Iterator[h5py.File]:
+    """An existing HDF5 file.
+
+    Raises PlanFileError for a missing file, a directory, another format or a damaged file.
+    """
+    if path.is_dir():
+        raise PlanFileError(f"{path}: a directory, expected a plan file")
+    try:
+        with path.open("rb") as stream:
+            empty = not stream.read(1)
+        is_hdf5 = h5py.is_hdf5(path)
+    except FileNotFoundError:
+        raise PlanFileError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise PlanFileError(f"{path}: cannot be read: {error}") from error
+    if not is_hdf5:
+        what = "empty" if empty else "not an HDF5 file"
+        raise PlanFileError(f"{path}: {what}, expected a plan file")
+    if not text_heaps_are_whole(path):
+        raise PlanFileError(f"{path}: damaged: its texts are not whole")
+    try:
+        file = h5py.File(path, "r")
+    except _DAMAGE as error:
+        raise PlanFileError(f"{path}: damaged (cut short?): {error}") from error
+    with file:
+        yield file
+
+
+@dataclass
+class Reader:
+    """Typed access to one file; dimensions are bound at their first use and hold from then on."""
+
+    path: Path
+    root: h5py.Group
+    dimensions: dict[str, int] = field(default_factory=dict)
+    not_finite: list[str] = field(default_factory=list)  # seen so far; absurdly large ones too
+
+    def refuse(self, what: str) -> PlanFileError:
+        """The error to raise, with the file's name."""
+        return PlanFileError(f"{self.path}: {what}")
+
+    def group(self, name: str) -> h5py.Group:
+        """A group that must be there."""
+        item = self._item(name)
+        if not isinstance(item, h5py.Group):
+            raise self.refuse(f"{name} is missing (expected a group)")
+        return item
+
+    def has(self, name: str) -> bool:
+        """Whether a dataset or group is there."""
+        return self._item(name) is not None
+
+    def members(self, name: str, most: int = 10_000) -> list[str]:
+        """Full names of the members of a group, in order."""
+        group = self.group(name)
+        if len(group) > most:
+            raise self.refuse(f"{name} has {len(group)} members, expected {most} at most")
+        try:
+            return [f"{name}/{key}" for key in sorted(group)]
+        except _DAMAGE as error:
+            raise self.refuse(f"{name} is damaged: {error}") from error
+
+    def array(self, name: str, layout: Layout) -> NDArray[Any]:
+        """A dataset of numbers or booleans.
+
+        Raises PlanFileError if it is missing or of another type or shape.
+        """
+        dataset = self._dataset(name, layout)
+        try:
+            value = np.asarray(dataset[()]).astype(_TYPES[layout.kind])
+        except (*_DAMAGE, MemoryError) as error:
+            raise self.refuse(f"{name} is damaged: {error}") from error
+        if layout.kind == "float" and not layout.may_be_nan:
+            bad = ~(np.abs(value) <= LARGEST_NUMBER)
+            if layout.may_be_infinite:
+                bad &= ~np.isinf(value)
+            if bad.any():
+                self.not_finite.append(name)
+        return value
+
+    def texts(self, name: str, layout: Layout) -> tuple[str, ...]:
+        """A dataset of texts."""
+        dataset = self._dataset(name, layout)
+        try:
+            return tuple(_decoded(entry) for entry in dataset[()])
+        except (*_DAMAGE, MemoryError) as error:
+            raise self.refuse(f"{name} is damaged: {error}") from error
+
+    def text(self, holder: str, name: str) -> str:
+        """A text attribute of the group `holder` ("" for the file itself)."""
+        value = self._attribute(holder, name)
+        if not isinstance(value, (str, bytes)):
+            raise self.refuse(f"attribute {_at(holder, name)} is not text")
+        try:
+            return _decoded(value)
+        except UnicodeError as error:
+            raise self.refuse(f"attribute {_at(holder, name)} is not UTF-8 text") from error
+
+    def number(self, holder: str, name: str) -> float:
+        """A number attribute; what is not finite, or absurdly large, is noted."""
+        value = self._attribute(holder, name)
+        if isinstance(value, np.bool_) or not isinstance(value, (np.number, int, float)):
+            raise self.refuse(f"attribute {_at(holder, name)} is not a number")
+        try:
+            number = float(value)
+        except _DAMAGE as error:
+            raise self.refuse(f"attribute {_at(holder, name)} is not a number") from error
+        if not abs(number) <= LARGEST_NUMBER:
+            self.not_finite.append(_at(holder, name))
+        return number
+
+    def integer(self, holder: str, name: str) -> int:
+        """An integer attribute."""
+        value = self._attribute(holder, name)
+        if isinstance(value, np.bool_) or not isinstance(value, (np.integer, int)):
+            raise self.refuse(f"attribute {_at(holder, name)} is not an integer")
+        return int(value)
+
+    def flag(self, holder: str, name: str) -> bool:
+        """A boolean attribute."""
+        value = self._attribute(holder, name)
+        if not isinstance(value, (np.bool_, bool)):
+            raise self.refuse(f"attribute {_at(holder, name)} is not a boolean")
+        return bool(value)
+
+    def json(self, holder: str, name: str) -> Any:
+        """The value of an attribute that holds JSON text, which can be written as such again.
+
+        Numbers are finite and of a size that computing with them allows, nesting is shallow.
+        """
+        try:
+            value = json.loads(
+                self.text(holder, name),
+                parse_constant=_refused_number,
+                parse_float=_bounded_float,
+                parse_int=_bounded_int,
+            )
+            _require_shallow(value)
+            json.dumps(value, ensure_ascii=False).encode()  # halves of surrogates are no text
+        except (json.JSONDecodeError, RecursionError) as error:
+            raise self.refuse(f"attribute {_at(holder, name)} is not JSON: {error}") from error
+        except ValueError as error:
+            raise self.refuse(f"attribute {_at(holder, name)}: {error}") from error
+        return value
+
+    def mapping(self, name: str, needed: Sequence[str] = ()) -> dict[str, Any]:
+        """A JSON object of the file itself, with the keys that are needed of it."""
+        value = self.json("", name)
+        if not isinstance(value, dict):
+            raise self.refuse(f"attribute {name} is not a JSON object")
+        if missing := [key for key in needed if key not in value]:
+            raise self.refuse(f"attribute {name} has no entry {missing[0]!r}")
+        return value
+
+    def figures(self, name: str, needed: Sequence[str] = ()) -> dict[str, float]:
+        """A JSON object of numbers, such as the seconds of stages."""
+        value = self.mapping(name, needed)
+        for key, number in value.items():
+            if isinstance(number, bool) or not isinstance(number, int | float):
+                raise self.refuse(f"attribute {name}: {key!r} is {_short(number)}, not a number")
+        return value
+
+    def words(self, name: str) -> dict[str, str]:
+        """A JSON object of texts, such as the solvers of stages."""
+        value = self.mapping(name)
+        for key, word in value.items():
+            if not isinstance(word, str):
+                raise self.refuse(f"attribute {name}: {key!r} is {_short(word)}, not text")
+        return value
+
+    def optional_number(self, name: str) -> float | None:
+        """A number of the file itself, None where there is none."""
+        return self.number("", name) if self.has_attribute("", name) else None
+
+    def has_attribute(self, holder: str, name: str) -> bool:
+        """Whether an attribute is there."""
+        try:
+            return name in self._holder(holder).attrs
+        except _DAMAGE as error:
+            raise self.refuse(f"attribute {_at(holder, name)} is damaged: {error}") from error
+
+    def _holder(self, holder: str) -> h5py.Group:
+        return self.group(holder) if holder else self.root
+
+    def _attribute(self, holder: str, name: str) -> Any:
+        owner = self._holder(holder)
+        where = f"attribute {_at(holder, name)}"
+        if not self.has_attribute(holder, name):
+            raise self.refuse(f"{where} is missing")
+        try:
+            if owner.attrs.get_id(name).shape != ():
+                raise self.refuse(f"{where} is not a single value")
+            return owner.attrs[name]
+        except (*_DAMAGE, MemoryError) as error:
+            raise self.refuse(f"{where} is damaged: {error}") from error
+
+    def _item(self, name: str) -> h5py.Group | h5py.Dataset | None:
+        """A member reached through the file's own links only."""
+        here: Any = self.root
+        try:
+            for part in name.split("/"):
+                if not isinstance(here, h5py.Group):
+                    return None
+                link = here.get(part, getlink=True)
+                if link is None:
+                    return None
+                if not isinstance(link, h5py.HardLink):
+                    raise self.refuse(f"{name} is a link, expected data in the file itself")
+                here = here[part]
+        except _DAMAGE as error:
+            raise self.refuse(f"{name} is damaged: {error}") from error
+        return here
+
+    def _dataset(self, name: str, layout: Layout) -> h5py.Dataset:
+        dataset = self._item(name)
+        if not isinstance(dataset, h5py.Dataset):
+            raise self.refuse(f"{name} is missing (expected a dataset)")
+        try:
+            dtype, shape = dataset.dtype, dataset.shape
+            stored = dataset.id.get_storage_size()
+            plan = dataset.id.get_create_plist()
+            filters = {plan.get_filter(k)[0] for k in range(plan.get_nfilters())}
+            elsewhere = dataset.is_virtual or plan.get_external_count() > 0
+        except _DAMAGE as error:
+            raise self.refuse(f"{name} is damaged: {error}") from error
+        if layout.kind == "text":
+            matches = h5py.check_string_dtype(dtype) is not None
+        else:
+            matches = dtype.kind in _DTYPE_KINDS[layout.kind]
+        if not matches:
+            raise self.refuse(f"{name} holds {dtype}, expected {layout.kind}")
+        if shape is None:
+            raise self.refuse(f"{name} is empty, expected shape {_shown(layout.shape)}")
+        self._bind(name, shape, layout.shape)
+        if elsewhere:
+            raise self.refuse(f"{name} refers to data outside the file")
+        if not filters <= _FILTERS:
+            raise self.refuse(f"{name} is compressed with an unknown filter")
+        claimed = math.prod(shape) * dtype.itemsize
+        if claimed > LARGEST_DATASET or claimed > _LARGEST_RATIO * stored:
+            raise self.refuse(
+                f"{name} claims shape {_shown(shape)}, but the file holds {stored} bytes of it"
+            )
+        return dataset
+
+    def _bind(self, name: str, shape: tuple[int, ...], expected: Sequence[str | int]) -> None:
+        """Dimensions are bound by the first dataset that has them, names say which."""
+        fits = len(shape) == len(expected)
+        if fits:
+            for size, symbol in zip(shape, expected, strict=True):
+                want = self.dimensions.get(symbol, size) if isinstance(symbol, str) else int(symbol)
+                fits = fits and size == want
+        if not fits:
+            known = [
+                f"{symbol} = {self.dimensions[symbol]}"
+                for symbol in expected
+                if isinstance(symbol, str) and symbol in self.dimensions
+            ]
+            detail = f" with {', '.join(known)}" if known else ""
+            raise self.refuse(
+                f"{name} has shape {_shown(shape)}, expected {_shown(expected)}{detail}"
+            )
+        for size, symbol in zip(shape, expected, strict=True):
+            # "*" stands for any length and is never bound.
+            if isinstance(symbol, str) and symbol != "*":
+                self.dimensions[symbol] = size
+
+
+def _decoded(entry: str | bytes) -> str:
+    text = entry.decode("utf-8") if isinstance(entry, bytes) else entry
+    if len(text) > _LARGEST_TEXT:
+        raise ValueError("text too long")
+    return text.encode("utf-8").decode("utf-8")  # refuses what was smuggled in as surrogates
+
+
+def _bounded_float(text: str) -> float:
+    number = float(text)
+    if not abs(number) <= LARGEST_NUMBER:
+        raise ValueError(f"the number {text[:20]} is out of range")
+    return number
+
+
+def _bounded_int(text: str) -> int:
+    if len(text) > _MOST_DIGITS:
+        raise ValueError(f"a number of {len(text)} digits is out of range")
+    return int(text)
+
+
+def _refused_number(text: str) -> Any:
+    raise ValueError(f"holds {text}, a number that is not finite")
+
+
+def _require_shallow(value: Any, depth: int = 0) -> None:
+    if depth > _DEEPEST:
+        raise ValueError(f"nested deeper than {_DEEPEST} levels")
+    items = value.values() if isinstance(value, dict) else value
+    for item in items if isinstance(value, dict | list) else ():
+        if isinstance(item, dict | list):
+            _require_shallow(item, depth + 1)
+
+
+def _short(value: object) -> str:
+    return repr(value)[:40]
+
+
+def _at(holder: str, name: str) -> str:
+    return f"{holder}/{name}" if holder else name
+
+
+def _shown(shape: Sequence[str | int]) -> str:
+    return f"({', '.join(str(s) for s in shape)}{',' if len(shape) == 1 else ''})"

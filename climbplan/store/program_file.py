@@ -1,0 +1,189 @@
+"""Answers to stated programs as HDF5 files, format `climbplan/program`.
+
+parameters (n, p)   features (n, d)     columns of parameters: attribute `parameter_blocks`
+x (n, N)            lower, upper (N)    columns: attribute `variable_blocks` (JSON: name, shape,
+                                        start, unit, integer); NaN in rows without an answer
+assignment (n, C)   status, objective, bound, gap, time, method, winner, tried, found (n)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_reading import Reader, opened_store
+from climbplan.store.hdf5_writing import new_store, write_dataset
+from climbplan.store.program_plan import (
+    Layouts,
+    ParameterBlock,
+    ProgramPlan,
+    ProgramTotals,
+    VariableBlock,
+)
+from climbplan.store.root_attributes import read_root, require_other, write_root
+
+FORMAT = "climbplan/program"
+FORMAT_VERSION = 1
+STATUSES = ("optimal", "feasible", "infeasible", "limit")
+
+_ARRAYS = {
+    "parameters": Layout(("n", "p")),
+    "features": Layout(("n", "d")),
+    "x": Layout(("n", "N")),
+    "assignment": Layout(("n", "C"), kind="int"),
+    "found": Layout(("n",), kind="bool"),
+    "objective": Layout(("n",)),
+    "bound": Layout(("n",), may_be_infinite=True),
+    "gap": Layout(("n",), may_be_infinite=True),
+    "time": Layout(("n",), "s"),
+    "tried": Layout(("n",), kind="int"),
+}
+_BOUNDS = {
+    "lower": Layout(("N",), may_be_infinite=True),
+    "upper": Layout(("N",), may_be_infinite=True),
+}
+_TEXTS = {name: Layout(("n",), kind="text") for name in ("status", "method", "winner")}
+_OPTIONAL = ("objective", "bound", "gap")  # of all rows, left out where a row has none
+_NAN_WITHOUT_ANSWER = ("x", "objective", "gap")
+
+
+def write_program(plan: ProgramPlan, path: Path) -> None:
+    """Write answers; the file appears whole or not at all. Raises UsageError if it cannot."""
+    fields = vars(plan)
+    with new_store(path) as file:
+        write_root(
+            file,
+            plan,
+            FORMAT,
+            FORMAT_VERSION,
+            texts={"problem": plan.problem, "status": plan.overall},
+            numbers={
+                "tolerance": plan.tolerance,
+                **{name: vars(plan.totals)[name] for name in _OPTIONAL},
+            },
+            objects={
+                "timings": dict(plan.timings),
+                "solvers": dict(plan.solvers),
+                "sizes": dict(plan.sizes),
+                "parameter_blocks": [asdict(b) for b in plan.layouts.parameters],
+                "variable_blocks": [asdict(b) for b in plan.layouts.variables],
+            },
+        )
+        for name, layout in (_ARRAYS | _TEXTS).items():
+            write_dataset(file, name, fields[name], layout)
+        for name, layout in _BOUNDS.items():
+            write_dataset(file, name, vars(plan.layouts)[name], layout)
+
+
+def read_program(path: Path) -> ProgramPlan:
+    """The answers in a file, as they were written; nothing in it is ever run.
+
+    Raises PlanFileError for another format, missing or misshapen data, and for NaN in a row that
+    claims an answer.
+    """
+    with opened_store(path) as file:
+        return _read(Reader(path, file))
+
+
+def _read(reader: Reader) -> ProgramPlan:
+    require_other(reader, FORMAT_VERSION, FORMAT, "a plan file of `climbplan solve`")
+    arrays: dict[str, Any] = {name: reader.array(name, layout) for name, layout in _ARRAYS.items()}
+    bounds = {name: reader.array(name, layout) for name, layout in _BOUNDS.items()}
+    texts: dict[str, Any] = {name: reader.texts(name, layout) for name, layout in _TEXTS.items()}
+    found = arrays["found"]
+    for name in reader.not_finite:
+        bad = np.isnan(arrays[name]) if name in arrays else np.array([True])
+        rows = bad.reshape(len(bad), -1).any(axis=1)
+        if name not in _NAN_WITHOUT_ANSWER or (rows & found).any():
+            raise reader.refuse(f"NaN in {name}")
+    foreign = sorted(set(texts["status"]) - set(STATUSES))
+    if foreign:
+        raise reader.refuse(f"status {foreign[0]!r}, expected one of {', '.join(STATUSES)}")
+    answered = np.isin(texts["status"], ("optimal", "feasible"))
+    if (answered != found).any():
+        row = int(np.flatnonzero(answered != found)[0])
+        raise reader.refuse(f"row {row}: status {texts['status'][row]!r} and `found` disagree")
+    layouts = Layouts(_parameters(reader), _variables(reader), bounds["lower"], bounds["upper"])
+    return ProgramPlan(
+        **read_root(reader),
+        problem=reader.text("", "problem"),
+        layouts=layouts,
+        **arrays,
+        **texts,
+        tolerance=reader.number("", "tolerance"),
+        timings=reader.figures("timings"),
+        solvers=reader.figures("solvers"),
+        sizes=reader.mapping("sizes"),
+        stored_totals=_totals(reader),
+    )
+
+
+def _totals(reader: Reader) -> ProgramTotals:
+    numbers = {
+        name: reader.number("", name) if reader.has_attribute("", name) else None
+        for name in _OPTIONAL
+    }
+    return ProgramTotals(reader.text("", "status"), **numbers)
+
+
+def marked(plan: ProgramPlan, verified: bool) -> ProgramPlan:
+    """The plan with the outcome of its verification."""
+    return replace(plan, verified=verified)
+
+
+def _parameters(reader: Reader) -> tuple[ParameterBlock, ...]:
+    blocks = [
+        ParameterBlock(_field(reader, entry, "name", str), _shape(reader, entry))
+        for entry in _entries(reader, "parameter_blocks")
+    ]
+    _require_columns(reader, "p", sum(math.prod(b.shape) for b in blocks))
+    return tuple(blocks)
+
+
+def _variables(reader: Reader) -> tuple[VariableBlock, ...]:
+    blocks, at = [], 0
+    for entry in _entries(reader, "variable_blocks"):
+        block = VariableBlock(
+            _field(reader, entry, "name", str),
+            _shape(reader, entry),
+            _field(reader, entry, "start", int),
+            _field(reader, entry, "unit", str),
+            _field(reader, entry, "integer", bool),
+        )
+        if block.start != at:
+            raise reader.refuse(f"variable block {block.name!r} does not start at column {at}")
+        at = block.stop
+        blocks.append(block)
+    _require_columns(reader, "N", at)
+    return tuple(blocks)
+
+
+def _require_columns(reader: Reader, dimension: str, count: int) -> None:
+    if reader.dimensions[dimension] != count:
+        raise reader.refuse(f"{reader.dimensions[dimension]} columns, its blocks have {count}")
+
+
+def _entries(reader: Reader, name: str) -> list[dict[str, Any]]:
+    value = reader.json("", name)
+    if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
+        raise reader.refuse(f"attribute {name} is not a list of blocks")
+    return value
+
+
+def _field(reader: Reader, entry: dict[str, Any], key: str, kind: type[Any]) -> Any:
+    value = entry.get(key)
+    if not isinstance(value, kind):
+        raise reader.refuse(f"a block's {key!r} is {value!r}, expected {kind.__name__}")
+    return value
+
+
+def _shape(reader: Reader, entry: dict[str, Any]) -> tuple[int, ...]:
+    shape = entry.get("shape")
+    if not isinstance(shape, list) or not all(type(k) is int and 0 <= k < 2**31 for k in shape):
+        raise reader.refuse(f"a block's shape is {shape!r}, expected whole numbers")
+    return tuple(shape)

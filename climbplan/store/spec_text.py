@@ -1,0 +1,13 @@
+"""The text of the spec that a file was made from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from climbplan.store.hdf5_reading import Reader, opened_store
+
+
+def stored_spec_text(path: Path) -> str:
+    """Root attribute `spec`; raises PlanFileError where there is none."""
+    with opened_store(path) as file:
+        return Reader(path, file).text("", "spec")

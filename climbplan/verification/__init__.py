@@ -1,0 +1,1 @@
+"""What all checks of plans share: limits, outcomes, badges, specs to hold plans against."""

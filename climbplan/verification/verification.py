@@ -1,0 +1,223 @@
+"""What the checks of a plan come to: passed, failed, not judged, and what the badge says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from climbplan.errors import UnsoundPlan
+from climbplan.store.hdf5_reading import Reader, opened_store
+from climbplan.store.hdf5_writing import amended_store, write_json, write_text
+from climbplan.verification.check import Check, LeftOut
+from climbplan.verification.check_table import check_table
+from climbplan.verification.held import Against
+from climbplan.verification.level import Level, advice_of, level_of
+
+# Where one of these fails the others are not made: numbers that no robot and no task can have
+SOUNDNESS = (
+    "file.finite",
+    "file.data",
+    "robot.data",
+    "terrain.data",
+    "limits.data",
+    "grip.data",
+    "scenes.data",
+)
+
+
+@dataclass(frozen=True)
+class Verification:
+    """All checks of one plan, in the order in which they were made, and what they are worth."""
+
+    checks: tuple[Check, ...]
+    beyond: tuple[LeftOut, ...] = ()  # what the world asks of such a plan and no check looks at
+    implausible: tuple[str, ...] = ()  # data and deflections that no such robot has, in words
+    against: Against | None = None  # the spec that the plan was held against
+    stands: str = ""  # "stands in 297 of 300 worlds", of plans that were judged in some
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check passed that is judged."""
+        return all(check.passed for check in self.checks)
+
+    @property
+    def left_out(self) -> tuple[LeftOut, ...]:
+        """What the plan needs in the world and no check of it holds."""
+        own = (check.left_out for check in self.checks)
+        return tuple(dict.fromkeys([*self.beyond, *(out for out in own if out is not None)]))
+
+    @property
+    def badge(self) -> str:
+        """What can be said of the plan: "verified", "verified in its model (...)", or not."""
+        if not self.passed:
+            return "not verified"
+        if not self.model:
+            return "verified"
+        return f"verified in its model ({self.model})"
+
+    @property
+    def model(self) -> str:
+        """What the plan is verified in, "" where nothing is left out: "forward Euler"."""
+        data = ["implausible data"] if self.implausible else []
+        return ", ".join(dict.fromkeys([*data, *(out.model for out in self.left_out)]))
+
+    @property
+    def level(self) -> Level:
+        """Whether the plan is fine, is to be looked at, or must not be used."""
+        return level_of(
+            num_failed=len(self.failed),
+            implausible=bool(self.implausible),
+            reservations=bool(self.model or self.fragile),
+        )
+
+    @property
+    def advice(self) -> str:
+        """One sentence on what to do with the plan, by its level."""
+        return advice_of(
+            num_checks=len(self.checks),
+            num_failed=len(self.failed),
+            implausible=bool(self.implausible),
+            fragile=bool(self.fragile),
+            model=self.model,
+        )
+
+    @property
+    def objection(self) -> str:
+        """Why the plan must not be used: its failed checks, or else implausible data; "" if none.
+
+        Not "" exactly where `level` is `do_not_use`.
+        """
+        if not self.passed:
+            return f"fails its verification: {self.headline()}"
+        if self.implausible:
+            return f"must not be used: implausible: {'; '.join(self.implausible)}"
+        return ""
+
+    @property
+    def leaves_out(self) -> tuple[str, ...]:
+        """What that leaves out, in short phrases with figures; `implausible` stands beside it."""
+        return tuple(dict.fromkeys(out.words for out in self.left_out))
+
+    @property
+    def fragile(self) -> tuple[str, ...]:
+        """Margins that the plan does not keep: where, and what there is of them; () if it does."""
+        return tuple(check.fragile for check in self.checks if check.fragile)
+
+    @property
+    def failed(self) -> tuple[Check, ...]:
+        """The checks that failed."""
+        return tuple(check for check in self.checks if not check.passed)
+
+    @property
+    def unsound(self) -> Check | None:
+        """The first failed check of those without which a plan means nothing."""
+        return next((check for check in self.failed if check.name in SOUNDNESS), None)
+
+    def require_sound(self, path: Path) -> None:
+        """Raise UnsoundPlan for a plan of which nothing can be computed, drawn or passed on."""
+        if (worst := self.unsound) is not None:
+            where = f" ({worst.worst_at})" if worst.worst_at else ""
+            raise UnsoundPlan(
+                f"{path}: fails its verification, {worst.name}{where}: nothing else can be made "
+                "of it; `climbplan verify` lists every check"
+            )
+
+    @property
+    def tightest(self) -> Check:
+        """The failed check that is furthest off, else the bound of which most is used up."""
+        if self.failed:
+            return max(self.failed, key=lambda check: check.severity)
+        return max(self.checks, key=lambda check: check.used)
+
+    def headline(self) -> str:
+        """One line: "31 checks, worst margin: force.friction, round 5, push 2, RF (S_mu 1.8)".
+
+        Without the margin where no check tells how much of its bound is used up.
+        """
+        worst = self.tightest
+        detail = f" ({worst.margin})" if worst.margin else ""
+        place = f", {worst.worst_at}" if worst.worst_at else ""
+        told = sum(not check.judged for check in self.checks)
+        count = f"{len(self.checks)} checks" + (f", {told} not judged" if told else "")
+        if self.failed:
+            first = f"{len(self.failed)} of {len(self.checks)} checks failed, worst"
+        elif worst.used <= 0:
+            return count
+        else:
+            first = f"{count}, worst margin"
+        return f"{first}: {worst.name}{place}{detail}"
+
+    def table(self) -> str:
+        """Aligned text, failed checks first, with margins and where the worst is."""
+        return check_table(self.checks)
+
+    def scope(self) -> dict[str, Any]:
+        """What the badge says, as plain values for JSON: of reports and of `as_dict`."""
+        return {
+            "level": self.level.value,
+            "advice": self.advice,
+            "badge": self.badge,
+            "verified_in": self.model,
+            "leaves_out": list(self.leaves_out),
+            "implausible": list(self.implausible),
+            "fragile": list(self.fragile),
+            "stands": self.stands,
+            "verified_against": self.against.as_dict() if self.against is not None else None,
+        }
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        checks = [check.as_dict() for check in self.checks]
+        return {"passed": self.passed, "checks": checks, **self.scope()}
+
+
+def stored_differences(path: Path, verification: Verification) -> tuple[str, ...]:
+    """Return in words what a plan file says of its own verification and this one does not.
+
+    Attributes that the file does not have say nothing. Raises PlanFileError for a damaged file.
+    """
+    computed = {
+        "verified": verification.passed,
+        "badge": verification.badge,
+        "verified_in": verification.model,
+        "leaves_out": list(verification.leaves_out),
+        "fragile": list(verification.fragile),
+    }
+    with opened_store(path) as file:
+        reader = Reader(path, file)
+        read: dict[str, Callable[[str, str], Any]] = {
+            "verified": reader.flag,
+            "badge": reader.text,
+            "verified_in": reader.text,
+        }
+        stored = {
+            name: read.get(name, reader.json)("", name)
+            for name in computed
+            if reader.has_attribute("", name)
+        }
+    return tuple(
+        f"attribute `{name}` of the file is {value!r}, its verification gives {computed[name]!r}"
+        for name, value in stored.items()
+        if value != computed[name]
+    )
+
+
+def mark_verified(path: Path, verification: Verification) -> None:
+    """Write the outcome into the file's attributes; the file changes whole or not at all.
+
+    `verified`, and what it is worth: `level`, `badge`, `verified_in`, and as JSON `leaves_out`,
+    `implausible` and `fragile`.
+    What a plan promises of falls (`risk`) stands in it already.
+    """
+    with amended_store(path) as file:
+        file.attrs["verified"] = np.bool_(verification.passed)
+        write_text(file, "level", verification.level.value)
+        write_text(file, "badge", verification.badge)
+        write_text(file, "verified_in", verification.model)
+        write_json(file, "leaves_out", list(verification.leaves_out))
+        write_json(file, "implausible", list(verification.implausible))
+        write_json(file, "fragile", list(verification.fragile))

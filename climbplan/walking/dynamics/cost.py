@@ -1,0 +1,40 @@
+"""The objective of eq. (8.30): tracking, body motion, and differences between the legs' forces."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.arrays import Array
+from climbplan.walking.task.task import ANGLES, POSITION, VELOCITY, WalkTask
+
+
+def cost_terms(task: WalkTask, state: Array, force: Array) -> dict[str, float]:
+    """Each term of the objective by name.
+
+    state (N + 1, 12); force (N + 1, L, 3), of which the last is not used.
+    """
+    weights, reference = task.weights, task.reference
+    later = state[1:]
+    velocity = (later[:, VELOCITY] - reference.velocity) ** 2 @ weights.velocity
+    angles = (later[:, ANGLES] - reference.euler) ** 2 @ weights.angles
+    height = weights.height * (later[:, 2] - reference.height) ** 2
+    motion = weights.motion * (np.diff(state[:, POSITION], axis=0) ** 2).sum()
+    return {
+        "velocity": float(velocity.sum()),
+        "angles": float(angles.sum()),
+        "height": float(height.sum()),
+        "motion": float(motion),
+        "force_difference": float(weights.force_difference * force_differences(force[:-1])),
+    }
+
+
+def force_differences(force: Array) -> float:
+    """Sum over knots and ordered pairs of legs of || f_s - f_t ||^2; force (N, L, 3) [N^2]."""
+    legs = force.shape[1]
+    squares = (force**2).sum()
+    return float(2.0 * (legs * squares - (force.sum(axis=1) ** 2).sum()))
+
+
+def objective(task: WalkTask, state: Array, force: Array) -> float:
+    """The sum of all terms."""
+    return sum(cost_terms(task, state, force).values())

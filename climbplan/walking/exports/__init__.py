@@ -1,0 +1,1 @@
+"""Walks as other programs read them."""

@@ -1,0 +1,212 @@
+"""The report of an MPC plan: report.json, figures, and the HTML page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from climbplan.reports.page_parts import Card, plain_words, read_part
+from climbplan.reports.page_template import (
+    data_element,
+    fill,
+    origin_rows,
+    plan_tables,
+    report_fields,
+    run_fields,
+    verification_fields,
+)
+from climbplan.reports.plan_report import FigureOf, PlanReport
+from climbplan.reports.report_files import finite
+from climbplan.reports.scene_replay import scene_replay
+from climbplan.verification.verification import Verification
+from climbplan.walking.check.checker import LEG_LIMITS, LIMITS, LOOP_LIMITS
+from climbplan.walking.check.plan_checks import LIMITS as FILE_LIMITS
+from climbplan.walking.check.verification import verify
+from climbplan.walking.online.closed_loop import RECOVERED, fallen, mean_speed
+from climbplan.walking.pages.scene import scene_of_walk
+from climbplan.walking.plan.file import FORMAT, FORMAT_VERSION, read_walk_plan
+from climbplan.walking.plan.summary import gait_words
+from climbplan.walking.plan.walk_plan import WalkPlan
+from climbplan.walking.task.task import ANGLES, VELOCITY
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_LOOP_NOTE = (
+    " About the first push their numbers are the lengths of steps, red ones lead backward; the "
+    "strip below the speed tells what each tick took: the plan of the tick before, a neighbour in "
+    "the library, a gait by name, or where none holds a safe stance."
+)
+FIGURES: Mapping[str, Callable[[WalkPlan], Figure]] = {
+    "tracking": FigureOf("climbplan.walking.pages.figure_walk:tracking"),
+    "gait": FigureOf("climbplan.walking.pages.figure_walk:gait"),
+    "snapshots": FigureOf("climbplan.walking.pages.figure_walk:snapshots"),
+}
+
+
+def drawn_figures(plan: WalkPlan) -> Mapping[str, Callable[[WalkPlan], Figure]]:
+    """The figures of a plan; of one with a bound also how that came about, of a loop its pushes."""
+    if plan.loop is not None:
+        return {**FIGURES, "gait": FigureOf("climbplan.walking.pages.figure_loop:loop_gait")}
+    bounded = any(np.isfinite(step.bound) for step in plan.history)
+    if not bounded:
+        return FIGURES
+    return {**FIGURES, "convergence": FigureOf("climbplan.walking.pages.figure_walk:convergence")}
+
+
+def _values(plan: WalkPlan, verification: Verification) -> dict[str, Any]:
+    """Root attributes of the file, checks, times, sizes, tracking, gait and ticks."""
+    report = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "climbplan_version": plan.climbplan_version,
+        "created": plan.created,
+        "name": plan.name,
+        "title": plan.title,
+        "method": plan.method,
+        "integrator": plan.task.integrator,
+        "spec": plan.spec_text,
+        "spec_sha256": plan.spec_sha256,
+        "seed": plan.seed,
+        "status": plan.status,
+        "verified": verification.passed,
+        **verification.scope(),
+        "objective": plan.objective,
+        "bound": plan.bound,
+        "gap": plan.gap,
+        "terms": dict(plan.terms),
+        "timings": plan.timings,
+        "solvers": plan.solvers,
+        "sizes": plan.sizes,
+        "verification": [check.as_dict() for check in verification.checks],
+        "warnings": list(plan.warnings),
+        "tracking": _tracking(plan),
+        "gait": {
+            "standing": gait_words(plan.trajectory.gait.contact[:: _stride(plan)]),
+            "contact": plan.trajectory.gait.contact[: -1 : _stride(plan)].astype(int).tolist(),
+        },
+        "online": _online(plan),
+        "history": [vars(step) for step in plan.history],
+        "figures": [f"figures/{name}.png" for name in drawn_figures(plan)],
+        "units": {"velocity": "m/s", "attitude": "rad", "force": "N", "history.seconds": "s"},
+    }
+    whole: dict[str, Any] = finite(report)
+    return whole
+
+
+def _stride(plan: WalkPlan) -> int:
+    """Samples in a knot."""
+    return 1 if plan.loop is None else plan.loop.samples
+
+
+def _online(plan: WalkPlan) -> dict[str, Any] | None:
+    """Times, winners and warnings of the ticks."""
+    if plan.loop is None:
+        return None
+    loop = plan.loop
+    # A tick begins where its times change: at knots, and between them where a push was felt
+    changes = np.diff(loop.tick_time[:-1]) != 0
+    every = np.flatnonzero(np.concatenate([[True], changes]))
+    winner, times = loop.winner[every], loop.tick_time[every]
+    off = mean_speed(plan.trajectory, plan.task.step) - plan.task.reference.velocity[-1]
+    return {
+        "ticks": len(winner),
+        "ended": _ended(plan, float(np.hypot(*off[:2]))),
+        "off_at_end": float(np.hypot(*off[:2])),
+        "tick_time": {
+            "median": float(np.median(times)),
+            "most99": float(np.percentile(times, 99)),
+            "largest": float(times.max()),
+        },
+        "solve_time_median": float(np.median(loop.solve_time[every])),
+        "candidates_mean": float(loop.candidates_tried[every].mean()),
+        "winners": {
+            "plan before": int((winner == -1).sum()),
+            "neighbours": int((winner >= 0).sum()),
+            "named gaits": int((winner == -2).sum()),
+            "safe stance": int((winner == -3).sum()),
+            "plan kept": int((winner == -4).sum()),
+        },
+        "pushes": [
+            {"time": float(plan.task.step * n), "velocity": loop.push[n].tolist()}
+            for n in np.flatnonzero(loop.push.any(axis=1))
+        ],
+        "warnings": list(loop.warnings),
+    }
+
+
+def _ended(plan: WalkPlan, off: float) -> str:
+    """How a closed loop ended, by its own samples."""
+    if fallen(plan.task.body, plan.trajectory.state[-1], plan.trajectory.toes[-1]):
+        return "fell"
+    if plan.status == "limit":
+        return "cut short"
+    return "recovered" if off < RECOVERED else "not recovered"
+
+
+def _tracking(plan: WalkPlan) -> dict[str, Any]:
+    """How far from the references, over the horizon and at its end."""
+    state, reference = plan.trajectory.state[1:], plan.task.reference
+    velocity = np.linalg.norm(state[:, VELOCITY] - reference.velocity, axis=1)
+    attitude = np.abs(state[:, ANGLES] - reference.euler).max(axis=1)
+    height = np.abs(state[:, 2] - reference.height)
+    return {
+        name: {"mean": float(off.mean()), "end": float(off[-1])}
+        for name, off in (("velocity", velocity), ("attitude", attitude), ("height", height))
+    }
+
+
+def _page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+    meanings = {
+        name: limit.meaning
+        for name, limit in (LIMITS | LEG_LIMITS | LOOP_LIMITS | FILE_LIMITS).items()
+    }
+    origin = origin_rows(report, {"Method": report["method"], "Integrator": report["integrator"]})
+    history = report["history"][-12:]
+    return fill(
+        "walking.html",
+        **report_fields(
+            report,
+            "mpc",
+            _cards(report),
+            images,
+            report["status"],
+            (read_part("replay.js"),),
+            data_element("replay-data", scene_replay(scene_of_walk(plan))),
+        ),
+        **verification_fields(report, meanings),
+        **run_fields(report, plan_tables(report, origin)),
+        loop_note=_LOOP_NOTE if plan.loop is not None else "",
+        terms=[(k, f"{v:.4g}") for k, v in report["terms"].items()],
+        history=[(f"{h['seconds']:.2f} s", f"{h['objective']:.5g}") for h in history],
+    )
+
+
+def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
+    gap = f"gap {100 * report['gap']:.1f} %" if report["gap"] is not None else "no bound"
+    yield Card("Objective", f"{report['objective']:.4g}", gap)
+    tracked = report["tracking"]
+    for name, unit in (("velocity", "m/s"), ("attitude", "rad"), ("height", "m")):
+        end = f"{tracked[name]['end']:.2g} {unit}"
+        yield Card(f"Off in {name}", end, f"at the end; mean {tracked[name]['mean']:.2g} {unit}")
+    if report["online"] is not None:
+        tick = report["online"]["tick_time"]
+        shown = f"99 % {1e3 * tick['most99']:.2f} ms"
+        yield Card("Tick", f"{1e3 * tick['median']:.2f} ms", shown)
+        won = report["online"]["winners"]
+        yield Card("Ticks", str(report["online"]["ticks"]), plain_words(won))
+        off = f"{report['online']['off_at_end']:.2f} m/s off over its last 0.48 s"
+        yield Card("Walk", report["online"]["ended"], off)
+        return
+    yield Card("Standing legs", report["gait"]["standing"], "interval by interval")
+    yield Card(
+        "Time", f"{report['timings']['method']:.2f} s", f"{report['sizes']['gaits tried']} gaits"
+    )
+
+
+_REPORT = PlanReport(read_walk_plan, verify, _values, drawn_figures, _page)
+report_dict = _REPORT.report_dict
+write_report = _REPORT.write_report
+write_values = _REPORT.write_values

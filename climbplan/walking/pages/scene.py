@@ -1,0 +1,101 @@
+"""Walks of the quadruped, offline or in closed loop, as scenes."""
+
+from __future__ import annotations
+
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from climbplan.arrays import Array
+from climbplan.reports import palette
+from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, polygons
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.walking.plan.file import read_walk_plan
+from climbplan.walking.plan.foot_centres import material
+from climbplan.walking.plan.walk_plan import WalkPlan
+from climbplan.walking.task.task import ANGLES, VELOCITY
+
+_RADIUS = 0.012  # [m] of a leg as it is drawn
+_THICKNESS = 0.07  # [m] of the body as it is drawn: the model has no shape
+_AROUND = 0.6  # [m] of ground drawn beyond the walk
+
+
+def walk_scene(path: FilePath) -> Scene:
+    """The scene of an MPC plan file; legs are drawn straight from hip to toe.
+
+    Raises PlanFileError for a damaged file.
+    """
+    return scene_of_walk(read_walk_plan(path))
+
+
+def scene_of_walk(plan: WalkPlan) -> Scene:
+    """The scene of a plan that was read."""
+    task, found = plan.task, plan.trajectory
+    count = len(found.state)
+    rotation = rotation_world_body(found.state[:, ANGLES])
+    center = found.state[:, :3]
+    hips = task.hips
+    placed = center[:, None] + np.einsum("fij,nj->fni", rotation, hips)
+    legs = np.stack([placed, found.toes], axis=2)  # (F, 4, 2, 3)
+    standing = found.gait.contact
+    force = found.force * standing[..., None]
+    size = np.array([np.ptp(hips[:, 0]), np.ptp(hips[:, 1]), _THICKNESS])
+    every = 1 if plan.loop is None else plan.loop.samples
+    points = np.concatenate([found.toes.reshape(-1, 3), center])
+    lower, upper = points.min(axis=0) - 0.1, points.max(axis=0) + 0.1
+    return Scene(
+        title=plan.name,
+        facts=(
+            f"{task.body.name}, {task.body.mass:g} kg, {plan.method}",
+            f"friction {task.ground.friction:g}, objective {plan.objective:.4g}",
+        ),
+        time=np.arange(count) * np.float64(task.step),
+        caption=_captions(plan),
+        marks=np.arange(0, count, every),
+        shapes=_ground(plan, lower, upper),
+        paths=(Path("body", np.stack([center[:-1], center[1:]], axis=1), palette.TRACE),),
+        rods=Rods(
+            legs,
+            np.full(plan.task.body.leg_count, _RADIUS),
+            tuple(map(palette.limb_color, range(plan.task.body.leg_count))),
+        ),
+        boxes=Boxes(
+            center[:, None],
+            rotation[:, None],
+            np.broadcast_to(size, (count, 1, 3)),
+            (palette.BODY,),
+            0.85,
+        ),
+        forces=Forces(
+            point=found.toes,
+            force=force,
+            normal=standing[..., None] * np.array([0.0, 0.0, 1.0]),
+            mu=np.where(standing, task.ground.friction, 0.0),
+        ),
+        lower=lower,
+        upper=upper,
+    )
+
+
+def _captions(plan: WalkPlan) -> tuple[str, ...]:
+    found, names = plan.trajectory, plan.task.body.leg_names
+    texts = []
+    for n, (state, contact) in enumerate(zip(found.state, found.gait.contact, strict=True)):
+        legs = " ".join(name for name, stands in zip(names, contact, strict=True) if stands)
+        speed = float(np.linalg.norm(state[VELOCITY]))
+        pushed = plan.loop is not None and bool(plan.loop.push[n].any())
+        texts.append(
+            f"{speed:.2f} m/s, standing: {legs or 'none'}{', pushed here' if pushed else ''}"
+        )
+    return tuple(texts)
+
+
+def _ground(plan: WalkPlan, lower: Array, upper: Array) -> tuple[Shape, ...]:
+    ground, shapes = material(plan.task.ground), []
+    low, high = lower[:2] - _AROUND, upper[:2] + _AROUND
+    for region, name in enumerate(ground.names):
+        corners = ground.outline(region, low, high)
+        if len(corners):
+            note = f"{name}  mu {ground.friction:g}"
+            shapes.append(polygons(name, [corners], palette.SURFACE, 0.6, note))
+    return tuple(shapes)

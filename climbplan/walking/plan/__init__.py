@@ -1,0 +1,1 @@
+"""Walks: in memory, in files, and in words."""

@@ -1,0 +1,219 @@
+"""MPC plans as HDF5 files: writing them, and reading them back exactly."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_reading import Reader, opened_store
+from climbplan.store.hdf5_writing import new_store, write_dataset, write_text
+from climbplan.store.root_attributes import (
+    read_header,
+    read_status,
+    require_finite,
+    require_plan,
+    write_header,
+)
+from climbplan.walking.plan.answer import Improvement
+from climbplan.walking.plan.task_file import START, read_task, write_task
+from climbplan.walking.plan.walk_plan import STATUSES, LoopRecord, WalkPlan
+from climbplan.walking.task.task import (
+    ANGLES,
+    POSITION,
+    SPIN,
+    STATE,
+    VELOCITY,
+    Gait,
+    WalkTrajectory,
+)
+
+FORMAT = "climbplan/mpc"
+FORMAT_VERSION = 1
+
+# T samples, S regions, H improvements; legs in the order of robot/leg_names
+SAMPLES = {
+    "time": Layout(("T",), "s"),
+    "com": Layout(("T", 3), "m", "world"),
+    "velocity": Layout(("T", 3), "m/s", "world"),
+    "euler_zyx": Layout(("T", 3), "rad", "roll, pitch, yaw of R = Rz Ry Rx, body to world"),
+    "angular_velocity": Layout(("T", 3), "rad/s", "world"),
+    "toes": Layout(("T", "L", 3), "m", "world"),
+    "contact": Layout(("T", "L"), kind="bool"),
+    "region": Layout(("T", "L"), kind="int"),
+    "force": Layout(("T", "L", 3), "N", "world, on the robot"),
+    "reference/velocity": Layout(("T", 3), "m/s", "world"),
+    "reference/euler_zyx": Layout(("T", 3), "rad", "roll, pitch, yaw"),
+    "reference/height": Layout(("T",), "m", "world"),
+}
+HISTORY = {
+    "seconds": Layout(("H",), "s"),
+    "objective": Layout(("H",), "", may_be_infinite=True),
+    "bound": Layout(("H",), "", may_be_infinite=True),
+}
+LOOP = {
+    "push": Layout(("T", 3), "m/s", "world"),
+    "tick_time": Layout(("T",), "s"),
+    "solve_time": Layout(("T",), "s"),
+    "candidates_tried": Layout(("T",), kind="int"),
+    "winner": Layout(("T",), kind="int"),
+}
+BEGUN = Layout(("T", STATE), "m, m/s, rad, rad/s", "world, as com, velocity, euler_zyx, ...")
+_TEXTS = Layout(("*",), kind="text")
+_SAMPLES_BEFORE = 16  # in an interval of files that do not say
+_NOTES = {
+    "axes": "body frame x forward, y left, z up; world frame z up",
+    "force_is": "constant from sample n to n + 1; zeros at the last",
+    "contact_is": "whether the leg stands from sample n to n + 1",
+    "reference_is": "of samples 1 to T - 1; that of sample 0 repeats sample 1",
+}
+
+
+def write_walk_plan(plan: WalkPlan, path: Path) -> None:
+    """Write a plan; the file appears whole or not at all, in place of one that is there.
+
+    An empty `created` or `climbplan_version` becomes now and this version. Raises UsageError if
+    the file cannot be written.
+    """
+    task, found = plan.task, plan.trajectory
+    with new_store(path) as file:
+        _write_header(file, plan)
+        reference = task.reference
+        samples = {
+            "time": task.step * np.arange(task.knots + 1),
+            "com": found.state[:, POSITION],
+            "velocity": found.state[:, VELOCITY],
+            "euler_zyx": found.state[:, ANGLES],
+            "angular_velocity": found.state[:, SPIN],
+            "toes": found.toes,
+            "contact": found.gait.contact,
+            "region": found.gait.region,
+            "force": found.force,
+            "reference/velocity": _repeated(reference.velocity),
+            "reference/euler_zyx": _repeated(reference.euler),
+            "reference/height": _repeated(reference.height),
+        }
+        for name, layout in SAMPLES.items():
+            group, _, last = name.rpartition("/")
+            write_dataset(file.require_group(group or "/"), last, samples[name], layout)
+        write_task(file, task)
+        if plan.robot_text:
+            write_text(file["robot"], "source", plan.robot_text)
+        if plan.robot_urdf:
+            write_text(file["robot"], "urdf", plan.robot_urdf)
+        history = file.create_group("history")
+        for name, layout in HISTORY.items():
+            values = np.array([vars(step)[name] for step in plan.history], float)
+            write_dataset(history, name, values, layout)
+        if plan.begun is not None:
+            write_dataset(file, "begun", plan.begun, BEGUN)
+        if plan.loop is not None:
+            for name, layout in LOOP.items():
+                write_dataset(file, name, vars(plan.loop)[name], layout)
+            write_dataset(file, "tick_warnings", plan.loop.warnings, _TEXTS)
+            file.attrs["samples_per_interval"] = plan.loop.samples
+
+
+def read_walk_plan(path: Path) -> WalkPlan:
+    """The plan in a file, exactly as it was written.
+
+    Raises PlanFileError for anything that is not a whole MPC plan.
+    """
+    plan = read_as_found(path)
+    require_finite(path, plan)
+    return plan
+
+
+def read_as_found(path: Path) -> WalkPlan:
+    """As `read_walk_plan`, but numbers that are not finite are only listed, for a check."""
+    with opened_store(path) as file:
+        reader = Reader(path, file)
+        require_plan(reader, FORMAT_VERSION, FORMAT)
+        return _read(reader)
+
+
+def _repeated(values: Any) -> Any:
+    """With the first row twice: there is no reference at sample 0."""
+    return np.concatenate([values[:1], values])
+
+
+def _write_header(file: h5py.File, plan: WalkPlan) -> None:
+    task = plan.task
+    texts = {"title": plan.title, "method": plan.method, "integrator": task.integrator}
+    write_header(
+        file,
+        plan,
+        FORMAT,
+        FORMAT_VERSION,
+        texts={"status": plan.status, **texts, **_NOTES},
+        numbers={
+            "objective": plan.objective,
+            "bound": plan.bound,
+            "gap": plan.gap,
+            "step": task.step,
+            "lift": task.lift,
+        },
+        objects={"terms": dict(plan.terms)},
+    )
+    file.attrs["least_contacts"] = task.least_contacts
+    file.attrs["whole_stance"] = np.bool_(task.whole_stance)
+
+
+def _read(reader: Reader) -> WalkPlan:
+    parts = {name: reader.array(name, layout) for name, layout in SAMPLES.items()}
+    if len(parts["time"]) < 2:
+        raise reader.refuse("time has fewer than two samples")
+    task = read_task(reader, parts)
+    for name in ("state", "toes"):
+        parts[f"start/{name}"] = reader.array(f"start/{name}", START[name])
+    region = parts["region"]
+    if region.size and not (region.min() >= 0 and region.max() < len(task.ground.height)):
+        raise reader.refuse("region names a region that is not there")
+    trajectory = WalkTrajectory(
+        np.concatenate(
+            [parts[name] for name in ("com", "velocity", "euler_zyx", "angular_velocity")], axis=1
+        ),
+        parts["toes"],
+        parts["force"],
+        Gait(parts["contact"], region),
+    )
+    online = task.integrator == "rk4"
+    times = task.step * np.arange(len(parts["time"]))
+    history = {name: reader.array(f"history/{name}", layout) for name, layout in HISTORY.items()}
+    return WalkPlan(
+        title=reader.text("", "title"),
+        method=reader.text("", "method"),
+        status=read_status(reader, STATUSES),
+        task=task,
+        trajectory=trajectory,
+        objective=reader.number("", "objective"),
+        terms=reader.figures("terms"),
+        robot_text=_text(reader, "source"),
+        robot_urdf=_text(reader, "urdf"),
+        history=tuple(
+            Improvement(*(float(history[name][k]) for name in HISTORY))
+            for k in range(len(history["seconds"]))
+        ),
+        loop=_read_loop(reader) if online else None,
+        begun=reader.array("begun", BEGUN) if reader.has("begun") else None,
+        bound=reader.optional_number("bound"),
+        gap=reader.optional_number("gap"),
+        at_odds=() if np.allclose(parts["time"], times, rtol=0, atol=1e-9) else ("time",),
+        **read_header(reader, *(((), ()) if online else (("method",), ("gaits tried",)))),
+    )
+
+
+def _text(reader: Reader, name: str) -> str:
+    return reader.text("robot", name) if reader.has_attribute("robot", name) else ""
+
+
+def _read_loop(reader: Reader) -> LoopRecord:
+    parts = {name: reader.array(name, layout) for name, layout in LOOP.items()}
+    stated = reader.has_attribute("", "samples_per_interval")
+    samples = reader.integer("", "samples_per_interval") if stated else _SAMPLES_BEFORE
+    if samples < 1:
+        raise reader.refuse(f"samples_per_interval is {samples}")
+    return LoopRecord(warnings=reader.texts("tick_warnings", _TEXTS), samples=samples, **parts)

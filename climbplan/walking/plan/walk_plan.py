@@ -1,0 +1,49 @@
+"""The result of an MPC run: task, trajectory and what the method says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from climbplan.arrays import Array, IntArray
+from climbplan.store.root_attributes import PlanHeader
+from climbplan.walking.plan.answer import Improvement
+from climbplan.walking.task.task import WalkTask, WalkTrajectory
+
+
+@dataclass(frozen=True)
+class LoopRecord:
+    """What a closed loop adds to its samples; figures of a tick stand at all its samples."""
+
+    push: Array  # (T, 3) [m/s] change of velocity at each sample, which its state contains
+    tick_time: Array  # (T,) [s]
+    solve_time: Array  # (T,) [s]
+    candidates_tried: IntArray  # (T,)
+    winner: (
+        IntArray  # (T,) section of the library, or -1 the plan before, -2 a named gait, -3, -4 none
+    )
+    warnings: tuple[str, ...]  # of ticks, each with its time
+    samples: int  # from one knot to the next
+
+
+STATUSES = ("feasible", "limit")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkPlan(PlanHeader):
+    """A run as its plan file keeps it."""
+
+    title: str
+    method: str
+    status: str
+    task: WalkTask
+    trajectory: WalkTrajectory
+    objective: float
+    terms: Mapping[str, float]  # of the objective
+    history: tuple[Improvement, ...] = ()
+    loop: LoopRecord | None = None  # of `online`
+    begun: Array | None = None  # (N + 1, 12) states that `micp` started from
+    bound: float | None = None
+    gap: float | None = None
+    robot_text: str = ""  # of the robot's file; empty for a built-in one
+    robot_urdf: str = ""  # of the URDF that it names

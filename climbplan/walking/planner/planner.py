@@ -1,0 +1,149 @@
+"""Plan a walk: from a spec to a trajectory that the exact check judged."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from importlib import metadata
+
+from climbplan.errors import Conflict, Infeasible, LimitReached
+from climbplan.progress import Progress
+from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.dynamics.cost import cost_terms
+from climbplan.walking.plan.answer import WalkAnswer
+from climbplan.walking.plan.foot_centres import raised
+from climbplan.walking.plan.summary import summary_lines
+from climbplan.walking.plan.walk_plan import WalkPlan
+from climbplan.walking.planner.fast_joints import too_fast
+from climbplan.walking.planner.gaps import Gap, widest_gap
+from climbplan.walking.problem.problem import build_task
+from climbplan.walking.schema.loading import LoadedMpc
+from climbplan.walking.schema.solver import WalkSolverSpec
+from climbplan.walking.task.task import WalkTask
+
+_LEAST_TIME = 1e-3  # [s] of a solver that has no time left
+_WARM_SHARE = 0.5  # of the time of `micp`, for what it starts from
+
+
+def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
+    """Solve the task of a spec by its method, within its time limit.
+
+    Raises:
+        SpecError: values that do not go together.
+        Infeasible: a gap on the way to the goal is wider than any attitude of the body reaches.
+        LimitReached: no gait was found that holds; the message says how the best one fails.
+    """
+    report = report or _silent
+    spec = loaded.spec
+    begin = time.perf_counter()
+    deadline = time.monotonic() + spec.solver.time_limit
+    task = build_task(spec, loaded.robot, loaded.source)
+    report("solve", 0.0)
+    ready = time.perf_counter()
+    gap = widest_gap(task)
+    if gap is not None and gap.proved:
+        raise Infeasible(f"no plan exists: {gap}", [_conflict(gap)], stage="footholds")
+    answer = solve_task(task, _until(spec.solver, deadline), spec.seed)
+    solved = time.perf_counter()
+    if answer.trajectory is None:
+        slow = ""
+        if time.monotonic() < deadline:
+            rest = _until(spec.solver, deadline)
+            slow = too_fast(task, lambda other: solve_task(other, rest, spec.seed))
+        raise LimitReached(
+            f"no plan found: {spec.solver.method} tried {answer.tried} gaits in "
+            f"{answer.seconds:.2g} s; {answer.word}"
+            + (f"; {slow}" if slow else "")
+            + (f"; {answer.cut_short}" if answer.cut_short else "")
+            + (f"; the widest gap on the way to the goal: {gap}" if gap is not None else ""),
+            stage=spec.solver.method,
+        )
+    broken = failures(check_trajectory(task, answer.trajectory))
+    left = None
+    if answer.bound is not None and answer.objective:
+        left = (answer.objective - answer.bound) / abs(answer.objective)
+    plan = WalkPlan(
+        name=loaded.name,
+        title=spec.title,
+        method=spec.solver.method,
+        status="limit" if answer.cut_short else "feasible",
+        task=task,
+        trajectory=answer.trajectory,
+        objective=answer.objective,
+        terms=cost_terms(task, answer.trajectory.state, answer.trajectory.force),
+        spec_text=loaded.text,
+        spec_sha256=loaded.sha256,
+        robot_text=loaded.robot_text,
+        robot_urdf=loaded.robot_urdf,
+        seed=spec.seed,
+        timings={"prepare": ready - begin, "solve": solved - ready, "method": answer.seconds},
+        solvers=_solvers(spec.solver) | {"word": answer.word},
+        sizes={
+            "knots": task.knots,
+            "contact binaries": int(answer.trajectory.gait.contact.size),
+            "regions": len(task.ground.height),
+            "gaits tried": answer.tried,
+        }
+        | ({"QPs": answer.qps} if answer.qps else {}),
+        history=answer.history,
+        begun=answer.begun.state if answer.begun is not None else None,
+        bound=answer.bound,
+        gap=left,
+        warnings=tuple(
+            told
+            for told in (f"the answer breaks {broken}" if broken else "", answer.cut_short)
+            if told
+        ),
+    )
+    return raised(replace(plan, summary=summary_lines(plan)))
+
+
+def _conflict(gap: Gap) -> Conflict:
+    what = f"{gap.width:.2f} m without footholds, {gap.most:.2f} m of reach in any attitude"
+    names = ("contact.region", "workspace.toe", "goal.position")
+    return Conflict(f"from {gap.near} to {gap.far}", (what,), in_words=True, names=names)
+
+
+def _until(solver: WalkSolverSpec, deadline: float) -> WalkSolverSpec:
+    """The same solver with the time that is left until a deadline, of `time.monotonic` [s]."""
+    left = max(deadline - time.monotonic(), _LEAST_TIME)
+    return solver.model_copy(update={"time_limit": min(left, solver.time_limit)})
+
+
+def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAnswer:
+    """Solve a task by a method of the spec, within its time limit.
+
+    The searches that `micp` starts from take half of the time together, at most.
+    """
+    # One method's solver is not loaded for another's sake.
+    if solver.method == "nlp":
+        from climbplan.walking.offline.nlp import solve_nlp
+
+        return solve_nlp(task, solver.guess, solver.time_limit)
+    if solver.method == "micp":
+        from climbplan.walking.micp.limits import limits_of
+        from climbplan.walking.micp.method import solve_micp
+
+        deadline = time.monotonic() + solver.time_limit
+        each = _WARM_SHARE * solver.time_limit / solver.tube.seeds
+        brief = solver.model_copy(update={"method": solver.warm, "time_limit": each})
+        warm = solve_task(task, brief, seed)
+        searched = brief.model_copy(update={"method": "search"})
+        others = [solve_task(task, searched, seed + k) for k in range(1, solver.tube.seeds)]
+        return solve_micp(task, limits_of(_until(solver, deadline)), warm, others)
+    from climbplan.walking.offline.search import SearchLimits, search
+
+    gaits = solver.gaits if solver.gaits is not None else SearchLimits.gaits
+    return search(task, SearchLimits(solver.time_limit, gaits, seed, qps=solver.qps))
+
+
+def _solvers(solver: WalkSolverSpec) -> dict[str, str]:
+    used = {"method": solver.method, "daqp": metadata.version("daqp")}
+    used["casadi"] = metadata.version("casadi")
+    if solver.method == "micp":
+        used["highs"] = metadata.version("highspy")
+    return used
+
+
+def _silent(stage: str, fraction: float) -> None:
+    pass

@@ -1,0 +1,132 @@
+"""A proposed robot's walk put to the test: its spec, planned before it is written."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.errors import NoPlanFound, SpecError
+from climbplan.robots.urdf.pinocchio_model import urdf_model
+from climbplan.robots.urdf.proposal.document import robot_document
+from climbplan.robots.urdf.proposal.settled import Proposal
+from climbplan.robots.urdf.proposal.striding import walking_proposals
+from climbplan.robots.urdf.proposal.walk_document import STANCE, walk_document
+from climbplan.robots.urdf.walking_body import walking_body
+from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.plan.walk_plan import WalkPlan
+from climbplan.walking.planner.planner import plan_walk
+from climbplan.walking.planner.swing_effort import swing_effort
+from climbplan.walking.schema.loading import load_mpc
+from climbplan.walking.task.task import ANGLES, VELOCITY
+
+_TIME_LIMIT = "solver.time_limit=3600"  # a cap: QPs decide what the search finds
+# Haste, and times as long intervals; the later ones are for walks that lag behind. How long a turn
+# takes is not asked, and legs swing in time that cannot faster
+_FORWARD = ((1.0, 1.0), (10.0, 1.0))
+_ROUND = (*_FORWARD, (1.0, 2.0), (10.0, 2.0))
+_REACHED = 0.9  # of the speed or the turn that is asked for
+_LAST = 4  # a walk's speed is that of its last quarter
+_POSTURES = 3  # that are looked for to walk in, where it does not as it stands
+
+
+@dataclass(frozen=True)
+class ProposedWalk:
+    """A spec, or why there is none; and what became of it."""
+
+    what: str
+    found: Proposal  # in the posture that it is for
+    text: str  # empty where the robot cannot walk by `plan-mpc`
+    plan: WalkPlan | None  # that is verified, and does what is asked
+    words: str  # "verified", and what it reaches; else the reason
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.words}"
+
+
+def walk_proposed(
+    found: Proposal, robot_file: str, other_file: str, turns: bool = False
+) -> ProposedWalk:
+    """The robot's walk as it stands; or else in a posture that is looked for to walk in.
+
+    other_file: how the spec names the robot's file in such a posture. turns: on the spot, instead
+    of forward. Without any walk, what became of the first, and why there are no others.
+    """
+    first = proposed_walk(found, robot_file, turns)
+    if first.plan is not None:
+        return first
+    others, lack = walking_proposals(found, _POSTURES)
+    told = [first.words]
+    for other in others:
+        one = proposed_walk(other, other_file, turns)
+        if one.plan is not None:
+            return one
+        told.append(f"in another posture {one.words}")
+    if lack:
+        told.append(lack)
+    return replace(first, words="; ".join(dict.fromkeys(told)))
+
+
+def proposed_walk(found: Proposal, robot_file: str, turns: bool = False) -> ProposedWalk:
+    """The walk of a robot as proposed; robot_file: how its spec names the robot's file.
+
+    A walk that lags behind what is asked is planned again, more hastily; a turn more slowly, too.
+    """
+    what = "turns on the spot" if turns else "walks at speed"
+    try:
+        robot = found.draft.robot(meshes=False)
+        body = walking_body(robot)
+    except SpecError as error:
+        return ProposedWalk(what, found, "", None, f"no spec: {error.mistakes[0].message}")
+    model = urdf_model(robot)
+
+    def effort(speed: float, step: float, lift: float) -> float:
+        return swing_effort(model, body.legs, speed, step, lift, STANCE)
+
+    first: ProposedWalk | None = None
+    for haste, slower in _ROUND if turns else _FORWARD:
+        text = walk_document(body, robot_file, effort, turns, haste, slower)
+        plan, words, lags = _planned(found, robot_file, text, turns)
+        one = ProposedWalk(what, found, text, None if lags else plan, words)
+        if one.plan is not None:
+            return one
+        first = first or one
+        if not lags:
+            break
+    assert first is not None
+    return first
+
+
+def _planned(
+    found: Proposal, robot_file: str, text: str, turns: bool
+) -> tuple[WalkPlan | None, str, bool]:
+    """The verified plan of a spec, or why there is none; and whether it lags behind."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        absolute = robot_document(found, str(found.draft.urdf), "")
+        (place / robot_file).write_text(absolute, encoding="utf-8")
+        (place / "walk.yaml").write_text(text, encoding="utf-8")
+        try:
+            plan = plan_walk(load_mpc(place / "walk.yaml", [_TIME_LIMIT]))
+        except (NoPlanFound, SpecError) as error:
+            return None, str(error).partition("\n")[0], False
+    reached, asked, unit = _turned(plan) if turns else _speed(plan)
+    words, lags = f"{reached:.2f} of {asked:.2f} {unit}", reached < _REACHED * asked
+    if broken := failures(check_trajectory(plan.task, plan.trajectory)):
+        return None, f"the plan of {words} breaks {broken}", lags
+    return plan, f"the plan reaches {words} alone" if lags else f"verified, {words}", lags
+
+
+def _speed(plan: WalkPlan) -> tuple[float, float, str]:
+    """Mean forward speed of the last quarter, and what is asked."""
+    speed = plan.trajectory.state[:, VELOCITY][:, 0]
+    last = max(len(speed) // _LAST, 1)
+    return float(speed[-last:].mean()), float(plan.task.reference.velocity[-1, 0]), "m/s"
+
+
+def _turned(plan: WalkPlan) -> tuple[float, float, str]:
+    yaw = plan.trajectory.state[-1, ANGLES][2]
+    asked = plan.task.reference.euler[-1, 2]
+    return float(np.rad2deg(yaw)), float(np.rad2deg(asked)), "deg"

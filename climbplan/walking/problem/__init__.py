@@ -1,0 +1,1 @@
+"""From specs and random draws to tasks."""

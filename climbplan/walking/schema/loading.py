@@ -1,0 +1,200 @@
+"""From an MPC spec file, overrides and its robot to validated models, with all mistakes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from climbplan.errors import SpecError, SpecMistake
+from climbplan.schema.document import Document, Finding, KeyPath
+from climbplan.schema.fields import nearest
+from climbplan.schema.kinds import validate, validate_kind
+from climbplan.schema.loaded import LoadedSpec, origin_of, root_paths
+from climbplan.schema.overrides import Override, apply_overrides
+from climbplan.schema.robots.rigid_body import RigidBodySpec
+from climbplan.schema.robots.source import robot_of
+from climbplan.schema.robots.stored import NotKept, RobotTexts, stored_robot
+from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.source import SourceText, read_source
+from climbplan.schema.wording import shown
+from climbplan.schema.yaml_source import parse_yaml
+from climbplan.walking.schema.loop import WalkLoopSpec
+from climbplan.walking.schema.model import MpcSpec
+from climbplan.walking.schema.task import WalkTaskSpec
+
+WalkingRobot = RigidBodySpec | UrdfRobot
+_LIMBS = (
+    "expected a rigid body (`kind: rigid-body`) or the robot file of a URDF, got limbs of coxa, "
+    "femur and tibia, whose links have no masses"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadedMpc(LoadedSpec):
+    """An MPC spec, checked against its robot, and the text it came from."""
+
+    spec: MpcSpec
+    robot: WalkingRobot
+    robot_text: str = ""  # of the file that a path names; empty for a built-in one
+    robot_urdf: str = ""  # of the URDF that it names
+
+
+def load_mpc(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedMpc:
+    """Read, override and check an MPC spec; `source` is a path or `-` for standard input.
+
+    Raises:
+        SpecError: with every mistake in spec, overrides and robot file.
+    """
+    text = read_source(source)
+    return mpc_of(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
+
+
+def mpc_of(document: Document, text: SourceText) -> LoadedMpc:
+    """The MPC spec that a document is.
+
+    Raises:
+        SpecError: with every mistake in it and in its robot file.
+    """
+    value = document.value
+    robot_path = isinstance(value, dict) and _is_path(value.get("robot"))
+    root_paths(document, (("library", "file"), *([("robot",)] if robot_path else [])))
+    spec, findings = validate_kind(document, "mpc", MpcSpec)
+    robot, robot_mistakes = body_of_document(document, text.directory)
+    findings += _legs(document, robot)
+    mistakes = [*document.mistakes(findings), *robot_mistakes]
+    if spec is None or robot is None or mistakes:
+        raise SpecError(document.source, mistakes)
+    source = read_source(text.directory / spec.robot).text if robot_path else ""
+    urdf = robot.tree.text if isinstance(robot, UrdfRobot) else ""
+    return LoadedMpc(
+        spec=spec, robot=robot, robot_text=source, robot_urdf=urdf, **origin_of(document, text)
+    )
+
+
+def builtin_bodies() -> list[str]:
+    """Names of the rigid bodies that come with the package."""
+    folder = files("climbplan").joinpath("robots", "bodies")
+    names = [entry.name for entry in folder.iterdir()]
+    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
+
+
+def load_body(reference: str, directory: Path | None = None) -> WalkingRobot:
+    """A robot that walks by built-in name, or from a YAML file relative to `directory`.
+
+    Raises:
+        SpecError: the file cannot be used; with its own lines.
+    """
+    if _is_path(reference):
+        source = read_source((directory or Path()) / reference)
+        document = parse_yaml(source.text, source.shown)
+        if isinstance(document.value, dict) and document.value.get("kind") == "robot":
+            robot = robot_of(document, source.directory)
+            if isinstance(robot, UrdfRobot):
+                return robot
+            raise SpecError(document.source, [document.mistake(Finding(("kind",), _LIMBS))])
+    elif reference not in builtin_bodies():
+        known = ", ".join(builtin_bodies())
+        message = f"expected a built-in robot ({known}) or the path of a YAML file, got"
+        mistake = SpecMistake("robot", f"{message} {shown(reference)}")
+        raise SpecError("spec", [mistake])
+    else:
+        entry = files("climbplan").joinpath("robots", "bodies", f"{reference}.yaml")
+        document = parse_yaml(entry.read_text(encoding="utf-8"), f"robot {reference}")
+    return _body_of(document)
+
+
+def stored_body(spec: MpcSpec, text: str, urdf: str = "") -> WalkingRobot:
+    """The robot of a spec, from the texts that a plan file keeps of its files.
+
+    Raises SpecError for texts that are none.
+    """
+    if not _is_path(spec.robot):
+        return load_body(spec.robot)
+    own = parse_yaml(text, f"robot {spec.robot}")
+    if not (isinstance(own.value, dict) and "urdf" in own.value):
+        return _body_of(own)
+    named = Document(own.source, own.text, {"robot": spec.robot})
+    try:
+        robot = stored_robot(named, RobotTexts(text, urdf)).robot
+    except NotKept as reason:
+        raise SpecError(own.source, [SpecMistake("robot", str(reason))]) from reason
+    assert isinstance(robot, UrdfRobot)  # as its text names a URDF
+    return robot
+
+
+def _is_path(reference: object) -> bool:
+    return isinstance(reference, str) and Path(reference).suffix in (".yaml", ".yml")
+
+
+def _body_of(document: Document) -> RigidBodySpec:
+    findings = []
+    if not isinstance(document.value, dict) or document.value.get("kind") != "rigid-body":
+        findings.append(Finding(("kind",), "expected `kind: rigid-body`"))
+    body, found = validate(document, RigidBodySpec)
+    findings += [f for f in found if f.path != ("kind",)]
+    if body is None or findings:
+        raise SpecError(document.source, document.mistakes(findings))
+    return body
+
+
+def body_of_document(
+    document: Document, directory: Path, path: KeyPath = ("robot",)
+) -> tuple[WalkingRobot | None, list[SpecMistake]]:
+    """The robot that a document names, or what is wrong with it or its file."""
+    holder = document.value
+    for key in path[:-1]:
+        holder = holder.get(key, {}) if isinstance(holder, dict) else {}
+    reference = holder.get(path[-1], "scaler") if isinstance(holder, dict) else None
+    if not isinstance(reference, str) or not reference:
+        return None, []  # the model says what is wrong with it
+    known = builtin_bodies()
+    if reference not in known and Path(reference).suffix not in (".yaml", ".yml"):
+        words = ", ".join(f"`{name}`" for name in known)
+        message = (
+            f"expected a built-in rigid body ({words}) or the path of a YAML file, of a rigid body "
+            f"or of a robot from a URDF, got {shown(reference)}"
+        )
+        return None, [document.mistake(Finding(path, message, nearest(reference, known)))]
+    try:
+        return load_body(reference, directory), []
+    except SpecError as error:
+        return None, [
+            # Without a line the file itself is at fault, and so the key that names it.
+            replace(m, source=m.source or error.source)
+            if m.line
+            else document.mistake(Finding(path, f"{error.source}: {m.message}", m.suggestion))
+            for m in error.mistakes
+        ]
+
+
+def _legs(document: Document, robot: WalkingRobot | None) -> list[Finding]:
+    """Toes of the start and lost contacts are those of legs that the robot has."""
+    if robot is None:
+        return []
+    try:
+        task = WalkTaskSpec.model_validate(document.value.get("task", {}))
+    except ValidationError:
+        return []  # reported with the whole
+    legs = list(robot.limb_names if isinstance(robot, UrdfRobot) else robot.legs)
+    try:
+        loop = WalkLoopSpec.model_validate(document.value.get("loop", {}))
+    except ValidationError:
+        return []
+    named: list[tuple[tuple[str | int, ...], str]] = []
+    named += [(("task", "start", "toes", name), name) for name in task.start.toes]
+    named += [
+        (("loop", "lost_contacts", k, "leg"), e.leg) for k, e in enumerate(loop.lost_contacts)
+    ]
+    return [
+        Finding(
+            path,
+            f"{robot.name} has no leg {name!r}, its legs are {', '.join(legs)}",
+            nearest(name, legs),
+        )
+        for path, name in named
+        if name not in legs
+    ]

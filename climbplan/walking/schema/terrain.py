@@ -1,0 +1,210 @@
+"""Ground that a robot walks on: flat without end, or convex regions, level or sloped."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from climbplan.schema.base import (
+    Count,
+    Fault,
+    Interval,
+    Number,
+    SpecModel,
+    Vector,
+    name_field,
+    quantity,
+    refuse,
+)
+
+Pair = tuple[Number, Number]
+_PLANE = 1e-4  # [m] that corners may be off one plane
+_STEEPEST = 1.0  # rise along x or y: 45 degrees
+_MOST_CORNERS = 12
+
+
+class LevelRegionSpec(SpecModel):
+    """A rectangle that toes may stand on, level or sloped, or a convex polygon by its corners."""
+
+    name: str = name_field("name used in reports")
+    x: Interval = quantity(
+        "m", "extent along x, from and to; of corners if these are given", (0, 0)
+    )
+    y: Interval = quantity(
+        "m", "extent along y, from and to; of corners if these are given", (0, 0)
+    )
+    height: Number = quantity("m", "height of the surface, at the middle if it slopes", default=0.0)
+    slope: Pair = quantity("", "rise of a rectangle for each metre along x and y", (0.0, 0.0))
+    corners: tuple[Vector, ...] = quantity(
+        "m", "x, y, z of the corners of a convex polygon in turn, in place of all of these", ()
+    )
+
+    @model_validator(mode="after")
+    def _extents(self) -> Self:
+        if self.corners:
+            refuse(self._corner_faults())
+            return self
+        faults = [
+            Fault(key, f"expected [from, to] with from < to, got {list(interval)}")
+            for key, interval in (("x", self.x), ("y", self.y))
+            if interval[0] >= interval[1]
+        ]
+        if max(map(abs, self.slope)) > _STEEPEST:
+            message = f"expected a rise of {_STEEPEST:g} at most either way, got {list(self.slope)}"
+            faults.append(Fault("slope", message))
+        refuse(faults)
+        return self
+
+    def _corner_faults(self) -> list[Fault]:
+        both = [key for key in ("x", "y", "height", "slope") if key in self.model_fields_set]
+        if both:
+            return [Fault(key, "says what `corners` say: leave one out") for key in both]
+        if not 3 <= len(self.corners) <= _MOST_CORNERS:
+            message = f"expected 3 to {_MOST_CORNERS} corners, got {len(self.corners)}"
+            return [Fault("corners", message)]
+        turns = [_turn(*self.corners_about(k)) for k in range(len(self.corners))]
+        if not (min(turns) > 1e-9 or max(turns) < -1e-9):
+            return [Fault("corners", "expected a convex polygon as seen from above, in turn")]
+        rise = plane_of(self.corners)
+        if max(map(abs, rise)) > _STEEPEST:
+            return [Fault("corners", f"rises by more than {_STEEPEST:g} for each metre")]
+        x, y, z = self.corners[0]
+        off = [abs(z + rise[0] * (c[0] - x) + rise[1] * (c[1] - y) - c[2]) for c in self.corners]
+        if max(off) > _PLANE:
+            return [Fault("corners", f"are off one plane by {1e3 * max(off):.1f} mm")]
+        return []
+
+    def corners_about(self, k: int) -> tuple[Vector, Vector, Vector]:
+        """A corner between the one before and the one after it."""
+        return self.corners[k - 1], self.corners[k], self.corners[(k + 1) % len(self.corners)]
+
+    @property
+    def outline(self) -> tuple[Pair, ...]:
+        """Corners seen from above, counterclockwise."""
+        if not self.corners:
+            (x0, x1), (y0, y1) = self.x, self.y
+            return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+        seen = tuple((c[0], c[1]) for c in self.corners)
+        return seen if _turn(*self.corners_about(0)) > 0 else seen[::-1]
+
+
+class SteppingStonesSpec(SpecModel):
+    """A field of stones in rows, each turned, raised and left out at random."""
+
+    x: Interval = quantity("m", "extent along x, from and to")
+    y: Interval = quantity("m", "extent along y, from and to")
+    pitch: Number = quantity("m", "from the middle of a stone to the next", 0.1, gt=0.01, le=1)
+    size: Number = quantity("m", "length of a stone's sides", default=0.07, gt=0.005, le=1)
+    turn_deg: Number = quantity("deg", "turned by as much at most", default=10.0, ge=0, le=45)
+    rise: Number = quantity("m", "raised or lowered by as much at most", 0.0, ge=0, le=0.2)
+    missing: Number = quantity("", "share of the stones that are missing", default=0.3, ge=0, lt=1)
+    seed: Count = quantity("", "of turns, heights and what is missing", 0, ge=0, le=2**32 - 1)
+
+    @model_validator(mode="after")
+    def _sensible(self) -> Self:
+        angle = math.radians(self.turn_deg)
+        room = self.size * (math.cos(angle) + math.sin(angle))
+        faults = [
+            Fault(key, f"expected [from, to] with room for a stone, got {list(interval)}")
+            for key, interval in (("x", self.x), ("y", self.y))
+            if interval[1] - interval[0] < room
+        ]
+        if room > self.pitch:
+            message = f"turned stones of {self.size:g} m overlap at a pitch of {self.pitch:g} m"
+            faults.append(Fault("size", message))
+        refuse(faults)
+        return self
+
+
+class WalkTerrainSpec(SpecModel):
+    """The ground: flat without end, or regions and stones, between which nothing stands."""
+
+    friction: Number = quantity("", "friction coefficient", default=1.0, gt=0, le=5)
+    regions: tuple[LevelRegionSpec, ...] = Field(
+        default=(),
+        description="rectangles and polygons, such as steps and ramps; flat ground if left out",
+    )
+    stones: SteppingStonesSpec | None = Field(
+        default=None, description="a random field of stepping stones, S1, S2, ... in rows along y"
+    )
+
+    edge: Number | None = quantity(
+        "m",
+        "no toe is set down so near to the edge of a region or stone; left out: the radius of the "
+        "robot's feet, 0 of points",
+        None,
+        ge=0,
+        le=0.2,
+    )
+
+    @model_validator(mode="after")
+    def _apart(self) -> Self:
+        faults = [
+            Fault(f"regions.{k}", f"has no room within {self.edge:g} m of its edges")
+            for k, region in enumerate(self.regions)
+            if self.edge and not _room_within(region.outline, self.edge)
+        ]
+        if self.stones is not None and self.stones.size <= 2 * (self.edge or 0.0):
+            faults.append(Fault("edge", f"leaves nothing of stones of {self.stones.size:g} m"))
+        for i, region in enumerate(self.regions):
+            for other in self.regions[:i]:
+                if region.name == other.name:
+                    message = f"names must differ, {region.name!r} is there already"
+                    faults.append(Fault(f"regions.{i}.name", message))
+                if overlap(region.outline, other.outline):
+                    faults.append(Fault(f"regions.{i}", f"overlaps region {other.name!r}"))
+            if self.stones is not None and region.name[:1] == "S" and region.name[1:].isdigit():
+                faults.append(Fault(f"regions.{i}.name", "S1, S2, ... are names of the stones"))
+            if self.stones is not None and overlap(region.outline, _field(self.stones)):
+                faults.append(Fault("stones", f"overlap region {region.name!r}"))
+        refuse(faults)
+        return self
+
+
+def _room_within(outline: tuple[Pair, ...], edge: float) -> bool:
+    """Whether the mean of the corners, where toes are drawn to, is that far from all sides."""
+    x, y = (sum(c[k] for c in outline) / len(outline) for k in range(2))
+    return all(
+        ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / math.hypot(bx - ax, by - ay) > edge
+        for (ax, ay), (bx, by) in zip(outline, outline[1:] + outline[:1], strict=True)
+    )
+
+
+def plane_of(corners: tuple[Vector, ...]) -> Pair:
+    """Rise along x and y of the plane through the first corner and the widest turn from it."""
+    x, y, z = corners[0]
+    best, rise = 0.0, (0.0, 0.0)
+    for one, other in pairwise(corners[1:]):
+        a, b = (one[0] - x, one[1] - y, one[2] - z), (other[0] - x, other[1] - y, other[2] - z)
+        area = a[0] * b[1] - a[1] * b[0]
+        if abs(area) > best:
+            best = abs(area)
+            rise = ((a[2] * b[1] - b[2] * a[1]) / area, (a[0] * b[2] - b[0] * a[2]) / area)
+    return rise
+
+
+def overlap(one: tuple[Pair, ...], other: tuple[Pair, ...]) -> bool:
+    """Whether convex outlines have more in common than an edge: no side parts them."""
+    for outline in (one, other):
+        for (x0, y0), (x1, y1) in zip(outline, outline[1:] + outline[:1], strict=True):
+            length = math.hypot(x1 - x0, y1 - y0)
+            a, b = (y1 - y0) / length, (x0 - x1) / length
+            first, second = ([a * x + b * y for x, y in points] for points in (one, other))
+            if max(first) <= min(second) + 1e-9 or max(second) <= min(first) + 1e-9:
+                return False
+    return True
+
+
+def _field(stones: SteppingStonesSpec) -> tuple[Pair, ...]:
+    (x0, x1), (y0, y1) = stones.x, stones.y
+    return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+
+
+def _turn(before: Vector, here: Vector, after: Vector) -> float:
+    """Above zero for a turn to the left, seen from above."""
+    ahead = (here[0] - before[0], here[1] - before[1])
+    then = (after[0] - here[0], after[1] - here[1])
+    return ahead[0] * then[1] - ahead[1] * then[0]

@@ -1,0 +1,136 @@
+"""The MuJoCo model of a walk: one rigid body with massless legs, and point feet on the ground.
+
+What the planner of chapter 8.2 knows of the robot: a mass with an inertia, pushed by forces at its
+toes. Each toe is a small mass of its own that stands on the ground by friction. A leg pushes the
+body with the planned force and the toe with its opposite; what the ground answers is physics.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from climbplan.arrays import Array
+from climbplan.simulation.attributes import numbers
+from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.physical_inertia import physical_inertia
+from climbplan.walking.plan.foot_centres import steepness
+from climbplan.walking.plan.walk_plan import WalkPlan
+from climbplan.walking.task.task import POSITION
+
+TIME_STEP = 1e-3  # [s]
+TOE_RADIUS = 0.005  # [m]
+TOE_MASS = 0.1  # [kg] of a toe, not of the robot's; what slips is carried off as fast as it allows
+_MARGIN = 2.0  # [m] of ground beyond the walk, where a region has no end
+_THICK = 0.2  # [m] of the ground
+_HALF_HEIGHT = 0.04  # [m] of the body, which falls on the ground
+BODY, TOE = 4, 1  # what meets the ground
+
+
+@dataclass(frozen=True)
+class GroundParts:
+    """What the ground adds to a model."""
+
+    meshes: str  # assets
+    geoms: str
+
+
+def build_mjcf(plan: WalkPlan, conditions: Conditions) -> str:
+    """The model of a walk under given conditions; body and toes start anywhere."""
+    toes = "\n".join(_toe(leg) for leg in range(plan.task.body.leg_count))
+    return world_of(plan, ground_of(plan, conditions), f"{_body(plan, conditions)}\n{toes}")
+
+
+def world_of(plan: WalkPlan, ground: GroundParts, robot: str, ties: str = "") -> str:
+    """A model of the ground and what stands on it, with ties between its joints."""
+    return f"""
+<mujoco model="climbplan walk">
+<option timestep="{TIME_STEP}" gravity="0 0 {-plan.task.body.gravity}" cone="elliptic"
+ impratio="100" integrator="implicitfast" noslip_iterations="4"/>
+<compiler angle="radian" autolimits="true"/>
+<visual><global offwidth="1280" offheight="960"/>
+<headlight ambient=".5 .5 .5" diffuse=".5 .5 .5"/></visual>
+<default><geom condim="3" solref="0.004 1" solimp="0.98 0.999 0.0005"/></default>
+<asset>
+<texture type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8" height="48"/>
+<texture name="tiles" type="2d" builtin="checker" rgb1=".50 .52 .56" rgb2=".60 .62 .65"
+ width="64" height="64"/>
+<material name="ground" texture="tiles" texrepeat="5 5" texuniform="true"/>
+<material name="body" rgba="0.16 0.23 0.35 1"/>
+<material name="toe" rgba="0.85 0.25 0.20 1"/>
+{ground.meshes}
+</asset>
+<worldbody>
+<light pos="0 -2 3" dir="0 0.5 -1" directional="true"/>
+{ground.geoms}
+{robot}
+</worldbody>
+<equality>{ties}</equality>
+</mujoco>"""
+
+
+def ground_of(plan: WalkPlan, conditions: Conditions, sunk: float = 0.0) -> GroundParts:
+    """The regions of a walk's ground, lowered by `sunk` [m]: where toes are centres of spheres."""
+    task = plan.task
+    friction = max(task.ground.friction * conditions.friction, 1e-5)
+    xy = np.concatenate(
+        [plan.trajectory.state[:, :2], plan.trajectory.toes[..., :2].reshape(-1, 2)]
+    )
+    low, high = xy.min(axis=0) - _MARGIN, xy.max(axis=0) + _MARGIN
+    meshes, ground = [], []
+    shared = (
+        f' friction="{friction:.6g} 0 0" contype="0" conaffinity="{TOE | BODY}" material="ground"/>'
+    )
+    level = not (task.ground.corners.size or task.ground.slope.any())
+    for index in range(task.ground.count):
+        corners = task.ground.outline(index, low, high)
+        if not len(corners):
+            continue
+        corners = corners - [0, 0, sunk * float(steepness(task.ground.slope[index]))]
+        if level:
+            lower, upper = corners.min(axis=0), corners.max(axis=0)
+            center = 0.5 * (lower + upper) - [0, 0, _THICK / 2]
+            half = [*(upper - lower)[:2] / 2, _THICK / 2]
+            ground.append(
+                f'<geom name="ground{index}" type="box" pos="{numbers(center)}"'
+                f' size="{numbers(half)}"{shared}'
+            )
+            continue
+        solid = np.concatenate([corners, corners - [0, 0, _THICK]])
+        meshes.append(f'<mesh name="ground{index}" vertex="{numbers(solid)}"/>')
+        # The compiler moves meshes to their centres, and geoms back
+        ground.append(f'<geom name="ground{index}" type="mesh" mesh="ground{index}"{shared}')
+    return GroundParts("".join(meshes), "".join(ground))
+
+
+def hips(plan: WalkPlan) -> Array:
+    """(L, 3) where legs are drawn to begin: above the middles of their workspaces, body frame."""
+    return np.asarray(plan.task.body.toe_center * [0.75, 0.75, 0.0])
+
+
+def _body(plan: WalkPlan, conditions: Conditions) -> str:
+    body = plan.task.body
+    matrix = physical_inertia(body.inertia, "the body")
+    inertia = [*np.diag(matrix), matrix[0, 1], matrix[0, 2], matrix[1, 2]]
+    half = [*np.abs(hips(plan)).max(axis=0)[:2], _HALF_HEIGHT]
+    start = plan.trajectory.state[0, POSITION]
+    return (
+        f'<body name="body" pos="{numbers(start)}"><freejoint name="free"/>'
+        f'<inertial pos="0 0 0" mass="{body.mass + conditions.payload:.9g}"'
+        f' fullinertia="{numbers(inertia)}"/>'
+        f'<geom name="body" type="box" size="{numbers(half)}" material="body"'
+        f' contype="{BODY}" conaffinity="0"/></body>'
+    )
+
+
+def _toe(leg: int) -> str:
+    slides = "".join(
+        f'<joint name="toe{leg}{name}" type="slide" axis="{axis}"/>'
+        for name, axis in zip("xyz", ("1 0 0", "0 1 0", "0 0 1"), strict=True)
+    )
+    return (
+        f'<body name="toe{leg}" gravcomp="1">{slides}<geom name="toe{leg}" type="sphere"'
+        f' size="{TOE_RADIUS}" mass="{TOE_MASS}" material="toe" friction="0 0 0"'
+        f' contype="{TOE}" conaffinity="0"/></body>'
+    )

@@ -1,0 +1,1 @@
+"""What a walking problem is given, in numbers."""

@@ -1,0 +1,177 @@
+"""What a walking problem is given: body, ground, start, references and weights, as numbers.
+
+Axes of chapter 8.2: body frame x forward, y to the left, z up; world frame z up. Legs are always
+in the order of `RigidBody.leg_names`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.robots.walking_legs import WalkingLegs
+from climbplan.walking.task.ground import Ground
+
+Integrator = Literal["euler", "mean", "rk4"]
+
+STATE = 12  # position, velocity, Z-Y-X Euler angles (roll, pitch, yaw), angular velocity (world)
+POSITION, VELOCITY, ANGLES, SPIN = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
+ANGLE_RANGE = np.pi / 2  # [rad] Table 8.4
+_FEWEST_SAMPLES, _SAMPLE = 16, 0.005  # [s]
+RATE_RANGE = 10.0  # [rad/s] Table 8.4, of Euler rates and of the angular velocity
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """A legged robot as a single rigid body with massless legs."""
+
+    name: str
+    leg_names: tuple[str, ...]
+    mass: float  # [kg]
+    inertia: Array  # (3, 3) about the centre of mass, body frame [kg m^2]
+    gravity: float  # [m/s^2]
+    toe_center: Array  # (L, 3) middle of each toe's workspace box, body frame [m]
+    toe_half: Array  # (3,) half extents of the boxes [m]
+    force_limit: float  # [N] of each component of a contact force
+
+    @property
+    def leg_count(self) -> int:
+        """L, in pairs from front to hind as `leg_order` has them."""
+        return len(self.leg_names)
+
+    @cached_property
+    def inverse(self) -> Array:
+        """(3, 3) of the inertia."""
+        return np.linalg.inv(self.inertia).astype(float)
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where the body is, and where its toes are (those that stand stay there)."""
+
+    state: Array  # (12,)
+    toes: Array  # (L, 3) world frame [m]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What is tracked at knots 1 to N."""
+
+    velocity: Array  # (N, 3) world frame [m/s]
+    euler: Array  # (N, 3) roll, pitch, yaw [rad]
+    height: Array  # (N,) of the centre of mass [m]
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of eq. (8.30)."""
+
+    velocity: Array  # (3,)
+    angles: Array  # (3,)
+    height: float
+    motion: float  # on the squared body step
+    force_difference: float  # [1/N^2] on squared differences between legs' forces
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Where the centre of mass has to be at the last knot."""
+
+    lower: Array  # (2,) x, y [m]
+    upper: Array  # (2,)
+
+    @classmethod
+    def anywhere(cls) -> Goal:
+        """No goal."""
+        return cls(np.full(2, -np.inf), np.full(2, np.inf))
+
+    @property
+    def stated(self) -> bool:
+        """There is one."""
+        return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
+
+    def missed(self, position: Array) -> Array:
+        """How far points (..., 2) are off it [m]; <= 0 inside."""
+        off: Array = np.maximum(self.lower - position, position - self.upper).max(axis=-1)
+        return off
+
+
+@dataclass(frozen=True)
+class WalkTask:
+    """One problem of chapter 8.2.1."""
+
+    body: RigidBody
+    ground: Ground
+    knots: int  # N intervals
+    step: float  # [s]
+    integrator: Integrator
+    start: Start
+    reference: Reference
+    weights: Weights
+    lift: float  # [m] of a swinging toe above the ground it leaves and reaches
+    least_contacts: int  # standing legs in every interval
+    whole_stance: bool = False  # standing toes stay in their boxes until the interval's end
+    goal: Goal = field(default_factory=Goal.anywhere)
+    legs: WalkingLegs | None = None  # of a robot from a URDF: joints, whose torques are limited
+    first: float = 0.0  # [s] of the first interval where a plan begins between knots; 0: as others
+
+    @cached_property
+    def steps(self) -> Array:
+        """Lengths of the intervals (N,) [s]."""
+        lengths = np.full(self.knots, self.step)
+        if self.first:
+            lengths[0] = self.first
+        return lengths
+
+    @property
+    def samples(self) -> int:
+        """Samples of a closed loop in an interval: every 5 ms or oftener."""
+        return max(_FEWEST_SAMPLES, round(self.step / _SAMPLE))
+
+    @property
+    def sample(self) -> float:
+        """From one sample of a closed loop to the next [s]."""
+        return self.step / self.samples
+
+    @cached_property
+    def hips(self) -> Array:
+        """(L, 3) where legs begin as they are drawn, body frame [m].
+
+        Their first joints; without joints, points above the middles of their workspaces.
+        """
+        if self.legs is not None:
+            return self.legs.chain.joint_zero[:, 0]
+        level: Array = self.body.toe_center * [1.0, 1.0, 0.0]
+        return level
+
+    @property
+    def weight(self) -> float:
+        """Weight of the robot [N]."""
+        return self.body.mass * self.body.gravity
+
+
+@dataclass(frozen=True)
+class Gait:
+    """All integers of a plan of N intervals."""
+
+    contact: BoolArray  # (N + 1, L) the leg stands from this knot to the next
+    region: IntArray  # (N + 1, L) where it stands, or is to stand next
+
+    @cached_property
+    def key(self) -> bytes:
+        """Equal for equal integers."""
+        return np.packbits(self.contact).tobytes() + self.region.astype(np.int16).tobytes()
+
+
+@dataclass(frozen=True)
+class WalkTrajectory:
+    """States, toes and forces of N intervals."""
+
+    state: Array  # (N + 1, 12)
+    toes: Array  # (N + 1, L, 3) world frame [m]
+    force: Array  # (N + 1, L, 3) world frame [N], from knot n to n + 1; zeros at the last
+    gait: Gait

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,38 @@ from climbplan.errors import UnsoundPlan
 from climbplan.store.hdf5_reading import Reader, opened_store
 from climbplan.store.hdf5_writing import amended_store, write_json, write_text
 from climbplan.verification.check import Check, LeftOut
-from climbplan.verification.check_table import check_table
 from climbplan.verification.held import Against
 from climbplan.verification.level import Level, advice_of, level_of
+
+_HEAD = ("check", "residual", "limit", "unit", "", "margin", "worst at")
+_NUMERIC = {1, 2}
+_MARKS = {"passed": "ok", "failed": "FAILED", "not judged": "not judged"}
+
+
+def check_table(checks: Sequence[Check]) -> str:
+    """A head and one line a check: failed ones first, then those that are not judged."""
+    rows = [
+        (
+            check.name,
+            f"{check.residual:.1e}",
+            f"{check.limit:.0e}" if check.limit else "0",
+            check.unit,
+            _MARKS[check.mark],
+            check.margin,
+            check.worst_at,
+        )
+        for check in sorted(checks, key=lambda check: check.rank)
+    ]
+    widths = [max(len(row[c]) for row in [_HEAD, *rows]) for c in range(len(_HEAD))]
+    lines = [
+        "  ".join(
+            cell.rjust(width) if column in _NUMERIC else cell.ljust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in [_HEAD, *rows]
+    ]
+    return "\n".join(lines)
+
 
 # Where one of these fails the others are not made: numbers that no robot and no task can have
 SOUNDNESS = (

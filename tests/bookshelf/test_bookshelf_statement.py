@@ -11,7 +11,7 @@ import pytest
 from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.check.published import ROUNDING, check_published, published_states
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.methods.envelope_grids import published_partitions
+from climbplan.bookshelf.methods.by_table import published_partitions
 from climbplan.bookshelf.plan.answer import Placement
 from climbplan.bookshelf.scene.scene_file import read_scenes
 from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf

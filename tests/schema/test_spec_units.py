@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from climbplan.schema.units import meant_number
+from climbplan.schema.wording import meant_number
 
 
 @pytest.mark.parametrize(

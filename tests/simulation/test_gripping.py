@@ -17,7 +17,7 @@ from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.simulation.comparison import compare
 from climbplan.climb.simulation.control.feedforward import _by_differences, limb_weight_torques
-from climbplan.climb.simulation.grips.grip_sharing import shared_at_best
+from climbplan.climb.simulation.grips.gripping import shared_at_best
 from climbplan.climb.simulation.model.chain_limb import motor_names
 from climbplan.climb.simulation.model.linkage_limb import elbow_angles
 from climbplan.climb.simulation.model.mjcf import build_mjcf, link_mass

@@ -16,11 +16,10 @@ from climbplan.store.dataset import Dataset
 from climbplan.store.dataset_file import read_dataset_file, write_dataset_file
 from climbplan.store.dataset_row import dataset_of
 from climbplan.walking.check.checker import check_trajectory, failures
-from climbplan.walking.online.dataset_library import is_dataset, library_of_dataset
 from climbplan.walking.online.dataset_rows import WalkRows, task_of_frame, walk_of
 from climbplan.walking.online.features import feature_count
 from climbplan.walking.online.library import SECTION, sections_of
-from climbplan.walking.online.run import library_key
+from climbplan.walking.online.run import is_dataset, library_key, library_of_dataset
 from climbplan.walking.problem.draws import TREADS, in_world
 from climbplan.walking.problem.problem import build_task
 from climbplan.walking.schema.dataset import WalksProblemSpec, WorldRangesSpec

@@ -25,7 +25,7 @@ from climbplan.walking.online.estimation import (
     left_jacobian,
     logarithm,
 )
-from climbplan.walking.online.sensors import SimulatedSensors
+from climbplan.walking.online.perception import SimulatedSensors
 
 DT, GRAVITY = 0.005, 9.81
 QUALITY = SensorQuality()

@@ -22,7 +22,7 @@ from climbplan.walking.micp.method import solve_micp
 from climbplan.walking.micp.model import Lin, LinearModel
 from climbplan.walking.micp.motion import Motion
 from climbplan.walking.micp.relaxed import linear
-from climbplan.walking.micp.smooth import Function, sine, straight
+from climbplan.walking.micp.spinning import Function, sine, straight
 from climbplan.walking.micp.tube import Tube, tube_about, turning
 from climbplan.walking.task.task import WalkTask
 

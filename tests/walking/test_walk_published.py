@@ -17,8 +17,7 @@ from climbplan.walking.online.choice import SAFE
 from climbplan.walking.online.library import build_library
 from climbplan.walking.online.measurement import Situation
 from climbplan.walking.online.tick import OnlineController, OnlineSettings
-from climbplan.walking.published.program import PublishedProgram
-from climbplan.walking.published.rows import ChangingRows
+from climbplan.walking.published.program import ChangingRows, PublishedProgram
 from climbplan.walking.task.task import Integrator, Start
 
 RNG = np.random.default_rng(3)

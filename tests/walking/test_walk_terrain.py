@@ -20,13 +20,12 @@ from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.offline.sqp import iterate_of, solve_gait
 from climbplan.walking.planner.gaps import farthest_apart, widest_gap
-from climbplan.walking.problem.problem import build_ground, build_task
+from climbplan.walking.problem.problem import build_ground, build_task, drawn_stones
 from climbplan.walking.schema.loading import load_body
 from climbplan.walking.schema.model import MpcSpec
 from climbplan.walking.schema.terrain import SteppingStonesSpec
 from climbplan.walking.task.facts import facts_of, task_of
 from climbplan.walking.task.ground import Ground
-from climbplan.walking.task.stones import drawn_stones
 from climbplan.walking.task.task import Goal, WalkTask, WalkTrajectory
 
 RAMP = {

@@ -3,9 +3,39 @@
 from __future__ import annotations
 
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
+from climbplan.bookshelf.methods.by_table import ByTable, model_features, model_method
+from climbplan.bookshelf.methods.features import feature_count
+from climbplan.bookshelf.methods.judge import Judge
 from climbplan.bookshelf.methods.scene_method import SceneMethod
 from climbplan.bookshelf.methods.setting import MethodSetting
+from climbplan.bookshelf.methods.shelf_context import require_context
 from climbplan.errors import UsageError
+from climbplan.learning.model_file import read_model
+
+
+def trained_method(setting: MethodSetting, count: int, judge: Judge) -> ByTable:
+    """The method of a model file, without a fallback.
+
+    Raises UsageError for a model of another method, shelf, meaning or number of books,
+    PlanFileError for a damaged file.
+    """
+    solver = setting.solver
+    if solver.model is None:
+        raise UsageError(
+            f"method {solver.method!r} needs a trained strategy: give a model file of "
+            "`climbplan fit-strategy` as solver.model.file"
+        )
+    path = setting.directory / solver.model.file
+    model = read_model(path).model
+    if model.kind != solver.method:
+        raise UsageError(f"{path}: a model of kind {model.kind!r}, method is {solver.method!r}")
+    require_context(model.context, setting.shelf, setting.meaning, count, str(path))
+    try:
+        model.library.require(judge.program, feature_count(model_features(model), count))
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from error
+    return model_method(model, setting, judge)
+
 
 _TRAINED = ("forest", "boosting", "network", "reduce")
 _LEARNED = (*_TRAINED, "knn")  # `exact` answers where they have no candidate that holds
@@ -24,7 +54,8 @@ def prepare(setting: MethodSetting, count: int) -> SceneMethod:
     from climbplan.bookshelf.methods.by_table import WithFallback, whole_method
     from climbplan.bookshelf.methods.judge import Judge
     from climbplan.bookshelf.methods.library import Wanted, read_library
-    from climbplan.bookshelf.methods.trained import trained_method
+
+    pass
 
     judge = Judge(count, setting.shelf, setting.meaning)
     if solver.method in _TRAINED or (solver.method == "knn" and solver.model is not None):

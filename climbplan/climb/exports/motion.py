@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from climbplan.arrays import Array
-from climbplan.climb.exports.joint_inertia import joint_inertia
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 from climbplan.climb.plan.played import sample_instants, true_angles
@@ -35,12 +34,43 @@ from climbplan.robots.kinematics import (
     joint_points_body,
     toe_world,
 )
+from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.schema.robots.stored import NotKept, stored_robot
 from climbplan.schema.robots.urdf.source import UrdfRobot
 from climbplan.schema.yaml_source import parse_yaml
+from climbplan.simulation.conditions import NOMINAL
+from climbplan.simulation.motors import motor_damping, motor_stiffness
 from climbplan.terrain.surfaces import Region
+
+
+def joint_inertia(robot: Robot, angles: Array) -> Array:
+    """Return the least inertia (N, J) of limbs in the air about their joints [kg m^2, kg].
+
+    Links from a joint outward, at angles (T, N, J); what motors are assumed to turn with (rotors)
+    where limbs weigh nothing.
+    """
+    chain, links = robot.mechanism, robot.links
+    if links is None or not isinstance(chain, SerialChain):
+        damping, stiffness = motor_damping(robot, NOMINAL), motor_stiffness(robot, NOMINAL)
+        return np.asarray(damping**2 / (4 * stiffness))
+    pose = chain.pose(angles)
+    arms = links.middles(chain, angles)[..., None, :, :] - pose.joints[..., :, None, :]
+    outward = np.triu(np.ones((robot.joint_count, robot.joint_count)))[..., None]  # (joint, link)
+    moving = np.cross(pose.axes[..., :, None, :], arms)  # (T, N, joint, link, 3)
+    if pose.slides is not None:
+        moving = moving + pose.slides[..., :, None, :]
+    turning = np.broadcast_to(pose.axes[..., :, None, :], moving.shape)
+    moving, turning = moving * outward, turning * outward
+    if pose.drive is not None:  # joints that mimic others move with them
+        moving, turning = (
+            np.einsum("nji,tnjlk->tnilk", pose.drive, part) for part in (moving, turning)
+        )
+    inertia = pose.turns @ links.inertia @ np.swapaxes(pose.turns, -1, -2)  # (T, N, link, 3, 3)
+    energy = links.mass[:, None, :] * (moving**2).sum(axis=-1)
+    energy += np.einsum("tnjli,tnlik,tnjlk->tnjl", turning, inertia, turning)
+    return np.asarray(energy.sum(axis=-1).min(axis=0))
 
 
 def climb_motion(path: Path) -> RobotMotion:

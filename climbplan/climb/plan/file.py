@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
 
 from climbplan.climb.plan import layout
 from climbplan.climb.plan.climb_plan import (
@@ -21,11 +22,12 @@ from climbplan.climb.plan.climb_plan import (
     Trajectory,
 )
 from climbplan.climb.plan.grip_store import read_grips, write_grips
-from climbplan.climb.plan.looks_store import read_looks, write_looks
 from climbplan.climb.plan.promise import NEEDED, Promise, promise_of
 from climbplan.climb.plan.robot_store import read_robot, read_robot_texts, write_robot
 from climbplan.climb.plan.terrain_store import read_terrain, write_terrain
 from climbplan.climb.plan.world_sample import REQUIRED, WorldSample, sample_from_dict
+from climbplan.robots.looks import BODY, Looks
+from climbplan.robots.model import Robot
 from climbplan.store.hdf5_layout import Layout
 from climbplan.store.hdf5_reading import Reader, opened_store
 from climbplan.store.hdf5_writing import new_store, write_dataset, write_json
@@ -36,6 +38,53 @@ from climbplan.store.root_attributes import (
     require_plan,
     write_header,
 )
+
+# How a robot looks, which only pictures read: no check does
+_LOOKS = "looks"
+_LOOKS_LAYOUT = {
+    "vertices": Layout(("*", 3), "m", "body"),
+    "faces": Layout(("*", 3), kind="int"),
+    "limb": Layout(("*",), kind="int"),
+    "joint": Layout(("*",), kind="int"),
+}
+
+
+def write_looks(group: h5py.Group, looks: Looks | None) -> None:
+    """Add the group `looks` to that of a robot that has some."""
+    if looks is None:
+        return
+    own = group.create_group(_LOOKS)
+    for name, form in _LOOKS_LAYOUT.items():
+        value = vars(looks)[name]
+        # To 0.01 mm, which halves what deflate leaves of them
+        write_dataset(own, name, np.round(value, 5), form, compressed=True)
+
+
+def read_looks(reader: Reader, robot: Robot) -> Looks | None:
+    """The looks of a plan's robot, None where it has none.
+
+    Raises PlanFileError for what is misshapen or names links that are not there.
+    """
+    if not reader.has(f"robot/{_LOOKS}"):
+        return None
+    found = {
+        name: reader.array(f"robot/{_LOOKS}/{name}", form) for name, form in _LOOKS_LAYOUT.items()
+    }
+    looks = Looks(**found)
+    count, limb, joint = len(looks.vertices), looks.limb, looks.joint
+    if len(limb) != count or len(joint) != count:
+        raise reader.refuse(f"robot/{_LOOKS}: {count} vertices, expected a limb and joint for each")
+    if count == 0 or not len(looks.faces):
+        raise reader.refuse(f"robot/{_LOOKS} holds no triangle")
+    if looks.faces.min() < 0 or looks.faces.max() >= count:
+        raise reader.refuse(f"robot/{_LOOKS}/faces names a vertex that is not there")
+    limbs, joints = robot.joint_lower.shape
+    if limb.min() < BODY or limb.max() >= limbs or joint.min() < 0 or joint.max() >= joints:
+        raise reader.refuse(f"robot/{_LOOKS} names a limb or joint that is not there")
+    corners = looks.faces
+    if any((carried[corners] != carried[corners[:, :1]]).any() for carried in (limb, joint)):
+        raise reader.refuse(f"robot/{_LOOKS}/faces holds a triangle between two links")
+    return looks
 
 
 def write_climb(plan: ClimbPlan, path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
@@ -10,11 +11,10 @@ from typing import TypeVar
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.scene.flat_feet import flat_foot_mistakes, overhanging
 from climbplan.climb.scene.footing import footing, footing_with_goal
 from climbplan.climb.scene.plausible_lengths import implausible_lengths
 from climbplan.climb.schema.loading import LoadedClimb
-from climbplan.climb.schema.model import ClimbSpec, PostureSpec
+from climbplan.climb.schema.model import CONVEX_METHODS, ClimbSpec, PostureSpec
 from climbplan.climb.schema.motion import MotionSpec
 from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.errors import SpecError, SpecMistake
@@ -28,8 +28,52 @@ from climbplan.robots.task_robot import heading_as, standing_as, with_grip_limit
 from climbplan.schema.robots.source import AnyRobot
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.nearest import bounds_of, nearest_region
-from climbplan.terrain.soles import fits
+from climbplan.terrain.soles import beyond, fits
 from climbplan.terrain.surfaces import Region, Surface
+
+_OVER = 1e-6  # [m] beyond an edge that counts as none
+
+
+def flat_foot_mistakes(spec: ClimbSpec, robot: Robot, terrain: Terrain) -> Iterator[SpecMistake]:
+    """What the spec and its terrain cannot have of a robot with flat feet; nothing for others."""
+    sole = robot.sole
+    if sole is None:
+        return
+    what = "flat feet are planned with"
+    if terrain.curved:
+        yield SpecMistake("terrain.tube", f"{what} flat surfaces alone")
+    if spec.terrain.scan is not None:
+        yield SpecMistake("terrain.scan", f"{what} stated surfaces alone, not scans")
+    if spec.force.sag != "compensated":
+        yield SpecMistake("force.sag", f"{what} `compensated`: a body that sags would tilt them")
+    if spec.solver.method not in ("auto", *CONVEX_METHODS):
+        known = ", ".join(f"`{name}`" for name in CONVEX_METHODS)
+        yield SpecMistake("solver.method", f"{what} the methods `auto`, {known} alone")
+    if terrain.curved:
+        return
+    room = np.array([fits(region, sole) for region in terrain.regions])
+    for limb in np.flatnonzero(~(terrain.allowed & room).any(axis=1)):
+        size = f"{1e3 * sole.length:.0f} x {1e3 * sole.width:.0f} mm"
+        name = robot.limb_names[limb]
+        yield SpecMistake("terrain", f"no surface that {name} may use has room for its {size} sole")
+
+
+def overhanging(
+    key: str, robot: Robot, terrain: Terrain, toes: Array, region: IntArray
+) -> Iterator[SpecMistake]:
+    """Soles about toes (N, 3) that reach beyond their surfaces (N,)."""
+    if robot.sole is None or terrain.curved:
+        return
+    for limb, name in enumerate(robot.limb_names):
+        surface = terrain.regions[region[limb]]
+        over = beyond(surface, robot.sole, toes[limb])
+        if over > _OVER:
+            yield SpecMistake(
+                f"{key}.toes.{name}",
+                f"expected the whole sole of {name} on {surface.name!r}; it reaches "
+                f"{1e3 * over:.1f} mm beyond its edge",
+            )
+
 
 Loaded = TypeVar("Loaded", LoadedClimb, LoadedTransition)
 

@@ -10,6 +10,7 @@ from climbplan.arrays import Array, BoolArray
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.clearance.swing import SwingMeets
 from climbplan.climb.forces.planner import plan_forces
+from climbplan.climb.gait.instants import instants_at, joint_angles
 from climbplan.climb.motion.in_hand import in_hand
 from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.plan.climb_plan import (
@@ -25,7 +26,6 @@ from climbplan.climb.planner.planner import deflection_warnings, step_limits
 from climbplan.climb.scene.climb_scene import Stance
 from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.climb.transition.clear_standing import standing_trouble
-from climbplan.climb.transition.gait import plan_instants
 from climbplan.climb.transition.mission import Tail, joined_instants, joined_rounds
 from climbplan.climb.transition.motion import Motion, plan_motion
 from climbplan.climb.transition.motion_numbers import JOINT_ROOM
@@ -37,6 +37,40 @@ from climbplan.errors import NoPlanFound, NotProved, ReachFailure
 from climbplan.robots.any_robot import assumptions
 from climbplan.schema.robots.stored import robot_texts
 from climbplan.verification.verification import Verification
+
+
+def plan_instants(
+    scene: TransitionScene, rounds: Rounds, moved: BoolArray, first: Array
+) -> Instants:
+    """The 2 M instants of a transition with their joint angles.
+
+    moved: (M, N) limbs of each round; first: (3,) where the body is at the first lift. The body
+    waits while limbs swing. Joint angles are those of the planned pose, without sag. Raises
+    ReachFailure naming round, limb and missing reach.
+    """
+    m, n = moved.shape
+    row = np.repeat(np.arange(m), 2) + np.tile([0, 1], m)  # posture of each instant
+    lifted = np.zeros((2 * m, n), bool)
+    lifted[::2] = moved
+    com = rounds.com[row]
+    com[0] = first
+    instants = instants_at(
+        scene,
+        np.repeat(np.arange(1, m + 1), 2),
+        com,
+        rounds.rpy[row],
+        rounds.toes[row],
+        rounds.region[row],
+        lifted,
+    )
+    placed = instants.toes.copy()
+    placed[::2] = rounds.toes[1:]
+    joint_angles(scene.robot, instants, placed, " and placed")
+    above = placed.copy()
+    above[::2] += scene.spec.trajectory.lift * instants.normal[1::2] * moved[..., None]
+    joint_angles(scene.robot, instants, above, ", above their new places")
+    return instants
+
 
 # Of the margins, tried in turn; forces of the body that goes on, after each lift, take some
 _SHARES = (1.2, 0.9, 0.6, 0.3, 0.0)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from climbplan.arrays import IntArray
+from climbplan.climb.gait.balance import balancing_shifts
 from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.plan.climb_plan import (
     ClimbPlan,
@@ -15,7 +18,6 @@ from climbplan.climb.plan.climb_plan import (
 )
 from climbplan.climb.scene.climb_scene import on_scan
 from climbplan.climb.schema.transition_loading import LoadedTransition
-from climbplan.climb.transition.balanced_poses import balanced_poses
 from climbplan.climb.transition.carrying import (
     Complete,
     Found,
@@ -24,6 +26,7 @@ from climbplan.climb.transition.carrying import (
     carry_through,
     transition_cost,
 )
+from climbplan.climb.transition.footholds import Poses
 from climbplan.climb.transition.homotopy import run_start
 from climbplan.climb.transition.mission import climb_after
 from climbplan.climb.transition.pose_ways import Sequence
@@ -31,9 +34,43 @@ from climbplan.climb.transition.refusal import OutOfReach, no_sequence
 from climbplan.climb.transition.remedies import with_remedies
 from climbplan.climb.transition.scene import TransitionScene, build_transition
 from climbplan.climb.transition.search import Search
-from climbplan.climb.transition.stances import Laboratory
+from climbplan.climb.transition.stances import Laboratory, stance_instants
 from climbplan.errors import Infeasible, NoPlanFound, NotProved, UsageError
 from climbplan.progress import Progress
+
+# A robot of many limbs braces: where its body is matters little. A quadruped stands on three legs,
+# and has to have its body where these hold it: for each stance set within reach, at heights along
+# the way, the least level shift that balances it is a cone program.
+_MOST = 800  # cone programs, of a millisecond each
+_SAME = 1e-3  # [m] between poses that are looked at
+
+
+def balanced_poses(scene: TransitionScene, deadline: float) -> Poses:
+    """Poses that balance the stance sets of all sequences within reach, beside the straight way."""
+    kinematic = Search(scene, forces=False, deadline=deadline)
+    kinematic.sequences()
+    share = np.linspace(0.0, 1.0, scene.spec.search.heights)
+    start, goal = scene.start, scene.goal
+    way = Poses(
+        start.com + share[:, None] * (goal.com - start.com),
+        start.rpy + share[:, None] * (goal.rpy - start.rpy),
+    )
+    pairs = list(itertools.product(kinematic.stances(), range(way.count)))[:_MOST]
+    if not pairs:
+        return Poses(np.zeros((0, 3)), np.zeros((0, 3)))
+    stance: IntArray = np.array([own for own, _ in pairs], np.int64)
+    number: IntArray = np.array([k for _, k in pairs], np.int64)
+    lifts = stance_instants(kinematic.lab.at(way), stance, number)
+    # The search's friction pyramids are inscribed in the cones of the balance
+    narrower = float(np.cos(np.pi / scene.spec.force.facets))
+    most = scene.spec.posture.steps.com_max
+    com = way.com[number] + balancing_shifts(scene, lifts, most, narrower, follow=False)
+    rows: dict[tuple[int, ...], int] = {}
+    for row, place in enumerate(np.rint(com / _SAME).astype(int).tolist()):
+        rows.setdefault(tuple(place), row)
+    kept = sorted(rows.values())
+    return Poses(com[kept], way.rpy[number[kept]])
+
 
 _FOR_SEARCH = 0.6  # share of the time limit that `auto` gives to the search
 _FOR_PLANS = 0.8  # share that it uses for plans of the spec as it is; the rest is for remedies

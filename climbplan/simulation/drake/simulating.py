@@ -6,8 +6,10 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import h5py
+import numpy as np
 import yaml
 
 from climbplan.errors import UsageError
@@ -18,15 +20,35 @@ from climbplan.simulation.drake.controller import (
     FileController,
     RegulatedController,
 )
-from climbplan.simulation.drake.exported import read_motion
-from climbplan.simulation.drake.gravity import gravity_difference
+from climbplan.simulation.drake.exported import ExportedMotion, read_motion
 from climbplan.simulation.drake.planned_penetration import planned_penetrations
-from climbplan.simulation.drake.plant import build_plant, pydrake
+from climbplan.simulation.drake.plant import Plant, build_plant, pydrake
 from climbplan.simulation.drake.playing import play
 from climbplan.simulation.drake.report import Run
 from climbplan.simulation.drake.robot_document import write_robot_document
 from climbplan.simulation.drake.settings import Settings
 from climbplan.simulation.drake.terrain import read_terrain
+
+SAMPLES = 100  # postures that are compared, at most
+
+
+def gravity_difference(plant: Plant, root: Any, motion: ExportedMotion) -> float:
+    """Return the largest difference, as a fraction of the motors' torque limits.
+
+    The robot is at the plan's first sample afterwards.
+    """
+    context = plant.plant.GetMyMutableContextFromRoot(root)
+    limits = np.array([joint.max_torque for joint in motion.joints])
+    velocities = [joint.velocity_start() for joint in plant.joints]
+    largest = 0.0
+    count = min(SAMPLES, len(motion.time))
+    for sample in np.linspace(0, len(motion.time) - 1, count).round().astype(int):
+        plant.place(context, motion, int(sample))
+        bearing = -plant.plant.CalcGravityGeneralizedForces(context)[velocities]
+        difference = np.abs(bearing - motion.gravity[sample]) / limits
+        largest = max(largest, float(difference.max()))
+    plant.place(context, motion, 0)
+    return largest
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,11 @@ import hashlib
 import math
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from itertools import combinations
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.errors import MissingSolver, SpecError
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.schema.holding import HeldSpec
@@ -17,13 +19,28 @@ from climbplan.schema.yaml_source import parse_yaml
 from climbplan.verification.check import Check, Limit, not_compared
 from climbplan.verification.held import held_check
 from climbplan.walking.check.checker import check_loop, check_trajectory
-from climbplan.walking.check.objective import objective_terms
 from climbplan.walking.plan.foot_centres import raised_task
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.problem.problem import build_task, sampled_task
 from climbplan.walking.schema.loading import stored_body
 from climbplan.walking.schema.model import MpcSpec
 from climbplan.walking.task.task import WalkTask
+
+
+def objective_terms(task: WalkTask, state: Array, force: Array) -> dict[str, float]:
+    """Each term by name. state (N + 1, 12); force (N + 1, L, 3), of which the last is not used."""
+    weights, wanted = task.weights, task.reference
+    terms = dict.fromkeys(("velocity", "angles", "height", "motion", "force_difference"), 0.0)
+    for n in range(task.knots):
+        position, velocity, angles = np.split(state[n + 1, :9], 3)
+        terms["velocity"] += weights.velocity @ np.square(velocity - wanted.velocity[n])
+        terms["angles"] += weights.angles @ np.square(angles - wanted.euler[n])
+        terms["height"] += weights.height * (position[2] - wanted.height[n]) ** 2
+        terms["motion"] += weights.motion * np.sum((position - state[n, :3]) ** 2)
+        pairs = (np.sum((a - b) ** 2) for a, b in combinations(force[n], 2))
+        terms["force_difference"] += weights.force_difference * 2 * sum(pairs)  # in either order
+    return {name: float(term) for name, term in terms.items()}
+
 
 LIMITS = {
     "file.spec_hash": Limit(0, "", "sha256 of the spec's text is the stored one"),

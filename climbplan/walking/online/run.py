@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from importlib import metadata
 from pathlib import Path
@@ -14,6 +15,8 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.progress import Progress
+from climbplan.store.dataset_file import FORMAT, read_dataset_file
+from climbplan.store.hdf5_reading import Reader, opened_store
 from climbplan.walking.dynamics.cost import cost_terms
 from climbplan.walking.offline.warm_up import warm_up
 from climbplan.walking.online.admittance import AdmittanceGains
@@ -26,10 +29,18 @@ from climbplan.walking.online.closed_loop import (
     recovered,
     run_loop,
 )
-from climbplan.walking.online.dataset_library import is_dataset, library_of_dataset
+from climbplan.walking.online.dataset_rows import KIND, task_of_frame, walk_of
 from climbplan.walking.online.estimation import SensorQuality
 from climbplan.walking.online.footholds import on_flat_ground
-from climbplan.walking.online.library import Library, build_library, read_library
+from climbplan.walking.online.library import (
+    Library,
+    build_library,
+    joined,
+    mirrored,
+    read_library,
+    sections_of,
+    symmetric,
+)
 from climbplan.walking.online.perception import Noise
 from climbplan.walking.online.strategies import trained
 from climbplan.walking.online.tick import OnlineController, OnlineSettings, horizon_of
@@ -42,6 +53,34 @@ from climbplan.walking.schema.loop import WalkLoopSpec
 from climbplan.walking.schema.model import MpcSpec
 from climbplan.walking.schema.solver import WalkLibrarySpec
 from climbplan.walking.task.task import VELOCITY, WalkTask
+
+
+def is_dataset(path: Path) -> bool:
+    """Whether a file says that it is a dataset; raises PlanFileError for one that is not HDF5."""
+    with opened_store(path) as file:
+        reader = Reader(path, file)
+        return reader.has_attribute("", "format") and reader.text("", "format") == FORMAT
+
+
+def library_of_dataset(path: Path, key: str, key_of: Callable[[WalkTask], str]) -> Library:
+    """Sections of all walks of a dataset, numbered by walk, and their mirror images.
+
+    key: of the task that they are to serve; key_of: makes it of a task. Raises PlanFileError for a
+    damaged file, UsageError for walks of another task or no walks.
+    """
+    data = read_dataset_file(path)
+    if data.frame.kind != KIND:
+        raise UsageError(f"{path}: a dataset of {data.frame.kind!r}, not of walks")
+    task = task_of_frame(data.frame, path)
+    if key_of(task) != key:
+        raise UsageError(f"{path}: made for another robot, reference or weights")
+    rows = np.flatnonzero(data.feasible)
+    if not len(rows):
+        raise UsageError(f"{path}: no row has a walk")
+    parts = [sections_of(*walk_of(task, data, int(row)), k) for k, row in enumerate(rows)]
+    whole = joined(parts)
+    return joined([whole, mirrored(task, whole)]) if symmetric(task) else whole
+
 
 MOST_WARNINGS = 20  # of ticks, told one by one
 

@@ -3,23 +3,52 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from importlib import metadata
+
+import numpy as np
 
 from climbplan.errors import Conflict, Infeasible, LimitReached
 from climbplan.progress import Progress
 from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.check.speed import leg_speeds
 from climbplan.walking.dynamics.cost import cost_terms
 from climbplan.walking.plan.answer import WalkAnswer
 from climbplan.walking.plan.foot_centres import raised
 from climbplan.walking.plan.summary import summary_lines
 from climbplan.walking.plan.walk_plan import WalkPlan
-from climbplan.walking.planner.fast_joints import too_fast
 from climbplan.walking.planner.gaps import Gap, widest_gap
 from climbplan.walking.problem.problem import build_task
 from climbplan.walking.schema.loading import LoadedMpc
 from climbplan.walking.schema.solver import WalkSolverSpec
 from climbplan.walking.task.task import WalkTask
+
+
+def too_fast(task: WalkTask, solve: Callable[[WalkTask], WalkAnswer]) -> str:
+    """What a walk by motors of any speed would ask for; empty where they are not the reason.
+
+    solve: the task by the method that found nothing.
+    """
+    if task.legs is None:
+        return ""
+    legs = task.legs
+    endless = replace(legs, max_speed=np.full_like(legs.max_speed, np.inf))
+    found = solve(replace(task, legs=endless)).trajectory
+    if found is None:
+        return ""
+    share = leg_speeds(legs, task, found).speed / legs.max_speed
+    n, leg, joint = np.unravel_index(int(np.argmax(share)), share.shape)
+    if not share[n, leg, joint] > 1.0:
+        return ""
+    return (
+        f"joints are too slow: a walk is found for motors of any speed, it asks "
+        f"{legs.chain.names[leg][joint]} of {task.body.leg_names[leg]} for "
+        f"{share[n, leg, joint]:.2g} times its {legs.max_speed[leg, joint]:.3g} rad/s at "
+        f"{task.step * n:.2f} s; a slower task.reference.velocity (and task.start.velocity) or "
+        "less task.lift ask for less"
+    )
+
 
 _LEAST_TIME = 1e-3  # [s] of a solver that has no time left
 _WARM_SHARE = 0.5  # of the time of `micp`, for what it starts from

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 
 from climbplan.arrays import Array
 from climbplan.errors import SpecError, SpecMistake
@@ -16,10 +18,13 @@ from climbplan.walking.plan.foot_centres import on_centres
 from climbplan.walking.schema.loading import WalkingRobot
 from climbplan.walking.schema.model import MpcSpec
 from climbplan.walking.schema.task import WalkGoalSpec
-from climbplan.walking.schema.terrain import LevelRegionSpec, WalkTerrainSpec, plane_of
-from climbplan.walking.task.feet import too_near
+from climbplan.walking.schema.terrain import (
+    LevelRegionSpec,
+    SteppingStonesSpec,
+    WalkTerrainSpec,
+    plane_of,
+)
 from climbplan.walking.task.ground import Ground
-from climbplan.walking.task.stones import drawn_stones
 from climbplan.walking.task.task import (
     ANGLES,
     POSITION,
@@ -33,6 +38,67 @@ from climbplan.walking.task.task import (
     WalkTask,
     Weights,
 )
+
+
+def drawn_stones(spec: SteppingStonesSpec) -> tuple[list[str], Array, Array]:
+    """Names, corners (S, 4, 2) counterclockwise and heights (S,) [m] of the stones that are there.
+
+    A stone has the same turn and height whatever else is missing. Names count missing ones, too.
+    """
+    rng = np.random.default_rng(spec.seed)
+    most = np.deg2rad(spec.turn_deg)
+    half = 0.5 * spec.size * float(np.cos(most) + np.sin(most))  # of a stone that is turned most
+    along, across = (
+        a + half + spec.pitch * np.arange(int((b - a - 2 * half) / spec.pitch + 1e-9) + 1)
+        for a, b in (spec.x, spec.y)
+    )
+    middle = np.stack(np.meshgrid(along, across, indexing="ij"), axis=-1).reshape(-1, 2)
+    turn = most * rng.uniform(-1, 1, len(middle))
+    height = spec.rise * rng.uniform(-1, 1, len(middle))
+    there = rng.permutation(len(middle)) >= round(spec.missing * len(middle))
+    square = 0.5 * spec.size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    cosine, sine = np.cos(turn), np.sin(turn)
+    rotation = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
+    corners = middle[:, None, :] + square @ np.swapaxes(rotation, -1, -2)
+    names = [f"S{k + 1}" for k in np.flatnonzero(there)]
+    return names, corners[there], height[there]
+
+
+_FAR = np.full(2, 1e4)  # [m] beyond all ground
+_STEP = 1e-3  # [m] that a foot rolls over
+
+
+def too_near(ground: Ground, foot: float) -> Iterator[str]:
+    """Why feet of a radius [m] do not fit the ground's `edge`: one reason of each kind.
+
+    A foot whose centre is nearer than its radius to higher ground stands in that ground's side.
+    """
+    if foot == 0 or ground.count == 1:
+        return
+    shapes = np.array([shapely.polygons(_outline(ground, k)) for k in range(ground.count)])
+    inner = shapely.buffer(shapes, -ground.edge) if ground.edge else shapes
+    if (narrow := np.flatnonzero(shapely.is_empty(inner))).size:
+        name = ground.names[int(narrow[0])]
+        yield f"feet of {foot:g} m have no room within the edges of {name!r}, expected less"
+    if ground.edge >= foot - 1e-9:
+        return
+    one, other = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=foot)
+    one, other = one[one != other], other[one != other]
+    ends = shapely.get_coordinates(shapely.shortest_line(shapes[one], shapes[other]))
+    here, there = ends.reshape(-1, 2, 2).swapaxes(0, 1)
+    rise = ground.level_at(other, there) - ground.level_at(one, here)
+    if (rise > _STEP).any():
+        k = int(np.argmax(rise))
+        yield (
+            f"feet of {foot:g} m stand in the side of {ground.names[other[k]]!r}, {rise[k]:.3g} m "
+            f"above {ground.names[one[k]]!r}: expected at least their radius"
+        )
+
+
+def _outline(ground: Ground, region: int) -> Array:
+    outline: Array = ground.outline(region, -_FAR, _FAR)[:, :2]
+    return outline
+
 
 # Published for SCALER: [1/N^2] on force differences, for a robot of that weight [N]
 _SCALER_FORCES, _SCALER_WEIGHT = 1e-3, 6.3 * 9.81

@@ -8,10 +8,16 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from climbplan.climb.envelopes.box_tests import holds_linear_point, holds_point
 from climbplan.climb.envelopes.first_stage import FirstStage, Manner
 from climbplan.climb.envelopes.first_stage_labels import LabelledTerrains, labels_of
-from climbplan.climb.envelopes.fit import heuristic, measure, recentred, stages
+from climbplan.climb.envelopes.fit import (
+    heuristic,
+    holds_linear_point,
+    holds_point,
+    measure,
+    recentred,
+    stages,
+)
 from climbplan.climb.envelopes.rows import Rows, collect_rows
 from climbplan.climb.envelopes.statement import PostureStatement, posture_statement
 from climbplan.climb.envelopes.terrains import TerrainDistribution, distribution

@@ -57,6 +57,7 @@ def test_main_command_plans_and_verifies(folder: Path) -> None:
 LONG = ("docs", "datasets", "limms", "walking", "robots", "grips", "simulation")
 
 
+@pytest.mark.timeout(3000)  # some pages propose several robots, each of minutes
 @pytest.mark.parametrize(
     "page",
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
@@ -157,5 +158,6 @@ def test_robots_of_a_package_walk_and_climb(part: str, tmp_path: Path) -> None:
         pytest.skip("example-robot-data is not installed")
     made = new_robot(urdf, tmp_path)
     columns = ("walks on ground", "climbs between walls", "goes from the ground to walls")
-    assert made.notes[-4:-1] == tuple(f"{what}: verified" for what in columns)
+    for what, note in zip(columns, made.notes[-4:-1], strict=True):
+        assert re.fullmatch(f"{what}: verified, stands in \\d+ of \\d+ worlds .*", note)
     assert made.notes[-1].startswith("walks at speed: verified, ")

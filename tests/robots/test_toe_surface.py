@@ -36,8 +36,8 @@ SHIPPED = ("robot_walker", "robot_telescope", "robot_hexapod", "robot_biped")
 def off_surface(model: UrdfModel, leg_name: str, radius: float) -> tuple[float, float]:
     """Distance from the surface, and depth [m], of a leg's outermost point, by coal.
 
-    The distance is to the nearest piece of the last body; the depth is in the link of the toe and
-    what is fixed to it, meshes as their convex hulls.
+    The distance is to the nearest piece of the last body, or to its hull; the depth is in the link of
+    the toe and what is fixed to it, meshes as their convex hulls.
     """
     pin, robot = model.library, model.robot
     leg = model.leg(leg_name)
@@ -67,7 +67,9 @@ def off_surface(model: UrdfModel, leg_name: str, radius: float) -> tuple[float, 
             if isinstance(solid, coal.BVHModelBase):
                 solid.buildConvexHull(False, "Qt")
                 solid = solid.convex
-            depths.append(-gap(solid, there, at))
+            inside = -gap(solid, there, at)
+            depths.append(inside)
+            distances.append(abs(inside))  # soles are hollow underneath: what stands is their hull
     return min(distances), max(depths)
 
 

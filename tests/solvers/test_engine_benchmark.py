@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 import pytest
 
@@ -81,6 +82,7 @@ def test_products_are_solved_to_the_cost_of_scip(monkeypatch: pytest.MonkeyPatch
 def test_cuts_and_trees_prove_the_same_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cuts, "QUICK_TICKS", 4)
     monkeypatch.setattr(cuts, "HORIZONS", (10,))
+    monkeypatch.setattr(cuts, "_SETTINGS", replace(cuts._SETTINGS, time_limit=120.0))
     stream = io.StringIO()
     cuts.run_cuts(0, True, stream)
     rows = [line.split() for line in stream.getvalue().splitlines()[3:]]

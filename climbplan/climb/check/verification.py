@@ -44,8 +44,8 @@ from climbplan.verification.verification import Verification, mark_verified
 
 
 # What a plan says of falls, as far as its file alone tells. The worlds themselves are played again
-# by `climbplan simulate` with the engine, seed and number that the file names, and those of a sample
-# by `climbplan verify --worlds`. A promise that is not met, or a sample with too many falls, fails
+# by `climbplan simulate` with the engine, seed and number that the file names, those of a sample by
+# `climbplan verify --worlds`. A promise that is not met, or a sample with too many falls, fails
 # nothing: the plan is fragile for it.
 def risk_check(plan: ClimbPlan) -> Iterator[Check]:
     """The told interval against the counts, the told risk against the spec's."""

@@ -129,9 +129,12 @@ def test_mistakes_in_a_urdf_stay_at_their_keys(spec: Path) -> None:
         load_transition(spec, ["task.supporting=4"])
 
 
+MISSION = ("climb={rounds: 1, goal: {com: [0, 0, 0.4]}}",)
+
+
 @pytest.fixture(scope="module")
 def plan(spec: Path) -> ClimbPlan:
-    return plan_transition(load_transition(spec, ["climb={rounds: 1, goal: {com: [0, 0, 0.4]}}"]))
+    return plan_transition(load_transition(spec, [*MISSION, "solver.time_limit=600"]))
 
 
 @pytest.mark.slow

@@ -109,7 +109,7 @@ def _in_sampled_worlds(
 ) -> ClimbPlan:
     """The plan, judged in worlds where its spec or robot file states what is uncertain."""
     from climbplan.schema.robots.uncertainty import states_uncertainty
-    from climbplan.schema.robots.urdf.source import UrdfRobot
+    from climbplan.schema.robots.urdf.robot import UrdfRobot
 
     robot = loaded.robot.spec if isinstance(loaded.robot, UrdfRobot) else loaded.robot
     if not states_uncertainty(loaded.spec.uncertainty, robot.uncertainty):

@@ -12,6 +12,8 @@ import sys
 import traceback
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import cache
+from importlib import import_module
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -28,10 +30,7 @@ from climbplan.cli.console import (
     silence_standard_output,
     standard_output,
 )
-from climbplan.cli.data import data
-from climbplan.cli.doctor import doctor
 from climbplan.cli.environment import prepare_environment, require_sound_environment
-from climbplan.cli.export import export
 from climbplan.cli.failure import (
     INTERRUPTED,
     PIPE_CLOSED,
@@ -39,62 +38,76 @@ from climbplan.cli.failure import (
     failure_fields,
     fault_of_surroundings,
 )
-from climbplan.cli.fit_envelopes import fit_envelopes
-from climbplan.cli.fit_gripper import fit_gripper
-from climbplan.cli.fit_stiffness import fit_stiffness
-from climbplan.cli.fit_strategy import fit_strategy
-from climbplan.cli.fit_terrain import fit_terrain
-from climbplan.cli.gen_data import gen_data
 from climbplan.cli.interrupts import Terminated, interrupt_handled
-from climbplan.cli.new import new
-from climbplan.cli.plan_climb import plan_climb
-from climbplan.cli.plan_limms import plan_limms
-from climbplan.cli.plan_mpc import plan_mpc
-from climbplan.cli.plan_transition import plan_transition
-from climbplan.cli.report import report
-from climbplan.cli.robot import robot
-from climbplan.cli.schema import schema
-from climbplan.cli.simulate import simulate
-from climbplan.cli.solve import solve
-from climbplan.cli.solve_bookshelf import solve_bookshelf
 from climbplan.cli.supervision import answer_is_printed, end_is_told, supervised
-from climbplan.cli.validate import validate
-from climbplan.cli.verify import verify
-from climbplan.cli.view import view
 from climbplan.errors import ClimbplanError, ExitCode
 
 prepare_environment()  # before NumPy is loaded
 
 
-# As `--help` shows them
-GROUPS: dict[str, tuple[Any, ...]] = {
-    "Plan": (plan_climb, plan_transition, plan_mpc, plan_limms, solve_bookshelf, solve),
-    "Learn": (
-        gen_data,
-        data,
-        fit_strategy,
-        fit_envelopes,
-        fit_stiffness,
-        fit_gripper,
-        fit_terrain,
+# As `--help` shows them; each is in a module of its own, which is imported when it is called
+GROUPS = {
+    "Plan": (
+        "plan-climb",
+        "plan-transition",
+        "plan-mpc",
+        "plan-limms",
+        "solve-bookshelf",
+        "solve",
     ),
-    "Check": (verify, simulate),
-    "Look and take away": (report, view, export),
-    "Write and look up": (new, validate, schema, robot, doctor),
+    "Learn": (
+        "gen-data",
+        "data",
+        "fit-strategy",
+        "fit-envelopes",
+        "fit-stiffness",
+        "fit-gripper",
+        "fit-terrain",
+    ),
+    "Check": ("verify", "simulate"),
+    "Look and take away": ("report", "view", "export"),
+    "Write and look up": ("new", "validate", "schema", "robot", "doctor"),
 }
+_NAMES = tuple(name for names in GROUPS.values() for name in names)
+_PLAIN: dict[str, Any] = {
+    "rich_markup_mode": None,  # plain help starts twice as fast, and needs no terminal
+    "pretty_exceptions_enable": False,
+    "context_settings": {"help_option_names": ["-h", "--help"]},
+}
+
+
+@cache
+def _command(name: str) -> Any:
+    """The command of a name, from its module."""
+    function = name.replace("-", "_")
+    found = getattr(import_module(f"climbplan.cli.{function}"), function)
+    if isinstance(found, typer.Typer):  # with commands of its own
+        return typer.main.get_group(found)
+    single = typer.Typer(add_completion=False, **_PLAIN)
+    single.command(name)(found)
+    return typer.main.get_command(single)
 
 
 class _Commands(TyperGroup):
     """Turns the errors that are not bugs into messages and exit codes; commands in groups."""
 
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        named: Any = dict.fromkeys(_NAMES)
+        self.commands.update(named)  # for suggestions; `get_command` loads them
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """All names, in the order of the groups."""
+        return list(_NAMES)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Import a command and no other."""
+        return _command(cmd_name) if cmd_name in _NAMES else None
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """One table a group, columns at one place."""
-        by_group = {
-            title: [_called(command) for command in commands] for title, commands in GROUPS.items()
-        }
-        known = set(self.list_commands(ctx))
-        widest = max(len(name) for name in known)
-        for title, names in by_group.items():
+        widest = max(len(name) for name in _NAMES)
+        for title, names in GROUPS.items():
             rows = []
             for name in names:
                 command = self.get_command(ctx, name)
@@ -140,11 +153,6 @@ class _Commands(TyperGroup):
             interrupt_handled()
 
 
-def _called(command: Any) -> str:
-    """What a command is called."""
-    return "data" if command is data else str(command.__name__).replace("_", "-")
-
-
 def _code_of(error: BaseException, session: Session) -> int | None:
     """Return the exit code of an error that is no bug, once it is printed; None for a bug."""
     stated = fault_of_surroundings(error) or error
@@ -174,16 +182,8 @@ app = typer.Typer(
     help="Verified plans for robots that move by making and breaking contact.",
     no_args_is_help=True,
     add_completion=True,
-    rich_markup_mode=None,  # plain help starts twice as fast, and needs no terminal
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    **_PLAIN,
 )
-for _commands in GROUPS.values():
-    for _command in _commands:
-        if _command is data:
-            app.add_typer(data, name="data")
-        else:
-            app.command(_called(_command))(_command)
 
 
 def _print_version(value: bool) -> None:

@@ -17,7 +17,7 @@ from climbplan.exports.motion import BodyMotion, continuous_quaternions
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.schema.robots.urdf.mimics import follows
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 _AGREE = 1e-6  # [m] by which joints of the plan and of its URDF may be apart
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from climbplan.robots.model import Robot
 from climbplan.schema.document import Finding
 from climbplan.schema.robots.source import AnyRobot
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 
 def build_robot(spec: AnyRobot) -> Robot:

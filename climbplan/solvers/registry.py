@@ -15,8 +15,6 @@ from climbplan.arrays import Array
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.program.instance import Instance
 from climbplan.reformulations.disjunctions import BigM
-from climbplan.solvers.admm import AdmmOptions, solve_admm
-from climbplan.solvers.highs.instances import solve_highs
 from climbplan.solvers.result import Known, SolverResult
 
 _BLOCK_GAP = 1e-3  # the next consensus moves the block anyway
@@ -29,6 +27,9 @@ def solve_admm_default(
 
     Status is "feasible" or "limit". Raises UsageError where big-M lacks a bound.
     """
+    from climbplan.solvers.admm import AdmmOptions, solve_admm
+    from climbplan.solvers.highs.instances import solve_highs
+
     begin = time.perf_counter()
 
     def mixed_integer(block: Instance) -> Array | None:

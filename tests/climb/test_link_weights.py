@@ -26,7 +26,7 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.pinocchio_model import urdf_model
 from climbplan.schema.robots.source import load_any_robot
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 SPECS = Path(__file__).parents[2] / "specs"
 

@@ -29,7 +29,7 @@ from climbplan.robots.urdf.normal_document import normal_document
 from climbplan.robots.urdf.pinocchio_model import urdf_model
 from climbplan.schema.examples import example_text
 from climbplan.schema.robots.source import load_any_robot
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.verification.check import LIMITS
 
 POSTURES = 1000

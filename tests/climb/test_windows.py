@@ -19,10 +19,10 @@ from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.postures.least_cost import least_cost
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
-from climbplan.climb.scene.within_reach import between, reachable, within_rounds
+from climbplan.climb.scene.within_reach import between, reachable, window_of, within_rounds
 from climbplan.climb.schema.loading import load_text
 from climbplan.climb.windows.body_way import BodyWay
-from climbplan.climb.windows.windows import plan_in_windows, window_of
+from climbplan.climb.windows.windows import plan_in_windows
 from climbplan.errors import NotProved, SpecError
 
 # Two walls in panels of 0.4 m, of which a window comes to a few

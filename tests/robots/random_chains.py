@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.model import Robot
 from climbplan.schema.robots.source import load_any_robot
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 # From the body: r turns, p slides, m turns and n slides as another joint of the leg does
 LEGS = ("rpr", "pprrm", "rrnprrm", "mrrrp", "rprnrpr")

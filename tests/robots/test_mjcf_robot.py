@@ -20,7 +20,7 @@ from climbplan.robots.urdf.pinocchio_model import urdf_model
 from climbplan.robots.urdf.shapes import collision_shapes
 from climbplan.schema.robots.mjcf.places import rpy
 from climbplan.schema.robots.source import load_any_robot
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.robots.urdf.tree import read_urdf, urdf_of_text
 from climbplan.schema.robots.xml import UrdfFault
 

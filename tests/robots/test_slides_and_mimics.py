@@ -16,7 +16,7 @@ from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.stated_robot import stated_limbs
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 
 def chain_of(robot: Robot) -> SerialChain:

@@ -22,7 +22,7 @@ from climbplan.robots.urdf.proposal.toes import Toe
 from climbplan.robots.urdf.shapes import collision_shapes
 from climbplan.robots.urdf.toe_surface import depth_in, exit_distance, support_of
 from climbplan.schema.robots.source import load_any_robot
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 pytest.importorskip("pinocchio")
 coal = pytest.importorskip("coal")
@@ -36,8 +36,8 @@ SHIPPED = ("robot_walker", "robot_telescope", "robot_hexapod", "robot_biped")
 def off_surface(model: UrdfModel, leg_name: str, radius: float) -> tuple[float, float]:
     """Distance from the surface, and depth [m], of a leg's outermost point, by coal.
 
-    The distance is to the nearest piece of the last body, or to its hull; the depth is in the link of
-    the toe and what is fixed to it, meshes as their convex hulls.
+    The distance is to the nearest piece of the last body, or to its hull; the depth is in the link
+    of the toe and what is fixed to it, meshes as their convex hulls.
     """
     pin, robot = model.library, model.robot
     leg = model.leg(leg_name)

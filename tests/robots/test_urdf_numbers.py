@@ -19,7 +19,7 @@ from climbplan.robots.urdf.normal_document import normal_document
 from climbplan.schema.document import Document
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.model import UrdfRobotSpec
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.robots.urdf.tree import read_urdf
 
 SECTION = """kind: robot

@@ -20,7 +20,7 @@ from climbplan.robots.kinematics import inverse, joint_points_body, toe_body
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.schema.robots.source import load_any_robot
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 
 def section(walker: Walker, **values: Any) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from climbplan.robots.urdf.pinocchio_model import urdf_model
 from climbplan.robots.urdf.toe_boxes import borne
 from climbplan.robots.urdf.walking_body import TO_WALKING, WalkingBody, walking_body
 from climbplan.schema.robots.source import load_any_robot
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 pytest.importorskip("pinocchio")
 QUADRUPED = Walker()

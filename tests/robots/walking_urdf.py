@@ -7,7 +7,7 @@ from pathlib import Path
 from urdf_walkers import Walker
 
 from climbplan.schema.robots.source import load_any_robot
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.planner.planner import plan_walk
 from climbplan.walking.schema.loading import load_mpc

@@ -13,7 +13,7 @@ from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
 from climbplan.schema.loading import load_spec
 from climbplan.schema.robots.source import load_robot
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 CLIMB = """kind: climb
 robot:

@@ -17,7 +17,7 @@ from climbplan.robots.urdf.drives import joint_limits
 from climbplan.robots.urdf.pinocchio_model import urdf_model
 from climbplan.robots.urdf.proposal.touching import Parts, parts_of
 from climbplan.schema.robots.source import load_any_robot
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 _ALIKE = 0.2  # of their length, by which limbs of one kind may differ
 _ON_ONE_LEVEL = 0.02  # [m] by which toes that stand on the ground differ in height

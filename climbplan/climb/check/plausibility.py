@@ -13,8 +13,6 @@ import numpy as np
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.robots.joint_units import place_words, stiffness_unit, torque_unit
 from climbplan.robots.model import Robot
-from climbplan.schema.robots.urdf.tree import urdf_of_text
-from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
 from climbplan.terrain.surfaces import Region
 from climbplan.verification.plausibility import (
     implausible_force,
@@ -102,12 +100,15 @@ def massless_links(urdf: str) -> Iterator[str]:
     A part is a link that a joint moves with all that is fixed to it: single frames without mass
     are usual. An empty text, of a robot that is from no URDF, has none.
     """
+    if not urdf:
+        return
+    from climbplan.schema.robots.urdf.tree import urdf_of_text
+    from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
+
     try:
-        tree = urdf_of_text(urdf, Path("urdf")) if urdf else None
+        tree = urdf_of_text(urdf, Path("urdf"))
     except (UrdfFault, UrdfFaults):
         return  # `robot.spec` says what is wrong with it
-    if tree is None:
-        return
     mass = tree.moving_mass
     empty = [name for name, own in mass.items() if own == 0]
     if 2 * len(empty) > len(mass):

@@ -25,11 +25,8 @@ from climbplan.terrain.surfaces import Region
 from climbplan.verification.check import Check, judge_worst
 
 
-def scan_checks(subject: Subject) -> Iterator[Check]:
+def scan_checks(subject: Subject, scan: RawSurface) -> Iterator[Check]:
     """Toes, friction and body against the raw surface, and links at the instants."""
-    scan = subject.plan.terrain.scan
-    if scan is None:
-        return
     yield _toes(subject, scan)
     yield _friction(subject, scan)
     yield from gripped_sides(subject)

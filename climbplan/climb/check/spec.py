@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,8 +23,6 @@ from climbplan.climb.check.terrain import terrain_differences
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.schema.margins import MarginsSpec
 from climbplan.climb.schema.model import ClimbSpec, GoalSpec
-from climbplan.climb.schema.motion import MotionSpec
-from climbplan.climb.schema.transition import TransitionSpec
 from climbplan.errors import SpecError
 from climbplan.schema.holding import HeldSpec
 from climbplan.schema.kinds import validate
@@ -32,6 +30,9 @@ from climbplan.schema.robots.source import AnyRobot
 from climbplan.schema.yaml_source import parse_yaml
 from climbplan.verification.check import Check, judge, judge_worst, unjudged
 from climbplan.verification.differences import Difference, apart, same
+
+if TYPE_CHECKING:
+    from climbplan.climb.schema.transition import TransitionSpec
 
 
 # A joint that is a spring is commanded beyond its angle by what the contact force bends it. Shear
@@ -124,6 +125,8 @@ def _validated(text: str, kind: str) -> ClimbSpec | TransitionSpec | str:
         if kind == "climb":
             spec, findings = validate(document, ClimbSpec)
         else:
+            from climbplan.climb.schema.transition import TransitionSpec
+
             spec, findings = validate(document, TransitionSpec)
     except SpecError as error:
         return str(error).splitlines()[0]
@@ -132,10 +135,10 @@ def _validated(text: str, kind: str) -> ClimbSpec | TransitionSpec | str:
     return spec
 
 
-def _task(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
+def _task(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec) -> Iterator[Difference]:
     task, rounds, names = spec.task, plan.rounds, plan.robot.limb_names
     yield same("seed", plan.seed == spec.seed)
-    whole = spec.all_rounds if isinstance(spec, TransitionSpec) else task.rounds
+    whole = task.rounds if isinstance(spec, ClimbSpec) else spec.all_rounds
     last = _last_goal(spec)
     yield same("task.rounds", rounds.count == whole)
     yield apart("task.start.com", rounds.com[0], task.start.com)
@@ -156,7 +159,7 @@ def _task(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
     if isinstance(spec, ClimbSpec):
         order = [names[i] for i in gait.order()[: len(names)]]
         yield same("task.gait", order == list(spec.task.gait or names))
-    if isinstance(spec, TransitionSpec):
+    if not isinstance(spec, ClimbSpec):
         yield from _transition(plan, spec, gait)
     stood = rounds.toes[gait.stood[::2], np.arange(len(names))]
     lifts = plan.instants.toes[::2] - stood
@@ -192,9 +195,9 @@ def _stated_toe_apart(
     return min(off, key=lambda difference: difference.size)
 
 
-def _last_goal(spec: MotionSpec) -> GoalSpec:
+def _last_goal(spec: ClimbSpec | TransitionSpec) -> GoalSpec:
     """The goal of the whole plan."""
-    return spec.last_goal if isinstance(spec, TransitionSpec) else spec.task.goal
+    return spec.task.goal if isinstance(spec, ClimbSpec) else spec.last_goal
 
 
 def _transition(plan: ClimbPlan, spec: TransitionSpec, gait: Gait) -> Iterator[Difference]:
@@ -236,7 +239,7 @@ def _transition(plan: ClimbPlan, spec: TransitionSpec, gait: Gait) -> Iterator[D
     yield same("climb.gait", bool(single) and order == gaits)
 
 
-def _limits(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
+def _limits(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec) -> Iterator[Difference]:
     yield from _gripping(plan, spec)
     normal = np.einsum("kni,kni->kn", plan.forces.force, plan.instants.normal)
     missing = spec.force.least_pressure - normal[plan.instants.contact].min(initial=np.inf)
@@ -265,7 +268,7 @@ BOUNDS = {
 }
 
 
-def _bounds(spec: MotionSpec) -> dict[str, Any]:
+def _bounds(spec: ClimbSpec | TransitionSpec) -> dict[str, Any]:
     """What a spec asks for, by the names in `BOUNDS`."""
     steps, goal = spec.posture.steps, _last_goal(spec)
     return {
@@ -283,7 +286,7 @@ def _bounds(spec: MotionSpec) -> dict[str, Any]:
     }
 
 
-def _gripping(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
+def _gripping(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec) -> Iterator[Difference]:
     """How grippers are used, by robots that have them."""
     gripper = plan.robot.gripper
     if gripper is None or plan.grips is None:
@@ -296,7 +299,7 @@ def _gripping(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
         yield apart("gripper.max_force", gripper.max_force, spec.gripper.max_force)
 
 
-def _objective(plan: ClimbPlan, spec: MotionSpec) -> Check:
+def _objective(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec) -> Check:
     """The posture cost of chapter 5.1.3 at the stored postures; no bound above it."""
     weights, rounds, limits = spec.posture.weights, plan.rounds, plan.limits
     turn = rounds.rpy[-1] - limits.goal_rpy
@@ -308,7 +311,7 @@ def _objective(plan: ClimbPlan, spec: MotionSpec) -> Check:
         + weights.toe * np.sum(np.diff(rounds.toes, axis=0) ** 2)
         + weights.rotation * np.sum(np.diff(rounds.rpy, axis=0) ** 2)
     )
-    if isinstance(spec, TransitionSpec):
+    if not isinstance(spec, ClimbSpec):
         cost += spec.posture.weights.effort * np.sum(1 / plan.forces.safety_torque[::2])
     scale = max(abs(cost), 1e-6)
     residual = abs(plan.objective - cost) / scale

@@ -22,7 +22,6 @@ from climbplan.climb.check.clearance import (
 from climbplan.climb.check.feet import judge_feet, judge_soles
 from climbplan.climb.check.motion_state import Motion, motion_of
 from climbplan.climb.check.pressing import pressing_checks
-from climbplan.climb.check.scan_links import contacts_on, judge_scan_links
 from climbplan.climb.check.self_collision import judge_self_collision
 from climbplan.climb.check.statics import told_of_sag
 from climbplan.climb.check.subject import Subject
@@ -188,6 +187,8 @@ def _clearance(motion: Motion) -> Iterator[Check]:
         soles = soles_at(robot, poses.axes, poses.angles)
         yield from judge_soles("trajectory.feet", motion.subject, toes, soles, moment)
     if motion.subject.plan.terrain.scan is not None:
+        from climbplan.climb.check.scan_links import contacts_on, judge_scan_links
+
         contacts = contacts_on(motion.subject, motion.stood, motion.bound_for).at(rows)
         yield judge_scan_links("scan.trajectory", motion.subject, capsules, contacts, moment)
 

@@ -26,7 +26,6 @@ from climbplan.climb.check.forces import force_checks
 from climbplan.climb.check.grips import gripper_check
 from climbplan.climb.check.plausibility import implausible_climb
 from climbplan.climb.check.postures import posture_checks
-from climbplan.climb.check.scan import scan_checks
 from climbplan.climb.check.self_collision import self_collision_check
 from climbplan.climb.check.spec import answering, margins_of, risk_of, spec_checks
 from climbplan.climb.check.statics import static_checks
@@ -163,7 +162,10 @@ def _checks(plan: ClimbPlan, held: HeldSpec | None) -> Iterator[Check]:
     yield from clearance_checks(subject)
     yield self_collision_check(subject)
     yield from feet_check(subject)
-    yield from scan_checks(subject)
+    if plan.terrain.scan is not None:
+        from climbplan.climb.check.scan import scan_checks
+
+        yield from scan_checks(subject, plan.terrain.scan)
     yield from trajectory_checks(subject)
 
 

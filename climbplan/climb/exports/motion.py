@@ -38,7 +38,7 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.schema.robots.stored import NotKept, stored_robot
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.yaml_source import parse_yaml
 from climbplan.simulation.conditions import NOMINAL
 from climbplan.simulation.motors import motor_damping, motor_stiffness

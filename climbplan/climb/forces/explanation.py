@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.forces.amounts import (
-    Interval,
-    LoadDirection,
-    feasible_masses,
-    least_friction_factor,
-    least_stiffness_factor,
-    least_torque_factor,
-)
 from climbplan.climb.forces.cones import InstantCones, Name, instant_cones
-from climbplan.climb.forces.conflict import Member, conflicting_members
 from climbplan.climb.forces.solving import SolvedForces
 from climbplan.climb.forces.statement import ForceStatement
-from climbplan.climb.forces.tried_remedies import tried
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.errors import Conflict, LimitReached, NotProved, Remedy
 from climbplan.mechanics.flat_contact import beyond_sole, centre_of_pressure
 from climbplan.robots.rotations import rotation_world_body
+
+if TYPE_CHECKING:
+    from climbplan.climb.forces.amounts import Interval, LoadDirection
+    from climbplan.climb.forces.conflict import Member
 
 LISTED = 5  # instants described one by one
 _NAMED = 3  # constraints of one kind named before "and 2 more"
@@ -77,6 +72,9 @@ def explain(
     Raises LimitReached if an instant turns out feasible after all, which means that no solver could
     be trusted with it.
     """
+    from climbplan.climb.forces.conflict import conflicting_members
+    from climbplan.climb.forces.tried_remedies import tried
+
     infeasible, unbalanced = solved.missing, solved.unbalanced
     names = scene.robot.limb_names
     conflicts: list[Conflict] = []
@@ -132,6 +130,8 @@ def fragile_notes(
 
     asked: the problems with all of their margins; share: (K,) of them that forces keep.
     """
+    from climbplan.climb.forces.conflict import conflicting_members
+
     if (worst := most_fragile(instants, share, scene.robot.limb_names)) is None:
         return ()
     k, text = worst
@@ -171,6 +171,8 @@ def _load(
     scene: MotionScene, instants: Instants, statement: ForceStatement, k: int, cones: InstantCones
 ) -> LoadDirection:
     """The payload if there is one and less of it would help, else the robot's own mass."""
+    from climbplan.climb.forces.amounts import LoadDirection, feasible_masses
+
     gravity, payload = scene.robot.gravity, scene.spec.task.payload
     weight = np.array([0.0, 0.0, -gravity])
     arm = rotation_world_body(instants.rpy[k]) @ np.array(payload.offset, float)
@@ -187,6 +189,13 @@ def _load(
 
 def _amounts(cones: InstantCones, load: LoadDirection, worst: Amounts | None) -> Amounts:
     """Exact amounts for one instant; of friction only what exceeds the worst so far."""
+    from climbplan.climb.forces.amounts import (
+        feasible_masses,
+        least_friction_factor,
+        least_stiffness_factor,
+        least_torque_factor,
+    )
+
     if worst is None:
         friction = least_friction_factor(cones)
     elif worst.friction_factor is None:
@@ -199,6 +208,8 @@ def _amounts(cones: InstantCones, load: LoadDirection, worst: Amounts | None) ->
 
 def _worse(a: Amounts | None, b: Amounts) -> Amounts:
     """What makes both instants feasible."""
+    from climbplan.climb.forces.amounts import Interval
+
     if a is None:
         return b
 

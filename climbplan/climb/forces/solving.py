@@ -16,7 +16,6 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.forces.clarabel import solve_clarabel
 from climbplan.climb.forces.daqp import solve_daqp
-from climbplan.climb.forces.osqp import solve_osqp
 from climbplan.climb.forces.pyramids import solve_pyramids
 from climbplan.climb.forces.reduction import ReducedForces, Reduction, reduce_forces
 from climbplan.climb.forces.restrictions import Restrictions, stability_cone
@@ -43,6 +42,8 @@ def _by_daqp(group: ReducedForces, facets: int) -> _Answers:
 
 
 def _by_osqp(group: ReducedForces, facets: int) -> _Answers:
+    from climbplan.climb.forces.osqp import solve_osqp
+
     optima = solve_pyramids(group, facets, solve_osqp)
     return _Answers(group.forces(optima.x[:, 1:]), optima.solved)
 

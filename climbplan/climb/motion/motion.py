@@ -16,13 +16,11 @@ from climbplan.climb.clearance.limb_pairs import standing_overlap
 from climbplan.climb.clearance.limbs import LimbShortfall, limb_shortfall
 from climbplan.climb.clearance.swing import SwingBlocked, SwingMeets, swing_paths
 from climbplan.climb.forces.explanation import NoForces
-from climbplan.climb.forces.grips.plan import require_wrists
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait.balance import body_way
 from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds
 from climbplan.climb.postures.explanation import NoPostures
-from climbplan.climb.postures.nlp.method import plan_postures_nlp
 from climbplan.climb.postures.planner import PostureResult, plan_postures
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.postures.turning import turn_normals
@@ -143,6 +141,8 @@ def _plan_motion(
             raise _out_of_time(scene, notes)
         with clock.stage("posture"):
             if scene.spec.solver.method == "nlp":
+                from climbplan.climb.postures.nlp.method import plan_postures_nlp
+
                 posture = plan_postures_nlp(within(planned, left), clock.report)
             else:
                 try:
@@ -172,7 +172,10 @@ def _plan_motion(
                 continue
             try:
                 instants = plan_instants(scene, rounds)
-                require_wrists(scene, instants)
+                if scene.grippers is not None:
+                    from climbplan.climb.forces.grips.plan import require_wrists
+
+                    require_wrists(scene, instants)
                 if scene.spec.posture.steps.shift_max > 0:
                     way = body_way(rounds, instants)
                     shortfall = float(poses_shortfall(scene, *way).max(initial=0.0))

@@ -15,7 +15,6 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray, spans_of
 from climbplan.climb.clearance.swing import swing_paths
-from climbplan.climb.forces.grips.plan import may_grip_firmly
 from climbplan.climb.motion.keyframes import PACKED, Keyframes, keyframes
 from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds, Trajectory
 from climbplan.climb.plan.grips import GripForces
@@ -106,6 +105,8 @@ def play(
     use = float((np.abs(driven.torque) / robot.max_torque).max())
     if robot.gripper is None:
         return Played(motion, use)
+    from climbplan.climb.forces.grips.plan import may_grip_firmly
+
     grips = GripForces.unpacked(driven.held[..., :PACKED])
     assert scene.grippers is not None
     firm = _gripped_firmly(grips.grip, motion.contact, may_grip_firmly(scene.grippers, instants))

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.schema.model import ClimbSpec
-from climbplan.climb.schema.transition import TransitionSpec
 from climbplan.errors import SpecError
 from climbplan.schema.kinds import validate
 from climbplan.schema.yaml_source import parse_yaml
+
+if TYPE_CHECKING:
+    from climbplan.climb.schema.transition import TransitionSpec
 
 
 def plan_spec(plan: ClimbPlan) -> ClimbSpec | TransitionSpec | None:
@@ -18,6 +22,8 @@ def plan_spec(plan: ClimbPlan) -> ClimbSpec | TransitionSpec | None:
     try:
         document = parse_yaml(plan.spec_text, "spec")
         if plan.kind == "transition":
+            from climbplan.climb.schema.transition import TransitionSpec
+
             return validate(document, TransitionSpec)[0]
         return validate(document, ClimbSpec)[0]
     except SpecError:

@@ -9,7 +9,6 @@ from climbplan.climb.check.verification import verify
 from climbplan.climb.pages.figures import UNITS, key_figures
 from climbplan.climb.pages.grip_figures import UNITS as GRIP_UNITS
 from climbplan.climb.pages.grip_figures import grip_figures
-from climbplan.climb.pages.page import build_page
 from climbplan.climb.pages.plan_spec import plan_spec
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
@@ -106,6 +105,8 @@ def _transition(plan: ClimbPlan) -> dict[str, Any]:
 
 def _page(plan: ClimbPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     """The page draws what is missing here itself."""
+    from climbplan.climb.pages.page import build_page
+
     pictures = ("schedule", "postures", "grips")
     shown = {name.capitalize(): images[name] for name in pictures if name in images}
     return build_page(plan, report, shown)

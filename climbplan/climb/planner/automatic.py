@@ -14,8 +14,6 @@ from dataclasses import dataclass, field, replace
 
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.planner.proof import PROOF_SHARE, proof_of_infeasibility
-from climbplan.climb.planner.remedies import as_tried, candidates, listed
 from climbplan.climb.planner.trials import Trial, first_trial, further_trials
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.scene.climb_scene import ClimbScene
@@ -67,6 +65,8 @@ class Refused(NotProved):
     """No trial led to a plan, which proves nothing; says what each lacked and what would help."""
 
     def __init__(self, tried: Sequence[Tried], remedies: Sequence[Remedy], late: bool) -> None:
+        from climbplan.climb.planner.remedies import listed
+
         first = tried[0].error
         lines = [first.message.partition("\n")[0]]
         # What a conflict names would mend what failed there; other postures may do with less
@@ -153,6 +153,9 @@ def plan_automatically(
     is no plan, and Refused where no trial led to one. A plan that fails its verification is
     returned where no other was found.
     """
+    from climbplan.climb.planner.proof import PROOF_SHARE, proof_of_infeasibility
+    from climbplan.climb.planner.remedies import candidates
+
     search = Search(loaded, plan)
     here = scene(loaded.spec)
     first = first_trial(here)
@@ -193,6 +196,8 @@ def _told(plan: ClimbPlan, trial: Trial, first: Tried) -> ClimbPlan:
 
 def _with_changes(proof: Infeasible, remedies: Sequence[Remedy]) -> Infeasible:
     """The proof with the changes that lead to a plan; those of its own are only needed."""
+    from climbplan.climb.planner.remedies import listed
+
     if not remedies:
         return proof
     lines = [proof.message, *listed(remedies)]
@@ -202,6 +207,8 @@ def _with_changes(proof: Infeasible, remedies: Sequence[Remedy]) -> Infeasible:
 
 def _that_work(search: Search, scene: ClimbScene, changes: Iterable[Remedy]) -> Iterator[Remedy]:
     """Those changes of the spec with which a plan was found and verified."""
+    from climbplan.climb.planner.remedies import as_tried
+
     count = 0
     for remedy in changes:
         left = search.left()

@@ -19,7 +19,6 @@ from climbplan.arrays import Array
 from climbplan.climb.postures.outer import SLACK, longest_reach
 from climbplan.climb.scene.climb_scene import MotionScene, load_wrench
 from climbplan.schema.stated import stated
-from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 from climbplan.terrain.surfaces import Region
 
 EDGES = 64  # of the pyramid about a friction cone
@@ -115,6 +114,8 @@ def _least_pull(
     load: Array,
 ) -> float:
     """Least sum of pulls that balances a load (6,) about a body within `room` [m] of a place."""
+    from climbplan.solvers.highs.linear import LinearProgram, solve_linear
+
     safety = 1.0
     if stated(scene.spec, "force.safety_friction"):
         safety = scene.spec.force.safety_friction

@@ -7,7 +7,7 @@ import logging
 from climbplan.robots.looks import Looks
 from climbplan.robots.model import Robot
 from climbplan.schema.robots.source import AnyRobot
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 _log = logging.getLogger(__name__)
 

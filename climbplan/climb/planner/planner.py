@@ -8,21 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.climb.forces.grips.plan import grip_plan, grip_warnings
 from climbplan.climb.motion.in_hand import in_hand
 from climbplan.climb.motion.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.plan.climb_plan import ClimbPlan, Forces, StepLimits
-from climbplan.climb.planner.automatic import plan_automatically
 from climbplan.climb.planner.chaining import started
-from climbplan.climb.planner.holding import unheld
 from climbplan.climb.planner.looks import plan_looks
-from climbplan.climb.planner.proof import PROOF_SHARE, proof_of_infeasibility
-from climbplan.climb.planner.study import run_study
 from climbplan.climb.planner.summary import summary_lines
 from climbplan.climb.scene.climb_scene import ClimbScene, MotionScene, build_scene, on_scan
+from climbplan.climb.scene.within_reach import window_of
 from climbplan.climb.schema.loading import LoadedClimb
 from climbplan.climb.schema.model import ClimbSpec
-from climbplan.climb.windows.windows import plan_in_windows, window_of
 from climbplan.errors import NoPlanFound, NotProved, UsageError
 from climbplan.progress import Progress
 from climbplan.robots.any_robot import assumptions
@@ -62,11 +57,15 @@ def plan_climb(
 
     limit = loaded.spec.solver.time_limit
     if loaded.spec.solver.method == "auto":
+        from climbplan.climb.planner.automatic import plan_automatically
+
         plan = plan_automatically(loaded, scene_of, by_method)
     else:
         try:
             plan = by_method(loaded, begin + limit)
         except NoPlanFound as error:
+            from climbplan.climb.planner.proof import PROOF_SHARE, proof_of_infeasibility
+
             # What a method cannot do proves nothing; a proof is worth more than what it says
             end = time.monotonic() + PROOF_SHARE * limit
             proof = proof_of_infeasibility(scene_of(loaded.spec), end, nodes)
@@ -74,6 +73,8 @@ def plan_climb(
                 raise
             raise proof from error
     if loaded.spec.study is not None:
+        from climbplan.climb.planner.study import run_study
+
         with clock.stage("study"):
             plan = replace(plan, study=run_study(loaded, jobs, clock.report))
     plan = replace(plan, timings=dict(clock.seconds))
@@ -94,13 +95,8 @@ def plan_by_method(
     """
     spec = loaded.spec
     scene = build_scene(spec, loaded.robot, loaded.source, loaded.directory)
-    if scene.terrain.scan is not None and (places := unheld(scene)):
-        raise NotProved(
-            "; ".join(f"{place.where}: {place}" for place in places),
-            because="regions are those found in the scan, which face the body's way; what is too "
-            "small for toes, or faces away, may hold it",
-            stage="proof",
-        )
+    if scene.terrain.scan is not None:
+        _require_held(scene)
     assumed = assumptions(loaded.robot, scene.robot)
     window = window_of(scene)
     if window is None:
@@ -109,6 +105,8 @@ def plan_by_method(
     else:
         if save_model is not None:
             raise UsageError("--save-model writes one mixed-integer program: plan without windows")
+        from climbplan.climb.windows.windows import plan_in_windows
+
         found = plan_in_windows(scene, window, clock, deadline)
         scene, supported = found.scene, found.supported
         if spec.task.rounds == "auto":
@@ -119,6 +117,12 @@ def plan_by_method(
     rounds, instants = motion.posture.rounds, motion.instants
     with clock.stage("trajectory"):
         forces, trajectory = in_hand(scene, rounds, instants, forces, motion.swings)
+    grips, grips_told = None, tuple[str, ...]()
+    if scene.grippers is not None:
+        from climbplan.climb.forces.grips.plan import grip_plan, grip_warnings
+
+        grips = grip_plan(scene, instants, forces, trajectory)
+        grips_told = grip_warnings(scene, instants)
     plan = ClimbPlan(
         name=loaded.name,
         robot=scene.robot,
@@ -151,13 +155,26 @@ def plan_by_method(
             *deflection_warnings(forces),
             *forces.notes,
             *assumed,
-            *grip_warnings(scene, instants),
+            *grips_told,
         ),
-        grips=grip_plan(scene, instants, forces, trajectory),
+        grips=grips,
         robot_texts=robot_texts(spec.robot, loaded.directory, loaded.robot),
         looks=plan_looks(loaded.robot, scene.robot),
     )
     return replace(plan, summary=summary_lines(plan))
+
+
+def _require_held(scene: ClimbScene) -> None:
+    """Raise NotProved where no toes on the regions found in a scan could hold start or goal."""
+    from climbplan.climb.planner.holding import unheld
+
+    if places := unheld(scene):
+        raise NotProved(
+            "; ".join(f"{place.where}: {place}" for place in places),
+            because="regions are those found in the scan, which face the body's way; what is too "
+            "small for toes, or faces away, may hold it",
+            stage="proof",
+        )
 
 
 def deflection_warnings(forces: Forces) -> tuple[str, ...]:

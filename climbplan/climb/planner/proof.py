@@ -34,8 +34,6 @@ from climbplan.climb.schema.model import PostureSpec
 from climbplan.errors import Conflict, Infeasible, Remedy
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.schema.stated import stated
-from climbplan.solvers.elastic import least_violations
-from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 from climbplan.solvers.registry import solve
 from climbplan.terrain.surfaces import Region
 
@@ -50,6 +48,8 @@ def proof_of_infeasibility(
 
     deadline: `time.monotonic` [s] at which the search for a proof ends, after `nodes` at most.
     """
+    from climbplan.solvers.elastic import least_violations
+
     open_end = scene.spec.task.rounds == "auto"  # as many as it takes are never too few
     far = [] if open_end else list(too_far(scene))
     conflicts = [*buried(scene), *far, *out_of_reach(scene), *no_support(scene)]
@@ -212,6 +212,8 @@ def no_support(scene: MotionScene) -> Iterator[Conflict]:
 
 def _balance(regions: list[Region], safety: float, load: Array, factor: float = 1.0) -> bool:
     """Whether forces within pyramids about the cones can balance the load."""
+    from climbplan.solvers.highs.linear import LinearProgram, solve_linear
+
     edges = np.concatenate([pyramid(r, factor * r.friction / safety) for r in regions])
     program = LinearProgram(
         np.ones(len(edges)),

@@ -14,7 +14,7 @@ import numpy as np
 
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.scene.climb_scene import ClimbScene
-from climbplan.climb.windows.windows import window_of
+from climbplan.climb.scene.within_reach import window_of
 from climbplan.errors import NoPlanFound, ReachFailure
 from climbplan.robots.five_bar import FiveBar
 from climbplan.schema.overrides import Override

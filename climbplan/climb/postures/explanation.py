@@ -11,18 +11,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.postures.passage import closed_way
-from climbplan.climb.postures.ways import ways_too_long
 from climbplan.climb.scene.climb_scene import ClimbScene, Stance, normals_under
 from climbplan.errors import Conflict, NotProved, ReachFailure, Remedy
 from climbplan.program import Program
 from climbplan.program.instance import Instance
 from climbplan.robots.kinematics import require_reachable, sole_turns, to_body
-from climbplan.solvers.elastic import Violations, least_violations
+
+if TYPE_CHECKING:
+    from climbplan.solvers.elastic import Violations
 
 _SHOWN = 6  # violations listed
 _SMALL = 5e-4  # [m or rad] below which a violation is not worth a line
@@ -145,6 +146,10 @@ class NoPostures(NotProved):
 
 def explain_infeasible(scene: ClimbScene, program: Program, instance: Instance) -> NoPostures:
     """The error to raise for a posture program that is proved to have no solution."""
+    from climbplan.climb.postures.passage import closed_way
+    from climbplan.climb.postures.ways import ways_too_long
+    from climbplan.solvers.elastic import least_violations
+
     for conflicts, because in (
         ([*_stances(scene), *closed_way(scene)], f"method micp has {BOUND_SCOPE}"),
         ([way.conflict for way in ways_too_long(scene)], DEFAULT_STEPS),

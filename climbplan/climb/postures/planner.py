@@ -18,7 +18,6 @@ from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.climb.scene.within_reach import between
 from climbplan.errors import LimitReached, NotProved, UsageError
 from climbplan.program import Program
-from climbplan.solvers.model_file import save_model as write_model
 from climbplan.solvers.registry import solve
 from climbplan.solvers.result import Known, SolverResult
 
@@ -72,6 +71,8 @@ def plan_postures(
     program = posture_program(scene, margins)
     instance = program.at()
     if save_model is not None:
+        from climbplan.solvers.model_file import save_model as write_model
+
         write_model(instance, save_model)
     left = max(options.time_limit - (time.monotonic() - begin), 0.0)
     known = None if earlier is None else earlier.known

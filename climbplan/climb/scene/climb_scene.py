@@ -6,7 +6,7 @@ import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from climbplan.climb.scene.plausible_lengths import implausible_lengths
 from climbplan.climb.schema.loading import LoadedClimb
 from climbplan.climb.schema.model import CONVEX_METHODS, ClimbSpec, PostureSpec
 from climbplan.climb.schema.motion import MotionSpec
-from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.mechanics.grip import Grippers, grippers_on
 from climbplan.mechanics.gripper_model import load_model
@@ -30,6 +29,9 @@ from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.nearest import bounds_of, nearest_region
 from climbplan.terrain.soles import beyond, fits
 from climbplan.terrain.surfaces import Region, Surface
+
+if TYPE_CHECKING:
+    from climbplan.climb.schema.transition_loading import LoadedTransition
 
 _OVER = 1e-6  # [m] beyond an edge that counts as none
 
@@ -75,7 +77,7 @@ def overhanging(
             )
 
 
-Loaded = TypeVar("Loaded", LoadedClimb, LoadedTransition)
+Loaded = TypeVar("Loaded", "LoadedClimb", "LoadedTransition")
 
 _log = logging.getLogger(__name__)
 

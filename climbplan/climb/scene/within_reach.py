@@ -88,3 +88,14 @@ def reachable(scene: ClimbScene, count: int) -> BoolArray:
         away = beyond_bounds(terrain.bounds, places)
         found &= away <= most[:, :, None]
     return found
+
+
+WINDOW = 4  # rounds, where the spec leaves both them and their number open
+
+
+def window_of(scene: ClimbScene) -> int | None:
+    """Rounds of a window; None where all rounds are planned at once."""
+    window, rounds = scene.spec.solver.window, scene.spec.task.rounds
+    if rounds == "auto":
+        return WINDOW if window is None else window
+    return None if window is None or window >= rounds else window

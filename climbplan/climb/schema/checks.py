@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
@@ -18,13 +18,15 @@ from climbplan.climb.schema.model import (
     SolverSpec,
     TaskSpec,
 )
-from climbplan.climb.schema.transition import TransitionTaskSpec
 from climbplan.schema.document import Finding, KeyPath, dotted
 from climbplan.schema.fields import explain_unknown_key, nearest, slot_at
 from climbplan.schema.robots.robot import RobotSpec
 from climbplan.schema.robots.source import AnyRobot
 from climbplan.schema.terrain.terrain import TerrainSpec
 from climbplan.schema.wording import findings_of, shown
+
+if TYPE_CHECKING:
+    from climbplan.climb.schema.transition import TransitionTaskSpec
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ def _limb_names(parts: ClimbParts) -> list[Finding]:
         named += [(("task", "start", "toes", name), name) for name in parts.task.start.toes]
         named += [(("task", "goal", "toes", name), name) for name in parts.task.goal.toes]
         named += [(("task", "stance", name), name) for name in parts.task.stance]
-        if isinstance(parts.task, TransitionTaskSpec):
+        if parts.task is not None and not isinstance(parts.task, TaskSpec):
             named += [(("task", "step_max", name), name) for name in parts.task.step_max]
             named += [(("task", "sequence"), name) for names in parts.task.limbs for name in names]
         gait = (parts.task.gait if isinstance(parts.task, TaskSpec) else None) or ()
@@ -194,7 +196,7 @@ def _grippers(parts: ClimbParts) -> list[Finding]:
     if parts.robot is None or parts.robot.gripper is None:
         return []
     name, found = parts.robot.name, []
-    if isinstance(parts.task, TransitionTaskSpec):
+    if parts.task is not None and not isinstance(parts.task, TaskSpec):
         found.append(Finding(("robot",), f"{name} has grippers, which no transition plans with"))
     if parts.solver is not None and parts.solver.force == "osqp":
         message = f"{name} has grippers, whose forces only `daqp` and `clarabel` plan"

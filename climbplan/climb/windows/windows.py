@@ -32,7 +32,6 @@ from climbplan.climb.motion.motion import (
 )
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.least_cost import least_cost
-from climbplan.climb.postures.nlp.check import posture_cost
 from climbplan.climb.postures.planner import PostureResult
 from climbplan.climb.scene.climb_scene import ClimbScene, Stance
 from climbplan.climb.windows.body_way import BodyWay
@@ -45,7 +44,6 @@ from climbplan.climb.windows.window_scenes import (
 )
 from climbplan.errors import LimitReached, NoPlanFound, NotProved
 
-WINDOW = 4  # rounds, where the spec leaves both them and their number open
 _KEPT = 0.5  # share of a window's rounds
 _PROGRESS = 5e-3  # [m] of the way that the rounds kept cover at least
 _NODES = 100  # of a search for a window by branch and bound, at most
@@ -85,14 +83,6 @@ class WindowedMotion:
 
     scene: ClimbScene
     supported: SupportedMotion
-
-
-def window_of(scene: ClimbScene) -> int | None:
-    """Rounds of a window; None where all rounds are planned at once."""
-    window, rounds = scene.spec.solver.window, scene.spec.task.rounds
-    if rounds == "auto":
-        return WINDOW if window is None else window
-    return None if window is None or window >= rounds else window
 
 
 def plan_in_windows(
@@ -195,6 +185,8 @@ def _append(done: _Done, found: _Window, way: BodyWay) -> None:
 
 def _joined(scene: ClimbScene, done: _Done, window: int, clock: StageClock) -> WindowedMotion:
     """The whole, by the same exact checks as its windows."""
+    from climbplan.climb.postures.nlp.check import posture_cost
+
     whole = with_rounds(scene, done.rounds.count)
     with clock.stage("kinematics"):
         instants = plan_instants(whole, done.rounds)

@@ -28,7 +28,7 @@ from climbplan.robots.urdf.workspace import common_reach, farthest_toes, stance_
 from climbplan.schema.document import Finding
 from climbplan.schema.robots.ranges import LENGTH, THICKNESS
 from climbplan.schema.robots.urdf.checks import led_bounds
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 _THINNEST = 0.02  # [m] half extent of a body at least
 LEAST_BALL = 0.025  # [m] about the stance, below which no step could be planned

@@ -12,7 +12,7 @@ from climbplan.robots.joint_dynamics import (
     default_damping,
     default_rotor_inertia,
 )
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 Names = Sequence[tuple[str, ...]]  # joints of each leg, from base to toe
 

@@ -11,7 +11,7 @@ from climbplan.robots.foot import Sole
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.pinocchio_model import LegAtZero
 from climbplan.schema.document import Finding
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 _MOST_OFF = 20.0  # [deg] that an axis of a toe's link may be off up, and off forward
 _ABOVE = 2e-3  # [m] that the capsule round a foot keeps from what the sole lies on

@@ -13,7 +13,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from climbplan.schema.robots.urdf.meshes import mesh_path, y_is_up
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.robots.xml import Element, number_of, parsed, vector_of
 
 

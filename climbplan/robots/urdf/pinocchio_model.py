@@ -17,7 +17,7 @@ from climbplan.errors import MissingSolver
 from climbplan.robots.urdf.normal_document import normal_document
 from climbplan.schema.document import Finding
 from climbplan.schema.robots.urdf.mimics import follows
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.robots.urdf.tree import UrdfLink
 
 _HOLDER = 6  # coordinates of the free base, before those of the joints

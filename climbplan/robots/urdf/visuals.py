@@ -14,7 +14,7 @@ from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.normal_document import visual_document
 from climbplan.robots.urdf.pinocchio_model import urdf_model
 from climbplan.robots.urdf.shapes import carrier
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
 
 MOST_TRIANGLES = 5000  # of one shape of a link

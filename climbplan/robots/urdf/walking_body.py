@@ -18,7 +18,7 @@ from climbplan.robots.urdf.toe_boxes import ToeBoxes, toe_boxes
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.schema.document import Finding
 from climbplan.schema.robots.leg_pairs import LEG_COUNTS, in_pairs
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 TO_WALKING = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """From climbing's axes (x right, y forward) to walking's (x forward, y left)."""

@@ -13,7 +13,6 @@ from climbplan.schema.base import SpecModel
 from climbplan.schema.document import Document, Finding, KeyPath
 from climbplan.schema.robots.source import AnyRobot, UnknownRobot, load_any_robot
 from climbplan.schema.robots.urdf.model import UrdfRobotSpec
-from climbplan.schema.robots.urdf.source import urdf_robot
 
 Model = TypeVar("Model", bound=SpecModel)
 
@@ -30,6 +29,8 @@ def any_robot_of_document(
             spec = UrdfRobotSpec.model_validate(reference)
         except ValidationError:
             return None, []  # reported with the whole
+        from climbplan.schema.robots.urdf.source import urdf_robot
+
         robot, findings = urdf_robot(spec, document, path, directory)
         return robot, [document.mistake(finding) for finding in findings]
     if not isinstance(reference, str) or not reference:

@@ -11,7 +11,7 @@ from climbplan.schema.fields import nearest
 from climbplan.schema.kinds import find_kind, validate
 from climbplan.schema.robots.robot import RobotSpec
 from climbplan.schema.robots.urdf.model import UrdfRobotSpec
-from climbplan.schema.robots.urdf.source import UrdfRobot, urdf_robot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.source import SourceText, read_source
 from climbplan.schema.yaml_source import parse_yaml
 
@@ -98,6 +98,8 @@ def robot_of(document: Document, directory: Path) -> AnyRobot:
         spec, found = validate(document, UrdfRobotSpec)
         robot = None
         if spec is not None:
+            from climbplan.schema.robots.urdf.source import urdf_robot
+
             robot, own = urdf_robot(spec, document, (), directory)
             found = [*found, *own]
     else:

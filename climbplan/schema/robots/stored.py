@@ -14,9 +14,7 @@ from climbplan.schema.document import Document, KeyPath
 from climbplan.schema.kinds import validate
 from climbplan.schema.robots.source import AnyRobot, UnknownRobot, load_any_robot, robot_of
 from climbplan.schema.robots.urdf.model import UrdfRobotSpec
-from climbplan.schema.robots.urdf.source import UrdfRobot, robot_of_tree
-from climbplan.schema.robots.urdf.tree import urdf_of_text
-from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.source import read_source
 from climbplan.schema.yaml_source import parse_yaml
 
@@ -84,6 +82,10 @@ def stored_robot(document: Document, texts: RobotTexts) -> StoredRobot:
 
 def _of_urdf(document: Document, path: KeyPath, text: str) -> StoredRobot:
     """A robot section at `path`, with its URDF's text."""
+    from climbplan.schema.robots.urdf.source import robot_of_tree
+    from climbplan.schema.robots.urdf.tree import urdf_of_text
+    from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
+
     if not text:
         raise NotKept("the plan does not carry its URDF")
     section = document.value["robot"] if path else document.value

@@ -21,7 +21,7 @@ from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.walking_body import TO_WALKING
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.schema.robots.urdf.mimics import follows
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.walking.plan.body_way import Moving
 
 _TICK = 2e-4  # [s] of difference quotients

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from climbplan.arrays import Array
 from climbplan.errors import ClimbplanError
 from climbplan.exports.motion import BodyMotion, ContactMotion, RobotMotion, continuous_quaternions
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.walking.exports.joints import WalkJoints, walk_joints
 from climbplan.walking.exports.toe_ways import ToePhase, toe_phases
 from climbplan.walking.plan.body_way import Moving, body_within

@@ -13,7 +13,7 @@ from climbplan.errors import SpecError, SpecMistake
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.urdf.walking_body import walking_body
 from climbplan.robots.walking_legs import WalkingLegs
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.walking.plan.foot_centres import on_centres
 from climbplan.walking.schema.loading import WalkingRobot
 from climbplan.walking.schema.model import MpcSpec

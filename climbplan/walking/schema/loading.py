@@ -18,7 +18,7 @@ from climbplan.schema.overrides import Override, apply_overrides
 from climbplan.schema.robots.rigid_body import RigidBodySpec
 from climbplan.schema.robots.source import robot_of
 from climbplan.schema.robots.stored import NotKept, RobotTexts, stored_robot
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.source import SourceText, read_source
 from climbplan.schema.wording import shown
 from climbplan.schema.yaml_source import parse_yaml

@@ -18,7 +18,7 @@ from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.walking_body import TO_WALKING
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.schema.kinds import validate
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.yaml_source import parse_yaml
 from climbplan.simulation.attributes import inertial_of, numbers
 from climbplan.simulation.conditions import Conditions

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.grips import GripPlan, SpineModel
 from climbplan.climb.schema.model import ClimbSpec
-from climbplan.climb.schema.transition import TransitionSpec
 from climbplan.errors import ClimbplanError, MissingSolver, SpecError
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.model import Robot
@@ -24,6 +24,9 @@ from climbplan.schema.yaml_source import parse_yaml
 from climbplan.terrain.model import build_terrain
 from climbplan.verification.check import Check, LeftOut, judge, not_compared
 from climbplan.verification.differences import Difference, largest, parts_apart
+
+if TYPE_CHECKING:
+    from climbplan.climb.schema.transition import TransitionSpec
 
 
 def built_anew(

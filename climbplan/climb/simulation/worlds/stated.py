@@ -11,7 +11,7 @@ from climbplan.climb.simulation.worlds.uncertainty import Spread, Uncertainty
 from climbplan.errors import ClimbplanError
 from climbplan.schema.robots.stored import NotKept, stored_robot
 from climbplan.schema.robots.uncertainty import RobotUncertaintySpec, SpreadSpec, UncertaintySpec
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.yaml_source import parse_yaml
 
 # Key of a spec, quantity of a world, SI units in one of the key's

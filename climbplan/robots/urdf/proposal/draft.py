@@ -12,7 +12,7 @@ from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
 from climbplan.robots.urdf.shapes import Shape, collision_shapes
 from climbplan.schema.document import Document
 from climbplan.schema.robots.source import robot_of
-from climbplan.schema.robots.urdf.source import UrdfRobot
+from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 
 @dataclass

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
-from climbplan.schema.robots.mjcf.as_urdf import mjcf_as_urdf
 from climbplan.schema.robots.ranges import ANGLE, LENGTH, MASS, PLACE
 from climbplan.schema.robots.urdf.encoding import decoded
 from climbplan.schema.robots.xml import (
@@ -216,6 +215,8 @@ def read_urdf(path: Path) -> UrdfTree:
     Raises UrdfFault for a file that is missing, too large or neither, UrdfFaults with all that is
     wrong in one, and MissingSolver for an MJCF file without MuJoCo.
     """
+    from climbplan.schema.robots.mjcf.as_urdf import mjcf_as_urdf
+
     try:
         if path.is_dir():
             raise UrdfFault("a directory, expected a URDF file")

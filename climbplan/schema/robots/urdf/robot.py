@@ -1,0 +1,83 @@
+"""A robot from a URDF, as sections of specs state it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from climbplan.errors import SpecError
+from climbplan.schema.document import Document, Finding, KeyPath
+from climbplan.schema.robots.gripper import GripperSpec
+from climbplan.schema.robots.urdf.model import UrdfRobotSpec
+
+if TYPE_CHECKING:
+    from climbplan.schema.robots.urdf.tree import UrdfJoint, UrdfTree
+
+
+@dataclass(frozen=True)
+class UrdfRobot:
+    """A robot from a URDF whose text holds together; what it weighs and reaches is still open."""
+
+    spec: UrdfRobotSpec
+    tree: UrdfTree
+    base: str  # link that is the body
+    joints: dict[str, tuple[UrdfJoint, ...]]  # those that move, by leg, from base to toe
+    meshes: dict[str, Path]  # collision meshes, by the name that the URDF gives them
+    document: Document = field(repr=False, compare=False)
+    path: KeyPath  # of the section in the document
+    directory: Path = field(default=Path(), repr=False, compare=False)  # that paths start from
+    is_stored: bool = False  # whether it is from a plan file, whose robot is what it was
+
+    @property
+    def needs_shapes(self) -> bool:
+        """Whether collision geometry is asked for anything that the section does not say."""
+        return needs_shapes_of(self.spec, self.joints)
+
+    @property
+    def name(self) -> str:
+        """Name for reports."""
+        return self.spec.name or self.tree.name
+
+    @property
+    def limb_names(self) -> tuple[str, ...]:
+        """Legs, in their order."""
+        return tuple(self.spec.legs)
+
+    @property
+    def own_joints(self) -> dict[str, tuple[UrdfJoint, ...]]:
+        """By leg, those of `joints` that follow no other."""
+        return {
+            name: tuple(joint for joint in joints if joint.mimic is None)
+            for name, joints in self.joints.items()
+        }
+
+    @property
+    def gripper(self) -> GripperSpec | None:
+        """Grippers at its toes, if it has some."""
+        return self.spec.gripper
+
+    @property
+    def kind(self) -> str:
+        """`robot`, as of every robot."""
+        return self.spec.kind
+
+    def refused(self, findings: list[Finding]) -> SpecError:
+        """Mistakes found later, at the lines of the section."""
+        return SpecError(self.document.source, self.document.mistakes(self._here(findings)))
+
+    def _here(self, findings: list[Finding]) -> list[Finding]:
+        return below(self.path, findings)
+
+
+def below(path: KeyPath, findings: list[Finding]) -> list[Finding]:
+    """Findings of a section, at their place in the document."""
+    return [Finding((*path, *f.path), f.message, f.suggestion, f.option) for f in findings]
+
+
+def needs_shapes_of(spec: UrdfRobotSpec, joints: dict[str, tuple[UrdfJoint, ...]]) -> bool:
+    """Whether legs or body are as thick as collision geometry says, with the joints of legs."""
+    moved = [joint.name for own in joints.values() for joint in own]
+    stated = bool(moved) and all(name in spec.limb_radii for name in moved)
+    thick = spec.limb_radius is not None or stated
+    return not thick or spec.body_half_size is None

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from pkgutil import resolve_name
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from climbplan.errors import PlanFileError, UsageError
 
@@ -20,23 +19,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PlanKind:
-    """The modules that read one kind of plan file."""
+    """One kind of plan file, read by the folder of its family: all have modules of these names."""
 
+    family: str  # its folder
     csv_name: str  # of the exported file
-    verification: str  # with `verify` and `verify_and_mark`
-    report: str  # with `write_report`, `write_values` (of plans) and `report_dict`
-    csv: str  # with `export_csv`
-    scene_function: str | None  # MODULE:FUNCTION; None for files that have nothing in space
-    motion_function: str | None = None  # MODULE:FUNCTION; None for files in which nothing moves
+    is_in_space: bool = True  # whether there is something to look at
+    moves: bool = True
+
+    def _module(self, name: str) -> Any:
+        return import_module(f"climbplan.{self.family}.{name}")
 
     def verify(self, path: Path, held: HeldSpec | None = None) -> Verification:
         """Re-check every constraint from the file alone; held: against another spec."""
-        own = import_module(self.verification).verify
-        return own(path) if held is None else own(path, held)
+        own = self._module("check.verification").verify
+        verification: Verification = own(path) if held is None else own(path, held)
+        return verification
 
     def verifier(self) -> Callable[[Path], Verification]:
         """As `verify`, and writes the outcome into the file; imported before it is timed."""
-        return import_module(self.verification).verify_and_mark
+        mark: Callable[[Path], Verification] = self._module("check.verification").verify_and_mark
+        return mark
 
     def write_report(
         self, path: Path, directory: Path, verification: Verification | None = None
@@ -45,78 +47,47 @@ class PlanKind:
 
         verification: of this very file if it was made already.
         """
-        import_module(self.report).write_report(path, directory, verification)
+        self._module("pages.report").write_report(path, directory, verification)
 
     def write_values(
         self, path: Path, directory: Path, verification: Verification | None = None
     ) -> None:
         """Write report.json alone into a directory; arguments as of `write_report`."""
-        import_module(self.report).write_values(path, directory, verification)
+        self._module("pages.report").write_values(path, directory, verification)
 
     def report_dict(self, path: Path) -> dict[str, object]:
         """The report as plain values."""
-        return import_module(self.report).report_dict(path)
+        values: dict[str, object] = self._module("pages.report").report_dict(path)
+        return values
 
     def export_csv(self, path: Path, out: Path | TextIO) -> None:
         """The plan as CSV."""
-        import_module(self.csv).export_csv(path, out)
+        self._module("exports.table").export_csv(path, out)
 
     def motion(self, path: Path) -> RobotMotion:
         """What robots and other simulators are told; UsageError for files without a motion."""
-        if self.motion_function is None:
+        if not self.moves:
             raise UsageError(f"{path}: nothing in it moves: --format csv is what there is")
-        return resolve_name(self.motion_function)(path)
+        motion: RobotMotion = self._module("exports.motion").read_motion(path)
+        return motion
 
     def scene(self, path: Path) -> Scene:
         """What `view` shows; UsageError for files that have nothing in space."""
-        if self.scene_function is None:
+        if not self.is_in_space:
             raise UsageError(
                 f"{path}: a dataset; `report` draws its statistics, `view` shows plans"
             )
-        return resolve_name(self.scene_function)(path)
+        scene: Scene = self._module("pages.scene").read_scene(path)
+        return scene
 
 
-_CLIMB = PlanKind(
-    csv_name="trajectory.csv",
-    verification="climbplan.climb.check.verification",
-    report="climbplan.climb.pages.report",
-    csv="climbplan.climb.exports.trajectory_csv",
-    scene_function="climbplan.climb.pages.scene:climb_scene",
-    motion_function="climbplan.climb.exports.motion:climb_motion",
-)
 KINDS = {
-    "climbplan/climb": _CLIMB,
-    "climbplan/transition": _CLIMB,
-    "climbplan/bookshelf": PlanKind(
-        csv_name="placements.csv",
-        verification="climbplan.bookshelf.check.verification",
-        report="climbplan.bookshelf.pages.report",
-        csv="climbplan.bookshelf.exports.placement_csv",
-        scene_function="climbplan.bookshelf.pages.scene:shelf_scene",
-    ),
-    "climbplan/limms": PlanKind(
-        csv_name="motion.csv",
-        verification="climbplan.limms.check.verification",
-        report="climbplan.limms.pages.report",
-        csv="climbplan.limms.exports.motion_csv",
-        scene_function="climbplan.limms.pages.scene:limms_scene",
-        motion_function="climbplan.limms.exports.motion:limms_motion",
-    ),
-    "climbplan/mpc": PlanKind(
-        csv_name="walk.csv",
-        verification="climbplan.walking.check.verification",
-        report="climbplan.walking.pages.report",
-        csv="climbplan.walking.exports.trajectory_csv",
-        scene_function="climbplan.walking.pages.scene:walk_scene",
-        motion_function="climbplan.walking.exports.motion:walk_motion",
-    ),
-    "climbplan/dataset": PlanKind(
-        csv_name="dataset.csv",
-        verification="climbplan.datasets.verification",
-        report="climbplan.api.dataset_reading",
-        csv="climbplan.api.dataset_reading",
-        scene_function=None,
-    ),
+    "climbplan/climb": PlanKind("climb", "trajectory.csv"),
+    "climbplan/transition": PlanKind("climb", "trajectory.csv"),
+    "climbplan/bookshelf": PlanKind("bookshelf", "placements.csv", moves=False),
+    "climbplan/limms": PlanKind("limms", "motion.csv"),
+    "climbplan/mpc": PlanKind("walking", "walk.csv"),
+    "climbplan/dataset": PlanKind("datasets", "dataset.csv", is_in_space=False, moves=False),
 }
 
 

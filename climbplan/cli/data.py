@@ -147,13 +147,13 @@ def export_table(
     force: Force = False,
 ) -> None:
     """Write a dataset as a table, one line a row: CSV or Parquet."""
-    from climbplan.datasets.tables import FORMATS, export_csv, export_parquet
+    from climbplan.datasets.exports.table import FORMATS, export_parquet, write_table
 
     path = find_plan(file)
     dataset = _read(path)
     if out == "-":
         with standard_output() as stream:
-            export_csv(dataset, stream)
+            write_table(dataset, stream)
         return
     target = Path(out) if out is not None else path.with_suffix(".csv")
     ending = target.suffix.lower().removeprefix(".")
@@ -161,7 +161,7 @@ def export_table(
         raise UsageError(f"{target}: expected a name that ends in .csv or .parquet")
     _require_place(target, force)
     if ending == "csv":
-        export_csv(dataset, target)
+        write_table(dataset, target)
     else:
         export_parquet(dataset, target)
     print_result(str(target))

@@ -86,9 +86,9 @@ def gen_data(
         return
     with explained(session), OutputDirectory(target, force=force) as directory:
         # Compiled functions and solvers take a second to import: not before the paths are good.
+        from climbplan.datasets.check.verification import verify_and_mark
         from climbplan.datasets.generate import RunOptions, generated
-        from climbplan.datasets.pages.report import report_dict, write_report
-        from climbplan.datasets.verification import MEANINGS, verify_and_mark
+        from climbplan.datasets.pages.report import values_of, write_report
         from climbplan.store.dataset_file import read_dataset_file, write_dataset_file
 
         stated = _statement(loaded, problem)
@@ -108,10 +108,10 @@ def gen_data(
                 verification = verify_and_mark(path, stated)
                 session.note(verify_line(verification, time.perf_counter() - begin))
                 data = read_dataset_file(path)
-                write_report(data, directory.path, verification, MEANINGS)
+                write_report(path, directory.path, verification)
                 directory.publish()
     if as_json:
-        print_json({**report_dict(data, verification), "plan": str(target / DATASET_FILE)})
+        print_json({**values_of(data, verification), "plan": str(target / DATASET_FILE)})
     else:
         print_result(str(target / DATASET_FILE))
     if not verification.passed:

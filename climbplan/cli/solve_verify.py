@@ -91,7 +91,7 @@ def verify_program_dataset(path: Path, name: str | None, as_json: bool, session:
     Raises:
         UsageError: without a statement, after what the file alone allows was checked and printed.
     """
-    from climbplan.datasets.verification import verification_of
+    from climbplan.datasets.check.verification import verification_of
     from climbplan.store.dataset_file import read_dataset_file
 
     data = read_dataset_file(path)

@@ -218,7 +218,7 @@ def plan_directory(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for module, members in {
         "climbplan.store.plan_format": {"plan_format": lambda path: "climbplan/climb"},
         "climbplan.climb.check.verification": {"verify": fake_verify},
-        "climbplan.climb.exports.trajectory_csv": {"export_csv": fake_export},
+        "climbplan.climb.exports.table": {"export_csv": fake_export},
         "climbplan.climb.pages.report": {
             "write_report": fake_report,
             "report_dict": lambda plan: {"size": len(plan.name)},

@@ -14,8 +14,8 @@ import pytest
 from urdf_statics import Played
 
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.exports.motion import climb_motion
-from climbplan.climb.exports.trajectory_csv import export_csv
+from climbplan.climb.exports.motion import read_motion as climb_motion
+from climbplan.climb.exports.table import export_csv
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found, read_climb, write_climb
 from climbplan.climb.planner.planner import plan_climb

@@ -14,9 +14,9 @@ from urdf_statics import Played
 from urdf_walkers import QUADRUPED
 
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.exports.motion import climb_motion
+from climbplan.climb.exports.motion import read_motion as climb_motion
 from climbplan.climb.exports.regulator_files import write_regulator
-from climbplan.climb.exports.trajectory_csv import export_csv
+from climbplan.climb.exports.table import export_csv
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found, read_climb, write_climb
 from climbplan.climb.planner.chaining import started

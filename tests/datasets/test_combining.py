@@ -14,7 +14,7 @@ import pytest
 from toy_rows import FRAME, ToyRows
 
 from climbplan.datasets.combining import merge, split
-from climbplan.datasets.tables import columns, export_csv, export_parquet
+from climbplan.datasets.exports.table import columns, export_parquet, write_table
 from climbplan.datasets.work import make_row
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.store.dataset import Dataset
@@ -81,7 +81,7 @@ def test_empty_sides_are_refused(share: float) -> None:
 def test_csv_holds_every_number_exactly() -> None:
     data = made(1)
     stream = io.StringIO()
-    export_csv(data, stream)
+    write_table(data, stream)
     lines = list(csv.DictReader(io.StringIO(stream.getvalue())))
     assert len(lines) == data.count
     for k, line in enumerate(lines):

@@ -13,13 +13,13 @@ import pytest
 import yaml
 
 from climbplan.cli.export import FormatName
-from climbplan.climb.exports.motion import climb_motion
+from climbplan.climb.exports.motion import read_motion as climb_motion
 from climbplan.errors import UsageError
 from climbplan.exports.formats import FORMATS, Told, told
 from climbplan.exports.motion import RobotMotion
 from climbplan.exports.ros_messages import contact_topics
-from climbplan.limms.exports.motion import limms_motion
-from climbplan.walking.exports.motion import walk_motion
+from climbplan.limms.exports.motion import read_motion as limms_motion
+from climbplan.walking.exports.motion import read_motion as walk_motion
 
 READERS = {"climb": climb_motion, "modules": limms_motion, "walk": walk_motion}
 

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.climb.exports.motion import climb_motion
+from climbplan.climb.exports.motion import read_motion as climb_motion
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.simulation.replay import simulate
 from climbplan.errors import SpecError, UsageError
 from climbplan.exports.formats import Told, told
 from climbplan.exports.motion import JointMotion, RobotMotion
-from climbplan.limms.exports.motion import limms_motion
+from climbplan.limms.exports.motion import read_motion as limms_motion
 from climbplan.robots.any_robot import build_robot
 from climbplan.schema.loading import load_spec
 from climbplan.simulation.conditions import Conditions
-from climbplan.walking.exports.motion import walk_motion
+from climbplan.walking.exports.motion import read_motion as walk_motion
 
 SPECS = Path(__file__).parents[2] / "specs"
 

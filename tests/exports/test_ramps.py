@@ -10,17 +10,18 @@ import pytest
 import yaml
 
 from climbplan.cli.app import run
-from climbplan.climb.exports.motion import climb_motion
+from climbplan.climb.exports.motion import read_motion as climb_motion
 from climbplan.errors import UsageError
 from climbplan.exports.damping import critical_damping, update_rate
 from climbplan.exports.formats import FORMATS, Told, for_controller, told
 from climbplan.exports.sampling import with_ramps
 from climbplan.exports.sidecar import facts_of
 from climbplan.limms.check.loads import loads_of_all
-from climbplan.limms.exports.motion import GROUND, NO_ANCHOR, limms_motion
+from climbplan.limms.exports.motion import GROUND, NO_ANCHOR
+from climbplan.limms.exports.motion import read_motion as limms_motion
 from climbplan.limms.plan.file import read_limms_plan
 from climbplan.limms.schema.module import ModuleSpec
-from climbplan.walking.exports.motion import walk_motion
+from climbplan.walking.exports.motion import read_motion as walk_motion
 
 
 def test_a_ramp_takes_load_and_gives_it_up(plans: dict[str, Path]) -> None:

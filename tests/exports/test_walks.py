@@ -14,7 +14,8 @@ from climbplan.exports.formats import Told, told
 from climbplan.exports.motion import JointMotion, RobotMotion
 from climbplan.exports.sidecar import facts_of
 from climbplan.walking.check.verification import verify
-from climbplan.walking.exports.motion import NO_JOINTS, walk_motion
+from climbplan.walking.exports.motion import NO_JOINTS
+from climbplan.walking.exports.motion import read_motion as walk_motion
 from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
 from climbplan.walking.plan.foot_centres import material, on_centres, raised_task
 from climbplan.walking.plan.walk_plan import WalkPlan

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.limms.pages.scene import limms_scene
+from climbplan.limms.pages.scene import read_scene as limms_scene
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.reports.viewer.scene import between
 

@@ -15,7 +15,7 @@ from climbplan.limms.check.loads import loads_of_all
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.courses.courses import relays
 from climbplan.limms.courses.states import GOAL, START, Space
-from climbplan.limms.exports.motion_csv import export_csv
+from climbplan.limms.exports.table import export_csv
 from climbplan.limms.motion.assembly import _turned, initial
 from climbplan.limms.plan.file import read_limms_plan, write_limms_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan

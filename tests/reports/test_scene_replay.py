@@ -15,14 +15,15 @@ from matplotlib.figure import Figure
 from scenes import PlannedScenes
 
 from climbplan.limms.pages.figure_modes import mode_timeline
-from climbplan.limms.pages.scene import limms_scene, scene_of_modules
+from climbplan.limms.pages.scene import read_scene as limms_scene
+from climbplan.limms.pages.scene import scene_of_modules
 from climbplan.limms.pages.time_axis import TimeScale
 from climbplan.limms.plan.file import read_limms_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.reports.palette import ink_on
 from climbplan.reports.scene_replay import beginning, scene_replay
 from climbplan.reports.viewer.scene import block, outline, polygons
-from climbplan.walking.pages.scene import walk_scene
+from climbplan.walking.pages.scene import read_scene as walk_scene
 
 
 @pytest.fixture(scope="session")

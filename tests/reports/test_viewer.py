@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 from headless_chromium import Browser, chromium_path
 
-from climbplan.bookshelf.pages.scene import shelf_scene
+from climbplan.bookshelf.pages.scene import read_scene as shelf_scene
 from climbplan.bookshelf.plan.file import write_shelf_plan
 from climbplan.bookshelf.planner.runs import run_shelf
 from climbplan.bookshelf.schema.loading import load_shelf
-from climbplan.climb.pages.scene import climb_scene
+from climbplan.climb.pages.scene import read_scene as climb_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
 from climbplan.errors import UsageError

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from example_climb import Climb
 
-from climbplan.climb.exports.trajectory_csv import export_csv
+from climbplan.climb.exports.table import export_csv
 from climbplan.errors import PlanFileError, UsageError
 
 

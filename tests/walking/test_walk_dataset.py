@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from climbplan.datasets.verification import verify
+from climbplan.datasets.check.verification import verify
 from climbplan.datasets.work import make_row
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.store.dataset import Dataset

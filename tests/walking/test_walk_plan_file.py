@@ -12,7 +12,7 @@ import pytest
 
 from climbplan.errors import LimitReached, PlanFileError
 from climbplan.walking.check.verification import verify, verify_and_mark
-from climbplan.walking.exports.trajectory_csv import export_csv
+from climbplan.walking.exports.table import export_csv
 from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
 from climbplan.walking.planner.planner import plan_walk
 from climbplan.walking.schema.loading import load_mpc

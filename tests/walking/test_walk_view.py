@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.walking.pages.scene import walk_scene
+from climbplan.walking.pages.scene import read_scene as walk_scene
 from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
 from climbplan.walking.planner.planner import plan_walk
 from climbplan.walking.schema.loading import load_mpc

@@ -18,7 +18,7 @@ _WALL = 0.004  # [m] thickness as drawn
 _STEPS = np.array([0.0, 0.5, 1.3, 2.0, 2.6])  # [s] books rest, make room, the book goes in, rest
 
 
-def shelf_scene(path: FilePath) -> Scene:
+def read_scene(path: FilePath) -> Scene:
     """The scenes of a bookshelf plan file; the model has no time, so the pace is the view's own.
 
     Raises PlanFileError for a damaged file.

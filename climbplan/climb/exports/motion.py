@@ -73,7 +73,7 @@ def joint_inertia(robot: Robot, angles: Array) -> Array:
     return np.asarray(energy.sum(axis=-1).min(axis=0))
 
 
-def climb_motion(path: Path) -> RobotMotion:
+def read_motion(path: Path) -> RobotMotion:
     """Read a plan file; raises PlanFileError where it is no climb or damaged."""
     return motion_of_climb(read_climb(path))
 

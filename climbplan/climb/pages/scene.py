@@ -28,7 +28,7 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 
 
-def climb_scene(path: FilePath) -> Scene:
+def read_scene(path: FilePath) -> Scene:
     """The scene of a climb or transition plan file.
 
     Raises PlanFileError for a damaged file.

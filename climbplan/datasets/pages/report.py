@@ -13,6 +13,7 @@ from climbplan.bookshelf.check.plan_checks import LIMITS
 from climbplan.bookshelf.check.plan_checks import MEANINGS as PLACEMENTS
 from climbplan.bookshelf.plan.dataset_frame import KIND
 from climbplan.bookshelf.plan.summary import TRIVIAL
+from climbplan.datasets.check.verification import MEANINGS, verification_of
 from climbplan.datasets.pages.figures import figure_functions
 from climbplan.reports.page_parts import Card, Rows, Table
 from climbplan.reports.page_template import (
@@ -25,7 +26,7 @@ from climbplan.reports.page_template import (
 from climbplan.reports.report_files import finite, write_files
 from climbplan.reports.sheet import png
 from climbplan.store.dataset import Dataset
-from climbplan.store.dataset_file import FORMAT, FORMAT_VERSION
+from climbplan.store.dataset_file import FORMAT, FORMAT_VERSION, read_dataset_file
 from climbplan.store.dataset_statistics import statistics
 from climbplan.verification.verification import Verification
 
@@ -33,7 +34,7 @@ _LISTED = 40  # rows without an answer, and the costliest
 _ORIGIN = ("Problem", "Parameters", "Integers")
 
 
-def report_dict(data: Dataset, verification: Verification) -> dict[str, Any]:
+def values_of(data: Dataset, verification: Verification) -> dict[str, Any]:
     """JSON-ready values: the root attributes of the file, the checks, and the figures."""
     report = {
         "format": FORMAT,
@@ -72,23 +73,27 @@ def report_dict(data: Dataset, verification: Verification) -> dict[str, Any]:
     return whole
 
 
-def write_report(
-    data: Dataset, directory: Path, verification: Verification, meanings: Mapping[str, str]
-) -> None:
-    """Write report.json, report.html and figures/*.png into a directory.
+def report_dict(path: Path) -> dict[str, Any]:
+    """The report of a dataset's file as plain values, the verification made anew."""
+    data = read_dataset_file(path)
+    return values_of(data, verification_of(data, path))
 
-    meanings: of the dataset's own checks, by name. Raises UsageError where it cannot be written.
+
+def write_report(path: Path, directory: Path, verification: Verification | None = None) -> None:
+    """Write report.json, report.html and figures/*.png of a dataset's file into a directory.
+
+    verification: of this very file if it was made already. Raises PlanFileError for a damaged file
+    and UsageError where the directory cannot be written to.
     """
-    report = report_dict(data, verification)
+    data = read_dataset_file(path)
+    report = values_of(data, verification or verification_of(data, path))
     images = {name: png(draw()) for name, draw in figure_functions(data).items()}
     report["figures"] = [f"figures/{name}.png" for name in images]
-    write_files(directory, report, _page(report, images, meanings), images)
+    write_files(directory, report, _page(report, images), images)
 
 
-def _page(
-    report: Mapping[str, Any], images: Mapping[str, bytes], meanings: Mapping[str, str]
-) -> str:
-    known = {**{name: limit.meaning for name, limit in LIMITS.items()}, **PLACEMENTS, **meanings}
+def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+    known = {**{name: limit.meaning for name, limit in LIMITS.items()}, **PLACEMENTS, **MEANINGS}
     origin = origin_rows(report, {name: report[name.lower()] for name in _ORIGIN})
     unit = report["units"]["cost.*"]
     head = ("Row", "Status", f"Cost{f' [{unit}]' if unit else ''}", "Time [ms]", "Remark")

@@ -23,7 +23,7 @@ ENDS = ("first", "last")
 NO_ANCHOR, GROUND = -1, -2  # in place of an anchor's number
 
 
-def limms_motion(path: Path) -> RobotMotion:
+def read_motion(path: Path) -> RobotMotion:
     """Read a plan file; raises PlanFileError for a damaged one.
 
     Boxes stay upright; the first end of each module is a body. Torques are those that the plan's

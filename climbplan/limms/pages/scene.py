@@ -21,7 +21,7 @@ _AROUND = 0.4  # [m] of ground and walls drawn beyond the motion
 _ANCHOR = 0.03  # [m] edge of an anchor as it is drawn
 
 
-def limms_scene(path: FilePath) -> Scene:
+def read_scene(path: FilePath) -> Scene:
     """The scene of a LIMMS plan file.
 
     Raises PlanFileError for a damaged file.

@@ -31,7 +31,7 @@ _AROUND = 1.0  # [m] of ground beyond a walk, where a region has no end
 _WHOLE = 1e-6  # [s] beyond an interval
 
 
-def walk_motion(path: Path) -> RobotMotion:
+def read_motion(path: Path) -> RobotMotion:
     """Read a plan file; raises PlanFileError for a damaged one."""
     plan = read_walk_plan(path)
     robot, words = _robot(plan)

@@ -20,7 +20,7 @@ _THICKNESS = 0.07  # [m] of the body as it is drawn: the model has no shape
 _AROUND = 0.6  # [m] of ground drawn beyond the walk
 
 
-def walk_scene(path: FilePath) -> Scene:
+def read_scene(path: FilePath) -> Scene:
     """The scene of an MPC plan file; legs are drawn straight from hip to toe.
 
     Raises PlanFileError for a damaged file.

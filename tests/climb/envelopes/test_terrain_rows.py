@@ -21,7 +21,7 @@ from climbplan.climb.envelopes.statement import posture_statement
 from climbplan.climb.envelopes.terrains import Patches
 from climbplan.climb.schema.envelopes_loading import envelopes_of
 from climbplan.climb.schema.terrains_dataset import TerrainsProblemSpec
-from climbplan.datasets.verification import verification_of
+from climbplan.datasets.check.verification import verification_of
 from climbplan.errors import LimitReached, PlanFileError, SpecError, UsageError
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.model import Robot

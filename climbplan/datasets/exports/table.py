@@ -13,6 +13,7 @@ from climbplan.errors import MissingSolver
 from climbplan.store.atomic_file import written_aside
 from climbplan.store.csv_file import write_csv
 from climbplan.store.dataset import Dataset
+from climbplan.store.dataset_file import read_dataset_file
 
 FORMATS = ("csv", "parquet")
 
@@ -39,7 +40,15 @@ def columns(data: Dataset) -> dict[str, NDArray[Any]]:
     return table
 
 
-def export_csv(data: Dataset, out: Path | TextIO) -> None:
+def export_csv(path: Path, out: Path | TextIO) -> None:
+    """Write a dataset's file as `write_table`.
+
+    Raises PlanFileError for a damaged one.
+    """
+    write_table(read_dataset_file(path), out)
+
+
+def write_table(data: Dataset, out: Path | TextIO) -> None:
     """Write CSV: one line a row, exact numbers, empty where there is none.
 
     Raises UsageError where it cannot be written.

@@ -1,0 +1,1 @@
+"""The checks of a dataset, computed from its file alone."""

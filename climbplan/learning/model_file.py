@@ -28,7 +28,7 @@ from climbplan.learning.network import Network
 from climbplan.learning.trees import Trees
 from climbplan.store.hdf5_layout import Layout
 from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset
+from climbplan.store.hdf5_writing import new_store, write_dataset, write_datasets
 from climbplan.store.root_attributes import Origin, read_root, require_other, write_root
 
 FORMAT = "climbplan/strategy"
@@ -114,10 +114,8 @@ def write_model(stored: ModelFile, path: Path) -> None:
             },
         )
         group = file.create_group("library")
-        for name, layout in _FRAME.items():
-            write_dataset(group, name, vars(frame)[name], layout)
-        for name, layout in _LIBRARY.items():
-            write_dataset(group, name, vars(library)[name], layout, compressed=True)
+        write_datasets(group, _FRAME, vars(frame))
+        write_datasets(group, _LIBRARY, vars(library), compressed=True)
         write_dataset(file, "scale", model.scale, _SCALE)
         if model.cluster is not None:
             write_dataset(file, "cluster", model.cluster, _CLUSTER)
@@ -179,9 +177,7 @@ def _read(reader: Reader) -> ModelFile:
         reader.array("library/integer", _FRAME["integer"]),
         reader.array("library/options", _FRAME["options"]),
     )
-    arrays: dict[str, Any] = {
-        name: reader.array(f"library/{name}", layout) for name, layout in _LIBRARY.items()
-    }
+    arrays: dict[str, Any] = reader.datasets("library", _LIBRARY)
     if (frame.options < 1).any():
         raise reader.refuse("library/options holds a choice without alternatives")
     context, figures = reader.mapping("context"), reader.mapping("fit")
@@ -222,9 +218,7 @@ def _require_members(reader: Reader, kind: str, part: str) -> None:
 
 
 def _classifier(reader: Reader, part: str) -> Forest | Network | Boosting:
-    found: dict[str, Any] = {
-        name: reader.array(f"{part}/{name}", layout) for name, layout in _CLASSIFIERS[part].items()
-    }
+    found = reader.datasets(part, _CLASSIFIERS[part])
     if part == "network":
         return Network(**found)
     trees = Trees(**{name: found.pop(name) for name in _TREES})

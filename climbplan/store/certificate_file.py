@@ -22,7 +22,7 @@ from climbplan.solvers.result import Status
 from climbplan.store.certified import CertifiedRow, CertifiedRows
 from climbplan.store.hdf5_layout import Layout
 from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset, write_text
+from climbplan.store.hdf5_writing import new_store, write_dataset, write_datasets, write_text
 from climbplan.store.root_attributes import read_root, require_other, write_root
 
 FORMAT = "climbplan/certificate"
@@ -85,8 +85,7 @@ def write_certificates(certified: CertifiedRows, path: Path) -> None:
             write_text(group, "status", row.status)
             write_dataset(group, "parameters", row.parameters, _PARAMETERS)
             if row.x is not None:
-                for name, layout in _ANSWER.items():
-                    write_dataset(group, name, vars(row)[name], layout)
+                write_datasets(group, _ANSWER, vars(row))
             _write_instance(group.create_group("problem"), row.instance)
             _write_proof(group.create_group("proof"), row.certificate)
 
@@ -95,24 +94,20 @@ def _write_instance(group: h5py.Group, instance: Instance) -> None:
     write_text(group, "name", instance.name)
     group.attrs["constant"] = instance.constant
     fields = vars(instance)
-    for name, layout in _VECTORS.items():
-        write_dataset(group, name, fields[name], layout, compressed=True)
+    write_datasets(group, _VECTORS, fields, compressed=True)
     _write_sparse(group, "P", instance.P)
     _write_sparse(group, "A", instance.A)
     products = group.create_group("products")
-    for name, layout in _PRODUCTS.items():
-        write_dataset(products, name, vars(instance.products)[name], layout, compressed=True)
+    write_datasets(products, _PRODUCTS, vars(instance.products), compressed=True)
     _write_sparse(group, "Q", instance.Q)
     implied = group.create_group("implications")
     _write_sparse(implied, "A", instance.implications.A)
     _write_sparse(implied, "Q", instance.implications.Q)
-    for name, layout in _IMPLIED.items():
-        write_dataset(implied, name, vars(instance.implications)[name], layout, compressed=True)
+    write_datasets(implied, _IMPLIED, vars(instance.implications), compressed=True)
     for k, balls in enumerate(instance.balls):
         here = group.create_group(f"balls/{k:06d}")
         _write_sparse(here, "F", balls.F)
-        for name, layout in _BALLS.items():
-            write_dataset(here, name, vars(balls)[name], layout)
+        write_datasets(here, _BALLS, vars(balls))
     for k, choice in enumerate(instance.choices):
         here = group.create_group(f"choices/{k:06d}")
         write_text(here, "name", choice.name)
@@ -121,15 +116,13 @@ def _write_instance(group: h5py.Group, instance: Instance) -> None:
         for r, polytope in enumerate(choice.alternatives):
             one = here.create_group(f"alternatives/{r:06d}")
             write_text(one, "name", polytope.name)
-            for name, layout in _POLYTOPE.items():
-                write_dataset(one, name, vars(polytope)[name], layout)
+            write_datasets(one, _POLYTOPE, vars(polytope))
 
 
 def _write_proof(group: h5py.Group, certificate: Certificate) -> None:
     group.attrs["bound"] = certificate.bound
     _write_sparse(group, "multiplier", certificate.multiplier)
-    for name, layout in _PROOF.items():
-        write_dataset(group, name, vars(certificate)[name], layout, compressed=True)
+    write_datasets(group, _PROOF, vars(certificate), compressed=True)
 
 
 def _write_sparse(group: h5py.Group, name: str, matrix: Any) -> None:

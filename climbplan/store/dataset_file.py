@@ -18,7 +18,7 @@ import numpy as np
 from climbplan.store.dataset import ANSWERED, STATUSES, Dataset, DatasetFrame, solution_layout
 from climbplan.store.hdf5_layout import Kind, Layout
 from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset
+from climbplan.store.hdf5_writing import new_store, write_dataset, write_datasets
 from climbplan.store.root_attributes import Origin, read_root, require_other, write_root
 
 FORMAT = "climbplan/dataset"
@@ -86,13 +86,10 @@ def write_dataset_file(data: Dataset, path: Path) -> None:
         for name, layout in _ARRAYS.items():
             unit = frame.objective_unit if name in ("objective", "bound") else layout.units
             write_dataset(file, name, vars(data)[name], replace(layout, units=unit))
-        for name, layout in _TEXTS.items():
-            write_dataset(file, name, vars(data)[name], layout)
-        for name, layout in _NAMES.items():
-            write_dataset(file, name, vars(frame)[name], layout)
+        write_datasets(file, _TEXTS, vars(data))
+        write_datasets(file, _NAMES, vars(frame))
         solution = file.create_group("solution")
-        for name, layout in frame.layouts.items():
-            write_dataset(solution, name, data.solution[name], layout)
+        write_datasets(solution, frame.layouts, data.solution)
         if data.train is not None and data.test is not None:
             split = file.create_group("split")
             write_dataset(split, "train", data.train, _MASK)
@@ -113,12 +110,12 @@ def _read(reader: Reader) -> Dataset:
     require_other(reader, FORMAT_VERSION, FORMAT, "a dataset")
     root = read_root(reader)
     root["base_seed"] = root.pop("seed")  # rows have seeds of their own
-    arrays: dict[str, Any] = {name: reader.array(name, layout) for name, layout in _ARRAYS.items()}
-    texts: dict[str, Any] = {name: reader.texts(name, layout) for name, layout in _TEXTS.items()}
-    names: dict[str, Any] = {name: reader.texts(name, layout) for name, layout in _NAMES.items()}
+    arrays: dict[str, Any] = reader.datasets("", _ARRAYS)
+    texts: dict[str, Any] = reader.datasets("", _TEXTS)
+    names: dict[str, Any] = reader.datasets("", _NAMES)
     layouts = _layouts(reader)
     reader.group("solution")
-    solution = {name: reader.array(f"solution/{name}", layout) for name, layout in layouts.items()}
+    solution = reader.datasets("solution", layouts)
     masks: dict[str, Any] = {}
     if reader.has("split"):
         masks = {name: reader.array(f"split/{name}", _MASK) for name in ("train", "test")}

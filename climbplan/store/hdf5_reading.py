@@ -11,7 +11,7 @@ import json
 import math
 import mmap
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -140,6 +140,24 @@ class Reader:
             return [f"{name}/{key}" for key in sorted(group)]
         except _DAMAGE as error:
             raise self.refuse(f"{name} is damaged: {error}") from error
+
+    def datasets(
+        self, group: str, layouts: Mapping[str, Layout], *, optional: bool = False
+    ) -> dict[str, Any]:
+        """All datasets of a declared layout in a group ("" for the file itself), by name.
+
+        Arrays, and tuples of texts. optional: those that are not there are left out.
+        Raises PlanFileError as `array` and `texts`.
+        """
+        if group:
+            self.group(group)
+        found: dict[str, Any] = {}
+        for name, layout in layouts.items():
+            path = _at(group, name)
+            if not optional or self.has(path):
+                read = self.texts if layout.kind == "text" else self.array
+                found[name] = read(path, layout)
+        return found
 
     def array(self, name: str, layout: Layout) -> NDArray[Any]:
         """A dataset of numbers or booleans.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -73,6 +73,26 @@ def write_dataset(
     write_text(dataset, "units", layout.units)
     if layout.frame:
         write_text(dataset, "frame", layout.frame)
+
+
+def write_datasets(
+    group: h5py.Group,
+    layouts: Mapping[str, Layout],
+    values: Mapping[str, Any],
+    *,
+    compressed: bool = False,
+    optional: bool = False,
+) -> None:
+    """All datasets of a declared layout; names may have groups in them ("reference/velocity").
+
+    values: at least those that `layouts` names; optional: those that are None are left out.
+    """
+    for name, layout in layouts.items():
+        if optional and values[name] is None:
+            continue
+        inner, _, last = name.rpartition("/")
+        holder = group.require_group(inner) if inner else group
+        write_dataset(holder, last, values[name], layout, compressed)
 
 
 def write_text(holder: h5py.HLObject, name: str, text: str) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from climbplan.store.hdf5_layout import Layout
 from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset
+from climbplan.store.hdf5_writing import new_store, write_datasets
 from climbplan.store.program_plan import (
     Layouts,
     ParameterBlock,
@@ -74,10 +74,8 @@ def write_program(plan: ProgramPlan, path: Path) -> None:
                 "variable_blocks": [asdict(b) for b in plan.layouts.variables],
             },
         )
-        for name, layout in (_ARRAYS | _TEXTS).items():
-            write_dataset(file, name, fields[name], layout)
-        for name, layout in _BOUNDS.items():
-            write_dataset(file, name, vars(plan.layouts)[name], layout)
+        write_datasets(file, (_ARRAYS | _TEXTS), fields)
+        write_datasets(file, _BOUNDS, vars(plan.layouts))
 
 
 def read_program(path: Path) -> ProgramPlan:
@@ -92,9 +90,9 @@ def read_program(path: Path) -> ProgramPlan:
 
 def _read(reader: Reader) -> ProgramPlan:
     require_other(reader, FORMAT_VERSION, FORMAT, "a plan file of `climbplan solve`")
-    arrays: dict[str, Any] = {name: reader.array(name, layout) for name, layout in _ARRAYS.items()}
-    bounds = {name: reader.array(name, layout) for name, layout in _BOUNDS.items()}
-    texts: dict[str, Any] = {name: reader.texts(name, layout) for name, layout in _TEXTS.items()}
+    arrays: dict[str, Any] = reader.datasets("", _ARRAYS)
+    bounds = reader.datasets("", _BOUNDS)
+    texts: dict[str, Any] = reader.datasets("", _TEXTS)
     found = arrays["found"]
     for name in reader.not_finite:
         bad = np.isnan(arrays[name]) if name in arrays else np.array([True])

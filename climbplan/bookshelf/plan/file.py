@@ -13,7 +13,7 @@ from climbplan.bookshelf.scene.shelf_scene import PublishedTolerances, Scenes, S
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.store.hdf5_layout import Layout
 from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset
+from climbplan.store.hdf5_writing import new_store, write_dataset, write_datasets
 from climbplan.store.root_attributes import read_header, require_finite, require_plan, write_header
 
 FORMAT = "climbplan/bookshelf"
@@ -57,8 +57,7 @@ def write_shelf_plan(plan: ShelfPlan, path: Path) -> None:
         _write_shelf(file.create_group("shelf"), plan.shelf)
         write_dataset(file.create_group("scenes"), "theta", plan.scenes.theta("m"), THETA)
         solution = file.create_group("solution")
-        for name, layout in {**SOLUTION, **SOLUTION_TEXTS}.items():
-            write_dataset(solution, name, vars(plan.solutions)[name], layout)
+        write_datasets(solution, {**SOLUTION, **SOLUTION_TEXTS}, vars(plan.solutions))
 
 
 def read_shelf_plan(path: Path) -> ShelfPlan:
@@ -126,12 +125,8 @@ def _read(reader: Reader) -> ShelfPlan:
         raise reader.refuse(f"scenes/theta: {error}") from error
     reader.dimensions["B"] = scenes.count + 1
     reader.group("solution")
-    parts: dict[str, Any] = {
-        name: reader.array(f"solution/{name}", layout) for name, layout in SOLUTION.items()
-    }
-    parts |= {
-        name: reader.texts(f"solution/{name}", layout) for name, layout in SOLUTION_TEXTS.items()
-    }
+    parts: dict[str, Any] = reader.datasets("solution", SOLUTION)
+    parts |= reader.datasets("solution", SOLUTION_TEXTS)
     for name, words, known in (
         ("status", (reader.text("", "status"), *parts["status"]), STATUSES),
         ("meaning", (reader.text("", "meaning"),), _MEANINGS),

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -30,7 +28,7 @@ from climbplan.robots.looks import BODY, Looks
 from climbplan.robots.model import Robot
 from climbplan.store.hdf5_layout import Layout
 from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset, write_json
+from climbplan.store.hdf5_writing import new_store, write_dataset, write_datasets, write_json
 from climbplan.store.root_attributes import (
     read_header,
     read_status,
@@ -67,9 +65,7 @@ def read_looks(reader: Reader, robot: Robot) -> Looks | None:
     """
     if not reader.has(f"robot/{_LOOKS}"):
         return None
-    found = {
-        name: reader.array(f"robot/{_LOOKS}/{name}", form) for name, form in _LOOKS_LAYOUT.items()
-    }
+    found = reader.datasets(f"robot/{_LOOKS}", _LOOKS_LAYOUT)
     looks = Looks(**found)
     count, limb, joint = len(looks.vertices), looks.limb, looks.joint
     if len(limb) != count or len(joint) != count:
@@ -98,17 +94,17 @@ def write_climb(plan: ClimbPlan, path: Path) -> None:
         robot = file.create_group("robot")
         write_robot(robot, plan.robot, plan.robot_texts)
         write_looks(robot, plan.looks)
-        _write_fields(file.create_group("rounds"), plan.rounds, layout.ROUNDS)
+        write_datasets(file.create_group("rounds"), layout.ROUNDS, vars(plan.rounds))
         instants = file.create_group("instants")
-        _write_fields(instants, plan.instants, layout.INSTANTS)
-        _write_fields(instants, plan.forces, layout.FORCES)
+        write_datasets(instants, layout.INSTANTS, vars(plan.instants))
+        write_datasets(instants, layout.FORCES, vars(plan.forces))
         if plan.forces.corner_force is not None:
             write_dataset(instants, "corner_force", plan.forces.corner_force, layout.CORNER_FORCE)
         if plan.forces.link_torques is not None:
             write_dataset(instants, "link_torques", plan.forces.link_torques, layout.LINK_TORQUES)
-        _write_fields(file.create_group("trajectory"), plan.trajectory, layout.TRAJECTORY)
+        write_datasets(file.create_group("trajectory"), layout.TRAJECTORY, vars(plan.trajectory))
         limits = file.create_group("limits")
-        _write_fields(limits, plan.limits, layout.LIMITS)
+        write_datasets(limits, layout.LIMITS, vars(plan.limits))
         for name in layout.LIMITS_NUMBERS:
             limits.attrs[name] = float(vars(plan.limits)[name])
         write_terrain(file.create_group("terrain"), plan.terrain)
@@ -117,8 +113,8 @@ def write_climb(plan: ClimbPlan, path: Path) -> None:
             _write_study(file.create_group("study"), plan.study)
         if plan.sequences is not None:
             group = file.create_group("sequences")
-            _write_fields(group, plan.sequences, layout.SEQUENCES_TEXTS)
-            _write_fields(group, plan.sequences, layout.SEQUENCES)
+            write_datasets(group, layout.SEQUENCES_TEXTS, vars(plan.sequences))
+            write_datasets(group, layout.SEQUENCES, vars(plan.sequences))
 
 
 def read_climb(path: Path) -> ClimbPlan:
@@ -158,12 +154,6 @@ def _write_header(file: h5py.File, plan: ClimbPlan) -> None:
     )
 
 
-def _write_fields(group: h5py.Group, source: Any, layouts: Mapping[str, Layout]) -> None:
-    fields = vars(source)
-    for name, shape in layouts.items():
-        write_dataset(group, name, fields[name], shape)
-
-
 def _write_study(group: h5py.Group, study: Study) -> None:
     write_dataset(group, "keys", study.keys, layout.TEXTS)
     write_dataset(group, "labels", Study.LABELS, layout.TEXTS)
@@ -177,17 +167,17 @@ def _read(reader: Reader) -> ClimbPlan:
     kinds = {name: kind for kind, name in layout.FORMATS.items()}
     kind = kinds[reader.text("", "format")]
     robot = read_robot(reader)
-    rounds = Rounds(**_arrays(reader, "rounds", layout.ROUNDS))
-    instants = Instants(**_arrays(reader, "instants", layout.INSTANTS))
-    forces = Forces(**_arrays(reader, "instants", layout.FORCES))
+    rounds = Rounds(**reader.datasets("rounds", layout.ROUNDS))
+    instants = Instants(**reader.datasets("instants", layout.INSTANTS))
+    forces = Forces(**reader.datasets("instants", layout.FORCES))
     if robot.sole is not None:
         pushes = reader.array("instants/corner_force", layout.CORNER_FORCE)
         forces = replace(forces, corner_force=pushes)
     if robot.links is not None:
         own = reader.array("instants/link_torques", layout.LINK_TORQUES)
         forces = replace(forces, link_torques=own)
-    trajectory = Trajectory(**_arrays(reader, "trajectory", layout.TRAJECTORY))
-    bounds = _arrays(reader, "limits", layout.LIMITS)
+    trajectory = Trajectory(**reader.datasets("trajectory", layout.TRAJECTORY))
+    bounds = reader.datasets("limits", layout.LIMITS)
     bounds |= {
         name: reader.number("limits", name)
         for name in layout.LIMITS_NUMBERS
@@ -253,18 +243,9 @@ def _require_counts(reader: Reader, kind: str) -> None:
         raise reader.refuse("trajectory holds fewer than two samples")
 
 
-def _arrays(reader: Reader, group: str, layouts: Mapping[str, Layout]) -> dict[str, Any]:
-    reader.group(group)
-    return {name: reader.array(f"{group}/{name}", shape) for name, shape in layouts.items()}
-
-
 def _read_sequences(reader: Reader) -> Sequences:
-    reader.group("sequences")
-    fields: dict[str, Any] = {
-        name: reader.texts(f"sequences/{name}", shape)
-        for name, shape in layout.SEQUENCES_TEXTS.items()
-    }
-    return Sequences(**fields, **_arrays(reader, "sequences", layout.SEQUENCES))
+    fields = layout.SEQUENCES_TEXTS | layout.SEQUENCES
+    return Sequences(**reader.datasets("sequences", fields))
 
 
 def _read_promise(reader: Reader) -> Promise | None:

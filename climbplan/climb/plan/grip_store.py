@@ -11,7 +11,7 @@ from climbplan.climb.plan.grips import GripForces, GripPlan, SpineModel
 from climbplan.robots.gripper import Gripper
 from climbplan.store.hdf5_layout import Layout
 from climbplan.store.hdf5_reading import Reader
-from climbplan.store.hdf5_writing import write_dataset
+from climbplan.store.hdf5_writing import write_dataset, write_datasets
 
 GROUP = "grips"
 INPUTS = 4  # alpha, beta, gamma, friction
@@ -53,8 +53,7 @@ def write_gripper(group: h5py.Group, gripper: Gripper | None) -> None:
     own = group.create_group("gripper")
     for name in GRIPPER_NUMBERS:
         own.attrs[name] = float(vars(gripper)[name])
-    for name, layout in GRIPPER.items():
-        write_dataset(own, name, vars(gripper)[name], layout)
+    write_datasets(own, GRIPPER, vars(gripper))
 
 
 def read_gripper(reader: Reader) -> Gripper | None:
@@ -63,9 +62,7 @@ def read_gripper(reader: Reader) -> Gripper | None:
     if not reader.has(where):
         return None
     numbers: dict[str, Any] = {name: reader.number(where, name) for name in GRIPPER_NUMBERS}
-    arrays: dict[str, Any] = {
-        name: reader.array(f"{where}/{name}", shape) for name, shape in GRIPPER.items()
-    }
+    arrays: dict[str, Any] = reader.datasets(where, GRIPPER)
     return Gripper(**numbers, **arrays)
 
 
@@ -78,11 +75,9 @@ def write_grips(file: h5py.File, grips: GripPlan | None) -> None:
     model = group.create_group("model")
     for name in MODEL_NUMBERS:
         model.attrs[name] = float(vars(grips.model)[name])
-    for name, layout in MODEL.items():
-        write_dataset(model, name, vars(grips.model)[name], layout)
+    write_datasets(model, MODEL, vars(grips.model))
     write_dataset(group, "spines", grips.spines, SPINES)
-    for name, layout in WRISTS.items():
-        write_dataset(group, name, vars(grips)[name], layout)
+    write_datasets(group, WRISTS, vars(grips))
     for name, count in STATES.items():
         target = group.create_group(name)
         for part, layout in _forces_layout(count).items():
@@ -115,9 +110,7 @@ def read_grips(reader: Reader, gripper: Gripper | None) -> GripPlan | None:
         )
         for name, count in STATES.items()
     }
-    wrists: dict[str, Any] = {
-        name: reader.array(f"{GROUP}/{name}", shape) for name, shape in WRISTS.items()
-    }
+    wrists: dict[str, Any] = reader.datasets(GROUP, WRISTS)
     return GripPlan(
         risk=reader.number(GROUP, "risk"),
         model=SpineModel(**arrays, **numbers),

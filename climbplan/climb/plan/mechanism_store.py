@@ -18,7 +18,7 @@ from climbplan.robots.model import MountedCapsules, Robot
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.store.hdf5_layout import Layout
 from climbplan.store.hdf5_reading import Reader
-from climbplan.store.hdf5_writing import write_dataset
+from climbplan.store.hdf5_writing import write_dataset, write_datasets
 
 CHAIN = {
     "joint_zero": Layout(("N", "J", 3), "m", "body"),
@@ -49,11 +49,8 @@ def write_mechanism(group: h5py.Group, mechanism: Mechanism | None) -> None:
         raise TypeError(f"a plan cannot hold limbs of type {type(mechanism).__name__}")
     chain = group.create_group("chain")
     write_dataset(chain, "joint_names", sum(mechanism.names, ()), _NAMES)
-    for name, layout in CHAIN.items():
-        write_dataset(chain, name, vars(mechanism)[name], layout)
-    for name, layout in MORE_OF_CHAIN.items():
-        if vars(mechanism)[name] is not None:
-            write_dataset(chain, name, vars(mechanism)[name], layout)
+    write_datasets(chain, CHAIN, vars(mechanism))
+    write_datasets(chain, MORE_OF_CHAIN, vars(mechanism), optional=True)
 
 
 def read_mechanism(reader: Reader) -> Mechanism | None:
@@ -71,7 +68,7 @@ def read_mechanism(reader: Reader) -> Mechanism | None:
             )
         return None
     names = reader.texts("robot/chain/joint_names", _NAMES)
-    arrays = {name: reader.array(f"robot/chain/{name}", shape) for name, shape in CHAIN.items()}
+    arrays = reader.datasets("robot/chain", CHAIN)
     limbs, joints = arrays["posture"].shape
     if len(names) != limbs * joints:
         raise reader.refuse(
@@ -128,7 +125,7 @@ def read_capsules(reader: Reader) -> MountedCapsules | None:
         return None
     if not reader.has("robot/chain"):
         raise reader.refuse("robot/capsules: only limbs of a `chain` have capsules of their own")
-    arrays = {name: reader.array(f"robot/capsules/{name}", at) for name, at in CAPSULES.items()}
+    arrays = reader.datasets("robot/capsules", CAPSULES)
     joint, radius = arrays["joint"], arrays["radius"]
     if joint.shape != radius.shape or arrays["ends"].shape[:2] != radius.shape or not joint.size:
         raise reader.refuse("robot/capsules: expected as many of `joint`, `ends` and `radius`")
@@ -156,7 +153,7 @@ def read_links(reader: Reader) -> LinkMasses | None:
         return None
     if not reader.has("robot/chain"):
         raise reader.refuse("robot/links: only limbs of a `chain` have masses of their own")
-    arrays = {name: reader.array(f"robot/links/{name}", at) for name, at in LINKS.items()}
+    arrays = reader.datasets("robot/links", LINKS)
     body, whole = reader.number("robot/links", "body_mass"), reader.number("robot", "mass")
     if body < 0 or (arrays["mass"] < 0).any():
         raise reader.refuse("robot/links: expected masses of zero or more")
@@ -202,8 +199,7 @@ def write_joint_dynamics(group: h5py.Group, dynamics: JointDynamics | None) -> N
     if dynamics is None:
         return
     own = group.create_group("joint_dynamics")
-    for name, layout in JOINT_DYNAMICS.items():
-        write_dataset(own, name, vars(dynamics)[name], layout)
+    write_datasets(own, JOINT_DYNAMICS, vars(dynamics))
 
 
 def read_joint_dynamics(reader: Reader) -> JointDynamics | None:
@@ -213,10 +209,7 @@ def read_joint_dynamics(reader: Reader) -> JointDynamics | None:
     """
     if not reader.has("robot/joint_dynamics"):
         return None
-    arrays = {
-        name: reader.array(f"robot/joint_dynamics/{name}", layout)
-        for name, layout in JOINT_DYNAMICS.items()
-    }
+    arrays = reader.datasets("robot/joint_dynamics", JOINT_DYNAMICS)
     for name, values in arrays.items():
         least = float(values.min(initial=np.inf))
         if least < 0 or (name == "rotor_inertia" and least == 0):

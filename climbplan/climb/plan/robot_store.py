@@ -56,11 +56,9 @@ def write_robot(group: h5py.Group, robot: Robot, texts: RobotTexts) -> None:
 def read_robot(reader: Reader) -> Robot:
     """The robot of a plan; raises PlanFileError for what is missing or misshapen."""
     reader.group("robot")
-    fields: dict[str, Any] = {
-        name: reader.texts(f"robot/{name}", shape) for name, shape in layout.ROBOT_TEXTS.items()
-    }
+    fields: dict[str, Any] = reader.datasets("robot", layout.ROBOT_TEXTS)
     fields |= {name: reader.number("robot", name) for name in layout.ROBOT_NUMBERS}
-    fields |= {name: reader.array(f"robot/{name}", shape) for name, shape in layout.ROBOT.items()}
+    fields |= reader.datasets("robot", layout.ROBOT)
     fields["mechanism"] = read_mechanism(reader)
     fields["capsules"] = read_capsules(reader)
     fields["links"] = read_links(reader)

@@ -73,9 +73,7 @@ def read_terrain(reader: Reader, where: str) -> Terrain:
 
 
 def _read_scan(reader: Reader, where: str) -> RawSurface:
-    fields: dict[str, Any] = {
-        name: reader.array(f"{where}/{name}", shape) for name, shape in layout.SCAN.items()
-    }
+    fields: dict[str, Any] = reader.datasets(where, layout.SCAN)
     triangles, corners = fields["triangles"], len(fields["vertices"])
     if not len(triangles) or triangles.min() < 0 or triangles.max() >= corners:
         raise reader.refuse(f"{where}/triangles names a corner that is not there, or is empty")
@@ -133,7 +131,7 @@ def _write_hold(group: h5py.Group, hold: Hold) -> None:
 
 
 def _read_hold(reader: Reader, where: str) -> Hold:
-    arrays = {name: reader.array(f"{where}/{name}", s) for name, s in layout.HOLD.items()}
+    arrays = reader.datasets(where, layout.HOLD)
     return Hold(undercut=reader.number(where, "undercut"), **arrays)
 
 

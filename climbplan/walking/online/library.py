@@ -16,7 +16,7 @@ from climbplan.errors import LimitReached, UsageError
 from climbplan.robots.leg_order import MIRROR_POINT, MIRROR_TURN, mirror_legs
 from climbplan.store.hdf5_layout import Layout
 from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset, write_text
+from climbplan.store.hdf5_writing import new_store, write_datasets, write_text
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.online.features import (
     feature_count,
@@ -206,8 +206,7 @@ def write_library(library: Library, path: Path, key: str) -> None:
     with new_store(path) as file:
         write_text(file, "format", FORMAT)
         write_text(file, "task", key)
-        for name, layout in _LAYOUT.items():
-            write_dataset(file, name, vars(library)[name], layout)
+        write_datasets(file, _LAYOUT, vars(library))
 
 
 def read_library(path: Path, key: str) -> Library:
@@ -219,7 +218,7 @@ def read_library(path: Path, key: str) -> Library:
         reader = Reader(path, file)
         if not reader.has_attribute("", "format") or reader.text("", "format") != FORMAT:
             raise reader.refuse("no library of walks")
-        parts = {name: reader.array(name, layout) for name, layout in _LAYOUT.items()}
+        parts = reader.datasets("", _LAYOUT)
         if reader.not_finite:
             raise reader.refuse(f"NaN or infinity in {', '.join(reader.not_finite)}")
         if (

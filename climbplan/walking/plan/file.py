@@ -10,7 +10,7 @@ import numpy as np
 
 from climbplan.store.hdf5_layout import Layout
 from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset, write_text
+from climbplan.store.hdf5_writing import new_store, write_dataset, write_datasets, write_text
 from climbplan.store.root_attributes import (
     read_header,
     read_status,
@@ -96,23 +96,19 @@ def write_walk_plan(plan: WalkPlan, path: Path) -> None:
             "reference/euler_zyx": _repeated(reference.euler),
             "reference/height": _repeated(reference.height),
         }
-        for name, layout in SAMPLES.items():
-            group, _, last = name.rpartition("/")
-            write_dataset(file.require_group(group or "/"), last, samples[name], layout)
+        write_datasets(file, SAMPLES, samples)
         write_task(file, task)
         if plan.robot_text:
             write_text(file["robot"], "source", plan.robot_text)
         if plan.robot_urdf:
             write_text(file["robot"], "urdf", plan.robot_urdf)
         history = file.create_group("history")
-        for name, layout in HISTORY.items():
-            values = np.array([vars(step)[name] for step in plan.history], float)
-            write_dataset(history, name, values, layout)
+        told = {name: [vars(step)[name] for step in plan.history] for name in HISTORY}
+        write_datasets(history, HISTORY, told)
         if plan.begun is not None:
             write_dataset(file, "begun", plan.begun, BEGUN)
         if plan.loop is not None:
-            for name, layout in LOOP.items():
-                write_dataset(file, name, vars(plan.loop)[name], layout)
+            write_datasets(file, LOOP, vars(plan.loop))
             write_dataset(file, "tick_warnings", plan.loop.warnings, _TEXTS)
             file.attrs["samples_per_interval"] = plan.loop.samples
 
@@ -163,7 +159,7 @@ def _write_header(file: h5py.File, plan: WalkPlan) -> None:
 
 
 def _read(reader: Reader) -> WalkPlan:
-    parts = {name: reader.array(name, layout) for name, layout in SAMPLES.items()}
+    parts = reader.datasets("", SAMPLES)
     if len(parts["time"]) < 2:
         raise reader.refuse("time has fewer than two samples")
     task = read_task(reader, parts)
@@ -182,7 +178,7 @@ def _read(reader: Reader) -> WalkPlan:
     )
     online = task.integrator == "rk4"
     times = task.step * np.arange(len(parts["time"]))
-    history = {name: reader.array(f"history/{name}", layout) for name, layout in HISTORY.items()}
+    history = reader.datasets("history", HISTORY)
     return WalkPlan(
         title=reader.text("", "title"),
         method=reader.text("", "method"),
@@ -211,7 +207,7 @@ def _text(reader: Reader, name: str) -> str:
 
 
 def _read_loop(reader: Reader) -> LoopRecord:
-    parts = {name: reader.array(name, layout) for name, layout in LOOP.items()}
+    parts = reader.datasets("", LOOP)
     stated = reader.has_attribute("", "samples_per_interval")
     samples = reader.integer("", "samples_per_interval") if stated else _SAMPLES_BEFORE
     if samples < 1:

@@ -11,7 +11,7 @@ from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.store.hdf5_layout import Layout
 from climbplan.store.hdf5_reading import Reader
-from climbplan.store.hdf5_writing import write_dataset, write_text
+from climbplan.store.hdf5_writing import write_dataset, write_datasets, write_text
 from climbplan.walking.task.ground import Ground
 from climbplan.walking.task.task import (
     Goal,
@@ -66,6 +66,7 @@ MOTORS = {  # of joints that slide in m, N and m/s
     "max_speed": Layout(("L", "J"), "rad/s"),
 }
 _NAMES = Layout(("M",), kind="text")  # leg by leg
+WEIGHTS = {"velocity": Layout((3,)), "angles": Layout((3,))}
 GOAL = {"lower": Layout((2,), "m", "world"), "upper": Layout((2,), "m", "world")}
 
 
@@ -79,38 +80,28 @@ def write_task(file: h5py.File, task: WalkTask) -> None:
     robot.attrs["friction"] = task.ground.friction
     robot.attrs["force_limit"] = body.force_limit
     robot.attrs["inertia"] = body.inertia
-    for name, layout in ROBOT.items():
-        write_dataset(robot, name, vars(body)[name], layout)
+    write_datasets(robot, ROBOT, vars(body))
     if task.legs is not None:
         legs = robot.create_group("legs")
-        for name, layout in LEGS_OF_URDF.items():
-            write_dataset(legs, name, vars(task.legs.chain)[name], layout)
-        for name, layout in MORE_OF_LEGS.items():
-            if vars(task.legs.chain)[name] is not None:
-                write_dataset(legs, name, vars(task.legs.chain)[name], layout)
-        for name, layout in MOTORS.items():
-            write_dataset(legs, name, vars(task.legs)[name], layout)
+        write_datasets(legs, LEGS_OF_URDF, vars(task.legs.chain))
+        write_datasets(legs, MORE_OF_LEGS, vars(task.legs.chain), optional=True)
+        write_datasets(legs, MOTORS, vars(task.legs))
         names = [name for own in task.legs.chain.names for name in own]
         write_dataset(legs, "joint_names", names, _NAMES)
     ground = file.create_group("ground")
-    for name, layout in GROUND.items():
-        write_dataset(ground, name, vars(task.ground)[name], layout)
+    write_datasets(ground, GROUND, vars(task.ground))
     for name in ("edge", "standoff"):
         if vars(task.ground)[name]:
             ground.attrs[name] = vars(task.ground)[name]
     if task.ground.slope.any() or task.ground.corners.size:
-        for name, layout in SHAPES.items():
-            write_dataset(ground, name, vars(task.ground)[name], layout)
+        write_datasets(ground, SHAPES, vars(task.ground))
     start = file.create_group("start")
-    for name, layout in START.items():
-        write_dataset(start, name, vars(task.start)[name], layout)
+    write_datasets(start, START, vars(task.start))
     if task.goal.stated:
         goal = file.create_group("goal")
-        for name, layout in GOAL.items():
-            write_dataset(goal, name, vars(task.goal)[name], layout)
+        write_datasets(goal, GOAL, vars(task.goal))
     weights = file.create_group("weights")
-    for name in ("velocity", "angles"):
-        write_dataset(weights, name, vars(task.weights)[name], Layout((3,)))
+    write_datasets(weights, WEIGHTS, vars(task.weights))
     for name in ("height", "motion", "force_difference"):
         weights.attrs[name] = vars(task.weights)[name]
 
@@ -125,16 +116,8 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
         known = ", ".join(get_args(Integrator))
         raise reader.refuse(f"integrator {integrator!r}, expected one of {known}")
     reader.group("robot")
-    robot = {
-        name: reader.array(f"robot/{name}", layout)
-        for name, layout in ROBOT.items()
-        if layout.kind != "text"
-    }
-    ground = {
-        name: reader.array(f"ground/{name}", layout)
-        for name, layout in GROUND.items()
-        if layout.kind != "text"
-    }
+    robot = reader.datasets("robot", ROBOT)
+    ground = reader.datasets("ground", GROUND)
     if not len(ground["height"]):
         raise reader.refuse("ground has no region")
 
@@ -144,23 +127,17 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
 
     count = len(ground["height"])
     ground["slope"], ground["corners"] = np.zeros((count, 2)), np.zeros((count, 0, 2))
-    for name, layout in SHAPES.items():
-        if reader.has(f"ground/{name}"):
-            ground[name] = reader.array(f"ground/{name}", layout)
-    weights = {
-        name: reader.array(f"weights/{name}", Layout((3,))) for name in ("velocity", "angles")
-    }
+    ground |= reader.datasets("ground", SHAPES, optional=True)
+    weights = reader.datasets("weights", WEIGHTS)
     return WalkTask(
         body=RigidBody(
             name=reader.text("robot", "name"),
-            leg_names=reader.texts("robot/leg_names", ROBOT["leg_names"]),
             mass=reader.number("robot", "mass"),
             gravity=reader.number("robot", "gravity"),
             force_limit=reader.number("robot", "force_limit"),
             **robot,
         ),
         ground=Ground(
-            names=reader.texts("ground/names", GROUND["names"]),
             friction=reader.number("robot", "friction"),
             edge=number_or_zero("ground", "edge"),
             standoff=number_or_zero("ground", "standoff"),
@@ -169,9 +146,7 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
         knots=len(parts["time"]) - 1,
         step=reader.number("", "step"),
         integrator=cast("Integrator", integrator),  # one of them, as was just checked
-        start=Start(
-            reader.array("start/state", START["state"]), reader.array("start/toes", START["toes"])
-        ),
+        start=Start(**reader.datasets("start", START)),
         reference=Reference(
             parts["reference/velocity"][1:],
             parts["reference/euler_zyx"][1:],
@@ -186,27 +161,18 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
         lift=reader.number("", "lift"),
         least_contacts=reader.integer("", "least_contacts"),
         whole_stance=reader.flag("", "whole_stance"),
-        goal=Goal(*(reader.array(f"goal/{name}", layout) for name, layout in GOAL.items()))
-        if reader.has("goal")
-        else Goal.anywhere(),
+        goal=Goal(**reader.datasets("goal", GOAL)) if reader.has("goal") else Goal.anywhere(),
     )
 
 
 def _legs(reader: Reader) -> WalkingLegs:
-    parts = {
-        name: reader.array(f"robot/legs/{name}", layout)
-        for name, layout in (LEGS_OF_URDF | MOTORS).items()
-    }
+    parts = reader.datasets("robot/legs", LEGS_OF_URDF | MOTORS)
     names = reader.texts("robot/legs/joint_names", _NAMES)
     legs, joints = parts["posture"].shape
     if len(names) != legs * joints:
         count = legs * joints
         raise reader.refuse(f"robot/legs/joint_names has {len(names)} names, expected {count}")
     each = tuple(tuple(names[joints * leg : joints * (leg + 1)]) for leg in range(legs))
-    more = {
-        name: reader.array(f"robot/legs/{name}", layout)
-        for name, layout in MORE_OF_LEGS.items()
-        if reader.has(f"robot/legs/{name}")
-    }
+    more = reader.datasets("robot/legs", MORE_OF_LEGS, optional=True)
     chain = SerialChain(each, *(parts.pop(name) for name in LEGS_OF_URDF), **more)
     return WalkingLegs(chain, **parts)

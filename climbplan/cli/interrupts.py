@@ -9,6 +9,7 @@ handles it. Handling it, clearing away included, is not interrupted itself.
 from __future__ import annotations
 
 import signal
+import sys
 from types import FrameType
 from typing import NoReturn
 
@@ -24,9 +25,16 @@ class Terminated(KeyboardInterrupt):
 
 def raise_on_signals() -> None:
     """Take over SIGTERM, and Ctrl-C where it is not ignored, for the rest of the process."""
+    sys.unraisablehook = _without_interrupts
     signal.signal(signal.SIGTERM, _interrupt)
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
         signal.signal(signal.SIGINT, _interrupt)
+
+
+def _without_interrupts(dropped: sys.UnraisableHookArgs) -> None:
+    """Tell of errors that Python drops, as in callbacks of weak references; signals come again."""
+    if not isinstance(dropped.exc_value, KeyboardInterrupt):
+        sys.__unraisablehook__(dropped)
 
 
 def interrupt_handled() -> int | None:

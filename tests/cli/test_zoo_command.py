@@ -93,15 +93,3 @@ def test_refusals_are_looked_at_again_and_kept(tmp_path: Path) -> None:
         assert [line["verdict"] for line in csv.DictReader(stream)] == ["limit of ours"]
     with pytest.raises(UsageError, match="no table 'x', known are plans, refusals"):
         bench_zoo(False, io.StringIO(), "hexapod", tmp_path, "x")
-
-
-@pytest.mark.slow
-def test_robots_at_a_time_do_not_change_the_table(package: None, tmp_path: Path) -> None:
-    """Two robots of which nothing is proposed, the slower one first."""
-    tables = []
-    for jobs in (1, 2):
-        out = io.StringIO()
-        bench_zoo(False, out, "iCub, Solo", tmp_path / str(jobs), jobs=jobs)
-        tables.append(out.getvalue())
-    assert tables[0] == tables[1]
-    assert kept(tmp_path / "1") == kept(tmp_path / "2")

@@ -48,3 +48,29 @@ def test_matrices_are_computed_as_by_commands() -> None:
 def test_no_catch_all_rooms() -> None:
     names = {p.stem for p in SOURCES} | {p.parent.name for p in SOURCES}
     assert not names & {"utils", "common", "helpers", "misc", "util"}
+
+
+def test_files_are_more_than_fragments_of_another() -> None:
+    """A file below 60 lines that one neighbour alone imports belongs into it."""
+    first = "climbplan.cli.environment"  # runs before NumPy is loaded
+    texts = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts): path.read_text()
+        for path in SOURCES
+        if path.name != "__init__.py" and path.relative_to(ROOT).parts[0] == "climbplan"
+    }
+    importers: dict[str, set[str]] = {module: set() for module in texts}
+    for importer, text in texts.items():
+        for package, names in re.findall(r"from ([\w.]+) import (\([^)]*\)|[^\n]*)", text):
+            for module in (package, *(f"{package}.{name}" for name in re.findall(r"\w+", names))):
+                importers.get(module, set()).add(importer)
+        for module in re.findall(r'"(climbplan\.[\w.]+)[:"]', text):  # imported by name
+            importers.get(module, set()).add("")
+    fragments = [
+        f"{module}: only for {next(iter(found))}"
+        for module, found in importers.items()
+        if module != first
+        and len(texts[module].splitlines()) < 60
+        and len(found) == 1
+        and next(iter(found)).rpartition(".")[0] == module.rpartition(".")[0]
+    ]
+    assert not fragments

@@ -1,6 +1,6 @@
 """Every method that can run for long ends within two seconds of Ctrl-C or SIGTERM.
 
-`python -m pytest -m slow tests/cli/test_termination.py` stops each of them at four moments; a few
+`python -m pytest -m slow tests/cli/test_termination.py` stops each of them at two moments; a few
 are stopped in the everyday run. How the time is counted stands in `interrupted_runs`.
 """
 
@@ -21,7 +21,7 @@ import climbplan
 
 ROOT = Path(climbplan.__file__).parents[1]
 LIMIT = 2.0  # [s]
-MOMENTS = 4
+MOMENTS = 2
 # One of each way in which solvers are called: through CasADi, HiGHS's callbacks, a thread (SCIP), a
 # process of its own (Bonmin), worker processes
 EVERYDAY = {

@@ -24,7 +24,7 @@ ROOT = Path(climbplan.__file__).parents[1]
 LIMIT = 2.0  # [s]
 _KILLED = 30.0  # [s] after the signal
 SLOW = {"knots", "walk-micp"}  # ten seconds and more until they are inside
-MOMENTS = 3
+MOMENTS = 2
 
 
 def assert_stops(name: str, after: float, folder: Path) -> None:

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy import sparse
 
 from climbplan.arrays import Array
 from climbplan.climb.envelopes.first_stage import FirstStage, Manner
-from climbplan.climb.envelopes.recentring import nearest_point
 from climbplan.climb.envelopes.rows import Rows
 from climbplan.climb.envelopes.search import least_error, without_products
 from climbplan.climb.envelopes.statement import PostureStatement
@@ -18,6 +18,28 @@ from climbplan.climb.envelopes.terrains import TerrainDistribution
 from climbplan.learning.envelope_box import Envelope, EnvelopeSet
 from climbplan.program.instance import Instance
 from climbplan.solvers.ipopt.instances import solve_ipopt
+
+_RECENTRING_TIME = 2.0  # [s]
+
+
+def drawn_to(stage: FirstStage, centre: Array, weight: Array) -> Instance:
+    """P with the cost sum of weight (factor - centre)^2; centre, weight: (N, 6)."""
+    instance, at = stage.instance, stage.factors.ravel()
+    w, c = weight.ravel(), centre.ravel()
+    n = instance.size
+    P = sparse.csc_matrix((2.0 * w, (at, at)), shape=(n, n))
+    q = np.zeros(n)
+    q[at] = -2.0 * w * c
+    return replace(instance, P=P, q=q, constant=float(w @ c**2))
+
+
+def nearest_point(stage: FirstStage, start: Array, centre: Array, weight: Array) -> Array | None:
+    """A local optimum (N, 6) from the factors of a feasible point, None if IPOPT finds none."""
+    x = np.zeros(stage.instance.size)
+    x[stage.factors.ravel()] = start.ravel()
+    found = solve_ipopt(drawn_to(stage, centre, weight), start=x, time_limit=_RECENTRING_TIME).x
+    return None if found is None else found[stage.factors]
+
 
 _TIME = 2.0  # [s]
 

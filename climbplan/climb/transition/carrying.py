@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +24,7 @@ from climbplan.climb.plan.climb_plan import (
 )
 from climbplan.climb.planner.looks import plan_looks
 from climbplan.climb.planner.planner import deflection_warnings, step_limits
+from climbplan.climb.planner.summary import least_safety
 from climbplan.climb.scene.climb_scene import Stance
 from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.climb.transition.clear_standing import standing_trouble
@@ -32,11 +34,39 @@ from climbplan.climb.transition.motion_numbers import JOINT_ROOM
 from climbplan.climb.transition.pose_ways import Sequence
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.stances import Laboratory
-from climbplan.climb.transition.summary import summary_lines
 from climbplan.errors import NoPlanFound, NotProved, ReachFailure
 from climbplan.robots.any_robot import assumptions
 from climbplan.schema.robots.stored import robot_texts
 from climbplan.verification.verification import Verification
+
+_KINDS = 4  # kinds of sequence named
+
+
+def summary_lines(plan: ClimbPlan) -> tuple[str, ...]:
+    """Head, search, motion and force lines as shown on a terminal."""
+    seconds, sizes = plan.timings, plan.sizes
+    surfaces = ", ".join(s.name for s in plan.terrain.surfaces[:4])
+    if len(plan.terrain.surfaces) > 4:
+        surfaces += f" and {len(plan.terrain.surfaces) - 4} more"
+    count = plan.instants.count
+    head = f"{plan.robot.name}, {plan.rounds.count} rounds, {count} instants, surfaces {surfaces}"
+    lines = [f"{plan.name:<16} {head}"]
+    if plan.sequences is not None and "search" in sizes:
+        kinds = Counter(name.partition(":")[0] for name in plan.sequences.name).most_common()
+        listed = ", ".join(f"{n} {kind}" for kind, n in kinds[:_KINDS])
+        more = f" and {sum(n for _, n in kinds[_KINDS:])} more" if len(kinds) > _KINDS else ""
+        found = f"{len(plan.sequences.name)} found"
+        lines.append(
+            f"{'search':<9} {found:<9} {seconds['search']:.2f} s   {listed}{more}; "
+            f"{sizes['search']['force problems']} force problems"
+        )
+    lines.append(
+        f"{'motion':<9} {plan.status:<9} {seconds['motion']:.2f} s   {plan.contact_sequence}, "
+        f"cost {plan.objective:.4g}"
+    )
+    solved = f"{count} of {count}"
+    lines.append(f"{'force':<9} {solved:<9} {seconds['force']:.2f} s   {least_safety(plan)}")
+    return tuple(lines)
 
 
 def plan_instants(

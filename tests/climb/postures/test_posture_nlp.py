@@ -20,11 +20,11 @@ from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.check import check_postures, posture_cost
 from climbplan.climb.postures.nlp.layout import variable_layout
-from climbplan.climb.postures.nlp.links import parting_planes
 from climbplan.climb.postures.nlp.method import plan_postures_nlp, refined, solve_from
 from climbplan.climb.postures.nlp.numbers import (
     first_iterate,
     parameters,
+    parting_planes,
     shape_of,
     to_rounds,
     variable_bounds,

@@ -20,13 +20,39 @@ from climbplan.climb.postures.nlp.layout import (
     posture_layout,
     variable_layout,
 )
-from climbplan.climb.postures.nlp.links import parting_planes
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.robots.kinematics import inverse, joint_points_body
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.stated_robot import stated_limbs
 from climbplan.terrain.model import FreeRegion
+from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Tube
+
+_TOUCHING = 1e-6  # [m] a corner this close to a face belongs to it
+
+
+def parting_planes(solid: Solid, starts: Array, ends: Array) -> Array:
+    """The plane (..., 4) of each link that leaves most room to a solid, or overlaps least.
+
+    starts, ends: (..., 3) ends of the links [m]. A plane is a unit normal away from the solid and
+    its offset, touching the solid. Directions are those of its faces, and between faces for edges
+    and corners.
+    """
+    directions = _directions(solid)
+    offsets = (solid.vertices @ directions.T).max(axis=0)
+    room = np.minimum(starts @ directions.T, ends @ directions.T) - offsets
+    best = room.argmax(axis=-1)
+    return np.concatenate([directions[best], offsets[best][..., None]], axis=-1)
+
+
+def _directions(solid: Solid) -> Array:
+    """Unit normals of faces, and means of those that meet at an edge or a corner, (D, 3)."""
+    touching = np.abs(solid.A @ solid.vertices.T - solid.b[:, None]) < _TOUCHING  # (F, V)
+    first, second = np.nonzero(np.triu(touching.astype(int) @ touching.T >= 2, k=1))
+    sums = np.vstack([solid.A, solid.A[first] + solid.A[second], touching.T @ solid.A])
+    unit: Array = sums / np.linalg.norm(sums, axis=1, keepdims=True)
+    return unit
+
 
 # [rad] off every joint bound at the moments that are constrained. The second holds the joints at
 # the instants between them where the first did not.

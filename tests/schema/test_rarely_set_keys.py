@@ -1,0 +1,114 @@
+"""Keys that no shipped spec sets reach what they are for, in its units."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from climbplan.bookshelf.methods.setting import MethodSetting
+from climbplan.bookshelf.methods.table import prepare
+from climbplan.bookshelf.planner.dataset_rows import rules_of
+from climbplan.bookshelf.scene.scene_source import shelf_of
+from climbplan.bookshelf.schema.dataset import BookshelfProblemSpec
+from climbplan.bookshelf.schema.loading import load_shelf
+from climbplan.climb.postures.statement import posture_program
+from climbplan.climb.scene.climb_scene import build_scene
+from climbplan.climb.schema.envelopes_loading import load_envelopes
+from climbplan.climb.schema.loading import load_climb
+from climbplan.climb.simulation.worlds.stated import KEYS
+from climbplan.datasets.schema.loading import load_dataset
+from climbplan.limms.legs.gaits import gaits
+from climbplan.limms.schema.loading import load_limms
+from climbplan.walking.micp.limits import limits_of
+from climbplan.walking.online.admittance import AdmittanceGains, AdmittanceLegs
+from climbplan.walking.schema.loading import load_mpc
+
+SPECS = Path(__file__).parents[2] / "specs"
+
+
+def test_shelf_of_other_tolerances() -> None:
+    keys = {
+        "wall_gap_mm": 2.0,
+        "lean_margin_deg": 3.0,
+        "published.distance_mm": 4.0,
+        "published.left_wall_mm": 5.0,
+    }
+    overrides = [f"shelf.{key}={value}" for key, value in keys.items()]
+    shelf = shelf_of(load_shelf(SPECS / "bookshelf_scene.yaml", overrides).spec.shelf)
+    assert shelf.wall_gap == 2e-3
+    assert shelf.lean_margin == math.radians(3.0)
+    assert shelf.published.distance == 4e-3
+    assert shelf.published.left_wall == 5e-3
+
+
+def test_a_search_of_books_ends_at_its_nodes() -> None:
+    """Within a wide gap the first placement is enough; one node proves nothing in three books."""
+    spec = load_shelf(
+        SPECS / "bookshelf_scene.yaml",
+        ["solver.method=exact", "solver.gap_mm2=7.5", "solver.node_limit=1"],
+    ).spec
+    setting = MethodSetting.of(spec, shelf_of(spec.shelf), SPECS)
+    limits = prepare(setting, 1).limits  # type: ignore[attr-defined]  # of this method alone
+    assert (limits.gap_absolute, limits.nodes) == (7.5, 1)
+
+
+def test_datasets_draw_upright_books_and_wait_for_rows() -> None:
+    drop = BookshelfProblemSpec.model_validate({"kind": "bookshelf", "drop": {"upright_kept": 0.2}})
+    assert rules_of(drop).upright_kept == 0.2
+    spec = load_dataset(SPECS / "dataset_bookshelf.yaml", ["row_timeout=77"]).spec
+    assert spec.row_seconds == 77.0
+
+
+def test_walks_begin_with_more_pieces_and_softer_legs() -> None:
+    overrides = ["solver.arm_pieces=3", "solver.height_pieces=5", "solver.method=micp"]
+    limits = limits_of(load_mpc(SPECS / "mpc_forward.yaml", overrides).spec.solver)
+    assert (limits.arm_pieces, limits.height_pieces) == (3, 5)
+    gains = ["leg_stiffness=1000", "leg_damping=7"]
+    stated = load_mpc(
+        SPECS / "mpc_forward.yaml",
+        ["solver.method=online", *(f"loop.admittance.{gain}" for gain in gains)],
+    ).spec.loop.admittance
+    legs = AdmittanceLegs(AdmittanceGains(**stated.model_dump()), 1)
+    ahead, rate = np.array([[0.0, 0.0, 0.01]]), np.array([[0.0, 0.0, 0.1]])
+    assert np.allclose(legs.force(np.zeros((1, 3)), ahead, rate), [[0.0, 0.0, 10.0 + 0.7]])
+
+
+def test_a_gyroscope_may_be_noisy() -> None:
+    overrides = ["solver.method=online", "loop.sensors.gyro=0.5"]
+    assert load_mpc(SPECS / "mpc_forward.yaml", overrides).spec.loop.sensors.gyro == 0.5
+
+
+def test_quadrupeds_of_modules_take_no_more_steps_than_allowed() -> None:
+    most = load_limms(SPECS / "limms_lift_heavy.yaml", ["solver.most_steps=4"]).spec.solver
+    shift = np.array([0.3, 0.0, 0.0])
+    few = list(gaits(4, 1, shift, 0.1, most.most_steps))
+    assert few
+    assert len(few) < len(list(gaits(4, 1, shift, 0.1, 16)))
+
+
+def test_postures_are_held_within_reach_on_the_way_or_not() -> None:
+    rows = []
+    for value in ("true", "false"):
+        loaded = load_climb(SPECS / "climb_obstacle.yaml", [f"posture.intermediate_reach={value}"])
+        scene = build_scene(loaded.spec, loaded.robot)
+        rows.append({block.name for block in posture_program(scene).blocks.balls})
+    assert rows[0] - rows[1] == {
+        "workspace.stance_lift",
+        "workspace.stance_place",
+        "workspace.reach_lift",
+        "workspace.reach_place",
+    }
+
+
+def test_motors_of_worlds_are_as_weak_as_stated() -> None:
+    loaded = load_climb(SPECS / "climb_obstacle.yaml", ["uncertainty.motor_gain=0.2"])
+    assert loaded.spec.uncertainty.motor_gain == 0.2
+    assert ("motor_gain", "gain", 1.0) in KEYS
+
+
+def test_envelopes_are_grown_until_enough_is_feasible() -> None:
+    overrides = ["fit.least_feasible=0.5", "fit.likelihood=0.25"]
+    fit = load_envelopes(SPECS / "envelopes_ground3.yaml", overrides).spec.fit
+    assert (fit.least_feasible, fit.likelihood) == (0.5, 0.25)

@@ -41,6 +41,7 @@ def held_against(path: Path, loaded: object, shown: str) -> HeldSpec:
 
     Raises UsageError where the plan is of another kind than the spec.
     """
+    from climbplan.climb.scene.climb_scene import on_scan
     from climbplan.climb.schema.loading import LoadedClimb
     from climbplan.climb.schema.transition_loading import LoadedTransition
     from climbplan.schema.holding import held_spec
@@ -54,13 +55,7 @@ def held_against(path: Path, loaded: object, shown: str) -> HeldSpec:
     if isinstance(loaded, LoadedClimb):
         from climbplan.climb.planner.chaining import started
 
-        loaded = started(loaded)
-    if isinstance(loaded, LoadedClimb):
-        from climbplan.climb.scene.climb_scene import on_scan
-
-        loaded = on_scan(loaded)
-    if isinstance(loaded, LoadedTransition):
-        from climbplan.climb.scene.climb_scene import on_scan
-
+        loaded = on_scan(started(loaded))
+    elif isinstance(loaded, LoadedTransition):
         loaded = on_scan(loaded)
     return held_spec(loaded, vars(loaded)["spec"], stored_spec_text(path))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PlanKind:
-    """One kind of plan file, read by the folder of its family: all have modules of these names."""
+    """One kind of plan file, and the family whose modules read it, by the same names in each."""
 
     family: str  # its folder
     csv_name: str  # of the exported file

@@ -102,7 +102,7 @@ class _Commands(TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Import a command and no other."""
-        return _command(cmd_name) if cmd_name in _NAMES else None
+        return _command(cmd_name) if cmd_name in _NAMES else super().get_command(ctx, cmd_name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """One table a group, columns at one place."""

@@ -82,8 +82,6 @@ def report(
     path = find_plan(plan)
     from climbplan.api.kinds import plan_kind
     from climbplan.cli.progress import StageProgress
-
-    pass
     from climbplan.cli.unsound import warn_of_failure
 
     kind = plan_kind(path)

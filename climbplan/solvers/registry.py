@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -11,37 +10,9 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from climbplan.arrays import Array
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.program.instance import Instance
-from climbplan.reformulations.disjunctions import BigM
 from climbplan.solvers.result import Known, SolverResult
-
-_BLOCK_GAP = 1e-3  # the next consensus moves the block anyway
-
-
-def solve_admm_default(
-    instance: Instance, gap: float = 1e-4, time_limit: float = np.inf
-) -> SolverResult:
-    """A feasible point by ADMM without further choices; `solve_admm` takes them.
-
-    Status is "feasible" or "limit". Raises UsageError where big-M lacks a bound.
-    """
-    from climbplan.solvers.admm import AdmmOptions, solve_admm
-    from climbplan.solvers.highs.instances import solve_highs
-
-    begin = time.perf_counter()
-
-    def mixed_integer(block: Instance) -> Array | None:
-        disjoined = BigM().apply(block)
-        left = max(time_limit - (time.perf_counter() - begin), 0.1)
-        found = solve_highs(disjoined.instance, _BLOCK_GAP, left)
-        return None if found.x is None else disjoined.invert(found.x)
-
-    options = AdmmOptions(freeze_after=2)
-    return solve_admm(
-        instance, mixed_integer, options=options, gap=gap, time_limit=time_limit
-    ).result
 
 
 class Solve(Protocol):
@@ -157,7 +128,7 @@ def _slack_selection() -> Solve:
 
 
 def _admm() -> Solve:
-    pass
+    from climbplan.solvers.admm import solve_admm_default
 
     return solve_admm_default
 

@@ -1,1 +1,1 @@
-"""Plan files: what they hold, how they are written and read, and how they are verified."""
+"""Files of plans, datasets, answers and certificates: what they hold, written and read."""

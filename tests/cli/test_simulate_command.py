@@ -89,7 +89,7 @@ def test_refusals(
             raise ImportError(name)
         return found(name, package)
 
-    monkeypatch.setattr("climbplan.climb.simulation.replay.import_module", without)
+    monkeypatch.setattr("climbplan.simulation.mujoco_loading.import_module", without)
     missing = run_command("simulate", "made")
     assert missing.code == 2
     assert "pip install 'climbplan[simulate]'" in missing.err

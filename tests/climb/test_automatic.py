@@ -180,7 +180,7 @@ def test_a_plan_that_fails_its_verification_is_kept(
 def test_a_closest_sequence_is_not_always_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = "climbplan.climb.postures.explanation.least_violations"
+    module = "climbplan.solvers.elastic.least_violations"
     monkeypatch.setattr(module, lambda *_: None)
     with pytest.raises(NotProved, match="no posture sequence found under the given bounds"):
         plan_climb(loaded(tmp_path, STAIRS, *TOO_FEW))

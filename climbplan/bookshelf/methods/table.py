@@ -52,10 +52,7 @@ def prepare(setting: MethodSetting, count: int) -> SceneMethod:
         return _exact(setting)
     # These load CasADi and their solvers: not before they are needed.
     from climbplan.bookshelf.methods.by_table import WithFallback, whole_method
-    from climbplan.bookshelf.methods.judge import Judge
     from climbplan.bookshelf.methods.library import Wanted, read_library
-
-    pass
 
     judge = Judge(count, setting.shelf, setting.meaning)
     if solver.method in _TRAINED or (solver.method == "knn" and solver.model is not None):

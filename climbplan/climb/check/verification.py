@@ -2,7 +2,7 @@
 
 `verify` recomputes every statement a plan makes about itself from the stored arrays, without the
 planner's kinematics, mechanics or solvers. What each check says and lets pass is in
-`plans.check.LIMITS`.
+`verification.check.LIMITS`.
 """
 
 from __future__ import annotations

@@ -13,8 +13,7 @@ from matplotlib.patheffects import withStroke
 from climbplan.arrays import Array
 from climbplan.climb.pages.cones import ContactForce, contact_forces, force_scale, round_newtons
 from climbplan.climb.pages.patches import Box, hull_points, limb_points, oblique_camera
-from climbplan.climb.pages.series import least_at
-from climbplan.climb.pages.sheet_labels import drawn_labels
+from climbplan.climb.pages.series import drawn_labels, least_at
 from climbplan.climb.pages.view import View
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from climbplan.arrays import Array
 from climbplan.climb.pages.figure_series import mark_rounds, rounds_label
-from climbplan.climb.pages.sheet_labels import drawn_labels
+from climbplan.climb.pages.series import drawn_labels
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.sheet import (

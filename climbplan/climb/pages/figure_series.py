@@ -14,8 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from climbplan.arrays import Array
-from climbplan.climb.pages.series import LimbSeries, limb_series, round_spans
-from climbplan.climb.pages.sheet_labels import drawn_labels
+from climbplan.climb.pages.series import LimbSeries, drawn_labels, limb_series, round_spans
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.sheet import (

@@ -8,6 +8,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.reports.sheet import limb_name
 from climbplan.robots.joint_units import torque_unit
 
 
@@ -88,4 +89,10 @@ def round_spans(plan: ClimbPlan) -> tuple[Span, ...]:
 def instant_labels(plan: ClimbPlan) -> tuple[str, ...]:
     """Where every instant stands in the gait."""
     names = plan.robot.limb_names
+    return tuple(plan.instants.label(k, names) for k in range(plan.instants.count))
+
+
+def drawn_labels(plan: ClimbPlan) -> tuple[str, ...]:
+    """Where every instant stands in the gait, as it may be drawn."""
+    names = tuple(limb_name(name) for name in plan.robot.limb_names)
     return tuple(plan.instants.label(k, names) for k in range(plan.instants.count))

@@ -1,4 +1,4 @@
-"""The scene of a climb: robot, terrain, start and goal postures in numbers."""
+"""The scene of a climb: robot, terrain, start and goal in numbers, or what of them cannot be."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Worlds drawn at random about the nominal one, and the share of plans that fall in them."""
+"""Random worlds of a climb, and one run in each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A contact sequence carried through: motion, instants, forces, trajectory, and all its checks."""
+"""A contact sequence carried through: motion, instants, forces, trajectory, checks, summary."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The transition planner: sequences, and the motion of the one that holds (chapter 5.3)."""
+"""The transition planner: sequences, balanced poses, and the motion that holds (chapter 5.3)."""
 
 from __future__ import annotations
 
@@ -38,15 +38,17 @@ from climbplan.climb.transition.stances import Laboratory, stance_instants
 from climbplan.errors import Infeasible, NoPlanFound, NotProved, UsageError
 from climbplan.progress import Progress
 
-# A robot of many limbs braces: where its body is matters little. A quadruped stands on three legs,
-# and has to have its body where these hold it: for each stance set within reach, at heights along
-# the way, the least level shift that balances it is a cone program.
 _MOST = 800  # cone programs, of a millisecond each
 _SAME = 1e-3  # [m] between poses that are looked at
 
 
 def balanced_poses(scene: TransitionScene, deadline: float) -> Poses:
-    """Poses that balance the stance sets of all sequences within reach, beside the straight way."""
+    """Poses that balance the stance sets of all sequences within reach, beside the straight way.
+
+    A robot of many limbs braces: where its body is matters little. A quadruped stands on three
+    legs, and has to have its body where these hold it: for each stance set, at heights along the
+    way, the least level shift that balances it is a cone program.
+    """
     kinematic = Search(scene, forces=False, deadline=deadline)
     kinematic.sequences()
     share = np.linspace(0.0, 1.0, scene.spec.search.heights)

@@ -24,6 +24,7 @@ from climbplan.reports.page_template import (
     verification_fields,
 )
 from climbplan.reports.report_files import finite, write_files
+from climbplan.reports.report_files import write_values as write_report_values
 from climbplan.reports.sheet import png
 from climbplan.store.dataset import Dataset
 from climbplan.store.dataset_file import FORMAT, FORMAT_VERSION, read_dataset_file
@@ -90,6 +91,13 @@ def write_report(path: Path, directory: Path, verification: Verification | None 
     images = {name: png(draw()) for name, draw in figure_functions(data).items()}
     report["figures"] = [f"figures/{name}.png" for name in images]
     write_files(directory, report, _page(report, images), images)
+
+
+def write_values(path: Path, directory: Path, verification: Verification | None = None) -> None:
+    """As `write_report`, but report.json alone: no page, no figures."""
+    data = read_dataset_file(path)
+    report = values_of(data, verification or verification_of(data, path))
+    write_report_values(directory, {**report, "figures": []})
 
 
 def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:

@@ -1,1 +1,1 @@
-"""One module: its chain of joints, what it touches, and how it moves on its own."""
+"""One module: its chain of joints, what it touches, and what it weighs."""

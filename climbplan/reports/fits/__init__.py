@@ -1,1 +1,1 @@
-"""Pages and figures of datasets, and of what is fitted to data."""
+"""Pages and figures of what is fitted to data."""

@@ -1,4 +1,4 @@
-"""Plan a walk: from a spec to a trajectory that the exact check judged."""
+"""Plan a walk: from a spec to a trajectory that the exact check judged, or why there is none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From an MPC spec to the numbers of its task."""
+"""From an MPC spec to the numbers of its task, random stepping stones included."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Room between grippers that hold on beside each other, in planning.
 
 A gripper is a T: from the wrist to the palm, and from one open finger to the other, as thick as a
-limb. `climbplan/climb/check/grips_apart.py` measures it again.
+limb. `climbplan/climb/check/grips.py` measures it again.
 """
 
 from __future__ import annotations

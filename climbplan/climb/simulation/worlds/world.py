@@ -1,4 +1,4 @@
-"""One world: what robot and terrain really are, beside what the plan believes."""
+"""Footholds of a plan, and the world that it believes in."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Sphinx extension: writes the pages that are made from code and specs, before they are read.
 
 They go to `docs/generated/`, which is not kept: key reference, gallery, checks, solvers, public
-names and the rooms' pages.
+names, benchmarks and the rooms' pages.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from benchmark_page import benchmarks_page
 from code_tables import api_page, checks_page, solvers_page
 from folder_tables import folders_page
 from gallery_page import gallery_page
@@ -26,6 +27,7 @@ def pages(docs: Path) -> dict[str, str]:
     root = docs.parent
     return {
         "api.md": api_page(),
+        "benchmarks.md": benchmarks_page(docs / "benchmarks"),
         "folders.md": folders_page(root / "climbplan"),
         "checks.md": checks_page(),
         "solvers.md": solvers_page(),

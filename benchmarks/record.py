@@ -46,11 +46,17 @@ def make_record(
     return {
         "benchmark": benchmark,
         **start,
-        "machine": {"platform": platform.platform(), "cpu_count": os.cpu_count()},
+        "machine": {"platform": describe_platform(), "cpu_count": os.cpu_count()},
         "versions": list_versions(),
         "options": _plain(options),
         "results": {**_plain(results), "tables": split_tables(text)},
     }
+
+
+def describe_platform() -> str:
+    """Return system, release without the builder's suffix, and architecture."""
+    release = platform.release().partition("-")[0]
+    return f"{platform.system()} {release} {platform.machine()}"
 
 
 def read_commit() -> str | None:

@@ -24,7 +24,7 @@ class PlanKind:
     family: str  # its folder
     csv_name: str  # of the exported file
     is_in_space: bool = True  # whether there is something to look at
-    moves: bool = True
+    moves: bool = True  # whether there is a motion to export
 
     def _module(self, name: str) -> Any:
         return import_module(f"climbplan.{self.family}.{name}")

@@ -88,7 +88,7 @@ def gen_data(
         # Compiled functions and solvers take a second to import: not before the paths are good.
         from climbplan.datasets.check.verification import verify_and_mark
         from climbplan.datasets.generate import RunOptions, generated
-        from climbplan.datasets.pages.report import values_of, write_report
+        from climbplan.datasets.pages.report import report_values, write_report
         from climbplan.store.dataset_file import read_dataset_file, write_dataset_file
 
         stated = _statement(loaded, problem)
@@ -111,7 +111,7 @@ def gen_data(
                 write_report(path, directory.path, verification)
                 directory.publish()
     if as_json:
-        print_json({**values_of(data, verification), "plan": str(target / DATASET_FILE)})
+        print_json({**report_values(data, verification), "plan": str(target / DATASET_FILE)})
     else:
         print_result(str(target / DATASET_FILE))
     if not verification.passed:

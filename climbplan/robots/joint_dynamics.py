@@ -20,14 +20,10 @@ D = 2 sqrt(K J).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from climbplan.arrays import Array
-
-if TYPE_CHECKING:
-    pass
 
 TIME_CONSTANT = 0.006  # [s] mechanical, of motors of which nothing else is stated
 FASTEST = 60.0  # [rad/s], [m/s]: speed limits beyond it are none that a joint reaches

@@ -134,12 +134,14 @@ def spread(values: Array) -> dict[str, float | None]:
 
 
 def conditions_dict(conditions: Conditions) -> dict[str, Any]:
+    """Conditions as JSON-ready values; the world, which has arrays, is told elsewhere."""
     plain = {k: v for k, v in vars(conditions).items() if k not in ("losses", "world")}
     losses = [{"limb": x.limb, "start": x.start, "duration": x.duration} for x in conditions.losses]
     return {**plain, "losses": losses}
 
 
 def trial_dict(trial: Trial) -> dict[str, Any]:
+    """One random run as JSON-ready values."""
     return {
         "fallen": trial.fallen,
         "time": trial.time,

@@ -4,25 +4,34 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 
+from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.methods.setting import MethodSetting
 from climbplan.bookshelf.methods.table import prepare
 from climbplan.bookshelf.planner.dataset_rows import rules_of
 from climbplan.bookshelf.scene.scene_source import shelf_of
 from climbplan.bookshelf.schema.dataset import BookshelfProblemSpec
 from climbplan.bookshelf.schema.loading import load_shelf
+from climbplan.climb.envelopes import run
 from climbplan.climb.postures.statement import posture_program
 from climbplan.climb.scene.climb_scene import build_scene
 from climbplan.climb.schema.envelopes_loading import load_envelopes
 from climbplan.climb.schema.loading import load_climb
-from climbplan.climb.simulation.worlds.stated import KEYS
+from climbplan.climb.simulation.worlds.stated import uncertainty_of
+from climbplan.climb.simulation.worlds.uncertainty import Spread
 from climbplan.datasets.schema.loading import load_dataset
 from climbplan.limms.legs.gaits import gaits
 from climbplan.limms.schema.loading import load_limms
+from climbplan.schema.robots.stored import RobotTexts
 from climbplan.walking.micp.limits import limits_of
 from climbplan.walking.online.admittance import AdmittanceGains, AdmittanceLegs
+from climbplan.walking.online.estimation import SensorQuality
+from climbplan.walking.online.perception import SimulatedSensors
 from climbplan.walking.schema.loading import load_mpc
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -50,7 +59,9 @@ def test_a_search_of_books_ends_at_its_nodes() -> None:
         ["solver.method=exact", "solver.gap_mm2=7.5", "solver.node_limit=1"],
     ).spec
     setting = MethodSetting.of(spec, shelf_of(spec.shelf), SPECS)
-    limits = prepare(setting, 1).limits  # type: ignore[attr-defined]  # of this method alone
+    method = prepare(setting, 1)
+    assert isinstance(method, ExactSolver)
+    limits = method.limits
     assert (limits.gap_absolute, limits.nodes) == (7.5, 1)
 
 
@@ -75,9 +86,14 @@ def test_walks_begin_with_more_pieces_and_softer_legs() -> None:
     assert np.allclose(legs.force(np.zeros((1, 3)), ahead, rate), [[0.0, 0.0, 10.0 + 0.7]])
 
 
-def test_a_gyroscope_may_be_noisy() -> None:
+def test_a_gyroscope_is_as_noisy_as_stated() -> None:
     overrides = ["solver.method=online", "loop.sensors.gyro=0.5"]
-    assert load_mpc(SPECS / "mpc_forward.yaml", overrides).spec.loop.sensors.gyro == 0.5
+    stated = load_mpc(SPECS / "mpc_forward.yaml", overrides).spec.loop.sensors
+    quality = SensorQuality(**stated.model_dump())
+    sensors = SimulatedSensors(quality, 9.81, np.random.default_rng(0), gyro_bias=0.0)
+    still, toes = np.zeros(12), np.zeros((4, 3))
+    felt = [sensors.sample(still, still, toes, np.ones(4, bool), 1e-3).gyro for _ in range(500)]
+    assert 0.45 < np.std(felt) < 0.55
 
 
 def test_quadrupeds_of_modules_take_no_more_steps_than_allowed() -> None:
@@ -104,11 +120,24 @@ def test_postures_are_held_within_reach_on_the_way_or_not() -> None:
 
 def test_motors_of_worlds_are_as_weak_as_stated() -> None:
     loaded = load_climb(SPECS / "climb_obstacle.yaml", ["uncertainty.motor_gain=0.2"])
-    assert loaded.spec.uncertainty.motor_gain == 0.2
-    assert ("motor_gain", "gain", 1.0) in KEYS
+    plan: Any = SimpleNamespace(spec_text=loaded.text, name="plan", robot_texts=RobotTexts())
+    assert uncertainty_of(plan).gain == Spread("normal", 0.0, 0.2)
 
 
-def test_envelopes_are_grown_until_enough_is_feasible() -> None:
+def test_envelopes_are_grown_until_enough_is_feasible(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of envelopes that are their own growth, and of which as much is feasible as they grew."""
     overrides = ["fit.least_feasible=0.5", "fit.likelihood=0.25"]
-    fit = load_envelopes(SPECS / "envelopes_ground3.yaml", overrides).spec.fit
-    assert (fit.least_feasible, fit.likelihood) == (0.5, 0.25)
+    spec = load_envelopes(SPECS / "envelopes_ground3.yaml", overrides).spec
+    likelihoods = []
+
+    def fitted(_: object, __: object, count: int, likelihood: float, seed: int) -> list[Any]:
+        likelihoods.append(likelihood)
+        return [SimpleNamespace(envelope=SimpleNamespace(grown=lambda growth: growth))]
+
+    monkeypatch.setattr(run, "GROWTHS", (0.1, 0.4, 0.6, 0.9))
+    monkeypatch.setattr(run, "training_points", lambda moved: (None, None))
+    monkeypatch.setattr(run, "fit_clusters", fitted)
+    rows: Any = SimpleNamespace(feasible=np.ones(3, bool))
+    labels: Any = lambda envelopes, rows: [np.full(3, envelopes[0][0])]  # noqa: E731
+    assert run.clustered(rows, labels, spec) == (0.6,)
+    assert likelihoods == [0.25]

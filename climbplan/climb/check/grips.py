@@ -29,10 +29,12 @@ from climbplan.verification.check import Check, faults_check, judge_worst
 _TOLD = 0.02  # [m] room up to which it is measured
 
 
-# Each gripper is a T, as thick as a limb: from the wrist to the grip's centre, and from finger to
-# finger
 def grips_apart(subject: Subject, gripper: Gripper, holds: Holds) -> Check:
-    """At every instant, of every two limbs that hold on."""
+    """Room between grippers at every instant, of every two limbs that hold on [m].
+
+    Each gripper is a T, as thick as a limb: from the wrist to the grip's centre, and from finger
+    to finger.
+    """
     plan = subject.plan
     instants, names = plan.instants, plan.robot.limb_names
     wrists = instants.toes

@@ -35,12 +35,13 @@ if TYPE_CHECKING:
     from climbplan.climb.schema.transition import TransitionSpec
 
 
-# A joint that is a spring is commanded beyond its angle by what the contact force bends it. Shear
-# bends limbs as well, and where it does so away from the surface by more than pressure does towards
-# it, the commanded toe is off the surface: friction alone holds it there, and a toe that touches
-# down a little late, or slides once, never finds the surface.
 def inward_check(subject: Subject, asked: float | None) -> Check:
     """Depth of commands by n . J (angles - commands) >= asked [m].
+
+    A joint that is a spring is commanded beyond its angle by what the contact force bends it. Shear
+    bends limbs as well, and where it does so away from the surface by more than pressure does
+    towards it, the commanded toe is off the surface: friction alone holds it there, and a toe that
+    touches down a little late, or slides once, never finds the surface.
 
     This is to first order, as plans are asked for it; beside it stands how deep the commanded toes
     really are, which is what reports call the depth of commands. Commands outside are told but not

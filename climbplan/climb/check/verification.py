@@ -42,12 +42,13 @@ from climbplan.verification.held import held_against, held_check
 from climbplan.verification.verification import Verification, mark_verified
 
 
-# What a plan says of falls, as far as its file alone tells. The worlds themselves are played again
-# by `climbplan simulate` with the engine, seed and number that the file names, those of a sample by
-# `climbplan verify --worlds`. A promise that is not met, or a sample with too many falls, fails
-# nothing: the plan is fragile for it.
 def risk_check(plan: ClimbPlan) -> Iterator[Check]:
-    """The told interval against the counts, the told risk against the spec's."""
+    """The told interval against the counts, the told risk against the spec's.
+
+    This is what the file alone tells of falls: `climbplan simulate` plays the worlds again with the
+    engine, seed and number that it names, `climbplan verify --worlds` those of a sample. A promise
+    that is not met, or a sample with too many falls, fails nothing: the plan is fragile for it.
+    """
     asked, promise = risk_of(plan), plan.promise
     if asked is None and promise is None:
         return

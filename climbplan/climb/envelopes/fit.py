@@ -19,7 +19,7 @@ from climbplan.learning.envelope_box import Envelope, EnvelopeSet
 from climbplan.program.instance import Instance
 from climbplan.solvers.ipopt.instances import solve_ipopt
 
-_RECENTRING_TIME = 2.0  # [s]
+_SEARCH_TIME = 2.0  # [s] of a local search for one point
 
 
 def drawn_to(stage: FirstStage, centre: Array, weight: Array) -> Instance:
@@ -37,11 +37,8 @@ def nearest_point(stage: FirstStage, start: Array, centre: Array, weight: Array)
     """A local optimum (N, 6) from the factors of a feasible point, None if IPOPT finds none."""
     x = np.zeros(stage.instance.size)
     x[stage.factors.ravel()] = start.ravel()
-    found = solve_ipopt(drawn_to(stage, centre, weight), start=x, time_limit=_RECENTRING_TIME).x
+    found = solve_ipopt(drawn_to(stage, centre, weight), start=x, time_limit=_SEARCH_TIME).x
     return None if found is None else found[stage.factors]
-
-
-_TIME = 2.0  # [s]
 
 
 def _within(stage: FirstStage, envelope: Envelope) -> Instance | None:
@@ -61,7 +58,7 @@ def holds_point(stage: FirstStage, envelope: Envelope, x: Array | None = None) -
     boxed = _within(stage, envelope)
     if x is None or boxed is None:
         return False
-    return solve_ipopt(boxed, start=x, time_limit=_TIME).x is not None
+    return solve_ipopt(boxed, start=x, time_limit=_SEARCH_TIME).x is not None
 
 
 def holds_linear_point(stage: FirstStage, envelope: Envelope) -> bool:

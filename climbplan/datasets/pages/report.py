@@ -35,7 +35,7 @@ _LISTED = 40  # rows without an answer, and the costliest
 _ORIGIN = ("Problem", "Parameters", "Integers")
 
 
-def values_of(data: Dataset, verification: Verification) -> dict[str, Any]:
+def report_values(data: Dataset, verification: Verification) -> dict[str, Any]:
     """JSON-ready values: the root attributes of the file, the checks, and the figures."""
     report = {
         "format": FORMAT,
@@ -77,7 +77,7 @@ def values_of(data: Dataset, verification: Verification) -> dict[str, Any]:
 def report_dict(path: Path) -> dict[str, Any]:
     """The report of a dataset's file as plain values, the verification made anew."""
     data = read_dataset_file(path)
-    return values_of(data, verification_of(data, path))
+    return report_values(data, verification_of(data, path))
 
 
 def write_report(path: Path, directory: Path, verification: Verification | None = None) -> None:
@@ -87,7 +87,7 @@ def write_report(path: Path, directory: Path, verification: Verification | None 
     and UsageError where the directory cannot be written to.
     """
     data = read_dataset_file(path)
-    report = values_of(data, verification or verification_of(data, path))
+    report = report_values(data, verification or verification_of(data, path))
     images = {name: png(draw()) for name, draw in figure_functions(data).items()}
     report["figures"] = [f"figures/{name}.png" for name in images]
     write_files(directory, report, _page(report, images), images)
@@ -96,7 +96,7 @@ def write_report(path: Path, directory: Path, verification: Verification | None 
 def write_values(path: Path, directory: Path, verification: Verification | None = None) -> None:
     """As `write_report`, but report.json alone: no page, no figures."""
     data = read_dataset_file(path)
-    report = values_of(data, verification or verification_of(data, path))
+    report = report_values(data, verification or verification_of(data, path))
     write_report_values(directory, {**report, "figures": []})
 
 

@@ -40,10 +40,12 @@ from climbplan.solvers.result import (
 _LEAST = 1e-12  # entries of a ray below this share of the largest are rounding
 
 
-# HiGHS gives the ray for programs that the tree's solver gives up. What it proves is computed from
-# the ray like that of any other cut, so that HiGHS is not believed.
 def farkas_ray(form: Conditional, read: CutForm, integers: IntArray, x: Array) -> Cut | None:
-    """A cut that excludes integers (E,), None where none is found. x: (size,) a point near them."""
+    """A cut that excludes integers (E,), None where none is found. x: (size,) a point near them.
+
+    HiGHS gives the ray for programs that the tree's solver gives up. What it proves is computed
+    from the ray like that of any other cut, so that HiGHS is not believed.
+    """
     program = read.program
     lower, upper = program.lower.copy(), program.upper.copy()
     lower[program.entities] = upper[program.entities] = integers

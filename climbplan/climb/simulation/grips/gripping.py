@@ -34,12 +34,12 @@ from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region
 
 
-def beyond(cones: GripCones, parts: Array) -> float:
+def cone_excess(cones: GripCones, parts: Array) -> float:
     """By how much parts (3, 3) leave their cones [N]."""
     return float(max(cones.excess(parts, 1.0).max(), (-cones.pressure(parts)).max()))
 
 
-def used(slipping: tuple[float, float]) -> float:
+def friction_to_slip(slipping: tuple[float, float]) -> float:
     """Friction coefficient at which a part of such pressure and shear slips."""
     return slipping[1] / max(slipping[0], 1e-9)
 
@@ -222,12 +222,12 @@ class Grips:
                 self._slipping(closed, self._parts(limb, closed, sample, palm))
                 for palm in self._palms(limb, closed, sample)
             ]
-            best = min(found, key=used)
-            if used(best) > closed.hold.cones.mu:
+            best = min(found, key=friction_to_slip)
+            if friction_to_slip(best) > closed.hold.cones.mu:
                 bare = self._parts(limb, closed, sample, np.zeros(3))
                 palm = shared_at_best(closed.hold.cones, bare)[1]
                 exact = self._slipping(closed, self._parts(limb, closed, sample, palm))
-                best = min(best, exact, key=used)
+                best = min(best, exact, key=friction_to_slip)
             out.normal[limb], out.shear[limb] = best
         return out
 
@@ -333,7 +333,7 @@ class Grips:
             bare = np.zeros_like(cones.spines)
             cones = GripCones(cones.normal, np.zeros_like(cones.mu), bare)
         for palm in self._palms(limb, closed, sample):
-            if beyond(cones, self._parts(limb, closed, sample, palm)) <= 0.0:
+            if cone_excess(cones, self._parts(limb, closed, sample, palm)) <= 0.0:
                 return 0.0
         return shared_at_best(cones, self._parts(limb, closed, sample, np.zeros(3)))[0]
 

@@ -1,5 +1,7 @@
-"""Ctrl-C ends every solver within two seconds, as in a notebook: by itself, nothing kills it.
+"""Ctrl-C ends every solver in seconds, as in a notebook: by itself, nothing kills it.
 
+Most end within half a second. The longest that nothing can interrupt is CasADi compiling the
+derivatives of four legs over a jump, up to 2.6 s; a solver that missed its signal runs for minutes.
 `tests/cli/test_termination.py` stops commands, which have a process above them that would. Each run
 here says when it is inside its solver; how its time is counted stands in `interrupted_runs`.
 """
@@ -21,7 +23,7 @@ import climbplan
 
 HERE = Path(__file__).parent
 ROOT = Path(climbplan.__file__).parents[1]
-LIMIT = 2.0  # [s]
+LIMIT = 6.0  # [s]
 _KILLED = 30.0  # [s] after the signal
 SLOW = {"knots", "walk-micp"}  # ten seconds and more until they are inside
 MOMENTS = 2

@@ -21,7 +21,7 @@ extensions = [
     "generated_pages",
 ]
 exclude_patterns = ["_build", "_ext"]
-myst_enable_extensions = ["colon_fence"]
+myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
 
 default_role = "literal"  # of docstrings, which are written as Markdown is

@@ -23,6 +23,7 @@ extensions = [
 exclude_patterns = ["_build", "_ext"]
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
+myst_fence_as_directive = ["math"]  # as GitHub shows it
 
 default_role = "literal"  # of docstrings, which are written as Markdown is
 autodoc_member_order = "bysource"

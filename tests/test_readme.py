@@ -1,4 +1,4 @@
-"""Every command and code block of the README, and of the rooms' own pages, runs as printed."""
+"""Every command and code block of the README, and of the guides of the package, runs as printed."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def api_page() -> str:
         for name, value in vars(errors).items()
         if inspect.isclass(value) and issubclass(value, errors.ClimbplanError)
     ]
-    lines = ["# Python", "", "What `import climbplan` gives. Names are loaded at first use.", ""]
+    lines = ["# Python", "", "`import climbplan` has these names, loaded at first use.", ""]
     lines += ["## Functions", "", "```{eval-rst}"]
     lines += [f".. autofunction:: climbplan.{name}" for name in functions]
     lines += ["```", "", "## Classes", "", "```{eval-rst}"]
@@ -82,10 +82,10 @@ def checks_page() -> str:
     lines = [
         "# Checks",
         "",
-        "What `climbplan verify` recomputes, by the name that reports, `report.json` and",
-        "`Plan.verify().checks` use, with the largest residual that passes. Which of them a plan",
-        "has depends on its spec; [plan files](rooms/store.md) say what is judged and what a badge",
-        "is worth.",
+        "`climbplan verify` recomputes these constraints. Reports, `report.json` and",
+        "`Plan.verify().checks` use the same names. The limit is the largest residual that passes.",
+        "Which checks apply depends on the spec; [plan files](guides/store.md) explains badges and",
+        "levels.",
         "",
     ]
     for kind, limits in kinds.items():

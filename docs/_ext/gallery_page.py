@@ -52,9 +52,9 @@ def gallery_page(specs: Path, pictures: Path) -> str:
     lines = [
         "# Gallery",
         "",
-        "Every shipped spec that is planned, in its own words. Pictures are figures of the plans'",
-        "reports, made by `python docs/make_gallery.py`; how each plan fares in simulation stands",
-        "in the [list of scenes](rooms/specs.md).",
+        "Every shipped spec that is planned, with its title comment and a figure of its report.",
+        "`python docs/make_gallery.py` makes the pictures. The [list of scenes](guides/specs.md)",
+        "says how each plan ends in simulation.",
         "",
     ]
     kind = ""

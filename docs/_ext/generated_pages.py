@@ -1,7 +1,7 @@
 """Sphinx extension: writes the pages that are made from code and specs, before they are read.
 
 They go to `docs/generated/`, which is not kept: key reference, gallery, checks, solvers, public
-names, benchmarks and the rooms' pages.
+names, benchmarks and the guides.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from benchmark_page import benchmarks_page
 from code_tables import api_page, checks_page, solvers_page
 from folder_tables import folders_page
 from gallery_page import gallery_page
+from guide_pages import guide_pages
 from page_pictures import pictures_page
-from room_pages import room_pages
 from spec_keys import keys_page
 from sphinx.application import Sphinx
 
@@ -34,7 +34,7 @@ def pages(docs: Path) -> dict[str, str]:
         "gallery.md": gallery_page(root / "specs", docs / "gallery"),
         "pages.md": pictures_page(docs / "pages"),
         **{f"keys/{kind}.md": keys_page(kind, json_schema(kind)) for kind in KINDS},
-        **{f"rooms/{name}": text for name, text in room_pages(root).items()},
+        **{f"guides/{name}": text for name, text in guide_pages(root).items()},
     }
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.errors import SpecError
-from climbplan.limms.courses.direct import search
-from climbplan.limms.scene.limms_scene import scene_of
+from climbplan.limms.scene.limms_scene import build_scene
 from climbplan.limms.schema.loading import LoadedLimms, limms_of
+from climbplan.limms.task_planning.single_actions import find_single_actions
 from climbplan.schema.source import SourceText
 from climbplan.schema.yaml_source import parse_yaml
 
@@ -36,7 +36,7 @@ def random_jump(seed: int) -> LoadedLimms:
             loaded = _jump(rng, seed)
         except SpecError:
             continue  # something overlaps
-        kinds = {action.kind for action in search(scene_of(loaded)).actions}
+        kinds = {action.kind for action in find_single_actions(build_scene(loaded)).actions}
         if kinds == {"quadruped"}:
             return loaded
 

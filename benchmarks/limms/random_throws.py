@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.scene.bounds import Connection, within_reach
-from climbplan.limms.scene.limms_scene import scene_of
+from climbplan.limms.scene.bounds import Connection, is_within_reach
+from climbplan.limms.scene.limms_scene import build_scene
 from climbplan.limms.schema.loading import LoadedLimms, limms_of
 from climbplan.schema.source import SourceText
 from climbplan.schema.yaml_source import parse_yaml
@@ -29,11 +29,11 @@ def random_throw(seed: int) -> LoadedLimms:
     rng = np.random.default_rng(seed)
     while True:
         loaded = _throw(rng, seed)
-        scene = scene_of(loaded)
+        scene = build_scene(loaded)
         sides = [[Connection(0, side)] for side in range(4)]
-        if any(within_reach(scene, side, scene.goal) for side in sides):
+        if any(is_within_reach(scene, side, scene.goal) for side in sides):
             continue
-        if any(within_reach(scene, side, scene.box_start[0]) for side in sides):
+        if any(is_within_reach(scene, side, scene.box_start[0]) for side in sides):
             return loaded
 
 

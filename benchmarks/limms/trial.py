@@ -9,10 +9,10 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks.limms.replay import Replay, replay_of
-from climbplan.errors import Infeasible, LimitReached, MissingSolver, NotProved
+from climbplan.errors import Infeasible, LimitReached, MissingSolver, Unresolved
 from climbplan.limms.check.verification import verification_of
-from climbplan.limms.consensus.iteration import GOOD
-from climbplan.limms.consensus.planner import Unrefined
+from climbplan.limms.consensus.admm import TOLERANCES
+from climbplan.limms.consensus.planner import RefinementFailed
 from climbplan.limms.plan.convergence import Convergence
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner.planner import plan_limms
@@ -25,7 +25,7 @@ Method = Literal["modes", "admm", "admm-published"]
 ASSIGNMENTS: dict[Method, tuple[str, ...]] = {  # of each method
     "modes": ("solver.method=modes",),
     "admm": ("solver.method=admm",),
-    "admm-published": ("solver.method=admm", "solver.admm.form=published"),
+    "admm-published": ("solver.method=admm", "solver.admm.formulation=published"),
 }
 METHODS = tuple(ASSIGNMENTS)
 
@@ -94,11 +94,11 @@ def attempt(
         plan = plan_limms(given)
     except Infeasible as error:
         outcome, reason = "infeasible", str(error)
-    except NotProved as error:
+    except Unresolved as error:
         outcome, reason = "not proved", str(error)
     except LimitReached as error:
         outcome, reason = "limit", str(error)
-        record = error.convergence if isinstance(error, Unrefined) else None
+        record = error.convergence if isinstance(error, RefinementFailed) else None
     spent, waited = time.process_time() - clock, time.perf_counter() - wall
     title, modules = loaded.spec.title, len(loaded.spec.modules)
     if plan is None:
@@ -162,7 +162,7 @@ def consensus_of(record: Convergence, planned: bool = True) -> Consensus:
     at = record.attempt == record.attempt[-1 if planned else int(np.argmin(total))]
     means = np.array([record.box_mean[at], record.points_mean[at], record.axes_mean[at]])
     most = np.array([record.box_max[at], record.points_max[at], record.axes_max[at]])
-    good = np.flatnonzero((means <= np.array(GOOD)[:, None]).all(axis=0))
+    good = np.flatnonzero((means <= np.array(TOLERANCES)[:, None]).all(axis=0))
     best = int(np.argmin(means[0] + means[1] + 0.1 * means[2]))
     return Consensus(
         int(at.sum()),

@@ -12,9 +12,9 @@ from climbplan.bookshelf.statement.points import theta_of
 from climbplan.bookshelf.statement.stated import shelf_problem
 from climbplan.instances.cart_pole import MOST, PUSHED, walled_cart_pole
 from climbplan.instances.climbing import linear_instance
-from climbplan.limms.consensus.mixed_integer import MixedInteger
-from climbplan.limms.consensus.setting import setting_of
-from climbplan.limms.scene.limms_scene import scene_of
+from climbplan.limms.consensus.mixed_integer import MixedIntegerBlock
+from climbplan.limms.consensus.problem import build_problem
+from climbplan.limms.scene.limms_scene import build_scene
 from climbplan.limms.schema.loading import limms_of
 from climbplan.program.instance import Instance
 from climbplan.schema.document import Document
@@ -23,8 +23,8 @@ from climbplan.schema.overrides import apply_overrides
 from climbplan.schema.source import SourceText
 from climbplan.schema.yaml_source import parse_yaml
 from climbplan.walking.dynamics.cost import objective
-from climbplan.walking.micp.statement import relaxation
-from climbplan.walking.micp.tube import tube_about
+from climbplan.walking.micp.statement import build_relaxation
+from climbplan.walking.micp.tube import build_attitude_box
 from climbplan.walking.offline.nlp import guesses
 from climbplan.walking.problem.problem import build_task
 from climbplan.walking.schema.loading import mpc_of
@@ -60,8 +60,8 @@ def walks(rng: np.random.Generator, knots: int) -> Instance:
     room = np.deg2rad([10.0, 10.0, 10.0]), np.array([2.0, 2.0, 2.0])
     force = np.concatenate([at.force, np.zeros((1, 4, 3))])
     most = _ROOM * objective(task, at.state, force)
-    tube = tube_about(task, at.state, *room)
-    return linear_instance(relaxation(task, tube, most, 1, 1, _TANGENTS).model, "walks")
+    tube = build_attitude_box(task, at.state, *room)
+    return linear_instance(build_relaxation(task, tube, most, 1, 1, _TANGENTS).model, "walks")
 
 
 def modules(rng: np.random.Generator, intervals: int) -> Instance:
@@ -72,7 +72,7 @@ def modules(rng: np.random.Generator, intervals: int) -> Instance:
         f"box.mass={round(float(rng.uniform(0.2, 0.5)), 3)}",
     ]
     loaded = limms_of(*_example("limms_throw", given))
-    block = MixedInteger(setting_of(scene_of(loaded), intervals))
+    block = MixedIntegerBlock(build_problem(build_scene(loaded), intervals))
     made = linear_instance(block.rows, "modules")
     # Without a target the consensus costs nothing: its free rows say nothing
     held = np.isfinite(made.row_lower) | np.isfinite(made.row_upper)

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from climbplan.limms.scene.limms_scene import Scene, scene_of
+from climbplan.limms.scene.limms_scene import Scene, build_scene
 from climbplan.limms.schema.loading import LoadedLimms, load_limms
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -34,4 +34,4 @@ def loaded(name: str, *overrides: str) -> LoadedLimms:
 
 def scene(name: str, *overrides: str) -> Scene:
     """The scene of a shipped spec."""
-    return scene_of(loaded(name, *overrides))
+    return build_scene(loaded(name, *overrides))

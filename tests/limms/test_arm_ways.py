@@ -20,9 +20,9 @@ from climbplan.limms.arms.symbols import arm_function, least_margins
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.modules.limbs import arm, limb_angles, root_on_anchor
 from climbplan.limms.planner.planner import plan_limms
-from climbplan.limms.scene.corridor import centre_blocks, ways
-from climbplan.limms.scene.limms_scene import Scene, scene_of
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.corridor import decompose_free_space, find_corridor
+from climbplan.limms.scene.limms_scene import Scene, build_scene
+from climbplan.limms.scene.phases import Limb
 from climbplan.limms.schema.loading import load_limms
 
 # One arm a box: the straight ways off these shelves pass poses where branches meet
@@ -58,7 +58,7 @@ def limb_on(scene: Scene, root: int = 0, side: int = 2) -> Limb:
 
 
 def test_poses_are_judged_as_programs_do(shelves: Path) -> None:
-    scene = scene_of(load_limms(shelves))
+    scene = build_scene(load_limms(shelves))
     rng = np.random.default_rng(1)
     boxes = np.array([-0.4, 0.0, 0.5]) + rng.uniform(-0.35, 0.35, (200, 3))
     low, high = least_margins(SINGULAR)
@@ -83,9 +83,9 @@ def branch_limb(scene: Scene, branch: tuple[int, int, int]) -> Limb:
 
 
 def test_a_way_is_found_that_joints_can_follow(shelves: Path) -> None:
-    scene = scene_of(load_limms(shelves))
+    scene = build_scene(load_limms(shelves))
     start, goal = scene.box_start[0], np.array([-0.5, 0.12, 0.1])
-    way = ways(centre_blocks(scene), start, goal)
+    way = find_corridor(decompose_free_space(scene), start, goal)
     assert way is not None
     task = HeldTask(start, goal, way, False, 0.0)
     path = np.linspace(start, goal, 9)
@@ -114,9 +114,9 @@ def test_a_way_is_found_that_joints_can_follow(shelves: Path) -> None:
 
 
 def test_no_way_where_the_arm_does_not_reach(shelves: Path) -> None:
-    scene = scene_of(load_limms(shelves))
+    scene = build_scene(load_limms(shelves))
     far = np.array([1.0, 0.3, 0.1])
-    way = ways(centre_blocks(scene), scene.box_start[0], far)
+    way = find_corridor(decompose_free_space(scene), scene.box_start[0], far)
     assert way is not None
     assert not arm_way(scene, [limb_on(scene)], HeldTask(scene.box_start[0], far, way, False, 0.0))
 

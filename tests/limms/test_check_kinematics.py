@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from climbplan.limms.check.kinematics import on_anchor, on_end, on_ground, placed
+from climbplan.limms.check.kinematics import is_on_ground, on_anchor, on_end, placed
 from climbplan.limms.modules.chain import forward, from_last
 from climbplan.limms.modules.limbs import end_rotation, standing_rotation
 from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Pose
@@ -30,7 +30,7 @@ def test_frames_of_ends() -> None:
     normals = [*SIDE_NORMALS, np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])]
     carrying = np.stack([end_rotation(normal, 0) for normal in normals])
     for end in (0, 1):
-        np.testing.assert_allclose(on_ground(end), standing_rotation(end), atol=1e-15)
+        np.testing.assert_allclose(is_on_ground(end), standing_rotation(end), atol=1e-15)
         for normal in normals:
             np.testing.assert_allclose(
                 on_anchor(normal, end), end_rotation(normal, end), atol=1e-15

@@ -10,10 +10,10 @@ import pytest
 from limms_scenes import scene
 
 from climbplan.limms.check.limits import LIMITS
-from climbplan.limms.consensus.columns import Columns, columns_of
-from climbplan.limms.consensus.logic_rows import add_logic
-from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, MixedInteger
-from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STABLE, STANDS, setting_of
+from climbplan.limms.consensus.logic_rows import add_logic_rows
+from climbplan.limms.consensus.mixed_integer import GOAL_TOLERANCE, MixedIntegerBlock
+from climbplan.limms.consensus.problem import FREE, HELD, LEAPS, STABLE, STANDS, build_problem
+from climbplan.limms.consensus.variables import VariableColumns, add_variables
 from climbplan.program.linear_rows import LinearRows
 from climbplan.solvers.highs.model import highs, rows_model
 
@@ -21,15 +21,15 @@ K = 3  # intervals
 
 
 @pytest.fixture(scope="module")
-def rules() -> tuple[LinearRows, Columns]:
-    four = setting_of(scene("limms_lift_light", "box.arrival_speed=1"), K)
+def rules() -> tuple[LinearRows, VariableColumns]:
+    four = build_problem(scene("limms_lift_light", "box.arrival_speed=1"), K)
     table = LinearRows()
-    columns = columns_of(four, table)
-    add_logic(four, table, columns)
+    columns = add_variables(four, table)
+    add_logic_rows(four, table, columns)
     return table, columns
 
 
-def allowed(rules: tuple[LinearRows, Columns], ones: list[int], zeros: list[int]) -> bool:
+def allowed(rules: tuple[LinearRows, VariableColumns], ones: list[int], zeros: list[int]) -> bool:
     """Whether some choice has these columns at 1 and those at 0."""
     table, _ = rules
     lower, upper = np.array(table.lower), np.array(table.upper)
@@ -44,14 +44,14 @@ def allowed(rules: tuple[LinearRows, Columns], ones: list[int], zeros: list[int]
     return bool(solver.getModelStatus() == highspy.HighsModelStatus.kOptimal)
 
 
-def owner(rules: tuple[LinearRows, Columns], numbers: np.ndarray, place: int) -> int:
+def owner(rules: tuple[LinearRows, VariableColumns], numbers: np.ndarray, place: int) -> int:
     """The module that an anchor, or a side as a leg's, is left to."""
     table, _ = rules
     upper = np.array(table.upper)
     return int(np.flatnonzero(upper[numbers[place, :, -1]])[0])
 
 
-def test_every_behaviour_is_possible(rules: tuple[LinearRows, Columns]) -> None:
+def test_every_behaviour_is_possible(rules: tuple[LinearRows, VariableColumns]) -> None:
     _, c = rules
     for mode in (STABLE, FREE, HELD, STANDS, LEAPS):
         assert allowed(rules, [c.box[mode, -1]], []), mode
@@ -59,7 +59,7 @@ def test_every_behaviour_is_possible(rules: tuple[LinearRows, Columns]) -> None:
         assert any(allowed(rules, [numbers[m, -1]], []) for m in range(4))
 
 
-def test_rules_of_legs(rules: tuple[LinearRows, Columns]) -> None:
+def test_rules_of_legs(rules: tuple[LinearRows, VariableColumns]) -> None:
     _, c = rules
     k = K - 1
     m = owner(rules, c.mount, 0)
@@ -71,7 +71,7 @@ def test_rules_of_legs(rules: tuple[LinearRows, Columns]) -> None:
     assert allowed(rules, [c.mount[0, m, k], c.box[STANDS, k], c.leg[m, k]], [])
 
 
-def test_rules_of_arms(rules: tuple[LinearRows, Columns]) -> None:
+def test_rules_of_arms(rules: tuple[LinearRows, VariableColumns]) -> None:
     _, c = rules
     k = K - 1
     m = owner(rules, c.wall, 0)
@@ -84,7 +84,7 @@ def test_rules_of_arms(rules: tuple[LinearRows, Columns]) -> None:
     assert allowed(rules, [c.box[HELD, k], c.hold[2, m, k], c.wall[0, m, k]], [])
 
 
-def test_rules_of_added_arms(rules: tuple[LinearRows, Columns]) -> None:
+def test_rules_of_added_arms(rules: tuple[LinearRows, VariableColumns]) -> None:
     _, c = rules
     k = K - 1
     parent = owner(rules, c.wall, 0)
@@ -97,7 +97,7 @@ def test_rules_of_added_arms(rules: tuple[LinearRows, Columns]) -> None:
     assert allowed(rules, [c.carry[parent, child, k], c.hold[2, child, k]], [])
 
 
-def test_one_mode_one_hand_one_pick_up(rules: tuple[LinearRows, Columns]) -> None:
+def test_one_mode_one_hand_one_pick_up(rules: tuple[LinearRows, VariableColumns]) -> None:
     _, c = rules
     m = owner(rules, c.wall, 0)
     assert not allowed(rules, [c.arm[m, 1], c.leg[m, 1]], [])
@@ -116,25 +116,25 @@ OWN = {  # what the block alone states: no sample of a plan has two modes, leaps
 
 @pytest.mark.parametrize("name", ["limms_lift_light", "limms_throw", "limms_jump", "limms_walk"])
 def test_blocks_have_the_names_of_the_checks(name: str) -> None:
-    block = MixedInteger(setting_of(scene(name), 4))
+    block = MixedIntegerBlock(build_problem(scene(name), 4))
     names = set(block.rows.names.names)
     assert names - OWN <= set(LIMITS)
     assert {"box.dynamics", "latch.moment", "force.limit", "joint.speed"} <= names
 
 
 def test_a_spoiled_answer_is_off_in_the_block_that_was_spoiled() -> None:
-    block = MixedInteger(setting_of(scene("limms_throw"), 8))
-    block.choose("arms")
-    found = block.first(30.0)
+    block = MixedIntegerBlock(build_problem(scene("limms_throw"), 8))
+    block.fix_behaviour("arms")
+    found = block.find_feasible(30.0)
     assert found.x is not None
-    assert found.off is not None
-    assert found.off.residual < 1e-5
+    assert found.worst_rows is not None
+    assert found.worst_rows.residual < 1e-5
     c = block.columns
     k = int(np.flatnonzero(np.round(found.x[c.box[HELD]]))[0])  # the box is held
     for columns, name in (
         (c.in_mode[0, k], "box.motion"),
         (c.hold[:, :, k].ravel(), "logic.rule_5"),
-        (c.missed, "goal.reached"),
+        (c.goal_error, "goal.reached"),
     ):
         x = found.x.copy()
         x[columns] = 0.0 if name == "logic.rule_5" else x[columns] - 0.5
@@ -147,12 +147,12 @@ def test_a_block_is_loosened_and_holds_again() -> None:
     stiff = scene("limms_throw")
     bent = tuple(0.2 * angle for angle in stiff.module.joint_range)
     module = stiff.module.model_copy(update={"joint_range": bent})
-    block = MixedInteger(setting_of(replace(stiff, module=module), 6))
-    block.choose("arms")
-    assert block.first(20.0).status == "infeasible"
-    block.loosen("joint.range")
-    assert block.first(20.0).missed <= NEAR_GOAL
-    block.restore("joint.range")
-    again = block.first(20.0)
+    block = MixedIntegerBlock(build_problem(replace(stiff, module=module), 6))
+    block.fix_behaviour("arms")
+    assert block.find_feasible(20.0).status == "infeasible"
+    block.relax_rows("joint.range")
+    assert block.find_feasible(20.0).goal_error <= GOAL_TOLERANCE
+    block.restore_rows("joint.range")
+    again = block.find_feasible(20.0)
     assert again.status == "infeasible"
-    assert NEAR_GOAL < again.missed < np.inf  # of the best plan seen
+    assert GOAL_TOLERANCE < again.goal_error < np.inf  # of the best plan seen

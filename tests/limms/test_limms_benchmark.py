@@ -17,7 +17,7 @@ from benchmarks.limms.run import (
     write_text,
 )
 from benchmarks.limms.trial import Trial, attempt
-from climbplan.limms.scene.limms_scene import scene_of
+from climbplan.limms.scene.limms_scene import build_scene
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +105,6 @@ def test_random_jumps_differ_and_repeat() -> None:
     one, again, other = random_jump(1), random_jump(1), random_jump(2)
     assert one.text == again.text
     assert one.text != other.text
-    scene = scene_of(one)
-    assert scene.count == 4
+    scene = build_scene(one)
+    assert scene.num_modules == 4
     assert scene.goal[2] < scene.box_start[0, 2] + 0.2

@@ -13,10 +13,9 @@ from limms_scenes import loaded, scene
 
 from climbplan.errors import LimitReached
 from climbplan.limms.arms.carrying import carry
-from climbplan.limms.attempts.attempts import Attempts
-from climbplan.limms.consensus.mixed_integer import MixedInteger
-from climbplan.limms.consensus.setting import setting_of
-from climbplan.limms.courses.direct import search
+from climbplan.limms.budget.search_budget import SearchBudget
+from climbplan.limms.consensus.mixed_integer import MixedIntegerBlock
+from climbplan.limms.consensus.problem import build_problem
 from climbplan.limms.motion.assembly import initial
 from climbplan.limms.motion.plan_making import Making, make_plan
 from climbplan.limms.plan.file import read_limms_plan, write_limms_plan
@@ -25,6 +24,7 @@ from climbplan.limms.planner import planner
 from climbplan.limms.planner.planner import plan_limms
 from climbplan.limms.scene.limms_scene import Scene
 from climbplan.limms.schema.loading import LoadedLimms
+from climbplan.limms.task_planning.single_actions import find_single_actions
 from climbplan.progress import Progress
 
 
@@ -52,34 +52,34 @@ def test_a_slow_machine_finds_the_same_plan(
 
 def test_the_budget_of_programs_ends_the_search() -> None:
     with pytest.raises(LimitReached, match=r"with 1 programs.*`solver\.programs` ended throw"):
-        plan_limms(loaded("limms_throw", "solver.programs=1"))
+        plan_limms(loaded("limms_throw", "solver.max_nlp_solves=1"))
 
 
 def test_parts_take_from_the_whole() -> None:
-    whole = Attempts(60.0, 10)
+    whole = SearchBudget(60.0, 10)
     whole.begin("one")
-    part = whole.part(3)
-    assert part.end == whole.end
+    part = whole.split(3)
+    assert part.deadline == whole.deadline
     for number in range(3):
         part.begin(f"choice {number}")
     with pytest.raises(LimitReached, match="with 3 programs"):
-        part.left()
-    whole.add(part)
-    assert whole.spare == 6
-    assert whole.part(100).most == 6
+        part.require_remaining()
+    whole.merge(part)
+    assert whole.remaining == 6
+    assert whole.split(100).max_programs == 6
 
 
 def test_a_plan_that_the_clock_cut_short_says_so(tmp_path: Path) -> None:
     spec = loaded("limms_throw")
     own = scene("limms_throw")
-    (action,) = search(own).actions
-    attempts = Attempts(60.0, 100)
-    world = carry(initial(own), action, attempts, np.random.default_rng(0))
+    (action,) = find_single_actions(own).actions
+    budget = SearchBudget(60.0, 100)
+    world = carry(initial(own), action, budget, np.random.default_rng(0))
     assert world is not None
-    making = Making("modes", action.named(own), {"total": 0.0}, {}, {})
-    whole = make_plan(spec, own, world, attempts, making)
-    attempts.end = time.monotonic()
-    cut = make_plan(spec, own, world, attempts, making)
+    making = Making("modes", action.describe(own), {"total": 0.0}, {}, {})
+    whole = make_plan(spec, own, world, budget, making)
+    budget.deadline = time.monotonic()
+    cut = make_plan(spec, own, world, budget, making)
     assert (whole.status, cut.status) == ("feasible", "limit")
     write_limms_plan(cut, tmp_path / "plan.h5")
     assert read_limms_plan(tmp_path / "plan.h5").status == "limit"
@@ -89,11 +89,11 @@ def test_a_plan_that_the_clock_cut_short_says_so(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_first_integers_are_those_of_the_work_they_got() -> None:
-    setting = setting_of(scene("limms_lift_light"), 8)
+    setting = build_problem(scene("limms_lift_light"), 8)
     found = []
     for _ in range(2):
-        block = MixedInteger(setting)
-        block.choose("arms")
+        block = MixedIntegerBlock(setting)
+        block.fix_behaviour("arms")
         found.append(block.solve(20))
     assert found[0].status == found[1].status == "limit"
     assert found[0].x is None or found[1].x is not None
@@ -108,12 +108,12 @@ def test_a_pace_that_finds_nothing_leaves_budget_to_calmer_ones_with_legs(
     budgets: dict[float, int] = {}
 
     def at_pace(
-        loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts
+        loaded: LoadedLimms, scene: Scene, report: Progress, budget: SearchBudget
     ) -> tuple[LimmsPlan, bool]:
-        budgets[scene.pace] = attempts.spare
+        budgets[scene.pace] = budget.remaining
         if scene.pace > 0.25:
-            attempts.begun += attempts.spare
-            attempts.left()
+            budget.num_sequences += budget.remaining
+            budget.require_remaining()
         return throw, scene.pace < 0.2
 
     monkeypatch.setattr(planner, "_plan_at_pace", at_pace)
@@ -130,13 +130,13 @@ def test_a_pace_that_finds_nothing_leaves_budget_to_calmer_ones_with_legs(
 
 def test_arms_are_not_solved_again_at_another_pace() -> None:
     own = scene("limms_throw")
-    (action,) = search(own).actions
-    attempts = Attempts(60.0, 100)
+    (action,) = find_single_actions(own).actions
+    budget = SearchBudget(60.0, 100)
     worlds = []
     for pace in (1.0, 0.5):
         start = initial(replace(own, pace=pace))
-        worlds.append(carry(start, action, attempts, np.random.default_rng(0)))
-        programs = attempts.work.programs
+        worlds.append(carry(start, action, budget, np.random.default_rng(0)))
+        programs = budget.work.programs
     first, calmer = worlds
     assert first is not None
     assert calmer is not None

@@ -16,8 +16,8 @@ from climbplan.limms.pages.obstacles import obstacles_of
 from climbplan.limms.pages.scene import scene_of_modules
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner.planner import plan_limms
-from climbplan.limms.scene.corridor import centre_blocks, ways
-from climbplan.limms.scene.limms_scene import scene_of
+from climbplan.limms.scene.corridor import decompose_free_space, find_corridor
+from climbplan.limms.scene.limms_scene import build_scene
 from climbplan.limms.schema.loading import LoadedLimms, load_limms
 from climbplan.limms.schema.space import space_of
 
@@ -64,7 +64,7 @@ def test_box_goes_over_a_wall_from_the_ceiling(over: LimmsPlan) -> None:
 def test_checker_finds_what_reaches_into_obstacles(over: LimmsPlan, tmp_path: Path) -> None:
     """The plan held against the same room with a higher wall: box and arm touch it."""
     taller = read(tmp_path, ROOM.replace("0.2, 0.4]", "0.2, 0.6]"))
-    solids = scene_of(taller).solids
+    solids = build_scene(taller).solids
     failed = {check.name for check in verification_of(replace(over, solids=solids)).failed}
     assert {"clear.box", "file.spec_values"} <= failed
     # Right where the elbow is, a block that the box does not come to
@@ -77,7 +77,7 @@ def test_checker_finds_what_reaches_into_obstacles(over: LimmsPlan, tmp_path: Pa
 
 def test_modules_drive_round_obstacles(tmp_path: Path) -> None:
     text = ROOM.replace("anchor: ceiling}", "stand: [-0.8, -0.2, 0]}")
-    scene = scene_of(read(tmp_path, text))
+    scene = build_scene(read(tmp_path, text))
     world = initial(scene)
     drive(world, 0, np.array([0.8, -0.2, 0.0]), "A", np.random.default_rng(0))
     way = np.concatenate([s.base_position[:, 0] for s in world.stretches])
@@ -100,8 +100,8 @@ def test_a_closed_wall_holds_no_way(tmp_path: Path) -> None:
     closed = ROOM.replace("[-0.05, -0.7, 0]", "[-0.05, -1, 0]").replace("0.2, 0.4]", "1, 1.05]")
     closed = closed.replace("anchor: ceiling}", "stand: [0.8, 0.5, 0]}")
     closed = closed.replace("[-0.02, 0.35, 1.05]", "[0.5, 0.35, 1.05]")
-    scene = scene_of(read(tmp_path, closed))
-    assert ways(centre_blocks(scene), scene.box_start[0], scene.goal) is None
+    scene = build_scene(read(tmp_path, closed))
+    assert find_corridor(decompose_free_space(scene), scene.box_start[0], scene.goal) is None
 
 
 @pytest.mark.parametrize(

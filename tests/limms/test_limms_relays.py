@@ -10,16 +10,16 @@ import pytest
 from limms_scenes import loaded
 
 from climbplan.limms.check.verification import verification_of
-from climbplan.limms.courses.courses import courses, relays
-from climbplan.limms.courses.direct import search
-from climbplan.limms.courses.means import standing_spots
 from climbplan.limms.motion.assembly import initial, latch_arm
 from climbplan.limms.motion.climbing_down import climb_down
 from climbplan.limms.motion.timeline import DRIVES, NOWHERE
 from climbplan.limms.planner.planner import plan_limms
-from climbplan.limms.scene.bounds import Connection, within_reach
-from climbplan.limms.scene.limms_scene import Scene, scene_of
+from climbplan.limms.scene.bounds import Connection, is_within_reach
+from climbplan.limms.scene.limms_scene import Scene, build_scene
 from climbplan.limms.schema.loading import LoadedLimms, load_limms
+from climbplan.limms.task_planning.best_first_search import list_task_plans, search_task_plans
+from climbplan.limms.task_planning.relaxed_actions import list_standing_places
+from climbplan.limms.task_planning.single_actions import find_single_actions
 
 # One module; no anchor serves both the start of the box and its goal
 HALL = """\
@@ -45,41 +45,45 @@ def hall(tmp_path_factory: pytest.TempPathFactory) -> LoadedLimms:
 
 @pytest.fixture(scope="module")
 def scene(hall: LoadedLimms) -> Scene:
-    return scene_of(hall)
+    return build_scene(hall)
 
 
 def test_relays_lead_from_leg_to_leg_within_reach(scene: Scene) -> None:
-    found = list(relays(initial(scene)))
+    found = list(search_task_plans(initial(scene)))
     assert found
-    fewest = [relay for relay in found if len(relay.legs) == 2]
+    fewest = [relay for relay in found if len(relay.subtasks) == 2]
     assert found[: len(fewest)] == fewest  # first
-    assert all(len(relay.legs) == 3 for relay in found[len(fewest) :])  # one more at most
+    assert all(len(relay.subtasks) == 3 for relay in found[len(fewest) :])  # one more at most
     assert [relay.cost() for relay in found] == sorted(relay.cost() for relay in found)
     for relay in found:
-        assert relay.legs[0].begin == tuple(scene.box_start[0])
-        assert relay.legs[-1].end == tuple(scene.goal)
-        for leg, onward in itertools.pairwise(relay.legs):
-            assert leg.end == onward.begin
-        for leg in relay.legs:
-            for place in (leg.begin, leg.end):
-                assert within_reach(scene, leg.action.connections, np.array(place))
-    spots = standing_spots(scene)
+        assert relay.subtasks[0].start == tuple(scene.box_start[0])
+        assert relay.subtasks[-1].end == tuple(scene.goal)
+        for leg, onward in itertools.pairwise(relay.subtasks):
+            assert leg.end == onward.start
+        for leg in relay.subtasks:
+            for place in (leg.start, leg.end):
+                assert is_within_reach(scene, leg.action.connections, np.array(place))
+    spots = list_standing_places(scene)
     assert np.allclose(spots[:, 2], 0.1)
     assert (np.abs(spots[:, 0]) <= 1.5 + 1e-9).all()
-    away = np.abs(spots[:, :2] - scene.stand[0, :2])
+    away = np.abs(spots[:, :2] - scene.start_position[0, :2])
     assert (away > 0.13).any(axis=1).all()  # not on the module
 
 
 def test_one_leg_comes_first_where_it_serves(tmp_path: Path) -> None:
     path = tmp_path / "near.yaml"
     path.write_text(HALL.replace("goal: [0.7, 0.1, 0.4]", "goal: [-0.5, 0.1, 0.4]"), "utf-8")
-    near = scene_of(load_limms(path))
-    assert within_reach(near, (Connection(0, 2),), near.goal)
-    listed = list(courses(initial(near), search(near).actions))
-    assert len(listed[0].legs) == 1
-    assert listed[0].cost() + 1 < min(course.cost() for course in listed if len(course.legs) > 1)
-    walk = scene_of(loaded("limms_walk"))  # no anchor at all: one walk, and no second one after it
-    assert not list(relays(initial(walk)))
+    near = build_scene(load_limms(path))
+    assert is_within_reach(near, (Connection(0, 2),), near.goal)
+    listed = list(list_task_plans(initial(near), find_single_actions(near).actions))
+    assert len(listed[0].subtasks) == 1
+    assert listed[0].cost() + 1 < min(
+        course.cost() for course in listed if len(course.subtasks) > 1
+    )
+    walk = build_scene(
+        loaded("limms_walk")
+    )  # no anchor at all: one walk, and no second one after it
+    assert not list(search_task_plans(initial(walk)))
 
 
 def test_a_module_comes_down_from_a_wall(scene: Scene) -> None:
@@ -115,16 +119,16 @@ def test_a_throw_may_follow_a_carry(tmp_path: Path) -> None:
     text = HALL.replace("goal: [0.7, 0.1, 0.4]", "goal: [0.4, 0.1, 1.42], arrival_speed: 1.5")
     path = tmp_path / "high.yaml"
     path.write_text(text, encoding="utf-8")
-    high = scene_of(load_limms(path))
-    found = list(relays(initial(high)))
+    high = build_scene(load_limms(path))
+    found = list(search_task_plans(initial(high)))
     assert found
     for relay in found:
-        if len(relay.legs) == 2:
-            assert [leg.action.kind for leg in relay.legs] == ["arms", "throw"]
-            assert [leg.action.connections[0].root for leg in relay.legs] == [0, 1]
-    assert len(found[0].legs) == 2
+        if len(relay.subtasks) == 2:
+            assert [leg.action.kind for leg in relay.subtasks] == ["arms", "throw"]
+            assert [leg.action.connections[0].root for leg in relay.subtasks] == [0, 1]
+    assert len(found[0].subtasks) == 2
     # From the first anchor the goal is too far to be among the first throws to try
-    (far, *_) = search(high).actions
+    (far, *_) = find_single_actions(high).actions
     assert far.kind == "throw"
     assert far.cost() > found[0].cost()
 

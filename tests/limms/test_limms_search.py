@@ -8,27 +8,31 @@ import pytest
 from limms_scenes import changed, loaded, scene
 
 from benchmarks.limms.random_rooms import random_room
-from climbplan.errors import Infeasible, NotProved
-from climbplan.limms.courses.direct import search
-from climbplan.limms.courses.refusal import one_latch_too_weak, out_of_reach, unliftable
+from climbplan.errors import Infeasible, Unresolved
 from climbplan.limms.planner.planner import plan_limms
 from climbplan.limms.schema.loading import load_limms
+from climbplan.limms.task_planning.infeasibility import (
+    prove_latch_too_weak,
+    prove_out_of_reach,
+    prove_unliftable,
+)
+from climbplan.limms.task_planning.single_actions import find_single_actions
 
 
 def test_light_box_takes_two_arms_first() -> None:
-    found = search(scene("limms_lift_light"))
+    found = find_single_actions(scene("limms_lift_light"))
     assert found.actions[0].kind == "arms"
-    assert found.actions[0].modules == 2  # one latch does not hold the moment
+    assert found.actions[0].num_modules == 2  # one latch does not hold the moment
     assert found.configurations == 2 * (2 * 4) + 4 * (4 * 3) + 1  # one or two modules a chain
 
 
 def test_weak_latch_is_what_asks_for_two() -> None:
-    alone = search(scene("limms_lift_light", "box.mass=0.4"))
-    assert alone.actions[0].modules == 1
+    alone = find_single_actions(scene("limms_lift_light", "box.mass=0.4"))
+    assert alone.actions[0].num_modules == 1
 
 
 def test_heavy_box_is_too_much_for_arms() -> None:
-    found = search(scene("limms_lift_light", "box.mass=7"))
+    found = find_single_actions(scene("limms_lift_light", "box.mass=7"))
     assert [s.kind for s in found.actions] == ["quadruped"]
     assert "28.7 N short" in str(found.conflicts[0])
 
@@ -45,7 +49,7 @@ def test_too_heavy_for_anything() -> None:
 
 
 def test_throw_needs_an_arrival_speed() -> None:
-    with pytest.raises(NotProved, match="reach"):
+    with pytest.raises(Unresolved, match="reach"):
         plan_limms(loaded("limms_throw", "box.arrival_speed=0"))
 
 
@@ -67,7 +71,7 @@ def test_one_latch_that_holds_too_little_is_a_proof() -> None:
     heavy = loaded("limms_throw", "box.mass=1.0")
     with pytest.raises(Infeasible, match=r"holds 0.7 N m, 0.98 N m needed.*box.mass <= 0.71 kg"):
         plan_limms(heavy)
-    assert search(scene("limms_throw", "box.mass=0.7")).actions
+    assert find_single_actions(scene("limms_throw", "box.mass=0.7")).actions
 
 
 def test_a_box_that_nothing_reaches_is_a_proof() -> None:
@@ -85,6 +89,6 @@ def test_arms_that_reach_but_do_not_hold_are_a_proof() -> None:
 @pytest.mark.parametrize("name", ["lift_light", "throw", "relatch", "double_arm"])
 def test_proofs_leave_alone_what_arms_can_do(name: str) -> None:
     possible = scene(f"limms_{name}", "task.allow=[arms, flight]")
-    assert not unliftable(possible)
-    assert not out_of_reach(possible)
-    assert not one_latch_too_weak(possible)
+    assert not prove_unliftable(possible)
+    assert not prove_out_of_reach(possible)
+    assert not prove_latch_too_weak(possible)

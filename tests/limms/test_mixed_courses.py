@@ -10,19 +10,23 @@ import pytest
 from limms_scenes import loaded, scene
 
 from climbplan.limms.arms.carrying import carry
-from climbplan.limms.attempts.attempts import Attempts
+from climbplan.limms.budget.search_budget import SearchBudget
 from climbplan.limms.check.verification import verification_of
-from climbplan.limms.courses.courses import relays
-from climbplan.limms.courses.direct import search
-from climbplan.limms.courses.means import all_means, legs_left, places_of
 from climbplan.limms.motion.assembly import initial
 from climbplan.limms.motion.between_legs import headed, put_down
 from climbplan.limms.motion.timeline import DRIVES, STABLE
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner import planner
 from climbplan.limms.planner.planner import plan_limms
-from climbplan.limms.scene.limms_scene import Scene, scene_of
+from climbplan.limms.scene.limms_scene import Scene, build_scene
 from climbplan.limms.schema.loading import LoadedLimms, load_limms
+from climbplan.limms.task_planning.best_first_search import search_task_plans
+from climbplan.limms.task_planning.relaxed_actions import (
+    compute_cost_to_go,
+    list_places,
+    relax_actions,
+)
+from climbplan.limms.task_planning.single_actions import find_single_actions
 from climbplan.verification.verification import Verification
 
 # The box is below a ledge, its goal over it; nothing comes from the ground to the anchor over the
@@ -71,11 +75,14 @@ def ledge(tmp_path_factory: pytest.TempPathFactory) -> LoadedLimms:
 
 
 def kinds_of(own: Scene) -> list[tuple[str, ...]]:
-    return [tuple(leg.action.kind for leg in course.legs) for course in relays(initial(own))]
+    return [
+        tuple(leg.action.kind for leg in course.subtasks)
+        for course in search_task_plans(initial(own))
+    ]
 
 
 def test_a_box_is_carried_and_then_lifted_from_over_it(ledge: LoadedLimms) -> None:
-    assert not search(scene_of(ledge)).actions  # no single action does it
+    assert not find_single_actions(build_scene(ledge)).actions  # no single action does it
     plan = plan_limms(ledge)
     assert verification_of(plan).passed
     assert plan.sequence.startswith("relay: arms: low wall to ")
@@ -88,17 +95,17 @@ def test_a_box_is_carried_and_then_lifted_from_over_it(ledge: LoadedLimms) -> No
 
 
 def test_the_bound_of_legs_is_that_of_what_is_listed(ledge: LoadedLimms) -> None:
-    start = initial(scene_of(ledge))
-    places = places_of(start.scene)
-    left = legs_left(all_means(start.scene, places, frozenset(), {}), 1, len(places))
-    found = list(relays(start))
-    assert min(len(course.legs) for course in found) == left[0] == 2
+    start = initial(build_scene(ledge))
+    places = list_places(start.scene)
+    left = compute_cost_to_go(relax_actions(start.scene, places, frozenset(), {}), 1, len(places))
+    found = list(search_task_plans(start))
+    assert min(len(course.subtasks) for course in found) == left[0] == 2
     costs = [course.cost() for course in found]
     assert costs == sorted(costs)
 
 
 def test_legs_may_come_before_arms(tmp_path: Path) -> None:
-    own = scene_of(read(tmp_path, HALL))
+    own = build_scene(read(tmp_path, HALL))
     assert ("quadruped", "arms") in kinds_of(own)
     never = replace(own, allow=tuple(what for what in own.allow if what != "quadruped"))
     assert not kinds_of(never)
@@ -116,21 +123,23 @@ def test_worlds_are_headed_from_where_everything_is() -> None:
     start = initial(own)
     place = own.box_start[0] + np.array([0.05, 0.0, 0.0])
     begun = headed(start, place)
-    assert np.allclose(begun.scene.start_place, own.start_place)
-    assert np.allclose(begun.scene.goal_place, place)
+    assert np.allclose(begun.scene.start_placement, own.start_placement)
+    assert np.allclose(begun.scene.goal_placement, place)
     assert begun.scene.arrival_speed == 0
-    arms = next(action for action in search(begun.scene).actions if action.modules == 1)
-    after = carry(begun, arms, Attempts(600.0, 50), np.random.default_rng(0), settle=put_down)
+    arms = next(
+        action for action in find_single_actions(begun.scene).actions if action.num_modules == 1
+    )
+    after = carry(begun, arms, SearchBudget(600.0, 50), np.random.default_rng(0), settle=put_down)
     assert after is not None
     assert after.box_mode == STABLE
     assert np.allclose(after.box, place)
     owner = int(np.flatnonzero(after.tip_anchor >= own.wall_offset)[0])
-    onward = headed(after, own.goal_place, 0.5)
-    assert np.allclose(onward.scene.start_place, place)
+    onward = headed(after, own.goal_placement, 0.5)
+    assert np.allclose(onward.scene.start_placement, place)
     assert onward.scene.arrival_speed == 0.5
     anchor = own.wall_offset + arms.connections[0].root
-    assert onward.scene.held[owner] == anchor
-    assert (np.delete(onward.scene.held, owner) == -1).all()
+    assert onward.scene.start_anchor[owner] == anchor
+    assert (np.delete(onward.scene.start_anchor, owner) == -1).all()
     assert (np.delete(after.mode, owner) == DRIVES).all()
 
 

@@ -170,7 +170,7 @@ def test_joints_and_latches_cannot_outweigh_the_module(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["limms_throw", "limms_turned"])
 def test_loads_in_symbols_are_those_of_the_checker(box_end: int, name: str) -> None:
     own = scene(name)
-    size = len(own.start_place)  # with the yaw of a box that turns
+    size = len(own.start_placement)  # with the yaw of a box that turns
     root = root_on_anchor(own, 0, 1 - box_end)
     limb = replace(arm(0, 1, root, box_end), branch=(1, 1, 1))
     centre, velocity = (

@@ -11,12 +11,12 @@ from scipy.optimize import linprog
 
 from climbplan.errors import Infeasible, LimitReached
 from climbplan.limms.check.verification import verify
-from climbplan.limms.courses.direct import search
 from climbplan.limms.legs.leaps import find_leaps
 from climbplan.limms.legs.standing import largest_share
 from climbplan.limms.plan.file import write_limms_plan
 from climbplan.limms.planner.planner import plan_limms
 from climbplan.limms.scene.limms_scene import GRAVITY
+from climbplan.limms.task_planning.single_actions import find_single_actions
 
 
 @pytest.mark.slow
@@ -33,7 +33,9 @@ def test_leap_down_from_a_platform_verifies(tmp_path: Path) -> None:
 
 
 def test_heavy_box_is_lifted_by_legs_and_a_light_one_by_arms() -> None:
-    heavy, light = (search(scene("limms_lift_heavy", f"box.mass={m}")) for m in (7, 0.5))
+    heavy, light = (
+        find_single_actions(scene("limms_lift_heavy", f"box.mass={m}")) for m in (7, 0.5)
+    )
     assert [s.kind for s in heavy.actions] == ["quadruped"]
     assert light.actions[0].kind == "arms"
     with pytest.raises(Infeasible, match=r"28\.7 N short"):
@@ -86,8 +88,8 @@ def test_leaps_do_what_they_say() -> None:
         t = leap.duration
         end = leap.takeoff + leap.speed * t - np.array([0, 0, GRAVITY * t**2 / 2])
         assert np.allclose(end, leap.landing, atol=1e-9)
-        assert jump.patches[leap.patches[0]].inside(leap.before, 0.03).all()
-        assert jump.patches[leap.patches[1]].inside(leap.after, 0.03).all()
+        assert jump.patches[leap.patches[0]].contains(leap.before, 0.03).all()
+        assert jump.patches[leap.patches[1]].contains(leap.after, 0.03).all()
         turned = np.abs(leap.angles[:, 1] - leap.angles[:, 0]).max()
         assert turned <= jump.module.max_joint_speed * t
 

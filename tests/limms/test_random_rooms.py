@@ -12,7 +12,7 @@ from benchmarks.limms.room_table import counts
 from benchmarks.limms.run import LimmsOptions, LimmsResult, as_json, bench_limms, write_text
 from benchmarks.limms.trial import Trial
 from climbplan.errors import UsageError
-from climbplan.limms.scene.limms_scene import scene_of
+from climbplan.limms.scene.limms_scene import build_scene
 
 
 def test_rooms_differ_and_repeat() -> None:
@@ -41,7 +41,7 @@ def test_turned_rooms_are_the_same_with_a_yaw() -> None:
 def test_obstacles_of_rooms_are_solid() -> None:
     seed = next(s for s in range(9) if random_room(s).spec.terrain.obstacles)
     loaded = random_room(seed)
-    scene = scene_of(loaded)
+    scene = build_scene(loaded)
     blocks = [(o.lower, o.upper) for o in loaded.spec.terrain.obstacles]
     assert len(scene.solids) >= 6 + len(blocks)
 

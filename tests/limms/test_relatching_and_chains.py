@@ -13,7 +13,7 @@ from climbplan.limms.check.verification import verification_of
 from climbplan.limms.modules.loads import loads_of
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner.planner import plan_limms
-from climbplan.limms.scene.bounds import anchor_wrist, chain_stretch, side_wrist, span
+from climbplan.limms.scene.bounds import anchor_wrist, joint_distance, max_chain_span, side_wrist
 
 
 @pytest.fixture(scope="module")
@@ -65,11 +65,11 @@ def test_a_module_on_a_standing_box_alone_is_free_and_nothing_else(relatched: Li
 def test_arms_on_arms_lift_where_one_arm_does_not_reach(doubled: LimmsPlan) -> None:
     wide = scene("limms_double_arm")
     nearest = min(
-        span(anchor_wrist(wide, root), side_wrist(wide, side, wide.box_start[0]))
+        joint_distance(anchor_wrist(wide, root), side_wrist(wide, side, wide.box_start[0]))
         for root in range(2)
         for side in range(4)
     )
-    assert nearest > chain_stretch(wide, 1)
+    assert nearest > max_chain_span(wide, 1)
     assert verification_of(doubled).passed
     last = doubled.motion.mode[-1]
     assert sorted(last) == [2, 2, 3, 3]

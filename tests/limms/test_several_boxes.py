@@ -13,8 +13,6 @@ from climbplan.errors import Infeasible, SpecError
 from climbplan.limms.check.boxes import box_checks
 from climbplan.limms.check.loads import loads_of_all
 from climbplan.limms.check.verification import verification_of
-from climbplan.limms.courses.courses import relays
-from climbplan.limms.courses.states import GOAL, START, Space
 from climbplan.limms.exports.table import export_csv
 from climbplan.limms.motion.assembly import _turned, initial
 from climbplan.limms.plan.file import read_limms_plan, write_limms_plan
@@ -22,9 +20,11 @@ from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner.planner import plan_limms
 from climbplan.limms.scene.actions import Action
 from climbplan.limms.scene.bounds import Connection
-from climbplan.limms.scene.limms_scene import scene_of, with_box_first, without_others
+from climbplan.limms.scene.limms_scene import build_scene, put_box_first, remove_other_boxes
 from climbplan.limms.schema.loading import load_limms
 from climbplan.limms.schema.module import ModuleSpec
+from climbplan.limms.task_planning.best_first_search import search_task_plans
+from climbplan.limms.task_planning.state_space import GOAL, START, StateSpace
 from climbplan.verification.check import Check
 
 
@@ -111,61 +111,66 @@ def test_files_hold_all_boxes(swapped: LimmsPlan, tmp_path: Path) -> None:
 
 
 def test_places_aside_are_out_of_the_way() -> None:
-    scene = scene_of(loaded("limms_swap"))
-    listed = list(relays(initial(scene), 1))
+    scene = build_scene(loaded("limms_swap"))
+    listed = list(search_task_plans(initial(scene), 1))
     assert [course.cost() for course in listed] == sorted(course.cost() for course in listed)
-    first = listed[0].legs
-    assert [(leg.box, leg.aside) for leg in first] == [(1, True), (0, False), (1, False)]
+    first = listed[0].subtasks
+    assert [(leg.box, leg.is_set_aside) for leg in first] == [(1, True), (0, False), (1, False)]
     for other in (*scene.goals, *scene.box_start):
         assert (np.abs(np.array(first[0].end) - other) >= scene.box_size[1] - 1e-9).any()
-    assert first[2].begin == first[0].end
+    assert first[2].start == first[0].end
     assert first[1].end == tuple(scene.goals[0])
 
 
 def test_boxes_in_the_way_of_others_cost_a_leg_more() -> None:
-    space = Space(initial(scene_of(loaded("limms_swap"))))
-    assert [int(box.left[START]) for box in space.boxes] == [1, 1]
-    assert space.is_in_way(1, START, 0)
-    assert not space.is_in_way(1, GOAL, 0)
-    (means, *_) = space.means(1, space.first)
+    space = StateSpace(initial(build_scene(loaded("limms_swap"))))
+    assert [int(box.cost_to_go[START]) for box in space.boxes] == [1, 1]
+    assert space.overlaps_goal(1, START, 0)
+    assert not space.overlaps_goal(1, GOAL, 0)
+    (means, *_) = space.find_actions(1, space.initial)
     # The other box stands at its goal, and is no obstacle elsewhere
-    assert not means.onward(START)[GOAL]
-    alone = Space(initial(without_others(with_box_first(
+    assert not means.find_successors(START)[GOAL]
+    alone = StateSpace(initial(remove_other_boxes(put_box_first(
         space.scene, 1, np.column_stack([space.scene.box_start, space.scene.start_yaws]),
         np.array([*space.scene.goals[1], 0.0]), 0.0,
     ))))  # fmt: skip
-    assert alone.means(0, alone.first)[0].onward(START)[GOAL]
+    assert alone.find_actions(0, alone.initial)[0].find_successors(START)[GOAL]
 
 
 def test_latches_say_who_has_to_come_down(tmp_path: Path) -> None:
     """Of two modules one hangs on a wall already, by its first end: it does not come down."""
     modules = [{"name": "A", "anchor": "left"}, {"name": "B", "stand": [-1.0, -0.4, 0]}]
-    space = Space(initial(scene_of(load_limms(changed(tmp_path, "limms_swap", modules=modules)))))
-    assert space.first.latched == (0,)
+    space = StateSpace(
+        initial(build_scene(load_limms(changed(tmp_path, "limms_swap", modules=modules))))
+    )
+    assert space.initial.latched == (0,)
     left, right = Connection(0, 2), Connection(1, 3)
-    both = space.change(space.first, Action("arms", (left, right)))
+    both = space.compute_latch_effect(space.initial, Action("arms", (left, right)))
     assert both == ((0, 1), 1)
-    assert space.change(space.first, Action("arms", (right,))) == ((0, 1), 1)
+    assert space.compute_latch_effect(space.initial, Action("arms", (right,))) == ((0, 1), 1)
     # B hangs on the right then; a chain of two from there would need A
-    hanging = space.first._replace(latched=(0, 1))
-    assert space.change(hanging, Action("arms", (left,))) == ((0, 1), 0)
-    assert space.change(hanging, Action("arms", (Connection(1, 3, 2),))) is None
-    assert space.change(space.first, Action("arms", (Connection(0, 2, 2),))) == ((0, 0), 1)
+    hanging = space.initial._replace(latched=(0, 1))
+    assert space.compute_latch_effect(hanging, Action("arms", (left,))) == ((0, 1), 0)
+    assert space.compute_latch_effect(hanging, Action("arms", (Connection(1, 3, 2),))) is None
+    assert space.compute_latch_effect(space.initial, Action("arms", (Connection(0, 2, 2),))) == (
+        (0, 0),
+        1,
+    )
 
 
 def test_scenes_keep_what_boxes_are() -> None:
-    scene = scene_of(loaded("limms_swap"))
+    scene = build_scene(loaded("limms_swap"))
     moved = scene.box_start + np.array([[0, 0, 0], [0.1, 0, 0]])
     places = np.column_stack([moved, [0.0, 0.3]])
-    other = with_box_first(scene, 1, places, np.array([*scene.goals[1], 0.5]), 0.0)
-    assert other.number == (1, 0)
+    other = put_box_first(scene, 1, places, np.array([*scene.goals[1], 0.5]), 0.0)
+    assert other.box_number == (1, 0)
     assert other.anchor_names[:4] == scene.anchor_names[4:8]
     assert other.anchor_names[8:] == scene.anchor_names[8:]
-    assert (other.start_place == places[1]).all()
-    assert np.isclose(other.goal_place[3], 0.5)
+    assert (other.start_placement == places[1]).all()
+    assert np.isclose(other.goal_placement[3], 0.5)
     assert other.start_yaws[1] == 0
-    alone = without_others(other)
-    assert alone.boxes == 1
+    alone = remove_other_boxes(other)
+    assert alone.num_boxes == 1
     assert alone.wall_offset == 4
     assert alone.anchor_names[4:] == scene.anchor_names[8:]
 

@@ -18,7 +18,6 @@ from climbplan.limms.arms.guess import guess_for
 from climbplan.limms.arms.held_branches import HeldTask
 from climbplan.limms.check.loads import loads_of_all
 from climbplan.limms.check.verification import verification_of
-from climbplan.limms.courses.refusal import proof
 from climbplan.limms.modules.contact import gap_to_blocks, gap_to_boxes
 from climbplan.limms.modules.distances import upright_gap
 from climbplan.limms.modules.limbs import arm, root_on_anchor
@@ -26,12 +25,23 @@ from climbplan.limms.motion.cubics import box_path
 from climbplan.limms.plan.file import read_limms_plan, write_limms_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner.planner import plan_limms
-from climbplan.limms.scene.corridor import centre_blocks, inner_blocks, ways, yaws_between
-from climbplan.limms.scene.limms_scene import Scene, scene_of
-from climbplan.limms.scene.placement import extents, in_world, upright, vertical_inertia
-from climbplan.limms.scene.statement import held_forces
+from climbplan.limms.scene.corridor import (
+    decompose_free_space,
+    decompose_relaxed_free_space,
+    find_corridor,
+    list_standing_yaws,
+)
+from climbplan.limms.scene.limms_scene import Scene, build_scene
+from climbplan.limms.scene.phases import compute_load_sharing
+from climbplan.limms.scene.placement import (
+    inertia_about_vertical,
+    rotate_to_world,
+    rotation_about_vertical,
+    swept_half_extents,
+)
 from climbplan.limms.schema.loading import load_limms
 from climbplan.limms.schema.module import ModuleSpec
+from climbplan.limms.task_planning.infeasibility import prove_infeasible
 
 QUARTER = np.pi / 2
 
@@ -55,7 +65,7 @@ def test_extents_hold_all_that_a_box_sweeps() -> None:
         yaw = np.linspace(first, last, 2001)
         c, s = np.abs(np.cos(yaw)), np.abs(np.sin(yaw))
         swept = [(half[0] * c + half[1] * s).max(), (half[0] * s + half[1] * c).max(), half[2]]
-        np.testing.assert_allclose(extents(half, first, last), swept, atol=1e-6)
+        np.testing.assert_allclose(swept_half_extents(half, first, last), swept, atol=1e-6)
 
 
 def test_gaps_of_turned_boxes_are_those_of_the_scene_turned_back() -> None:
@@ -66,7 +76,7 @@ def test_gaps_of_turned_boxes_are_those_of_the_scene_turned_back() -> None:
     found = gap_to_boxes(segments, centre, yaw, half, 0.03)
     for k in range(20):
         for b in range(2):
-            own = in_world(-yaw[k, b], segments[k] - centre[k, b])
+            own = rotate_to_world(-yaw[k, b], segments[k] - centre[k, b])
             there = gap_to_blocks(own, -half[b : b + 1], half[b : b + 1], 0.03)
             np.testing.assert_allclose(found[k, :, b], there[:, 0], atol=1e-9)
 
@@ -94,7 +104,7 @@ def test_upright_gap_says_whether_boxes_touch() -> None:
 def test_latches_share_the_moment_that_turns_a_box() -> None:
     offsets = np.array([[0.1, 0, 0], [-0.1, 0, 0], [0, 0.08, 0]])
     wrench = np.array([1.0, -2.0, 9.0, 0.4])
-    both = (held_forces(offsets, 20.0, 0.7) @ wrench).reshape(2, 3, 3)
+    both = (compute_load_sharing(offsets, 20.0, 0.7) @ wrench).reshape(2, 3, 3)
     np.testing.assert_allclose(both[0].sum(axis=0), wrench[:3])
     moment = np.cross(offsets, both[0]).sum(axis=0) + both[1].sum(axis=0)
     np.testing.assert_allclose(moment, [0, 0, 0.4], atol=1e-12)
@@ -105,7 +115,7 @@ def test_latches_share_the_moment_that_turns_a_box() -> None:
 
 def test_blocks_of_placements_are_free() -> None:
     own = scene_of_spec("limms_turned")
-    blocks = centre_blocks(own)
+    blocks = decompose_free_space(own)
     assert blocks.shape[1:] == (2, 4)
     rng, half = np.random.default_rng(2), own.box_size[0] / 2
     for low, high in blocks[rng.integers(len(blocks), size=60)]:
@@ -113,17 +123,17 @@ def test_blocks_of_placements_are_free() -> None:
         for solid in own.solids:
             block = solid.mean(axis=0), np.array(0.0), (solid[1] - solid[0]) / 2
             assert upright_gap(np.array(centre), np.array(yaw), half, *block) > -1e-9
-    way = ways(blocks, own.start_place, own.goal_place)
+    way = find_corridor(blocks, own.start_placement, own.goal_placement)
     assert way is not None
-    assert own.goal_place[3] == pytest.approx(QUARTER)
-    np.testing.assert_allclose(yaws_between(own), [0, QUARTER / 2, QUARTER])
+    assert own.goal_placement[3] == pytest.approx(QUARTER)
+    np.testing.assert_allclose(list_standing_yaws(own), [0, QUARTER / 2, QUARTER])
 
 
 def test_a_turn_goes_the_near_way_round() -> None:
     own = scene_of_spec("limms_turned", "box.start_yaw_deg=170", "box.goal_yaw_deg=-100")
-    assert own.goal_place[3] == pytest.approx(np.radians(260))
+    assert own.goal_placement[3] == pytest.approx(np.radians(260))
     half = scene_of_spec("limms_turned", "box.goal_yaw_deg=180")
-    assert half.goal_place[3] == pytest.approx(np.pi)
+    assert half.goal_placement[3] == pytest.approx(np.pi)
 
 
 def test_no_way_is_proved_only_where_no_attitude_passes(tmp_path: Path) -> None:
@@ -135,18 +145,18 @@ def test_no_way_is_proved_only_where_no_attitude_passes(tmp_path: Path) -> None:
     goal = [1.2, 0.6, 0.08]
     path = changed(tmp_path, "limms_turned", terrain__obstacles=walls, box__goal=goal)
     own = scene_of_spec_at(path)
-    assert ways(inner_blocks(own), own.box_start[0], own.goal) is not None
-    assert proof(own, ()) is None
+    assert find_corridor(decompose_relaxed_free_space(own), own.box_start[0], own.goal) is not None
+    assert prove_infeasible(own, ()) is None
     narrow = [{**walls[0], "upper": [1.16, 0.12, 2.2]}, {**walls[1], "lower": [1.24, 0.1, 0]}]
     path = changed(tmp_path, "limms_turned", terrain__obstacles=narrow, box__goal=goal)
     own = scene_of_spec_at(path)
-    refused = proof(own, ())
+    refused = prove_infeasible(own, ())
     assert refused is not None
     assert "no way for the box" in str(refused)
 
 
 def scene_of_spec_at(path: Path) -> Scene:
-    return scene_of(load_limms(path))
+    return build_scene(load_limms(path))
 
 
 # --- between knots
@@ -155,9 +165,9 @@ def scene_of_spec_at(path: Path) -> Scene:
 def test_a_motion_with_twice_the_knots_is_the_same() -> None:
     own = scene_of_spec("limms_turned")
     limb = replace(arm(0, 1, root_on_anchor(own, 0, 1), 0), branch=(1, 1, 1))
-    way = ways(centre_blocks(own), own.start_place, own.goal_place)
+    way = find_corridor(decompose_free_space(own), own.start_placement, own.goal_placement)
     assert way is not None
-    task = HeldTask(own.start_place, own.goal_place, way, False, 0.0)
+    task = HeldTask(own.start_placement, own.goal_placement, way, False, 0.0)
     trace = guess_for(own, [limb], task)[0]
     rng = np.random.default_rng(3)
     jerk = rng.normal(size=trace.acceleration.shape)
@@ -243,7 +253,7 @@ def test_latches_feel_what_turns_the_box(turned: LimmsPlan) -> None:
     """Of a box that speeds up its turn, the contacts give I alpha more about its middle."""
     module = ModuleSpec.model_validate(turned.module)
     plain = tampered(turned, box_yaw_acceleration=0 * turned.motion.box_yaw_acceleration)
-    inertia = vertical_inertia(float(turned.box_mass[0]), turned.box_size[0])
+    inertia = inertia_about_vertical(float(turned.box_mass[0]), turned.box_size[0])
     compared = 0
     for with_, without in zip(
         loads_of_all(turned, module), loads_of_all(plain, module), strict=True
@@ -339,4 +349,4 @@ def test_a_box_may_be_turned_where_it_stands(tmp_path: Path) -> None:
 
 
 def test_frames_turn_from_x_to_y() -> None:
-    np.testing.assert_allclose(upright(QUARTER) @ [1, 0, 0], [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(rotation_about_vertical(QUARTER) @ [1, 0, 0], [0, 1, 0], atol=1e-12)

@@ -46,7 +46,7 @@ def market_split(rows: int = 5, columns: int = 40) -> Instance:
     over, under = p.continuous("over", (rows,), 0, 1e4), p.continuous("under", (rows,), 0, 1e4)
     p.equal("half", weights @ chosen + over - under - np.floor(weights.sum(axis=1) / 2))
     p.minimise("off", over.sum() + under.sum())
-    return p.at()
+    return p.instantiate()
 
 
 def large(size: int, quadratic: bool) -> Instance:
@@ -57,13 +57,13 @@ def large(size: int, quadratic: bool) -> Instance:
     x = p.affine("x")
     p.between("rows", x @ rng.normal(size=(size, size)), -np.ones(size), np.ones(size))
     p.minimise("distance", (x - rng.normal(size=size) * 5.0).sum_of_squares())
-    found = p.at()
+    found = p.instantiate()
     return found if quadratic else replace(found, P=0.0 * found.P)
 
 
 def stepping() -> Instance:
     """Limbs that step over many patches."""
-    return stepping_scene(4, rounds=12, limbs=4, patches=8).at()
+    return stepping_scene(4, rounds=12, limbs=4, patches=8).instantiate()
 
 
 def valley(size: int = 3000) -> Instance:
@@ -72,7 +72,7 @@ def valley(size: int = 3000) -> Instance:
     x, y = p.continuous("x", (size,), -5, 5), p.continuous("y", (size,), -30, 30)
     p.equal("square", y - x * x)
     p.minimise("valley", 100 * np.sum((x[1:] - y[:-1]) ** 2) + np.sum((1 - x[:-1]) ** 2))
-    return p.at()
+    return p.instantiate()
 
 
 def split_valley() -> Instance:
@@ -85,7 +85,7 @@ def split_valley() -> Instance:
     p.when("above", up, x, lower=1.0)
     p.when("below", up, x, upper=-1.0, value=False)
     p.minimise("valley", 100 * np.sum((x[1:] - y[:-1]) ** 2) + np.sum((1 - x[:-1]) ** 2))
-    return p.at()
+    return p.instantiate()
 
 
 def _trajectory() -> object:
@@ -123,7 +123,7 @@ def _sqp() -> object:
 
     from climbplan.solvers.sqp.method import SqpSolver
 
-    instance = problem().program.at(random_theta(np.random.default_rng(0)))
+    instance = problem().program.instantiate(random_theta(np.random.default_rng(0)))
     solver, rng = SqpSolver(instance), np.random.default_rng(1)
     while True:
         start = rng.uniform(-1.0, 1.0, instance.size)
@@ -153,7 +153,7 @@ def _plan(spec: str, **changes: Any) -> Callable[[], object]:
 
     def call() -> object:
         keys = {key.replace("__", "."): value for key, value in changes.items()}
-        return climbplan.plan(climbplan.load(SPECS / f"{spec}.yaml", set=keys))
+        return climbplan.plan(climbplan.load_spec(SPECS / f"{spec}.yaml", overrides=keys))
 
     return call
 
@@ -192,7 +192,9 @@ RUNS = {
     "sqp": HardRun(_sqp, "solvers/sqp/method.py", "solve"),
     "shelf": HardRun(_shelf, "bookshelf/exact/method.py", "_search", _compile_shelf),
     "consensus": HardRun(
-        _plan("limms_jump", solver__method="admm"), "limms/consensus/planner.py", "first_integers"
+        _plan("limms_jump", solver__method="admm"),
+        "limms/consensus/planner.py",
+        "find_first_integers",
     ),
     "knots": HardRun(
         _plan("limms_jump", solver__method="admm"), "limms/consensus/nonlinear.py", "solve"

@@ -19,7 +19,7 @@ from climbplan.arrays import Array, BoolArray
 from climbplan.limms.modules.chain import BRANCHES, in_range, inverse
 from climbplan.limms.modules.limbs import side_pose, standing_rotation
 from climbplan.limms.motion.moving import gaps, rooted
-from climbplan.limms.motion.timeline import PlanSoFar
+from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.scene.limms_scene import Pose, Scene
 
 _OUT = (0.3, 0.45, 0.6, 0.75)  # [m] from the anchor, along its normal
@@ -39,7 +39,7 @@ class Grip:
 
 
 def grips(
-    world: PlanSoFar,
+    world: PartialPlan,
     carrier: int,
     side: int,
     path: Array,
@@ -131,7 +131,7 @@ def _served(scene: Scene, places: Array, frames: Array, ground: tuple[float, ...
             there = np.zeros(len(places), bool)
             for patch in scene.patches:
                 if abs(patch.height - height) < 1e-6:
-                    there |= patch.inside(stands, 0.05)
+                    there |= patch.contains(stands, 0.05)
             base = Pose(stands, np.broadcast_to(standing_rotation(0), (len(stands), 3, 3)))
             for branch in BRANCHES if there.any() else ():
                 solution = inverse(scene.module, base, Pose(places, frames), branch)
@@ -141,7 +141,7 @@ def _served(scene: Scene, places: Array, frames: Array, ground: tuple[float, ...
 
 
 def _carried(
-    world: PlanSoFar, carrier: int, wall_end: int, anchored: Pose, target: Pose
+    world: PartialPlan, carrier: int, wall_end: int, anchored: Pose, target: Pose
 ) -> Array | None:
     """Joints of the carrier (6,) that hold its free end in line with the added arm; or None."""
     scene = world.scene
@@ -165,7 +165,9 @@ def _carried(
 
 def grounds(scene: Scene) -> tuple[float, ...]:
     """Heights of the ground that modules stand on at the start [m]."""
-    return tuple(sorted({float(stand[2]) for stand in scene.stand if not np.isnan(stand).any()}))
+    return tuple(
+        sorted({float(stand[2]) for stand in scene.start_position if not np.isnan(stand).any()})
+    )
 
 
 def pairs(choices: list[list[Grip]], most: int = 6) -> Iterator[tuple[Grip, ...]]:

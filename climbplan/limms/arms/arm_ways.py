@@ -20,9 +20,9 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.limms.arms.held_branches import RANGE_MARGIN, HeldTask, clearance, off_singular
 from climbplan.limms.modules.chain import in_range
 from climbplan.limms.modules.limbs import limb_angles
-from climbplan.limms.scene.corridor import centre_blocks, way_length
+from climbplan.limms.scene.corridor import decompose_free_space, path_length
 from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 STEP = 0.07  # [m] between nodes
 AROUND = 0.35  # [m] round start and goal that is looked at
@@ -38,15 +38,15 @@ def arm_way(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[tuple[A
     Limbs hold the box in their branches all along.
     """
     nodes, places = _nodes(task)
-    blocks = centre_blocks(scene)
+    blocks = decompose_free_space(scene)
     inside = _inside(nodes, blocks)  # (n, blocks)
     serves: BoolArray = np.asarray(inside.any(axis=1))
     angles = np.zeros((len(nodes), len(limbs), 6))
     for i, limb in enumerate(limbs):
         feet = np.broadcast_to(limb.fixed_position, (len(nodes), 3))
         angles[:, i], missing = limb_angles(scene, limb, nodes, feet, limb.branch)
-        wrapped = (angles[:, i] + np.pi) % (2 * np.pi) - np.pi
-        serves &= (missing <= 0) & (in_range(scene.module, wrapped, RANGE_MARGIN) <= 0)
+        wrap_angle = (angles[:, i] + np.pi) % (2 * np.pi) - np.pi
+        serves &= (missing <= 0) & (in_range(scene.module, wrap_angle, RANGE_MARGIN) <= 0)
         serves &= off_singular(scene.module, angles[:, i])
     serves[:2] = True  # start and goal are given
     at = np.flatnonzero(serves)
@@ -87,7 +87,7 @@ def _shortest(nodes: Array, places: Array, angles: Array, inside: BoolArray) -> 
     turned = np.abs((angles[first] - angles[second] + np.pi) % (2 * np.pi) - np.pi).max(axis=1)
     joined = (inside[first] & inside[second]).any(axis=1) & (turned <= TURN)
     first, second, turned = first[joined], second[joined], turned[joined]
-    cost = way_length(nodes[first], nodes[second]) + _TURNING * turned
+    cost = path_length(nodes[first], nodes[second]) + _TURNING * turned
     graph = coo_array((cost, (first, second)), shape=(len(nodes), len(nodes))).tocsr()
     length, before = dijkstra(graph, directed=False, indices=0, return_predecessors=True)
     if not np.isfinite(length[1]):

@@ -12,26 +12,26 @@ from pydantic import BaseModel
 
 from climbplan.limms.arms.held import plan_held
 from climbplan.limms.arms.held_branches import HeldTask, combinations, path_choices
-from climbplan.limms.attempts.answers import Outcome
-from climbplan.limms.attempts.attempts import Attempts
-from climbplan.limms.attempts.work import Work
+from climbplan.limms.budget.program_results import ProgramOutcome
+from climbplan.limms.budget.search_budget import SearchBudget
+from climbplan.limms.budget.solver_work import Work
 from climbplan.limms.motion.densify import Follow
 from climbplan.limms.motion.moving import Blocked
-from climbplan.limms.scene.corridor import centre_blocks, ways
+from climbplan.limms.scene.corridor import decompose_free_space, find_corridor
 from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 _MOST = 4  # combinations of branches
 
 
 def delivery(
-    scene: Scene, attempts: Attempts, throw: bool = False, arrival_speed: float = 0.0
+    scene: Scene, budget: SearchBudget, throw: bool = False, arrival_speed: float = 0.0
 ) -> HeldTask | None:
     """The box from start to goal through the free space; None without a way there."""
-    start, goal = scene.start_place, scene.goal_place
-    way = ways(centre_blocks(scene), start, goal)
+    start, goal = scene.start_placement, scene.goal_placement
+    way = find_corridor(decompose_free_space(scene), start, goal)
     if way is None:
-        attempts.notes.append("there is no way for the box")
+        budget.notes.append("there is no way for the box")
         return None
     return HeldTask(start, goal, way, throw, arrival_speed)
 
@@ -41,31 +41,33 @@ def solved_branches(
     limbs: Sequence[Limb],
     task: HeldTask,
     name: str,
-    attempts: Attempts,
-) -> Iterator[tuple[Sequence[Limb], Outcome]]:
+    budget: SearchBudget,
+) -> Iterator[tuple[Sequence[Limb], ProgramOutcome]]:
     """Branches by which arms at the box (`limbs`) bring it to its goal."""
     choices = path_choices(scene, limbs, task)
     if not all(choices):
-        attempts.notes.append(f"{name}: out of reach at the start")
+        budget.notes.append(f"{name}: out of reach at the start")
         return
-    for combo in attempts.choices(combinations(choices, most=_MOST), name):
-        outcome = _answered(scene, combo, task, attempts)
-        attempts.count(outcome, name)
+    for combo in budget.iterate_choices(combinations(choices, most=_MOST), name):
+        outcome = _answered(scene, combo, task, budget)
+        budget.record(outcome, name)
         if outcome.solved:
             yield combo, outcome
 
 
-def _answered(scene: Scene, limbs: Sequence[Limb], task: HeldTask, attempts: Attempts) -> Outcome:
+def _answered(
+    scene: Scene, limbs: Sequence[Limb], task: HeldTask, budget: SearchBudget
+) -> ProgramOutcome:
     """The answer of the program, which is not solved again where only the pace is another one.
 
     Arms carry the box as they do at any pace of ways without it. What is known costs no work.
     """
     asked = _as_key((replace(scene, pace=1.0), tuple(limbs), task))
-    if asked in attempts.known:
-        return replace(attempts.known[asked], work=Work())
-    outcome = plan_held(scene, limbs, task, attempts.end)
-    if not attempts.over:  # an answer from then on may be what the clock cut off
-        attempts.known[asked] = outcome
+    if asked in budget.cached_outcomes:
+        return replace(budget.cached_outcomes[asked], work=Work())
+    outcome = plan_held(scene, limbs, task, budget.deadline)
+    if not budget.is_expired:  # an answer from then on may be what the clock cut off
+        budget.cached_outcomes[asked] = outcome
     return outcome
 
 
@@ -81,9 +83,9 @@ def _as_key(value: Any) -> Hashable:
 
 
 @contextmanager
-def noted(attempts: Attempts, name: str) -> Iterator[None]:
+def noted(budget: SearchBudget, name: str) -> Iterator[None]:
     """Go on after a motion that is not free all the way, with a note of what is in it."""
     try:
         yield
     except (Blocked, Follow) as error:
-        attempts.notes.append(f"{name}: {error}")
+        budget.notes.append(f"{name}: {error}")

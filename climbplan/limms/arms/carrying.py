@@ -8,57 +8,57 @@ from itertools import permutations
 import numpy as np
 
 from climbplan.limms.arms.branches import delivery, noted, solved_branches
-from climbplan.limms.attempts.answers import Outcome
-from climbplan.limms.attempts.attempts import Attempts
+from climbplan.limms.budget.program_results import ProgramOutcome
+from climbplan.limms.budget.search_budget import SearchBudget
 from climbplan.limms.modules.limbs import arm, root_on_anchor
 from climbplan.limms.motion.assembly import latch_arm, latch_box, reach_box
 from climbplan.limms.motion.between_legs import Settle, as_it_is, come_down
 from climbplan.limms.motion.densify import add_traces
 from climbplan.limms.motion.stretch_clearance import require_clear_of_all
-from climbplan.limms.motion.timeline import NOWHERE, PlanSoFar
+from climbplan.limms.motion.timeline import NOWHERE, PartialPlan
 from climbplan.limms.scene.actions import Action
-from climbplan.limms.scene.bounds import Connection, on_ground
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.bounds import Connection, is_on_ground
+from climbplan.limms.scene.phases import Limb
 
 _DOWN = 2.0  # [m] that coming down from a wall counts as, beside driving
 _OWNERS = 2  # choices of modules
 
 
 def carry(
-    world: PlanSoFar,
+    world: PartialPlan,
     action: Action,
-    attempts: Attempts,
+    budget: SearchBudget,
     rng: np.random.Generator,
     given: tuple[int, ...] | None = None,
     settle: Settle = as_it_is,
-) -> PlanSoFar | None:
+) -> PartialPlan | None:
     """The world after arms carried or threw the box, or None; given: the arms' modules."""
     scene = world.scene
-    task = delivery(scene, attempts, action.kind == "throw", scene.arrival_speed)
+    task = delivery(scene, budget, action.kind == "throw", scene.arrival_speed)
     if task is None:
         return None
-    name = action.named(scene)
+    name = action.describe(scene)
     for owners in _owners(world, action.connections) if given is None else (given,):
         limbs = [
             limb_of(world, module, connection)
             for module, connection in zip(owners, action.connections, strict=True)
         ]
         is_solved = False
-        for chosen, outcome in solved_branches(scene, limbs, task, name, attempts):
+        for chosen, outcome in solved_branches(scene, limbs, task, name, budget):
             is_solved = True
-            with noted(attempts, name):
+            with noted(budget, name):
                 return settle(whole_carried(world, chosen, action.connections, outcome, rng))
         if not is_solved:
             return None  # nor would other modules, as they are alike
     return None
 
 
-def _owners(world: PlanSoFar, connections: Sequence[Connection]) -> Iterator[tuple[int, ...]]:
+def _owners(world: PartialPlan, connections: Sequence[Connection]) -> Iterator[tuple[int, ...]]:
     """Which modules, those with the least way first; who is latched to an anchor is its arm."""
     scene = world.scene
     taken = set(world.base_anchor) | set(world.tip_anchor)
     ranked = []
-    for modules in permutations(range(scene.count), len(connections)):
+    for modules in permutations(range(scene.num_modules), len(connections)):
         cost = 0.0
         for module, connection in zip(modules, connections, strict=True):
             anchor = scene.wall_offset + connection.root
@@ -75,16 +75,16 @@ def _owners(world: PlanSoFar, connections: Sequence[Connection]) -> Iterator[tup
         yield modules
 
 
-def _drives(world: PlanSoFar, ends: set[int]) -> bool:
+def _drives(world: PartialPlan, ends: set[int]) -> bool:
     """Whether a module with these anchors at its ends drives, or stands on one that it leaves."""
     offset, anchors = world.scene.wall_offset, len(world.scene.anchor_names)
     return all(
-        end == NOWHERE or (offset <= end < anchors and on_ground(world.scene, end - offset))
+        end == NOWHERE or (offset <= end < anchors and is_on_ground(world.scene, end - offset))
         for end in ends
     )
 
 
-def limb_of(world: PlanSoFar, module: int, connection: Connection) -> Limb:
+def limb_of(world: PartialPlan, module: int, connection: Connection) -> Limb:
     """The arm of a module from an anchor of the terrain to a side of the box."""
     scene = world.scene
     latched = world.base_anchor[module] == scene.wall_offset + connection.root
@@ -94,12 +94,12 @@ def limb_of(world: PlanSoFar, module: int, connection: Connection) -> Limb:
 
 
 def whole_carried(
-    world: PlanSoFar,
+    world: PartialPlan,
     limbs: Sequence[Limb],
     connections: Sequence[Connection],
-    outcome: Outcome,
+    outcome: ProgramOutcome,
     rng: np.random.Generator,
-) -> PlanSoFar:
+) -> PartialPlan:
     """Everything from where the modules are until the box is where it is to be.
 
     Raises:
@@ -116,8 +116,8 @@ def whole_carried(
 
 
 def brought(
-    world: PlanSoFar, limbs: Sequence[Limb], outcome: Outcome, rng: np.random.Generator
-) -> PlanSoFar:
+    world: PartialPlan, limbs: Sequence[Limb], outcome: ProgramOutcome, rng: np.random.Generator
+) -> PartialPlan:
     """Arms on their anchors come to the box, latch to it at once, and bring it on.
 
     Raises:

@@ -13,17 +13,17 @@ from climbplan.limms.arms.added import Grip, grips, grounds, pairs
 from climbplan.limms.arms.branches import delivery, noted, solved_branches
 from climbplan.limms.arms.carrying import brought
 from climbplan.limms.arms.held_branches import HeldTask, way_points
-from climbplan.limms.attempts.attempts import Attempts
+from climbplan.limms.budget.search_budget import SearchBudget
 from climbplan.limms.modules.limbs import arm
 from climbplan.limms.motion.assembly import latch_arm, latch_from_ground, root_pose
 from climbplan.limms.motion.between_legs import Settle, as_it_is, come_down
 from climbplan.limms.motion.moving import Blocked
 from climbplan.limms.motion.reaching import move_joints
-from climbplan.limms.motion.timeline import ADDED_ARM, PlanSoFar
+from climbplan.limms.motion.timeline import ADDED_ARM, PartialPlan
 from climbplan.limms.scene.actions import Action
-from climbplan.limms.scene.bounds import Connection, standing_places
+from climbplan.limms.scene.bounds import Connection, find_module_stands
 from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 
 @dataclass(frozen=True)
@@ -35,34 +35,34 @@ class Chain:
 
 
 def carry_on_chains(
-    world: PlanSoFar,
+    world: PartialPlan,
     action: Action,
-    attempts: Attempts,
+    budget: SearchBudget,
     rng: np.random.Generator,
     given: tuple[Chain, ...] | None = None,
     settle: Settle = as_it_is,
-) -> PlanSoFar | None:
+) -> PartialPlan | None:
     """The world after chains of modules carried the box, or None; given: their modules."""
     scene = world.scene
-    task = delivery(scene, attempts)
+    task = delivery(scene, budget)
     if task is None:
         return None
-    name = action.named(scene)
+    name = action.describe(scene)
     for chains in _owners(scene, action.connections) if given is None else (given,):
-        attempts.begin(f"{name}: arms come to their anchors")
+        budget.begin(f"{name}: arms come to their anchors")
         try:
             hanging, still = _carriers(world, chains, task, rng)
         except Blocked as error:
-            attempts.notes.append(f"{name}: {error}")
+            budget.notes.append(f"{name}: {error}")
             continue
         for chosen in pairs(still):
             try:
                 ready, limbs = _added(hanging, chains, chosen, rng)
             except Blocked as error:
-                attempts.notes.append(f"{name}: {error}")
+                budget.notes.append(f"{name}: {error}")
                 continue
-            for arms, outcome in solved_branches(scene, limbs, task, name, attempts):
-                with noted(attempts, name):
+            for arms, outcome in solved_branches(scene, limbs, task, name, budget):
+                with noted(budget, name):
                     return settle(brought(ready, arms, outcome, rng))
     return None
 
@@ -71,15 +71,15 @@ def _owners(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[C
     """Which modules, least way to their anchors; who is latched to an anchor starts its chain."""
     needed = sum(c.links for c in connections)
     best: tuple[float, tuple[int, ...]] | None = None
-    places = standing_places(scene)
-    for modules in permutations(range(scene.count), needed):
+    places = find_module_stands(scene)
+    for modules in permutations(range(scene.num_modules), needed):
         cost, taken = 0.0, 0
         for connection in connections:
             anchor = scene.wall_offset + connection.root
             for place in range(connection.links):
                 module = modules[taken + place]
-                held = int(scene.held[module])
-                if (held == anchor) != (place == 0 and anchor in scene.held):
+                held = int(scene.start_anchor[module])
+                if (held == anchor) != (place == 0 and anchor in scene.start_anchor):
                     cost = np.inf
                 elif held != anchor:
                     away = places[module] - scene.wall_position[connection.root]
@@ -97,8 +97,8 @@ def _owners(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[C
 
 
 def _carriers(
-    world: PlanSoFar, chains: Sequence[Chain], task: HeldTask, rng: np.random.Generator
-) -> tuple[PlanSoFar, list[list[Grip]]]:
+    world: PartialPlan, chains: Sequence[Chain], task: HeldTask, rng: np.random.Generator
+) -> tuple[PartialPlan, list[list[Grip]]]:
     """First modules of all chains latched to their anchors; where their free ends may be held.
 
     Raises:
@@ -135,8 +135,8 @@ def _path(task: HeldTask) -> Array:
 
 
 def _added(
-    world: PlanSoFar, chains: Sequence[Chain], chosen: Sequence[Grip], rng: np.random.Generator
-) -> tuple[PlanSoFar, list[Limb]]:
+    world: PartialPlan, chains: Sequence[Chain], chosen: Sequence[Grip], rng: np.random.Generator
+) -> tuple[PartialPlan, list[Limb]]:
     """Carriers hold their ends where they are to be, and added arms come to them.
 
     Raises:

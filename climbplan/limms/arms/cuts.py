@@ -12,23 +12,23 @@ from typing import NamedTuple
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.attempts.answers import Cut, Outcome
+from climbplan.limms.budget.program_results import Cut, ProgramOutcome
 from climbplan.limms.modules.contact import LINKS, gap_to_blocks, gap_to_boxes, link_segments
 from climbplan.limms.modules.limbs import limb_angles, limb_points
 from climbplan.limms.motion.cubics import box_path
 from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.placement import centre_of, in_world, yaw_of
-from climbplan.limms.scene.statement import Limb, Trace
+from climbplan.limms.scene.phases import Limb, PhaseTrajectory
+from climbplan.limms.scene.placement import centre_of, rotate_to_world, yaw_of
 
-MARGIN = 0.008  # [m] beyond the radius
+GROUND_MARGIN = 0.008  # [m] beyond the radius
 ROUNDS = 4
 FINER = 2  # times that knots may be doubled
 _NORMALS = np.vstack([np.eye(3), -np.eye(3)])
 
-Solve = Callable[[Sequence[Trace] | None, Sequence[Cut]], Outcome]
+Solve = Callable[[Sequence[PhaseTrajectory] | None, Sequence[Cut]], ProgramOutcome]
 
 
-def solve_clear(scene: Scene, limbs: Sequence[Limb], solve: Solve) -> Outcome:
+def solve_clear(scene: Scene, limbs: Sequence[Limb], solve: Solve) -> ProgramOutcome:
     """Solve, cut off what collides with solids and boxes at the knots, solve again.
 
     Where knots are clear and what is between them is not, or joints turn too fast there, phases get
@@ -59,7 +59,9 @@ def solve_clear(scene: Scene, limbs: Sequence[Limb], solve: Solve) -> Outcome:
     return outcome
 
 
-def _all_collisions(scene: Scene, limbs: Sequence[Limb], traces: Sequence[Trace]) -> list[Cut]:
+def _all_collisions(
+    scene: Scene, limbs: Sequence[Limb], traces: Sequence[PhaseTrajectory]
+) -> list[Cut]:
     return [
         cut
         for number, trace in enumerate(traces)
@@ -68,7 +70,7 @@ def _all_collisions(scene: Scene, limbs: Sequence[Limb], traces: Sequence[Trace]
     ]
 
 
-def refined(scene: Scene, limbs: Sequence[Limb], trace: Trace) -> Trace:
+def refined(scene: Scene, limbs: Sequence[Limb], trace: PhaseTrajectory) -> PhaseTrajectory:
     """The same motion with twice the knots; cubics are halved exactly."""
     count = 2 * trace.phase.intervals
     time = np.linspace(0.0, trace.duration, count + 1)
@@ -92,7 +94,7 @@ def refined(scene: Scene, limbs: Sequence[Limb], trace: Trace) -> Trace:
     )
 
 
-def _is_rough(scene: Scene, limbs: Sequence[Limb], trace: Trace) -> bool:
+def _is_rough(scene: Scene, limbs: Sequence[Limb], trace: PhaseTrajectory) -> bool:
     """Whether something is touched between the knots of a phase, or joints turn too fast."""
     if trace.phase.kind == "flight":
         return False
@@ -102,7 +104,9 @@ def _is_rough(scene: Scene, limbs: Sequence[Limb], trace: Trace) -> bool:
     return fastest > scene.module.max_joint_speed or bool(collisions(scene, limbs, 0, dense))
 
 
-def collisions(scene: Scene, limbs: Sequence[Limb], number: int, trace: Trace) -> list[Cut]:
+def collisions(
+    scene: Scene, limbs: Sequence[Limb], number: int, trace: PhaseTrajectory
+) -> list[Cut]:
     """Cuts for all links that are in something at knots of a phase."""
     radius = scene.module.radius
     half = scene.box_size / 2
@@ -117,7 +121,7 @@ def collisions(scene: Scene, limbs: Sequence[Limb], number: int, trace: Trace) -
         for knot, link, solid in np.argwhere(gap < -1e-4):
             at = _At(number, int(knot), i, int(link))
             found += _cut(at, points.position[knot], fixed[solid], radius, unturned, 0.0, False)
-        if scene.boxes > 1:
+        if scene.num_boxes > 1:
             gap = gap_to_boxes(segments, centres, yaws, half[1:], radius)
             for knot, link, box in np.argwhere(gap < -1e-4):
                 block = np.array([-half[box + 1], half[box + 1]])
@@ -157,13 +161,13 @@ def _cut(
     the box that is carried, and the cut moves with it.
     """
     ends = LINKS[at.link]
-    own = in_world(-yaw, points[list(ends)] - centre)
+    own = rotate_to_world(-yaw, points[list(ends)] - centre)
     faces = np.concatenate([block[1], -block[0]])
     ahead = (_NORMALS @ own.T).min(axis=1) - faces  # of the worse end, beyond each face
     face = int(np.argmax(ahead))
-    normal, offset = _NORMALS[face], float(faces[face] + radius + MARGIN)
+    normal, offset = _NORMALS[face], float(faces[face] + radius + GROUND_MARGIN)
     if not is_carried:
-        normal = in_world(yaw, normal)
+        normal = rotate_to_world(yaw, normal)
         offset += float(normal @ centre)
     return [
         Cut(at.phase, at.knot, at.limb, end, normal, offset, is_carried)

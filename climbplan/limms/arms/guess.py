@@ -12,10 +12,10 @@ from climbplan.arrays import Array
 from climbplan.limms.arms.arm_ways import arm_way
 from climbplan.limms.arms.held_branches import HeldTask, release_share, way_points
 from climbplan.limms.modules.limbs import limb_angles
-from climbplan.limms.scene.corridor import way_length
+from climbplan.limms.scene.corridor import path_length
 from climbplan.limms.scene.limms_scene import GRAVITY, Scene
+from climbplan.limms.scene.phases import Limb, Phase, PhaseTrajectory
 from climbplan.limms.scene.placement import centre_of
-from climbplan.limms.scene.statement import Limb, Phase, Trace
 
 KNOTS = 8  # intervals of a phase
 BUMP = 0.2  # [m]
@@ -41,7 +41,7 @@ def guess_for(
     task: HeldTask,
     bump: Array | None = None,
     release: float = 0.92,
-) -> list[Trace]:
+) -> list[PhaseTrajectory]:
     """A slow straight motion through the way, and a parabola if the box is thrown.
 
     bump: a sideways detour of every leg of the way; release: how far of what arms reach they throw.
@@ -57,7 +57,7 @@ def guess_for(
         blocks.append(blocks[-1])
     pieces = []
     for (first, last), block in zip(pairwise(corners), blocks, strict=True):
-        length = float(way_length(first, last))
+        length = float(path_length(first, last))
         share = np.linspace(0, 1, KNOTS + 1)[:, None]
         position = first + share * (last - first)
         if bump is not None:
@@ -79,9 +79,9 @@ class Piece:
 
 def traces_along(
     scene: Scene, limbs: Sequence[Limb], task: HeldTask, pieces: Sequence[Piece]
-) -> list[Trace]:
+) -> list[PhaseTrajectory]:
     """The guess that follows pieces of a way, and a parabola after them if the box is thrown."""
-    traces: list[Trace] = []
+    traces: list[PhaseTrajectory] = []
     for piece in pieces:
         position, block = piece.position, piece.block
         velocity = np.broadcast_to(piece.velocity, position.shape)
@@ -98,7 +98,7 @@ def traces_along(
             angles = angles + turn
         phase = Phase("held", block[0], block[1], KNOTS, 0.15, 12.0)
         traces.append(
-            Trace(
+            PhaseTrajectory(
                 phase,
                 piece.duration,
                 position,
@@ -115,7 +115,7 @@ def traces_along(
     return traces
 
 
-def _flight(release: Array, goal: Array, block: Array, limbs: int) -> Trace:
+def _flight(release: Array, goal: Array, block: Array, limbs: int) -> PhaseTrajectory:
     """A parabola with its top at the goal, or a third of a second long."""
     rise = max(goal[2] - release[2], 0.0)
     duration = max(float(np.sqrt(2 * rise / GRAVITY)), 0.15)
@@ -123,7 +123,7 @@ def _flight(release: Array, goal: Array, block: Array, limbs: int) -> Trace:
     velocity = (goal - release) / duration - down * duration / 2
     times = np.linspace(0, duration, 2)[:, None]
     phase = Phase("flight", block[0], block[1], 1, 0.05, 2.0)
-    return Trace(
+    return PhaseTrajectory(
         phase,
         duration,
         release + velocity * times + down * times**2 / 2,
@@ -135,7 +135,9 @@ def _flight(release: Array, goal: Array, block: Array, limbs: int) -> Trace:
     )
 
 
-def guesses_for(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> Iterator[list[Trace]]:
+def guesses_for(
+    scene: Scene, limbs: Sequence[Limb], task: HeldTask
+) -> Iterator[list[PhaseTrajectory]]:
     """Guesses one after the other, as far as they are asked for.
 
     Straight ones with and without detours, the smoothest of them; of throws also from nearer the
@@ -153,11 +155,11 @@ def guesses_for(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> Iterator
             yield found
 
 
-def searched(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[Trace] | None:
+def searched(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[PhaseTrajectory] | None:
     """A slow motion along the way that a search finds for the arms, or None."""
     pieces = []
     for way, block in arm_way(scene, limbs, task):
-        steps = way_length(way[:-1], way[1:])
+        steps = path_length(way[:-1], way[1:])
         along = np.concatenate([[0.0], np.cumsum(steps)])
         share = np.linspace(0.0, along[-1], KNOTS + 1)
         position = np.stack(
@@ -169,7 +171,7 @@ def searched(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[Trace]
     return traces_along(scene, limbs, task, pieces) if pieces else None
 
 
-def jerkiness(traces: Sequence[Trace]) -> float:
+def jerkiness(traces: Sequence[PhaseTrajectory]) -> float:
     """Largest turn of a joint between two knots of a guess [rad]."""
     return max(
         float(np.abs(np.diff(t.angles, axis=0)).max()) for t in traces if t.phase.kind == "held"

@@ -10,10 +10,10 @@ from climbplan.limms.arms.cuts import solve_clear
 from climbplan.limms.arms.guess import guesses_for
 from climbplan.limms.arms.held_branches import HeldTask
 from climbplan.limms.arms.program import solve_arms
-from climbplan.limms.attempts.answers import Cut, Ends, Outcome
-from climbplan.limms.attempts.work import Work
+from climbplan.limms.budget.program_results import BoundaryConditions, Cut, ProgramOutcome
+from climbplan.limms.budget.solver_work import Work
 from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.statement import Limb, Trace
+from climbplan.limms.scene.phases import Limb, PhaseTrajectory
 
 ITERATIONS = 600  # of IPOPT, for all programs of one choice of branches
 MOST = 100  # for one of them
@@ -24,22 +24,24 @@ def plan_held(
     limbs: Sequence[Limb],
     task: HeldTask,
     deadline: float,
-    given: Sequence[Trace] | None = None,
-) -> Outcome:
+    given: Sequence[PhaseTrajectory] | None = None,
+) -> ProgramOutcome:
     """Solve the program of one held stage, from guess after guess until one leads to an optimum.
 
     deadline: `time.monotonic` [s] at which no program goes on; before it, all of them together
     have `ITERATIONS`. given: the only guess to begin from. The outcome is the first optimum, else
     the best answer, else the last try; its work is that of all.
     """
-    ends = Ends(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
+    ends = BoundaryConditions(task.start, task.goal, task.arrival_speed if task.throw else 0.0)
     spent = Work()
-    best: Outcome | None = None
+    best: ProgramOutcome | None = None
     for first in [list(given)] if given else guesses_for(scene, limbs, task):
 
         def once(
-            guess: Sequence[Trace] | None, cuts: Sequence[Cut], first: list[Trace] = first
-        ) -> Outcome:
+            guess: Sequence[PhaseTrajectory] | None,
+            cuts: Sequence[Cut],
+            first: list[PhaseTrajectory] = first,
+        ) -> ProgramOutcome:
             nonlocal spent
             most = min(MOST, max(ITERATIONS - spent.iterations, 1))
             outcome = solve_arms(scene, limbs, guess or first, ends, cuts, deadline, most)
@@ -49,12 +51,12 @@ def plan_held(
         outcome = solve_clear(scene, limbs, once)
         if best is None or _rank(outcome) < _rank(best):
             best = outcome
-        if outcome.optimal or spent.iterations >= ITERATIONS or time.monotonic() > deadline:
+        if outcome.is_optimal or spent.iterations >= ITERATIONS or time.monotonic() > deadline:
             break
     assert best is not None
     return replace(best, work=spent)
 
 
-def _rank(outcome: Outcome) -> tuple[bool, bool, float]:
+def _rank(outcome: ProgramOutcome) -> tuple[bool, bool, float]:
     """Optima first, then answers, the cheapest first."""
-    return (not outcome.optimal, not outcome.solved, outcome.objective)
+    return (not outcome.is_optimal, not outcome.solved, outcome.objective)

@@ -20,10 +20,10 @@ from climbplan.limms.modules.contact import (
     link_segments,
 )
 from climbplan.limms.modules.limbs import limb_angles, limb_points
-from climbplan.limms.scene.corridor import Way
+from climbplan.limms.scene.corridor import Corridor
 from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.phases import Limb
 from climbplan.limms.scene.placement import centre_of, yaw_of
-from climbplan.limms.scene.statement import Limb
 from climbplan.limms.schema.module import ModuleSpec
 
 RANGE_MARGIN = 0.02  # [rad]
@@ -37,7 +37,7 @@ class HeldTask:
 
     start: Array  # (D,) placements of the box [m, rad]
     goal: Array  # (D,)
-    way: Way
+    way: Corridor
     throw: bool
     arrival_speed: float
 
@@ -61,7 +61,7 @@ def clearance(scene: Scene, limbs: Sequence[Limb], box: Array, feet: Array, angl
         points = limb_points(scene, limb, box, feet[:, i], angles[:, i])
         segments.append(link_segments(points, radius))
         gaps.append(gap_to_blocks(segments[i], solids[:, 0], solids[:, 1], radius).min(axis=(1, 2)))
-        if scene.boxes > 1:
+        if scene.num_boxes > 1:
             gaps.append(gap_to_boxes(segments[i], *others, radius).min(axis=(1, 2)))
         own = centre_of(box)[:, None], yaw_of(box)[:, None], half[:1]
         gaps.append(gap_to_boxes(segments[i], *own, radius).min(axis=(1, 2)))

@@ -12,7 +12,7 @@ from climbplan.limms.arms.symbols import arm_symbols
 from climbplan.limms.modules.chain import ROLLS
 from climbplan.limms.modules.inertia import LinkBodies, link_bodies
 from climbplan.limms.scene.limms_scene import GRAVITY, Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 
 def load_function(scene: Scene, limb: Limb) -> ca.Function:

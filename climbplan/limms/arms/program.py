@@ -18,14 +18,14 @@ from climbplan.arrays import Array
 from climbplan.limms.arms.held_branches import APPROACH_MARGIN, RANGE_MARGIN, SINGULAR
 from climbplan.limms.arms.loads import load_function
 from climbplan.limms.arms.symbols import arm_function, box_frame, least_margins
-from climbplan.limms.attempts.answers import Cut, Ends, Outcome
-from climbplan.limms.attempts.work import work_of
+from climbplan.limms.budget.program_results import BoundaryConditions, Cut, ProgramOutcome
+from climbplan.limms.budget.solver_work import measure_work
 from climbplan.limms.modules.chain import inverse
 from climbplan.limms.modules.chain_symbols import chain_function
 from climbplan.limms.modules.limbs import limb_frames
 from climbplan.limms.scene.limms_scene import GRAVITY, Scene
-from climbplan.limms.scene.placement import vertical_inertia
-from climbplan.limms.scene.statement import Limb, Trace, held_forces
+from climbplan.limms.scene.phases import Limb, PhaseTrajectory, compute_load_sharing
+from climbplan.limms.scene.placement import inertia_about_vertical
 from climbplan.program.trajectory import Trajectory
 from climbplan.solvers.ipopt.trajectory import solve_trajectory
 
@@ -49,12 +49,12 @@ _SETTINGS = {
 def solve_arms(
     scene: Scene,
     limbs: Sequence[Limb],
-    guess: Sequence[Trace],
-    ends: Ends,
+    guess: Sequence[PhaseTrajectory],
+    ends: BoundaryConditions,
     cuts: Sequence[Cut] = (),
     deadline: float = np.inf,
     iterations: int = 100,
-) -> Outcome:
+) -> ProgramOutcome:
     """Build and solve the program of some phases from a guess; `guess` carries the phases.
 
     deadline: `time.monotonic` [s] at which IPOPT stops where it is.
@@ -66,10 +66,10 @@ def solve_arms(
     parts.finish(guess)
     settings = {**_SETTINGS, "max_iter": iterations}
     answer = solve_trajectory(parts.store, parts.outputs, settings, began, deadline)
-    return Outcome(
+    return ProgramOutcome(
         traces=_traces(scene, limbs, answer.values, guess),
-        optimal=answer.optimal,
-        work=work_of(answer),
+        is_optimal=answer.optimal,
+        work=measure_work(answer),
         **answer.figures(),
     )
 
@@ -77,7 +77,7 @@ def solve_arms(
 class _Arms:
     """Adds phase after phase."""
 
-    def __init__(self, scene: Scene, limbs: Sequence[Limb], ends: Ends) -> None:
+    def __init__(self, scene: Scene, limbs: Sequence[Limb], ends: BoundaryConditions) -> None:
         self.scene, self.limbs, self.ends, self.store = scene, limbs, ends, Trajectory("arms")
         self.arms = [arm_function(scene, limb) for limb in limbs]
         self.loads = [] if scene.massless else [load_function(scene, limb) for limb in limbs]
@@ -88,7 +88,7 @@ class _Arms:
         self.varied: tuple[int, ...] = ()
         self.is_first = True
 
-    def phase(self, guess: Trace, cuts: Sequence[Cut]) -> None:
+    def phase(self, guess: PhaseTrajectory, cuts: Sequence[Cut]) -> None:
         """One phase: motion of the box, and of the arms that hold it."""
         store, phase = self.store, guess.phase
         count = phase.intervals
@@ -141,7 +141,7 @@ class _Arms:
         self.last, self.varied, self.is_first = (p[-1], v[-1]), tuple(own), False
         self.outputs += [duration, *(ca.horzcat(*rows).T for rows in (p, v, a))]
 
-    def finish(self, guess: Sequence[Trace]) -> None:
+    def finish(self, guess: Sequence[PhaseTrajectory]) -> None:
         """The goal at the end, and time for the latches where the way may be too short for it."""
         store, ends, own = self.store, self.ends, list(self.varied)
         dwell = self.scene.module.latch_dwell
@@ -165,7 +165,7 @@ class _Arms:
         """Force on the box in its own frame, and moment about the vertical (4), eq. (6.5)."""
         mass = float(self.scene.box_mass[0])
         force = box_frame(p).T @ (mass * (a[:3] + ca.DM([0, 0, GRAVITY])))
-        inertia = vertical_inertia(mass, self.scene.box_size[0])
+        inertia = inertia_about_vertical(mass, self.scene.box_size[0])
         return ca.vertcat(force, inertia * _turning(a))
 
     def _latches(self, p: list[ca.MX], a: list[ca.MX]) -> None:
@@ -173,7 +173,7 @@ class _Arms:
         scene, module = self.scene, self.scene.module
         offsets = np.array([scene.side_offset(0, limb.side) for limb in self.limbs])
         n = len(offsets)
-        share = ca.DM(held_forces(offsets, module.max_force, module.latch_moment))
+        share = ca.DM(compute_load_sharing(offsets, module.max_force, module.latch_moment))
         limits = [FORCE_SHARE * module.max_force] * n + [FORCE_SHARE * module.latch_moment] * n
         for place, acceleration in zip(p, a, strict=True):
             both = share @ self._wrench(place, acceleration)
@@ -182,7 +182,9 @@ class _Arms:
                 share_used = ca.sumsqr(both[3 * i : 3 * i + 3]) / limit**2
                 self.store.between(name, share_used, 0.0, 1.0)
 
-    def _masses(self, guess: Trace, p: list[ca.MX], v: list[ca.MX], a: list[ca.MX]) -> None:
+    def _masses(
+        self, guess: PhaseTrajectory, p: list[ca.MX], v: list[ca.MX], a: list[ca.MX]
+    ) -> None:
         """Box and arms together: joint torques, and what the latches on anchors hold.
 
         Latches on the box share its load as `_latches` has it; the checker's sharing, among all
@@ -191,7 +193,7 @@ class _Arms:
         scene, module = self.scene, self.scene.module
         offsets = np.array([scene.side_offset(0, limb.side) for limb in self.limbs])
         n = len(offsets)
-        share = ca.DM(held_forces(offsets, module.max_force, module.latch_moment))
+        share = ca.DM(compute_load_sharing(offsets, module.max_force, module.latch_moment))
         for k in range(len(p)):
             both, frame = share @ self._wrench(p[k], a[k]), box_frame(p[k])
             for i in range(n):
@@ -210,7 +212,7 @@ class _Arms:
 
     def _joints(
         self,
-        guess: Trace,
+        guess: PhaseTrajectory,
         p: list[ca.MX],
         v: list[ca.MX],
         step: ca.MX,
@@ -260,10 +262,10 @@ def _turning(entries: ca.MX) -> ca.MX | float:
 
 
 def _traces(
-    scene: Scene, limbs: Sequence[Limb], read: Sequence[Array], guess: Sequence[Trace]
-) -> tuple[Trace, ...]:
+    scene: Scene, limbs: Sequence[Limb], read: Sequence[Array], guess: Sequence[PhaseTrajectory]
+) -> tuple[PhaseTrajectory, ...]:
     """The answer, phase by phase; joint angles solved anew, so that chains close exactly."""
-    traces: list[Trace] = []
+    traces: list[PhaseTrajectory] = []
     for number, old in enumerate(guess):
         duration, position, velocity, acceleration = read[4 * number : 4 * number + 4]
         angles = old.angles

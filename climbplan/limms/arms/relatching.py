@@ -12,8 +12,8 @@ import numpy as np
 
 from climbplan.limms.arms.branches import delivery, noted, solved_branches
 from climbplan.limms.arms.held_branches import branch_choices
-from climbplan.limms.attempts.answers import Outcome
-from climbplan.limms.attempts.attempts import Attempts
+from climbplan.limms.budget.program_results import ProgramOutcome
+from climbplan.limms.budget.search_budget import SearchBudget
 from climbplan.limms.modules.limbs import arm, limb_angles, root_on_anchor, side_pose
 from climbplan.limms.motion.assembly import latch_box, latch_from_ground, reach_box
 from climbplan.limms.motion.between_legs import Settle, as_it_is, come_down
@@ -28,59 +28,59 @@ from climbplan.limms.motion.timeline import (
     MANIPULATED,
     NOWHERE,
     STABLE,
-    PlanSoFar,
+    PartialPlan,
     samples,
 )
 from climbplan.limms.scene.actions import Action
-from climbplan.limms.scene.bounds import Connection, on_ground
+from climbplan.limms.scene.bounds import Connection, is_on_ground
 from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 
 def relatch(
-    world: PlanSoFar,
+    world: PartialPlan,
     action: Action,
-    attempts: Attempts,
+    budget: SearchBudget,
     rng: np.random.Generator,
     settle: Settle = as_it_is,
-) -> PlanSoFar | None:
+) -> PartialPlan | None:
     """The world after a module came to its anchor over the box and carried it, or None."""
     scene, connection = world.scene, action.connections[0]
-    task = delivery(scene, attempts)
+    task = delivery(scene, budget)
     if task is None:
         return None
-    name = action.named(scene)
+    name = action.describe(scene)
     for module in _owners(scene, connection):
-        attempts.begin(f"{name}: module {scene.module_names[module]} to the box")
+        budget.begin(f"{name}: module {scene.module_names[module]} to the box")
         try:
-            held = on_box(world, module, connection.side, action.lets_go, rng)
+            held = on_box(world, module, connection.side, action.releases_ground_anchor, rng)
         except Blocked as error:
-            attempts.notes.append(f"{name}: {error}")
+            budget.notes.append(f"{name}: {error}")
             continue
         box_end = 0 if held.base_anchor[module] == connection.side else 1
         root = root_on_anchor(scene, connection.root, 1 - box_end)
         limb = arm(module, connection.side, root, box_end)
-        for arms, outcome in solved_branches(scene, [limb], task, name, attempts):
-            with noted(attempts, name):
+        for arms, outcome in solved_branches(scene, [limb], task, name, budget):
+            with noted(budget, name):
                 return settle(_from_box(held, arms[0], connection, outcome, rng))
     return None
 
 
 def _owners(scene: Scene, connection: Connection) -> Iterator[int]:
     """Modules, those nearest to the side of the box first."""
-    place = side_pose(scene, scene.start_place, connection.side, 0).position
+    place = side_pose(scene, scene.start_placement, connection.side, 0).position
     ranked = []
-    for module in range(scene.count):
-        anchor = int(scene.held[module]) - scene.wall_offset
-        now = scene.stand[module] if anchor < 0 else scene.wall_position[anchor]
+    for module in range(scene.num_modules):
+        anchor = int(scene.start_anchor[module]) - scene.wall_offset
+        now = scene.start_position[module] if anchor < 0 else scene.wall_position[anchor]
         ranked.append((float(np.linalg.norm(now - place)), module))
     for _, module in sorted(ranked)[:2]:
         yield module
 
 
 def on_box(
-    world: PlanSoFar, module: int, side: int, lets_go: bool, rng: np.random.Generator
-) -> PlanSoFar:
+    world: PartialPlan, module: int, side: int, lets_go: bool, rng: np.random.Generator
+) -> PartialPlan:
     """Everything until a module is held by a side of the standing box alone.
 
     lets_go: a module on an anchor of the ground drives first, otherwise it comes from there. One
@@ -90,7 +90,7 @@ def on_box(
         Blocked: no free way was found.
     """
     scene = world.scene
-    name, anchor = scene.module_names[module], int(scene.held[module])
+    name, anchor = scene.module_names[module], int(scene.start_anchor[module])
     if anchor >= 0 and not lets_go:
         try:
             return _from_anchor(world, module, side, rng)
@@ -98,16 +98,18 @@ def on_box(
             if world.tip_anchor[module] != anchor:
                 raise
             world = come_down(world, module, rng)
-    elif anchor >= 0 and not on_ground(scene, anchor - scene.wall_offset):
+    elif anchor >= 0 and not is_on_ground(scene, anchor - scene.wall_offset):
         raise Blocked(f"{name} is latched to a wall and cannot drive")
     target = side_pose(scene, world.place, side, 1)
     return latch_from_ground(world, module, target, side, DRIVES, name, rng)
 
 
-def _from_anchor(world: PlanSoFar, module: int, side: int, rng: np.random.Generator) -> PlanSoFar:
+def _from_anchor(
+    world: PartialPlan, module: int, side: int, rng: np.random.Generator
+) -> PartialPlan:
     """The same for a module that is latched to the terrain, and lets go once it has the box."""
     scene = world.scene
-    name, anchor = scene.module_names[module], int(scene.held[module])
+    name, anchor = scene.module_names[module], int(scene.start_anchor[module])
     end = 0 if world.base_anchor[module] == anchor else 1  # that is latched to the terrain
     root = root_on_anchor(scene, anchor - scene.wall_offset, end)
     limb = arm(module, side, root, 1 - end)
@@ -132,7 +134,7 @@ def _from_anchor(world: PlanSoFar, module: int, side: int, rng: np.random.Genera
     raise reason
 
 
-def hold(world: PlanSoFar, limb: Limb, name: str) -> None:
+def hold(world: PartialPlan, limb: Limb, name: str) -> None:
     """Rest for as long as a latch takes to close, the arm holding the box where it stands."""
     scene = world.scene
     world.box_mode = MANIPULATED
@@ -142,12 +144,12 @@ def hold(world: PlanSoFar, limb: Limb, name: str) -> None:
 
 
 def _from_box(
-    world: PlanSoFar,
+    world: PartialPlan,
     limb: Limb,
     connection: Connection,
-    outcome: Outcome,
+    outcome: ProgramOutcome,
     rng: np.random.Generator,
-) -> PlanSoFar:
+) -> PartialPlan:
     """From the box to the wall, and on with the box.
 
     Raises:

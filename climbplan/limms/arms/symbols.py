@@ -16,7 +16,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.limms.modules.chain import ROLLS
 from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 Symbol = TypeVar("Symbol", ca.SX, ca.MX)
 
@@ -48,7 +48,7 @@ class ArmSymbols:
 
 def arm_symbols(scene: Scene, limb: Limb) -> ArmSymbols:
     """Angles, rates and margins of an arm as closed expressions."""
-    size = len(scene.start_place)
+    size = len(scene.start_placement)
     place, velocity = ca.SX.sym("place", size), ca.SX.sym("velocity", size)
     reference = ca.SX.sym("reference", 6)
     frame = box_frame(place)

@@ -10,7 +10,7 @@ from climbplan.arrays import Array
 from climbplan.limms.check.dense import anchor_pose, events, fine_times, hermite
 from climbplan.limms.check.kinematics import turned
 from climbplan.limms.check.limits import judge
-from climbplan.limms.check.loads import vertical_inertia
+from climbplan.limms.check.loads import inertia_about_vertical
 from climbplan.limms.check.worst import Worst
 from climbplan.limms.modules.distances import upright_gap
 from climbplan.limms.plan.limms_plan import LimmsPlan
@@ -144,7 +144,7 @@ def _forces(
         worst.look("box.dynamics", time, np.abs(force.sum(axis=1) - needed))
     frame = turned(motion.box_yaw[span, b])  # (n, 3, 3) to the world
     wanted = np.zeros((len(time), 3))  # moment that turns it as planned
-    wanted[:, 2] = vertical_inertia(plan, b) * motion.box_yaw_acceleration[span, b]
+    wanted[:, 2] = inertia_about_vertical(plan, b) * motion.box_yaw_acceleration[span, b]
     if mode == _FREE:
         worst.look("box.moment", time, np.abs(wanted))
     size = np.linalg.norm(force, axis=-1)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.check.kinematics import on_anchor, on_end, on_ground, placed, turned
+from climbplan.limms.check.kinematics import is_on_ground, on_anchor, on_end, placed, turned
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.scene.limms_scene import Points, Pose
 from climbplan.limms.schema.module import ModuleSpec
@@ -153,7 +153,7 @@ def _root(
     path = motion.joint_position[span, m, 7 * end]
     position = np.stack([np.interp(at, time, path[:, i]) for i in range(3)], axis=-1)
     if ground >= 0:
-        return Root(end, Pose(position, np.broadcast_to(on_ground(end), (len(at), 3, 3))))
+        return Root(end, Pose(position, np.broadcast_to(is_on_ground(end), (len(at), 3, 3))))
     # In nobody's hands: as stored, between samples straight
     near = np.clip(np.searchsorted(time, at), 0, len(time) - 1)
     return Root(end, Pose(position, motion.joint_rotation[span, m, 0][near]))

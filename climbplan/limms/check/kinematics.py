@@ -59,7 +59,7 @@ def turned(yaw: Array) -> Array:
     return frames
 
 
-def on_ground(end: int) -> Array:
+def is_on_ground(end: int) -> Array:
     """Frame (3, 3) of an end that stands upright."""
     return np.eye(3) if end == 0 else _OVER
 

@@ -67,7 +67,7 @@ def _stretch_loads(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch) -> Str
     for b in range(boxes):
         rise = _box_acceleration(plan, stretch, b) + np.array([0.0, 0.0, GRAVITY])
         wanted[count + b, :, :3] = plan.box_mass[b] * rise
-        wanted[count + b, :, 5] = vertical_inertia(plan, b) * _turning(plan, stretch, b)
+        wanted[count + b, :, 5] = inertia_about_vertical(plan, b) * _turning(plan, stretch, b)
     contacts = contacts_of(plan, stretch)
     wrench = np.zeros((len(contacts), samples, 6))
     unheld = np.zeros(samples)
@@ -159,7 +159,7 @@ def _demands(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch) -> dict[int,
     return {m: found[m] for m in range(count)}
 
 
-def vertical_inertia(plan: LimmsPlan, b: int) -> float:
+def inertia_about_vertical(plan: LimmsPlan, b: int) -> float:
     """Moment of inertia of a box, as heavy all through, about the vertical [kg m^2]."""
     x, y, _ = plan.box_size[b]
     return float(plan.box_mass[b] * (x**2 + y**2) / 12)

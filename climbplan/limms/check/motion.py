@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.limms.check.dense import Stretch, anchor_pose, stretches
-from climbplan.limms.check.kinematics import on_end, on_ground
+from climbplan.limms.check.kinematics import is_on_ground, on_end
 from climbplan.limms.check.limits import judge
 from climbplan.limms.check.worst import Worst
 from climbplan.limms.modules.contact import (
@@ -114,7 +114,7 @@ def _ground(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch, worst: Worst)
             continue
         place = stretch.points[m].position[:, 7 * end]
         worst.look("ground.stand", stretch.time, _off_ground(plan, place), name)
-        turn = stretch.points[m].rotation[:, 7 * end] - on_ground(end)
+        turn = stretch.points[m].rotation[:, 7 * end] - is_on_ground(end)
         worst.look("ground.stand", stretch.time, np.abs(turn), f"{name} upright")
         span = slice(stretch.first, stretch.last + 1)
         path, time = motion.joint_position[span, m, 7 * end], motion.time[span]

@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.errors import SpecError
 from climbplan.limms.check.limits import judge
 from climbplan.limms.plan.limms_plan import LimmsPlan
-from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Scene, scene_of
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Scene, build_scene
 from climbplan.limms.schema.loading import stored_limms
 from climbplan.limms.schema.model import LimmsSpec
 from climbplan.limms.schema.module import OF_MASSES
@@ -34,7 +34,7 @@ def spec_checks(plan: LimmsPlan) -> Iterator[Check]:
     else:
         unsaid = [name for name in OF_MASSES if plan.massless and name not in plan.module]
         yield _worst("robot.spec", parts_apart("module", plan.module, built, unsaid))
-    scene = scene_of(stored.loaded)
+    scene = build_scene(stored.loaded)
     yield _worst("file.spec_values", _values(plan, scene, stored.loaded.spec))
 
 
@@ -62,21 +62,21 @@ def _values(plan: LimmsPlan, scene: Scene, spec: LimmsSpec) -> Iterator[Differen
         "terrain.anchors": (motion.anchor_position[0, offset:], scene.wall_position),
         "terrain.anchors: normals": (
             plan.anchor_normal,
-            np.vstack([*([SIDE_NORMALS] * scene.boxes), scene.wall_normal]),
+            np.vstack([*([SIDE_NORMALS] * scene.num_boxes), scene.wall_normal]),
         ),
     }
     for key, (stored, built) in pairs.items():
         yield from parts_apart(key, stored, built)
     if same_names:
-        held = np.where((scene.held >= 0)[:, None], _anchors(scene), scene.stand)
+        held = np.where((scene.start_anchor >= 0)[:, None], _anchors(scene), scene.start_position)
         yield from parts_apart("modules", motion.joint_position[0, :, 0], held)
 
 
 def _anchors(scene: Scene) -> np.ndarray:
     """Where modules' first ends are latched (L, 3), anything for those that stand."""
-    if not scene.walls:
-        return scene.stand
-    return scene.wall_position[np.maximum(scene.held - scene.wall_offset, 0)]
+    if not scene.num_wall_anchors:
+        return scene.start_position
+    return scene.wall_position[np.maximum(scene.start_anchor - scene.wall_offset, 0)]
 
 
 def _worst(name: str, differences: Iterator[Difference]) -> Check:

@@ -1,6 +1,6 @@
-"""Why the mixed-integer block reaches no goal: what, loosened one at a time, lets it.
+"""Why the mixed-integer block reaches no goal: which rows, relaxed one at a time, allow it.
 
-First the limits of the spec, then blocks of rows that no single number loosens.
+Limits of the spec come first, then blocks of rows that no single number relaxes.
 """
 
 from __future__ import annotations
@@ -9,21 +9,21 @@ import time
 from dataclasses import replace
 
 from climbplan.errors import Conflict
-from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, Kind, MixedInteger
-from climbplan.limms.consensus.setting import Setting, setting_of
+from climbplan.limms.consensus.mixed_integer import GOAL_TOLERANCE, Behaviour, MixedIntegerBlock
+from climbplan.limms.consensus.problem import ConsensusProblem, build_problem
 
 KINDS = {"arms": "arms", "stand": "quadruped that stands", "leap": "quadruped that leaps"}
-TRIAL = 100  # looks of HiGHS in each loosened block
-_HORIZON = "horizon"  # which no check holds
-# Limits of the spec, by the names of the checks that hold them: words, key of the module, factor
-_LOOSER = {
+TRIAL_CALLBACKS = 100  # limit checks of HiGHS for each relaxed block
+_HORIZON = "horizon"  # no check has this name
+# Limits of the spec by the name of their check: description, key of the module, factor
+_RELAXED_LIMITS = {
     "force.limit": ("force limit (max_force)", "max_force", 10.0),
     "latch.moment": ("latch moment (latch_moment)", "latch_moment", 20.0),
     "joint.speed": ("joint speed (max_joint_speed)", "max_joint_speed", 5.0),
     "ground.speed": ("speed on the ground (ground_speed)", "ground_speed", 5.0),
 }
-# Blocks of rows that no single number loosens
-_BLOCKS = {
+# Blocks of rows that no single number relaxes
+_RELAXED_BLOCKS = {
     "clear.box": "free space of the box",
     "clear.solids": "free space of modules",
     "kinematics.points": "lengths of links",
@@ -32,52 +32,67 @@ _BLOCKS = {
 }
 
 
-def conflicts_of(setting: Setting, nearest: dict[Kind, float], deadline: float) -> list[Conflict]:
-    """One conflict for each behaviour: how near it comes, and what would let it reach the goal.
+def explain_conflicts(
+    problem: ConsensusProblem, nearest: dict[Behaviour, float], deadline: float
+) -> list[Conflict]:
+    """Return one conflict for each behaviour: its best distance, and what prevents the goal.
 
-    deadline: `time.monotonic` [s], after which nothing more is loosened.
+    Args:
+        problem: The problem.
+        nearest: Smallest distance to the goal of each behaviour [m].
+        deadline: Time after which nothing more is relaxed, as `time.monotonic` [s].
     """
-    found = []
-    for kind, missed in nearest.items():
-        text = f"the box is proved to miss its goal, {missed:.2f} m off in the best plan seen"
-        guilty = _guilty(setting, kind, deadline)
-        if guilty:
-            text += "; it conflicts with the " + " and the ".join(guilty.values())
-        names = ("goal.reached", *(name for name in guilty if name != _HORIZON))
-        found.append(Conflict(KINDS[kind], (text,), in_words=True, names=names))
-    return found
+    conflicts = []
+    for kind, distance in nearest.items():
+        text = f"the box is proved to miss its goal, {distance:.2f} m off in the best plan seen"
+        limits = _find_conflicting_limits(problem, kind, deadline)
+        if limits:
+            text += "; it conflicts with the " + " and the ".join(limits.values())
+        names = ("goal.reached", *(name for name in limits if name != _HORIZON))
+        conflicts.append(Conflict(KINDS[kind], (text,), in_words=True, names=names))
+    return conflicts
 
 
-def _guilty(setting: Setting, kind: Kind, deadline: float) -> dict[str, str]:
-    """What lets the goal be reached once it is loosened, in words, by the names of checks."""
+def _find_conflicting_limits(
+    problem: ConsensusProblem, kind: Behaviour, deadline: float
+) -> dict[str, str]:
+    """Return descriptions of the rows whose relaxation reaches the goal, by names of checks."""
 
-    def reaches(block: MixedInteger) -> bool:
-        block.choose(kind)
-        return block.first(TRIAL, deadline).missed <= NEAR_GOAL
+    def reaches(block: MixedIntegerBlock) -> bool:
+        block.fix_behaviour(kind)
+        return block.find_feasible(TRIAL_CALLBACKS, deadline).goal_error <= GOAL_TOLERANCE
 
-    found: dict[str, str] = {}
-    scene, intervals, form = setting.scene, setting.intervals, setting.form
+    limits: dict[str, str] = {}
+    scene, intervals, formulation = problem.scene, problem.intervals, problem.formulation
     trials = [
-        (name, words, replace(scene, module=scene.module.model_copy(update={key: factor * value})))
-        for name, (words, key, factor) in _LOOSER.items()
+        (
+            name,
+            description,
+            replace(scene, module=scene.module.model_copy(update={key: factor * value})),
+        )
+        for name, (description, key, factor) in _RELAXED_LIMITS.items()
         if (value := float(vars(scene.module)[key]))
     ]
     if kind != "arms":
-        rough = replace(scene, friction=10.0 * scene.friction)
-        trials.append(("force.friction", "friction of the ground (terrain.friction)", rough))
+        rough_scene = replace(scene, friction=10.0 * scene.friction)
+        trials.append(("force.friction", "friction of the ground (terrain.friction)", rough_scene))
     trials.append((_HORIZON, f"horizon (solver.admm.intervals = {intervals})", scene))
-    for name, words, loose in trials:
+    for name, description, relaxed_scene in trials:
         if time.monotonic() > deadline:
-            return found
-        longer = 2 if name == _HORIZON else 1
-        if reaches(MixedInteger(setting_of(loose, longer * intervals, form))):
-            found[name] = words
-    block = MixedInteger(setting)
-    for name in (name for name in block.rows.names.names if name in _BLOCKS):
+            return limits
+        factor_of_horizon = 2 if name == _HORIZON else 1
+        if reaches(
+            MixedIntegerBlock(
+                build_problem(relaxed_scene, factor_of_horizon * intervals, formulation)
+            )
+        ):
+            limits[name] = description
+    block = MixedIntegerBlock(problem)
+    for name in (name for name in block.rows.names.names if name in _RELAXED_BLOCKS):
         if time.monotonic() > deadline:
-            return found
-        block.loosen(name)
+            return limits
+        block.relax_rows(name)
         if reaches(block):
-            found[name] = _BLOCKS[name]
-        block.restore(name)
-    return found
+            limits[name] = _RELAXED_BLOCKS[name]
+        block.restore_rows(name)
+    return limits

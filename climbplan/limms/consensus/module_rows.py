@@ -1,267 +1,341 @@
-"""Rows for modules: latches, standing, speeds, links, and free space of links."""
+"""Linear rows for modules: latches, standing, speeds, link lengths and free space."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.limms.consensus.columns import FASTEST, Columns
-from climbplan.limms.consensus.setting import (
+from climbplan.limms.consensus.problem import (
     LEAPS,
-    LEVER,
+    MAX_LEVER_ARM,
     POINTS,
-    Setting,
-    start_points,
+    ConsensusProblem,
+    compute_start_points,
 )
+from climbplan.limms.consensus.variables import MAX_BOX_SPEED, VariableColumns
 from climbplan.limms.scene.limms_scene import SIDE_NORMALS
 from climbplan.program.linear_rows import LinearRows, Number, Term
 
-MARGIN = 0.05  # [m] of what stands from edges of the ground
-AHEAD = 0.02  # [m] of a foot from its face of the box
+GROUND_MARGIN = 0.05  # [m] of standing modules from edges of the ground
+FOOT_CLEARANCE = 0.02  # [m] of a foot in front of its face of the box
 _DIAGONALS = ((1, 1, 1), (1, 1, -1), (1, -1, 1), (1, -1, -1))
-_OCTAGON = float(np.cos(np.pi / 8))  # of a speed limit, which is a circle
-_NEAR = {0: (0, 1), 1: (4, 3)}  # end -> its point, and the other point of its link
+_OCTAGON = float(np.cos(np.pi / 8))  # inscribed octagon of a circular speed limit
+_END_POINTS = {0: (0, 1), 1: (4, 3)}  # end: its point, and the next point of its link
 
 
-def add_modules(setting: Setting, table: LinearRows, columns: Columns) -> None:
-    """Eqs. (6.1), (6.3) and (6.9), reach as planes round the balls of links, and speeds.
+def add_module_rows(problem: ConsensusProblem, table: LinearRows, columns: VariableColumns) -> None:
+    """Add eqs. (6.1), (6.3) and (6.9), reach as planes around balls of links, and speeds.
 
-    The box does not turn, so that frames at latches are constant: the link there has the
-    direction of the anchor's normal.
+    The box does not turn, so frames at latches are constant: the latched link has the direction of
+    the anchor's normal.
     """
-    start = start_points(setting)
+    start = compute_start_points(problem)
     for column, value in zip(columns.points[0].ravel(), start.ravel(), strict=True):
         table.bound(column, value, value)
-    for m in range(setting.scene.count):
-        for k in range(setting.intervals):
+    for m in range(problem.scene.num_modules):
+        for k in range(problem.intervals):
             for knot in (k, k + 1):
-                _wall_latch(setting, table, columns, m, k, knot)
-                _box_latch(setting, table, columns, m, k, knot, int(setting.box_end[m]), False)
-                _box_latch(setting, table, columns, m, k, knot, 1, True)
-                _standing(setting, table, columns, m, k, knot)
-                for parent in range(setting.scene.count):
+                _add_wall_latch(problem, table, columns, m, k, knot)
+                box_end = int(problem.box_end[m])
+                _add_box_latch(problem, table, columns, m, k, knot, end=box_end, is_leg=False)
+                _add_box_latch(problem, table, columns, m, k, knot, end=1, is_leg=True)
+                _add_standing(problem, table, columns, m, k, knot)
+                for parent in range(problem.scene.num_modules):
                     if parent != m:
-                        _module_latch(setting, table, columns, parent, m, k, knot)
-            _speeds(setting, table, columns, m, k)
-        for knot in range(setting.knots):
-            _links(setting, table, columns, m, knot)
-            _free(setting, table, columns, m, knot)
+                        _add_module_latch(problem, table, columns, k, knot, parent=parent, child=m)
+            _add_speeds(problem, table, columns, m, k)
+        for knot in range(problem.knots):
+            _add_link_lengths(problem, table, columns, m, knot)
+            _add_free_space(problem, table, columns, m, knot)
 
 
-def _reach(setting: Setting) -> float:
-    """More than two points of the free space are apart along an axis [m]."""
-    return float((setting.free[:, 1].max(axis=0) - setting.free[:, 0].min(axis=0)).max()) + 0.2
+def _big_m(problem: ConsensusProblem) -> float:
+    """Return the big-M constant: a bound on distances along an axis in the free space [m]."""
+    return (
+        float((problem.free_blocks[:, 1].max(axis=0) - problem.free_blocks[:, 0].min(axis=0)).max())
+        + 0.2
+    )
 
 
-def _at(
-    setting: Setting,
+def _add_position_choice(
+    problem: ConsensusProblem,
     table: LinearRows,
     name: str,
     point: IntArray,
-    places: Array,
+    positions: Array,
     chosen: IntArray,
-    moving: IntArray | None = None,
+    *,
+    origin: IntArray | None = None,
 ) -> None:
-    """point = moving + the chosen one of some places (n, 3), if one is chosen."""
-    big = _reach(setting)
+    """Add point = origin + the chosen one of some positions (n, 3), if one is chosen."""
+    big_m = _big_m(problem)
     for axis in range(3):
         terms: list[Term] = [(point[axis], 1.0)]
-        if moving is not None:
-            terms.append((moving[axis], -1.0))
-        terms += [(b, -place) for b, place in zip(chosen, places[:, axis], strict=True)]
+        if origin is not None:
+            terms.append((origin[axis], -1.0))
+        terms += [(b, -position) for b, position in zip(chosen, positions[:, axis], strict=True)]
         # |terms| <= big * (1 - sum of chosen)
-        table.within(name, terms, big, [(b, -1.0) for b in chosen], big)
+        table.within(name, terms, big_m, [(b, -1.0) for b in chosen], big_m)
 
 
-def _bent(
-    setting: Setting, table: LinearRows, points: IntArray, end: int, outward: Array, chosen: Number
+def _add_joint_range(
+    problem: ConsensusProblem,
+    table: LinearRows,
+    points: IntArray,
+    end: int,
+    outward: Array,
+    chosen: Number,
 ) -> None:
-    """The link next to a latched one no further back than its joint turns (points: (5, 3)).
+    """Add the joint range between a latched link and the next one.
 
-    outward: direction of the latched link away from its latch, constant while `chosen` is 1.
+    Args:
+        problem: The problem.
+        table: Receives the row.
+        points: Columns of the module's points (5, 3).
+        end: The latched end.
+        outward: Direction of the latched link away from its latch.
+        chosen: Column that is 1 while the end is latched.
     """
-    if not setting.form.reach:
+    if not problem.formulation.has_kinematics:
         return
-    joint, length = (1, setting.links[1]) if end == 0 else (4, setting.links[2])
-    least = float(np.cos(min(setting.scene.module.joint_range[joint], np.pi))) * length
-    one, two = (1, 2) if end == 0 else (3, 2)
+    joint, length = (1, problem.link_lengths[1]) if end == 0 else (4, problem.link_lengths[2])
+    min_projection = float(np.cos(min(problem.scene.module.joint_range[joint], np.pi))) * length
+    inner_point, outer_point = (1, 2) if end == 0 else (3, 2)
     terms: list[Term] = [
         term
         for axis in np.flatnonzero(outward)
-        for term in ((points[two, axis], outward[axis]), (points[one, axis], -outward[axis]))
+        for term in (
+            (points[outer_point, axis], outward[axis]),
+            (points[inner_point, axis], -outward[axis]),
+        )
     ]
-    slack = least + length
-    table.row("joint.range", [*terms, (chosen, -slack)], least - slack, np.inf)
+    slack = min_projection + length
+    table.row("joint.range", [*terms, (chosen, -slack)], min_projection - slack, np.inf)
 
 
-def _wall_latch(setting: Setting, table: LinearRows, c: Columns, m: int, k: int, knot: int) -> None:
-    scene, end = setting.scene, int(setting.wall_end[m])
-    if not scene.walls:
-        return
-    own, next_to = _NEAR[end]
-    length = setting.links[0 if end == 0 else 3]
-    chosen = c.wall[:, m, k]
-    _at(setting, table, "latch.position", c.points[knot, m, own], scene.wall_position, chosen)
-    inner = scene.wall_position + length * scene.wall_normal
-    _at(setting, table, "latch.rotation", c.points[knot, m, next_to], inner, chosen)
-    for normal, column in zip(scene.wall_normal, chosen, strict=True):
-        _bent(setting, table, c.points[knot, m], end, normal, column)
-
-
-def _box_latch(
-    setting: Setting, table: LinearRows, c: Columns, m: int, k: int, knot: int, end: int, leg: bool
+def _add_wall_latch(
+    problem: ConsensusProblem, table: LinearRows, c: VariableColumns, m: int, k: int, knot: int
 ) -> None:
-    scene = setting.scene
-    own, next_to = _NEAR[end]
-    length = setting.links[0 if end == 0 else 3]
-    chosen = (c.mount if leg else c.hold)[:, m, k]
+    """Add position and direction of the link of a module on a terrain anchor."""
+    scene, end = problem.scene, int(problem.wall_end[m])
+    if not scene.num_wall_anchors:
+        return
+    end_point, next_point = _END_POINTS[end]
+    length = problem.link_lengths[0 if end == 0 else 3]
+    chosen = c.wall[:, m, k]
+    _add_position_choice(
+        problem, table, "latch.position", c.points[knot, m, end_point], scene.wall_position, chosen
+    )
+    inner_positions = scene.wall_position + length * scene.wall_normal
+    _add_position_choice(
+        problem, table, "latch.rotation", c.points[knot, m, next_point], inner_positions, chosen
+    )
+    for normal, column in zip(scene.wall_normal, chosen, strict=True):
+        _add_joint_range(problem, table, c.points[knot, m], end, normal, column)
+
+
+def _add_box_latch(
+    problem: ConsensusProblem,
+    table: LinearRows,
+    c: VariableColumns,
+    m: int,
+    k: int,
+    knot: int,
+    *,
+    end: int,
+    is_leg: bool,
+) -> None:
+    """Add position and direction of the link of a module on a side of the box."""
+    scene = problem.scene
+    end_point, next_point = _END_POINTS[end]
+    length = problem.link_lengths[0 if end == 0 else 3]
+    chosen = (c.mount if is_leg else c.hold)[:, m, k]
     offsets = np.array([scene.side_offset(0, side) for side in range(4)])
-    moving = c.position[knot]
-    _at(setting, table, "latch.position", c.points[knot, m, own], offsets, chosen, moving)
-    _at(
-        setting,
+    box_position = c.position[knot]
+    _add_position_choice(
+        problem,
+        table,
+        "latch.position",
+        c.points[knot, m, end_point],
+        offsets,
+        chosen,
+        origin=box_position,
+    )
+    _add_position_choice(
+        problem,
         table,
         "latch.rotation",
-        c.points[knot, m, next_to],
+        c.points[knot, m, next_point],
         offsets + length * SIDE_NORMALS,
         chosen,
-        moving,
+        origin=box_position,
     )
     for normal, column in zip(SIDE_NORMALS, chosen, strict=True):
-        _bent(setting, table, c.points[knot, m], end, normal, column)
-    if leg:  # each foot on its own side of the box, for the support polygon
-        big = _reach(setting)
+        _add_joint_range(problem, table, c.points[knot, m], end, normal, column)
+    if is_leg:  # each foot on its side of the box, for the support polygon
+        big_m = _big_m(problem)
         for side in range(4):
             normal = SIDE_NORMALS[side]
-            face = float(abs(normal) @ scene.box_size[0]) / 2 + AHEAD
+            face = float(abs(normal) @ scene.box_size[0]) / 2 + FOOT_CLEARANCE
             terms: list[Term] = [
                 term
                 for axis in np.flatnonzero(normal)
                 for term in (
                     (c.points[knot, m, 0, axis], normal[axis]),
-                    (moving[axis], -normal[axis]),
+                    (box_position[axis], -normal[axis]),
                 )
             ]
-            table.row("support.sides", [*terms, (c.mount[side, m, k], -big - face)], -big, np.inf)
+            table.row(
+                "support.sides", [*terms, (c.mount[side, m, k], -big_m - face)], -big_m, np.inf
+            )
 
 
-def _module_latch(
-    setting: Setting, table: LinearRows, c: Columns, parent: int, child: int, k: int, knot: int
+def _add_module_latch(
+    problem: ConsensusProblem,
+    table: LinearRows,
+    c: VariableColumns,
+    k: int,
+    knot: int,
+    *,
+    parent: int,
+    child: int,
 ) -> None:
-    """The child's last end on the end that the parent would hold the box with, in line with it."""
-    end = int(setting.box_end[parent])
-    own, next_to = _NEAR[end]
-    theirs, mine = c.points[knot, parent], c.points[knot, child]
+    """Add the latch of a child's last end, in line, on the end of its parent that holds boxes."""
+    end = int(problem.box_end[parent])
+    end_point, next_point = _END_POINTS[end]
+    parent_points, child_points = c.points[knot, parent], c.points[knot, child]
     chosen = np.array([c.carry[parent, child, k]])
-    big = _reach(setting)
-    ratio = setting.links[3] / setting.links[0 if end == 0 else 3]
+    big_m = _big_m(problem)
+    ratio = problem.link_lengths[3] / problem.link_lengths[0 if end == 0 else 3]
     for axis in range(3):
-        opened: list[Term] = [(b, -1.0) for b in chosen]
+        is_latched: list[Term] = [(b, -1.0) for b in chosen]
         table.within(
-            "latch.position", [(mine[4, axis], 1), (theirs[own, axis], -1)], big, opened, big
+            "latch.position",
+            [(child_points[4, axis], 1), (parent_points[end_point, axis], -1)],
+            big_m,
+            is_latched,
+            big_m,
         )
-        # mine[4] - mine[3] is opposite to the parent's own way out of its end
+        # child[4] - child[3] is opposite to the parent's link at that end
         line: list[Term] = [
-            (mine[4, axis], 1),
-            (mine[3, axis], -1),
-            (theirs[next_to, axis], -ratio),
-            (theirs[own, axis], ratio),
+            (child_points[4, axis], 1),
+            (child_points[3, axis], -1),
+            (parent_points[next_point, axis], -ratio),
+            (parent_points[end_point, axis], ratio),
         ]
-        table.within("latch.rotation", line, big, opened, big)
+        table.within("latch.rotation", line, big_m, is_latched, big_m)
 
 
-def _standing(setting: Setting, table: LinearRows, c: Columns, m: int, k: int, knot: int) -> None:
-    """Upright if it drives or is a leg; the first end on a patch of the ground where it stands."""
-    scene, big = setting.scene, _reach(setting)
+def _add_standing(
+    problem: ConsensusProblem, table: LinearRows, c: VariableColumns, m: int, k: int, knot: int
+) -> None:
+    """Add the upright link of driving modules and legs, and the patch under the first end."""
+    scene, big_m = problem.scene, _big_m(problem)
     first, second = c.points[knot, m, 0], c.points[knot, m, 1]
-    upright: list[Term] = [(c.drives[m, k], -1.0), (c.leg[m, k], -1.0)]
+    rotation_about_vertical: list[Term] = [(c.drives[m, k], -1.0), (c.leg[m, k], -1.0)]
     for axis in range(3):
         terms: list[Term] = [(second[axis], 1), (first[axis], -1)]
-        rise = setting.links[0] if axis == 2 else 0.0
-        both = [*terms, *((column, v * rise) for column, v in upright)]
-        table.within("ground.stand", both, big, upright, big)
-    up = np.array([0.0, 0.0, 1.0])
-    for column, _ in upright:
-        _bent(setting, table, c.points[knot, m], 0, up, column)
-    here = c.ground[:, m, k]
+        rise = problem.link_lengths[0] if axis == 2 else 0.0
+        both = [*terms, *((column, v * rise) for column, v in rotation_about_vertical)]
+        table.within("ground.stand", both, big_m, rotation_about_vertical, big_m)
+    vertical = np.array([0.0, 0.0, 1.0])
+    for column, _ in rotation_about_vertical:
+        _add_joint_range(problem, table, c.points[knot, m], 0, vertical, column)
+    on_patch = c.ground[:, m, k]
     for axis in range(3):
-        lows = [p.height if axis == 2 else p.lower[axis] + MARGIN for p in scene.patches]
-        highs = [p.height if axis == 2 else p.upper[axis] - MARGIN for p in scene.patches]
-        least = float(setting.free[:, 0, axis].min())
-        most = float(setting.free[:, 1, axis].max())
+        lows = [p.height if axis == 2 else p.lower[axis] + GROUND_MARGIN for p in scene.patches]
+        highs = [p.height if axis == 2 else p.upper[axis] - GROUND_MARGIN for p in scene.patches]
+        lowest = float(problem.free_blocks[:, 0, axis].min())
+        highest = float(problem.free_blocks[:, 1, axis].max())
         # Without a patch: anywhere in the free space
         table.row(
             "ground.stand",
-            [(first[axis], 1), *((b, least - v) for b, v in zip(here, lows, strict=True))],
-            least,
+            [(first[axis], 1), *((b, lowest - v) for b, v in zip(on_patch, lows, strict=True))],
+            lowest,
             np.inf,
         )
         table.at_most(
             "ground.stand",
-            [(first[axis], 1), *((b, most - v) for b, v in zip(here, highs, strict=True))],
-            most,
+            [(first[axis], 1), *((b, highest - v) for b, v in zip(on_patch, highs, strict=True))],
+            highest,
         )
 
 
-def _speeds(setting: Setting, table: LinearRows, c: Columns, m: int, k: int) -> None:
-    """Eq. (6.9); feet stand still; the other points no faster than joints move them."""
-    module, big = setting.scene.module, _reach(setting)
-    lasts: list[Term] = list(zip(c.box[:, k], setting.form.seconds, strict=True))
-    fast, slow = LEVER * module.max_joint_speed, _OCTAGON * module.ground_speed
-    moved = c.moved[m, k]
-    # In a leap everything flies with the box
-    flies = (c.box[LEAPS, k], -(FASTEST - fast) * setting.form.seconds[LEAPS])
-    if setting.form.reach:
-        most: list[Term] = [(moved, 1.0), *((column, -fast * h) for column, h in lasts), flies]
-        table.at_most("joint.speed", most)
+def _add_speeds(
+    problem: ConsensusProblem, table: LinearRows, c: VariableColumns, m: int, k: int
+) -> None:
+    """Add eq. (6.9): feet stand still, other points move no faster than joints move them."""
+    module, big_m = problem.scene.module, _big_m(problem)
+    duration: list[Term] = list(zip(c.box[:, k], problem.formulation.interval_seconds, strict=True))
+    fast, slow = MAX_LEVER_ARM * module.max_joint_speed, _OCTAGON * module.ground_speed
+    path_bound = c.path_bound[m, k]
+    # In a leap the modules fly with the box
+    in_leap = (
+        c.box[LEAPS, k],
+        -(MAX_BOX_SPEED - fast) * problem.formulation.interval_seconds[LEAPS],
+    )
+    if problem.formulation.has_kinematics:
+        path_limit: list[Term] = [
+            (path_bound, 1.0),
+            *((column, -fast * h) for column, h in duration),
+            in_leap,
+        ]
+        table.at_most("joint.speed", path_limit)
     steps: list[list[Term]] = []
     for point in range(POINTS):
         for axis in range(3):
             ends = c.points[k + 1, m, point, axis], c.points[k, m, point, axis]
             step: list[Term] = [(ends[0], 1), (ends[1], -1)]
-            table.at_most("joint.speed", [*step, (moved, -1)])
-            table.at_most("joint.speed", [*_minus(step), (moved, -1)])
+            table.at_most("joint.speed", [*step, (path_bound, -1)])
+            table.at_most("joint.speed", [*_negate(step), (path_bound, -1)])
             if not point:
                 steps.append(step)
-    drives: list[Term] = [(c.drives[m, k], big), *((column, -slow * h) for column, h in lasts)]
-    for along, across in ((1.0, 0.0), (0.0, 1.0), (0.5**0.5, 0.5**0.5), (0.5**0.5, -(0.5**0.5))):
-        way = [(column, along * v) for column, v in steps[0]]
-        way += [(column, across * v) for column, v in steps[1]]
-        table.at_most("ground.speed", [*way, *drives], big)
-        table.at_most("ground.speed", [*_minus(way), *drives], big)
-    level: list[Term] = [(c.drives[m, k], big)]  # it does not climb
-    table.at_most("ground.speed", [*steps[2], *level], big)
-    table.at_most("ground.speed", [*_minus(steps[2]), *level], big)
-    still: list[Term] = [(column, big) for column in c.ground[:, m, k]]
-    still.append((c.drives[m, k], -big))
+    drives: list[Term] = [(c.drives[m, k], big_m), *((column, -slow * h) for column, h in duration)]
+    for cos, sin in ((1.0, 0.0), (0.0, 1.0), (0.5**0.5, 0.5**0.5), (0.5**0.5, -(0.5**0.5))):
+        displacement = [(column, cos * v) for column, v in steps[0]]
+        displacement += [(column, sin * v) for column, v in steps[1]]
+        table.at_most("ground.speed", [*displacement, *drives], big_m)
+        table.at_most("ground.speed", [*_negate(displacement), *drives], big_m)
+    horizontal: list[Term] = [(c.drives[m, k], big_m)]  # a driving module stays level
+    table.at_most("ground.speed", [*steps[2], *horizontal], big_m)
+    table.at_most("ground.speed", [*_negate(steps[2]), *horizontal], big_m)
+    standing: list[Term] = [(column, big_m) for column in c.ground[:, m, k]]
+    standing.append((c.drives[m, k], -big_m))
     for step in steps[:2]:
-        table.at_most("ground.speed", [*step, *still], big)
-        table.at_most("ground.speed", [*_minus(step), *still], big)
+        table.at_most("ground.speed", [*step, *standing], big_m)
+        table.at_most("ground.speed", [*_negate(step), *standing], big_m)
 
 
-def _minus(terms: list[Term]) -> list[Term]:
+def _negate(terms: list[Term]) -> list[Term]:
+    """Return the terms with opposite signs."""
     return [(column, -value) for column, value in terms]
 
 
-def _links(setting: Setting, table: LinearRows, c: Columns, m: int, knot: int) -> None:
-    """Ends of each link no further apart than it is long: planes round the ball."""
-    if not setting.form.reach:
+def _add_link_lengths(
+    problem: ConsensusProblem, table: LinearRows, c: VariableColumns, m: int, knot: int
+) -> None:
+    """Add the length of each link: its ends are within planes around a ball."""
+    if not problem.formulation.has_kinematics:
         return
-    for i, length in enumerate(setting.links):
+    for i, length in enumerate(problem.link_lengths):
         ends = c.points[knot, m, i], c.points[knot, m, i + 1]
-        apart = [[(ends[1][axis], 1.0), (ends[0][axis], -1.0)] for axis in range(3)]
+        differences = [[(ends[1][axis], 1.0), (ends[0][axis], -1.0)] for axis in range(3)]
         for axis in range(3):
-            table.row("kinematics.points", apart[axis], -length, length)
+            table.row("kinematics.points", differences[axis], -length, length)
         for signs in _DIAGONALS:
             terms = [
-                (column, v * sign) for axis, sign in enumerate(signs) for column, v in apart[axis]
+                (column, v * sign)
+                for axis, sign in enumerate(signs)
+                for column, v in differences[axis]
             ]
             table.row("kinematics.points", terms, -(3**0.5) * length, 3**0.5 * length)
 
 
-def _free(setting: Setting, table: LinearRows, c: Columns, m: int, knot: int) -> None:
-    """Each link in one free block, one radius inside but for the ends."""
-    radius = setting.scene.module.radius
+def _add_free_space(
+    problem: ConsensusProblem, table: LinearRows, c: VariableColumns, m: int, knot: int
+) -> None:
+    """Add each link in one free block, one radius inside except at its ends."""
+    radius = problem.scene.module.radius
     for i in range(POINTS - 1):
         chosen = c.region[:, i, m, knot]
         if len(chosen):
@@ -271,17 +345,17 @@ def _free(setting: Setting, table: LinearRows, c: Columns, m: int, knot: int) ->
             for axis in range(3):
                 column = c.points[knot, m, point, axis]
                 if not len(chosen):
-                    low, high = setting.free[0, :, axis]
+                    low, high = problem.free_blocks[0, :, axis]
                     if knot:
                         table.bound(column, low + margin, high - margin)
                     continue
                 lows = [
                     (b, -low - margin)
-                    for b, low in zip(chosen, setting.free[:, 0, axis], strict=True)
+                    for b, low in zip(chosen, problem.free_blocks[:, 0, axis], strict=True)
                 ]
                 highs = [
                     (b, margin - high)
-                    for b, high in zip(chosen, setting.free[:, 1, axis], strict=True)
+                    for b, high in zip(chosen, problem.free_blocks[:, 1, axis], strict=True)
                 ]
                 table.row("clear.solids", [(column, 1), *lows], 0.0, np.inf)
                 table.at_most("clear.solids", [(column, 1), *highs])

@@ -1,4 +1,4 @@
-"""The nonlinear block, eq. (6.12b): all knots, each by itself."""
+"""The nonlinear block, eq. (6.12b): independent programs at all knots."""
 
 from __future__ import annotations
 
@@ -9,30 +9,36 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.limms.consensus.copies import Copy, Modes
-from climbplan.limms.consensus.knot_modes import Hands, hands_at
-from climbplan.limms.consensus.knot_program import KnotPrograms, Pose, Solved
-from climbplan.limms.consensus.knot_start import start_at
-from climbplan.limms.consensus.planes import planes_at
-from climbplan.limms.consensus.setting import CHAIN_POINTS, POINTS, STABLE, Setting, start_points
+from climbplan.limms.consensus.block_solution import LocalCopy, Modes
+from climbplan.limms.consensus.knot_contacts import ModuleContacts, find_contacts
+from climbplan.limms.consensus.knot_guess import compute_initial_guess
+from climbplan.limms.consensus.knot_program import KnotPrograms, KnotSolution, Pose
+from climbplan.limms.consensus.planes import build_planes
+from climbplan.limms.consensus.problem import (
+    CHAIN_POINTS,
+    POINTS,
+    STABLE,
+    ConsensusProblem,
+    compute_start_points,
+)
 from climbplan.limms.modules.chain import forward, from_last
 from climbplan.limms.scene.limms_scene import Points
 from climbplan.limms.scene.limms_scene import Pose as Frame
 
-BOX_WEIGHT, POINT_WEIGHT = 10.0, 1.0  # [1/m^2] of disagreements
-DEEP = 1e-4  # [m] penetration that calls for new planes
-HELD_WITHIN = 1e-4  # [m] an answer that is off by more is begun anew
-CLOSE = 0.05  # [m] from targets in the mean: an answer that is further off is begun anew, too
-INSIDE = 1e-3  # [m] by which a link may stick out of its free block and keep it
-ROUNDS = 3
-_ANYWHERE = np.array([[-np.inf] * 3, [np.inf] * 3])  # free blocks are the other block's alone
+BOX_WEIGHT, POINT_WEIGHT = 10.0, 1.0  # [1/m^2] of squared disagreements
+PENETRATION_TOLERANCE = 1e-4  # [m]; deeper links get new planes
+LATCH_TOLERANCE = 1e-4  # [m]; above it another initial guess is tried
+TARGET_TOLERANCE = 0.05  # [m] mean distance; above it another initial guess is tried
+BLOCK_TOLERANCE = 1e-3  # [m] that a link may leave its free block by
+MAX_PLANE_ROUNDS = 3
+_ANYWHERE = np.array([[-np.inf] * 3, [np.inf] * 3])  # free blocks constrain the other block only
 
 
 @dataclass(frozen=True)
-class Bent:
-    """An answer of the block: positions, joint angles (K + 1, L, 6), and what is left over."""
+class KinematicSolution:
+    """A solution of the block: positions, joint angles (K + 1, L, 6), and violations."""
 
-    copy: Copy
+    copy: LocalCopy
     angles: Array
     region: IntArray  # (K + 1, L, 4) free block of each link
     violation: float  # of latches and bounds, the worst knot [m]
@@ -41,176 +47,210 @@ class Bent:
 
 
 @dataclass(frozen=True)
-class _Target:
-    """Of one knot: box (3,), points (L, 5, 3) [m], and whether the box rests where it starts."""
+class _KnotTarget:
+    """The target of one knot: box (3,), points (L, 5, 3) [m], whether the box is at its start."""
 
     box: Array
     points: Array
-    rests: bool
+    is_box_at_start: bool
 
 
 @dataclass(frozen=True)
-class _Knot:
-    """An answer at a knot, how deep links are in each other [m], and their free blocks (L, 4)."""
+class _KnotResult:
+    """A solution at a knot, the penetration of links [m], and their free blocks (L, 4)."""
 
-    solved: Solved
+    solved: KnotSolution
     penetration: float
     region: IntArray
-    away: float  # of points from their targets, the mean [m]
+    target_distance: float  # mean over the points [m]
 
     @property
-    def holds(self) -> bool:
-        """Whether latches hold and links are apart."""
-        return self.off() <= HELD_WITHIN
+    def is_feasible(self) -> bool:
+        """Whether latches are closed and links are apart."""
+        return self.max_violation() <= LATCH_TOLERANCE
 
-    def off(self) -> float:
-        """By how much they do not [m]."""
+    def max_violation(self) -> float:
+        """Return the largest of violation and penetration [m]."""
         return max(self.solved.violation, self.penetration)
 
     def rank(self) -> tuple[float, float]:
-        """Smaller is better: what holds, then what is near."""
-        return (0.0 if self.holds else self.off(), self.away)
+        """Return the sort key, smaller is better: feasible first, then near."""
+        return (0.0 if self.is_feasible else self.max_violation(), self.target_distance)
 
 
-class Nonlinear:
-    """The block of one setting; remembers joint angles to begin from."""
+class NonlinearBlock:
+    """The nonlinear block of one problem, with the last poses as initial guesses."""
 
-    def __init__(self, setting: Setting) -> None:
-        self.setting = setting
-        self.programs = KnotPrograms(setting)
-        self._poses: list[Pose | None] = [None] * setting.knots
+    def __init__(self, problem: ConsensusProblem) -> None:
+        self.problem = problem
+        self.programs = KnotPrograms(problem)
+        self._poses: list[Pose | None] = [None] * problem.knots
         self.solves = 0
 
-    def solve(self, target: Copy, modes: Modes, deadline: float) -> Bent:
-        """The nearest kinematics to a target, with the modes as chosen.
+    def solve(self, target: LocalCopy, modes: Modes, deadline: float) -> KinematicSolution:
+        """Solve for the nearest kinematics to a target in given modes.
 
-        deadline: `time.monotonic` [s], after which no knot is begun: the violation is infinite.
+        Args:
+            target: The target positions.
+            modes: The modes of the other block.
+            deadline: Time after which no knot is begun, as `time.monotonic` [s]; the violation is
+                then
+                infinite.
         """
-        began = time.perf_counter()
-        built = self.programs.build_seconds
-        setting = self.setting
-        K, L = setting.knots, setting.scene.count
-        box, points = np.zeros((K, 3)), np.zeros((K, L, POINTS, 3))
-        angles, region = np.zeros((K, L, 6)), modes.region.copy()
-        box[0], points[0] = setting.scene.box_start[0], start_points(setting)
-        poses: list[Pose | None] = [None] * K
-        worst, deep = 0.0, 0.0
-        for knot in range(1, K):
+        start_time = time.perf_counter()
+        build_seconds = self.programs.build_seconds
+        problem = self.problem
+        num_knots, num_modules = problem.knots, problem.scene.num_modules
+        box, points = np.zeros((num_knots, 3)), np.zeros((num_knots, num_modules, POINTS, 3))
+        angles, region = np.zeros((num_knots, num_modules, 6)), modes.region.copy()
+        box[0], points[0] = problem.scene.box_start[0], compute_start_points(problem)
+        poses: list[Pose | None] = [None] * num_knots
+        violation, penetration = 0.0, 0.0
+        for knot in range(1, num_knots):
             if time.monotonic() > deadline:
                 box[knot:], points[knot:] = target.box[knot:], target.points[knot:]
-                worst = np.inf
+                violation = np.inf
                 break
-            hands = hands_at(setting, modes, knot)
-            before = [poses[knot - 1], self._poses[knot]]
-            rests = modes.box[knot - 1] == STABLE
-            found = self._knot(
-                hands,
-                _Target(box[0] if rests else target.box[knot], target.points[knot], rests),
-                [pose for pose in before if pose is not None],
+            contacts = find_contacts(problem, modes, knot)
+            starts = [poses[knot - 1], self._poses[knot]]
+            is_box_at_start = modes.box[knot - 1] == STABLE
+            result = self._solve_knot(
+                contacts,
+                _KnotTarget(
+                    box[0] if is_box_at_start else target.box[knot],
+                    target.points[knot],
+                    is_box_at_start,
+                ),
+                [pose for pose in starts if pose is not None],
                 modes.region[knot],
                 deadline,
             )
-            poses[knot] = found.solved.pose
-            box[knot], points[knot] = found.solved.pose.box, found.solved.points
-            angles[knot], region[knot] = found.solved.pose.angles, found.region
-            worst, deep = max(worst, found.solved.violation), max(deep, found.penetration)
+            poses[knot] = result.solved.pose
+            box[knot], points[knot] = result.solved.pose.box, result.solved.points
+            angles[knot], region[knot] = result.solved.pose.angles, result.region
+            violation, penetration = (
+                max(violation, result.solved.violation),
+                max(penetration, result.penetration),
+            )
         self._poses = poses
-        spent = time.perf_counter() - began - (self.programs.build_seconds - built)
-        return Bent(Copy(box, points), angles, region, worst, deep, spent)
+        seconds = time.perf_counter() - start_time - (self.programs.build_seconds - build_seconds)
+        return KinematicSolution(
+            LocalCopy(box, points), angles, region, violation, penetration, seconds
+        )
 
-    def _knot(
+    def _solve_knot(
         self,
-        hands: tuple[Hands, ...],
-        target: _Target,
-        before: Sequence[Pose],
+        contacts: tuple[ModuleContacts, ...],
+        target: _KnotTarget,
+        starts: Sequence[Pose],
         region: IntArray,
         deadline: float,
-    ) -> _Knot:
-        """The nearest pose to the targets; begun anew where latches do not hold or links overlap.
+    ) -> _KnotResult:
+        """Solve one knot, again from other guesses where latches are open or links overlap.
 
-        before: poses of the knot before and of the last iterate, whose angles are candidates in
-        the first start, and which are whole starts if that one fails.
+        Args:
+            contacts: Contacts of all modules.
+            target: The target of the knot.
+            starts: Poses of the last knot and the last iterate. Their angles are candidates of the
+                first
+                guess, and they are guesses themselves if that one fails.
+            region: Free block of each link (L, 4).
+            deadline: Time limit as `time.monotonic` [s].
         """
-        setting = self.setting
-        earlier = [
-            np.array([pose.angles[m] for pose in before]).reshape(-1, 6) for m in range(len(hands))
+        problem = self.problem
+        earlier_angles = [
+            np.array([pose.angles[m] for pose in starts]).reshape(-1, 6)
+            for m in range(len(contacts))
         ]
-        pose, placed = start_at(setting, hands, target.box, target.points, earlier)
-        found = self._from(hands, target, pose, placed, region, deadline)
-        for other in before:
-            if found.holds and found.away <= CLOSE:
+        pose, module_points = compute_initial_guess(
+            problem, contacts, target.box, target.points, earlier_angles
+        )
+        result = self._solve_from(contacts, target, pose, module_points, region, deadline)
+        for start in starts:
+            if result.is_feasible and result.target_distance <= TARGET_TOLERANCE:
                 break
-            pose = Pose(target.box, other.root, other.angles)
-            placed = placed_at(setting, hands, pose)
-            again = self._from(hands, target, pose, placed, region, deadline)
-            found = min(found, again, key=_Knot.rank)
-        return found
+            pose = Pose(target.box, start.root, start.angles)
+            module_points = compute_points(problem, contacts, pose)
+            retry = self._solve_from(contacts, target, pose, module_points, region, deadline)
+            result = min(result, retry, key=_KnotResult.rank)
+        return result
 
-    def _from(
+    def _solve_from(
         self,
-        hands: tuple[Hands, ...],
-        target: _Target,
+        contacts: tuple[ModuleContacts, ...],
+        target: _KnotTarget,
         pose: Pose,
-        placed: Sequence[Points],
+        module_points: Sequence[Points],
         region: IntArray,
         deadline: float,
-    ) -> _Knot:
-        setting = self.setting
-        planes, _ = planes_at(setting, hands, placed, pose.box)
+    ) -> _KnotResult:
+        """Solve one knot from a guess, with new planes for links that penetrate."""
+        problem = self.problem
+        planes, _ = build_planes(problem, contacts, module_points, pose.box)
         blocks = _ANYWHERE
-        if setting.form.follow:
-            region = region_at(setting, placed, region)
-            blocks = setting.free[region]
+        if problem.formulation.freezes_integers:
+            region = select_regions(problem, module_points, region)
+            blocks = problem.free_blocks[region]
         blocks = np.broadcast_to(blocks, (*region.shape, 2, 3))
-        for _ in range(ROUNDS):
+        for _ in range(MAX_PLANE_ROUNDS):
             solved = self.programs.solve(
-                hands,
+                contacts,
                 pose,
-                target.box,
-                target.points,
-                (BOX_WEIGHT, POINT_WEIGHT),
-                planes,
-                blocks,
-                target.rests,
-                deadline,
+                target_box=target.box,
+                target_points=target.points,
+                weights=(BOX_WEIGHT, POINT_WEIGHT),
+                planes=planes,
+                blocks=blocks,
+                is_box_at_start=target.is_box_at_start,
+                deadline=deadline,
             )
             self.solves += 1
-            placed = placed_at(setting, hands, solved.pose)
-            fresh, penetration = planes_at(setting, hands, placed, solved.pose.box)
-            if penetration <= DEEP:
+            module_points = compute_points(problem, contacts, solved.pose)
+            new_planes, penetration = build_planes(
+                problem, contacts, module_points, solved.pose.box
+            )
+            if penetration <= PENETRATION_TOLERANCE:
                 break
-            pose, planes = solved.pose, fresh
-        away = np.linalg.norm(solved.points - target.points, axis=-1)
-        return _Knot(solved, penetration, region, float(away.mean()))
+            pose, planes = solved.pose, new_planes
+        distances = np.linalg.norm(solved.points - target.points, axis=-1)
+        return _KnotResult(solved, penetration, region, float(distances.mean()))
 
 
-def region_at(setting: Setting, placed: Sequence[Points], before: IntArray) -> IntArray:
-    """Free blocks (L, 4) of the links of poses: as before where they are in them, else nearest.
+def select_regions(
+    problem: ConsensusProblem, module_points: Sequence[Points], current: IntArray
+) -> IntArray:
+    """Return free blocks (L, 4) of the links of poses: the same where links fit, else the nearest.
 
-    A block that was chosen for straight lines between loose points may hold no pose at all.
+    A block chosen for straight lines between inexact points may contain no pose at all.
     """
-    radius = setting.scene.module.radius
-    points = np.array([own.position[list(CHAIN_POINTS)] for own in placed])[:, :, None]
+    radius = problem.scene.module.radius
+    points = np.array(
+        [points_of_module.position[list(CHAIN_POINTS)] for points_of_module in module_points]
+    )[:, :, None]
     margin = radius * np.array([0.0, 1.0, 1.0, 1.0, 0.0])[:, None, None]
-    low, high = setting.free[:, 0] + margin, setting.free[:, 1] - margin  # (5, R, 3)
-    off = np.maximum(np.maximum(low - points, points - high), 0).max(axis=-1)  # (L, 5, R)
-    off = np.maximum(off[:, :-1], off[:, 1:])
-    kept = np.take_along_axis(off, before[..., None], axis=-1)[..., 0] <= INSIDE
-    return np.where(kept, before, off.argmin(axis=-1))
+    low, high = problem.free_blocks[:, 0] + margin, problem.free_blocks[:, 1] - margin  # (5, R, 3)
+    max_violation = np.maximum(np.maximum(low - points, points - high), 0).max(axis=-1)  # (L, 5, R)
+    max_violation = np.maximum(max_violation[:, :-1], max_violation[:, 1:])
+    is_kept = (
+        np.take_along_axis(max_violation, current[..., None], axis=-1)[..., 0] <= BLOCK_TOLERANCE
+    )
+    return np.where(is_kept, current, max_violation.argmin(axis=-1))
 
 
-def placed_at(setting: Setting, hands: tuple[Hands, ...], pose: Pose) -> list[Points]:
-    """All points of all modules of a pose."""
-    placed: dict[int, Points] = {}
-    for m in sorted(range(len(hands)), key=lambda m: hands[m].parent >= 0):
-        both = hands[m]
-        end = both.ends[both.root]
+def compute_points(
+    problem: ConsensusProblem, contacts: tuple[ModuleContacts, ...], pose: Pose
+) -> list[Points]:
+    """Return all points of all modules of a pose."""
+    points: dict[int, Points] = {}
+    for m in sorted(range(len(contacts)), key=lambda m: contacts[m].parent >= 0):
+        contact = contacts[m]
+        end = contact.ends[contact.root]
         rotation = end.rotation
         if rotation is None:
-            parent = placed[end.parent]
-            there = 0 if setting.box_end[end.parent] == 0 else 7
-            flip = np.eye(3) if there == 0 else np.diag([1.0, -1.0, -1.0])
-            rotation = parent.rotation[there] @ flip
-        place = forward if both.root == 0 else from_last
-        placed[m] = place(setting.scene.module, Frame(pose.root[m], rotation), pose.angles[m])
-    return [placed[m] for m in range(len(hands))]
+            parent = points[end.parent]
+            parent_end = 0 if problem.box_end[end.parent] == 0 else 7
+            flip = np.eye(3) if parent_end == 0 else np.diag([1.0, -1.0, -1.0])
+            rotation = parent.rotation[parent_end] @ flip
+        kinematics = forward if contact.root == 0 else from_last
+        points[m] = kinematics(problem.scene.module, Frame(pose.root[m], rotation), pose.angles[m])
+    return [points[m] for m in range(len(contacts))]

@@ -1,7 +1,7 @@
-"""From a spec to a plan, method `admm`: first integers, consensus, refinement.
+"""The planner of method `admm`: first integers, consensus, refinement.
 
-Where blocks do not agree on the first integers, or the refinement fails, those are cut off and the
-next are tried.
+Where the blocks do not agree on the first integers, or the refinement fails, a no-good cut excludes
+these integers and the next are tried.
 """
 
 from __future__ import annotations
@@ -12,49 +12,55 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from climbplan.errors import LimitReached, NotProved
-from climbplan.limms.attempts.attempts import Attempts
-from climbplan.limms.consensus.conflicts import conflicts_of
-from climbplan.limms.consensus.copies import Found
-from climbplan.limms.consensus.iteration import Agreement, Iterate, Parameters, Step, agree
-from climbplan.limms.consensus.mixed_integer import NEAR_GOAL, MixedInteger
-from climbplan.limms.consensus.nonlinear import Nonlinear
-from climbplan.limms.consensus.refinement import action_of, refine
-from climbplan.limms.consensus.setting import FORMS, setting_of
-from climbplan.limms.courses.direct import search
-from climbplan.limms.courses.refusal import BEHAVIOURS, ruled_out
+from climbplan.errors import LimitReached, Unresolved
+from climbplan.limms.budget.search_budget import SearchBudget
+from climbplan.limms.consensus.admm import (
+    AdmmParameters,
+    ConsensusRun,
+    Iterate,
+    IterationRecord,
+    run_admm,
+)
+from climbplan.limms.consensus.block_solution import BlockSolution
+from climbplan.limms.consensus.conflicts import explain_conflicts
+from climbplan.limms.consensus.mixed_integer import GOAL_TOLERANCE, MixedIntegerBlock
+from climbplan.limms.consensus.nonlinear import NonlinearBlock
+from climbplan.limms.consensus.problem import FORMS, build_problem
+from climbplan.limms.consensus.refinement import build_action, refine
 from climbplan.limms.motion.plan_making import Making, make_plan
-from climbplan.limms.motion.timeline import PlanSoFar
+from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.plan.convergence import Convergence
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.plan.summary import motion_line, refused_lines
-from climbplan.limms.scene.limms_scene import Scene, scene_of
+from climbplan.limms.scene.limms_scene import Scene, build_scene
 from climbplan.limms.schema.loading import LoadedLimms
+from climbplan.limms.task_planning.infeasibility import BEHAVIOURS, build_failure
+from climbplan.limms.task_planning.single_actions import find_single_actions
 from climbplan.progress import Progress
 
 
-def convergence_of(runs: Sequence[Sequence[Step]]) -> Convergence:
-    """The record of all iterations, those of one choice of modes after those of another."""
-    steps = [step for run in runs for step in run]
-    residuals = [step.residual for step in steps]
+def build_convergence(runs: Sequence[Sequence[IterationRecord]]) -> Convergence:
+    """Return the record of all iterations, one choice of modes after another."""
+    records = [record for run in runs for record in run]
+    residuals = [record.residual for record in records]
     return Convergence(
         attempt=np.concatenate([np.full(len(run), i) for i, run in enumerate(runs)]),
-        frozen=np.array([int(step.frozen) for step in steps]),
+        frozen=np.array([int(record.frozen) for record in records]),
         box_mean=np.array([r.box[0] for r in residuals]),
         box_max=np.array([r.box[1] for r in residuals]),
         points_mean=np.array([r.points[0] for r in residuals]),
         points_max=np.array([r.points[1] for r in residuals]),
         axes_mean=np.array([r.axes[0] for r in residuals]),
         axes_max=np.array([r.axes[1] for r in residuals]),
-        missed=np.array([step.missed for step in steps]),
-        violation=np.array([max(step.violation, step.penetration) for step in steps]),
-        mixed_integer_seconds=np.array([step.mixed_integer_seconds for step in steps]),
-        nonlinear_seconds=np.array([step.nonlinear_seconds for step in steps]),
+        missed=np.array([record.goal_error for record in records]),
+        violation=np.array([max(record.violation, record.penetration) for record in records]),
+        mixed_integer_seconds=np.array([record.mixed_integer_seconds for record in records]),
+        nonlinear_seconds=np.array([record.nonlinear_seconds for record in records]),
     )
 
 
-def consensus_lines(plan: LimmsPlan, best: Iterate, notes: Sequence[str]) -> tuple[str, ...]:
-    """Head, blocks, agreement, program and motion lines as shown on a terminal."""
+def format_summary(plan: LimmsPlan, best: Iterate, notes: Sequence[str]) -> tuple[str, ...]:
+    """Return the lines of the summary: problem, blocks, agreement, programs and motion."""
     sizes, times, r = plan.sizes, plan.timings, best.residual
     mass = float(plan.box_mass[0])
     head = f"{plan.name:<16} {sizes['modules']} modules, box {mass:g} kg, method {plan.method}"
@@ -64,11 +70,11 @@ def consensus_lines(plan: LimmsPlan, best: Iterate, notes: Sequence[str]) -> tup
         f"nonlinear {sizes['nlp_variables']}"
     )
     modes = f"{'modes':<9} {'found':<9} {times['first_integers']:.2f} s   {plan.sequence}"
-    if best.off is not None:
-        off = f"{best.off.residual:.1g} {best.off.unit}".rstrip()
-        modes += f"; rows hold within {off} [{best.off.name}]"
-    agreed = (
-        f"{'consensus':<9} {'agreed' if r.good else 'apart':<9} "
+    if best.worst_rows is not None:
+        residual = f"{best.worst_rows.residual:.1g} {best.worst_rows.unit}".rstrip()
+        modes += f"; rows hold within {residual} [{best.worst_rows.name}]"
+    agreement = (
+        f"{'consensus':<9} {'agreed' if r.has_converged else 'apart':<9} "
         f"{times['mixed_integer'] + times['nonlinear']:.2f} s   {sizes['iterations']} iterations, "
         f"mean residuals {1e3 * r.box[0]:.1f} mm (box), {1e3 * r.points[0]:.1f} mm (modules), "
         f"{r.axes[0]:.3f} rad"
@@ -77,15 +83,21 @@ def consensus_lines(plan: LimmsPlan, best: Iterate, notes: Sequence[str]) -> tup
         f"{'programs':<9} {sizes['programs']} solved  {times['build'] + times['solve']:.2f} s   "
         f"last one {sizes['variables']} variables, {sizes['constraints']} constraints"
     )
-    return (head, blocks, modes, agreed, *refused_lines(notes), programs, motion_line(plan))
+    return (head, blocks, modes, agreement, *refused_lines(notes), programs, motion_line(plan))
 
 
 METHOD = "admm"
-SLICES = (150, 300, 600, 1200, 2400)  # looks of HiGHS in the first block, behaviours in turn
+CALLBACK_LIMITS = (
+    150,
+    300,
+    600,
+    1200,
+    2400,
+)  # limit checks of HiGHS for first integers, behaviours in turn
 
 
-class Unrefined(LimitReached):
-    """No choice of modes that was tried led to a plan; says how far the blocks agreed on each."""
+class RefinementFailed(LimitReached):
+    """No choice of modes led to a plan; the message says how far the blocks agreed."""
 
     def __init__(self, message: str, convergence: Convergence) -> None:
         super().__init__(message, stage="motion")
@@ -93,144 +105,178 @@ class Unrefined(LimitReached):
 
 
 @dataclass
-class Run:
-    """What was done so far."""
+class PlanningRun:
+    """The progress of planning."""
 
-    agreements: list[Agreement] = field(default_factory=list)
+    agreements: list[ConsensusRun] = field(default_factory=list)
     first_seconds: list[float] = field(default_factory=list)
 
 
 def plan_by_consensus(
     loaded: LoadedLimms, report: Progress = lambda stage, share: None
 ) -> LimmsPlan:
-    """The plan of a LIMMS spec by consensus.
+    """Plan the motion of a LIMMS spec by consensus.
 
     Raises:
-        Infeasible: bounds that no plan escapes, or the mixed-integer block, rule every plan out.
-        LimitReached: no choice of modes led to a plan; says how far the best one came.
+        Infeasible: Necessary conditions, or the mixed-integer block, exclude every plan.
+        LimitReached: No choice of modes led to a plan; the message says how far the best one came.
     """
-    began = time.perf_counter()
+    start_time = time.perf_counter()
     solver = loaded.spec.solver
-    scene = scene_of(loaded)
+    scene = build_scene(loaded)
     report("modes", 0.0)
-    bounds = search(scene)
-    if not bounds.actions:
-        raise ruled_out(scene, bounds.conflicts)
-    setting = setting_of(scene, solver.admm.intervals, FORMS[solver.admm.form])
-    block, nonlinear = MixedInteger(setting), Nonlinear(setting)
-    parameters = Parameters(
-        solver.admm.iterations, solver.admm.growth, solver.admm.weight, solver.admm.freeze_after
+    candidates = find_single_actions(scene)
+    if not candidates.actions:
+        raise build_failure(scene, candidates.conflicts)
+    problem = build_problem(scene, solver.admm.intervals, FORMS[solver.admm.formulation])
+    block, nonlinear = MixedIntegerBlock(problem), NonlinearBlock(problem)
+    parameters = AdmmParameters(
+        solver.admm.iterations,
+        solver.admm.weight_growth,
+        solver.admm.weight,
+        solver.admm.freeze_after,
     )
-    run, attempts = Run(), Attempts(solver.time_limit, solver.programs)
+    run, budget = PlanningRun(), SearchBudget(solver.time_limit, solver.max_nlp_solves)
     rng = np.random.default_rng(loaded.spec.seed)
-    end = attempts.end
+    deadline = budget.deadline
     try:
-        while (found := first_integers(scene, block, run, end)) is not None:
-            agreement = agree(
-                block, nonlinear, found, parameters, end, lambda share: report("consensus", share)
+        while (solution := find_first_integers(scene, block, run, deadline)) is not None:
+            consensus = run_admm(
+                block,
+                nonlinear,
+                solution,
+                parameters,
+                deadline,
+                lambda share: report("consensus", share),
             )
-            if agreement is not None:
-                run.agreements.append(agreement)
+            if consensus is not None:
+                run.agreements.append(consensus)
                 report("refine", 0.0)
-                attempts.begin(action_of(agreement.best.modes).named(scene))
-                world = refine(scene, agreement.best, attempts, rng)
-                if world is not None:
-                    seconds = {"total": time.perf_counter() - began}
-                    return _plan(loaded, scene, block, nonlinear, run, attempts, world, seconds)
-            attempts.begin("the next choice of modes")
-            assert found.x is not None
-            block.forbid(found.x)
+                budget.begin(build_action(consensus.best.modes).describe(scene))
+                partial_plan = refine(scene, consensus.best, budget, rng)
+                if partial_plan is not None:
+                    seconds = {"total": time.perf_counter() - start_time}
+                    return _build_plan(
+                        loaded,
+                        scene,
+                        partial_plan,
+                        block=block,
+                        nonlinear=nonlinear,
+                        run=run,
+                        budget=budget,
+                        seconds=seconds,
+                    )
+            budget.begin("the next choice of modes")
+            assert solution.x is not None
+            block.add_no_good_cut(solution.x)
     except LimitReached as error:
-        raise _refusal(run, attempts) from error
-    raise _refusal(run, attempts)
+        raise _build_failure(run, budget) from error
+    raise _build_failure(run, budget)
 
 
-def first_integers(scene: Scene, block: MixedInteger, run: Run, deadline: float) -> Found | None:
-    """A first answer that reaches the goal, arms first, leaps last; None if its work is done.
+def find_first_integers(
+    scene: Scene, block: MixedIntegerBlock, run: PlanningRun, deadline: float
+) -> BlockSolution | None:
+    """Find a first solution that reaches the goal, arms first, leaps last.
 
-    deadline: `time.monotonic` [s], after which nothing is begun.
+    Args:
+        scene: The scene.
+        block: The mixed-integer block.
+        run: Receives the seconds of each search.
+        deadline: Time after which no search begins, as `time.monotonic` [s].
+
+    Returns:
+        The solution, or None where the work limits are reached.
 
     Raises:
-        Infeasible: the block's bound proves that no answer reaches the goal.
+        Infeasible: The bound of the block proves that no solution reaches the goal.
     """
-    kinds = block.kinds
+    behaviours = block.behaviours
     distance = float(np.linalg.norm(scene.goal - scene.box_start[0]))
-    nearest = dict.fromkeys(kinds, distance)
-    for looks in SLICES:
-        for kind in tuple(kinds):
+    nearest = dict.fromkeys(behaviours, distance)
+    for callbacks in CALLBACK_LIMITS:
+        for behaviour in tuple(behaviours):
             if time.monotonic() > deadline:
                 return None
-            block.choose(kind)
-            found = block.first(looks, deadline)
-            run.first_seconds.append(found.seconds)
-            if found.missed <= NEAR_GOAL:
-                return found
-            nearest[kind] = min(nearest[kind], found.missed)
-            if found.status == "infeasible":
-                kinds.remove(kind)
-        if not kinds:
+            block.fix_behaviour(behaviour)
+            solution = block.find_feasible(callbacks, deadline)
+            run.first_seconds.append(solution.seconds)
+            if solution.goal_error <= GOAL_TOLERANCE:
+                return solution
+            nearest[behaviour] = min(nearest[behaviour], solution.goal_error)
+            if solution.status == "infeasible":
+                behaviours.remove(behaviour)
+        if not behaviours:
             break
-    if kinds or run.agreements:
+    if behaviours or run.agreements:
         return None
-    raise NotProved(
-        f"no modes lead to the goal with {block.setting.intervals} intervals",
-        conflicts_of(block.setting, nearest, deadline),
+    raise Unresolved(
+        f"no modes lead to the goal with {block.problem.intervals} intervals",
+        explain_conflicts(block.problem, nearest, deadline),
         because=f"{BEHAVIOURS}, in steps of equal length",
         stage="modes",
     )
 
 
-def _refusal(run: Run, attempts: Attempts) -> LimitReached:
-    """What was reached within time and work."""
-    notes = list(dict.fromkeys(attempts.notes))
-    ended = attempts.over or attempts.spare <= 0
-    bounds = attempts.bounds() if ended else "with the work that the mixed-integer block has"
+def _build_failure(run: PlanningRun, budget: SearchBudget) -> LimitReached:
+    """Return the error that says what was reached within time and work."""
+    notes = list(dict.fromkeys(budget.notes))
+    is_exhausted = budget.is_expired or budget.remaining <= 0
+    limit = (
+        budget.describe_limit()
+        if is_exhausted
+        else "with the work that the mixed-integer block has"
+    )
     if not run.agreements:
-        text = f"no modes that reach the goal were found {bounds}"
+        text = f"no modes that reach the goal were found {limit}"
         return LimitReached("; ".join([text, *notes]), stage="consensus")
     best = min(run.agreements, key=lambda a: a.best.rank()).best
     r = best.residual
     text = (
-        f"no plan {bounds}: {len(run.agreements)} choices of modes tried, blocks at best "
+        f"no plan {limit}: {len(run.agreements)} choices of modes tried, blocks at best "
         f"{1e3 * r.box[0]:.1f} mm (box), {1e3 * r.points[0]:.1f} mm (modules), "
         f"{r.axes[0]:.3f} rad apart in the mean, but the refinement failed"
     )
-    return Unrefined("; ".join([text, *notes]), convergence_of([a.steps for a in run.agreements]))
+    return RefinementFailed(
+        "; ".join([text, *notes]), build_convergence([a.steps for a in run.agreements])
+    )
 
 
-def _plan(
+def _build_plan(
     loaded: LoadedLimms,
     scene: Scene,
-    block: MixedInteger,
-    nonlinear: Nonlinear,
-    run: Run,
-    attempts: Attempts,
-    world: PlanSoFar,
+    partial_plan: PartialPlan,
+    *,
+    block: MixedIntegerBlock,
+    nonlinear: NonlinearBlock,
+    run: PlanningRun,
+    budget: SearchBudget,
     seconds: dict[str, float],
 ) -> LimmsPlan:
-    steps = [step for agreement in run.agreements for step in agreement.steps]
-    iterations = sum(step.mixed_integer_seconds for step in steps)
-    # The first step of each choice of modes tells the time of the first block again
-    again = sum(a.steps[0].mixed_integer_seconds for a in run.agreements)
+    """Return the plan with sizes, timings and convergence."""
+    records = [record for agreement in run.agreements for record in agreement.steps]
+    iterations = sum(record.mixed_integer_seconds for record in records)
+    # The first record of each choice of modes repeats the time of the first search
+    first_seconds = sum(a.steps[0].mixed_integer_seconds for a in run.agreements)
     programs = nonlinear.programs
     seconds |= {
         "first_integers": sum(run.first_seconds),
-        "mixed_integer": iterations - again,
-        "nonlinear": sum(step.nonlinear_seconds for step in steps),
+        "mixed_integer": iterations - first_seconds,
+        "nonlinear": sum(record.nonlinear_seconds for record in records),
         "build_mixed_integer": block.build_seconds,
         "build_nonlinear": programs.build_seconds,
     }
     best = run.agreements[-1].best
     sizes = {
-        "intervals": block.setting.intervals,
-        "iterations": len(steps),
+        "intervals": block.problem.intervals,
+        "iterations": len(records),
         "best_iterate": best.number,
         "choices_of_modes": len(run.agreements),
         "mip_variables": block.variables,
         "mip_binaries": block.binaries,
         "mip_constraints": block.constraints,
-        "nlp_variables": programs.variables * block.setting.intervals,
-        "nlp_constraints": programs.constraints * block.setting.intervals,
+        "nlp_variables": programs.variables * block.problem.intervals,
+        "nlp_constraints": programs.constraints * block.problem.intervals,
         "nlp_solves": nonlinear.solves,
     }
     solvers = {
@@ -238,8 +284,8 @@ def _plan(
         "nonlinear": "IPOPT (CasADi)",
         "programs": "IPOPT (CasADi)",
     }
-    name = action_of(best.modes).named(scene)
-    convergence = convergence_of([a.steps for a in run.agreements])
-    making = Making(METHOD, name, seconds, sizes, solvers, convergence)
-    plan = make_plan(loaded, scene, world, attempts, making)
-    return replace(plan, summary=consensus_lines(plan, best, attempts.notes))
+    name = build_action(best.modes).describe(scene)
+    convergence = build_convergence([a.steps for a in run.agreements])
+    record_of_plan = Making(METHOD, name, seconds, sizes, solvers, convergence)
+    plan = make_plan(loaded, scene, partial_plan, budget, record_of_plan)
+    return replace(plan, summary=format_summary(plan, best, budget.notes))

@@ -1,4 +1,4 @@
-"""The modes that both blocks agreed on, made into a plan by the program of method `modes`."""
+"""Refinement: the modes that both blocks agreed on, planned by the program of method `modes`."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ import numpy as np
 from climbplan.errors import LimitReached
 from climbplan.limms.arms.carrying import carry
 from climbplan.limms.arms.chain_carrying import Chain, carry_on_chains
-from climbplan.limms.attempts.attempts import Attempts
-from climbplan.limms.consensus.copies import Modes
-from climbplan.limms.consensus.iteration import Iterate
-from climbplan.limms.consensus.setting import FREE, HELD, LEAPS, STANDS
-from climbplan.limms.consensus.warm_start import carry_on
+from climbplan.limms.budget.search_budget import SearchBudget
+from climbplan.limms.consensus.admm import Iterate
+from climbplan.limms.consensus.block_solution import Modes
+from climbplan.limms.consensus.problem import FREE, HELD, LEAPS, STANDS
+from climbplan.limms.consensus.warm_start import carry_from_iterate
 from climbplan.limms.legs.walking import walk
 from climbplan.limms.motion.assembly import initial
-from climbplan.limms.motion.timeline import PlanSoFar
+from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.scene.actions import Action
 from climbplan.limms.scene.bounds import Connection
 from climbplan.limms.scene.limms_scene import Scene
 
-REFINED = 60  # programs and courses of events of one refinement
+MAX_PROGRAMS = 60  # programs and sequences of events of one refinement
 
 
-def chains_of(modes: Modes) -> tuple[Chain, ...]:
-    """Who holds the box from where, from the first interval in which it is held."""
-    held = np.flatnonzero(modes.box == HELD)
-    if not len(held):
+def find_chains(modes: Modes) -> tuple[Chain, ...]:
+    """Return which modules hold the box from where in the first interval of holding."""
+    held_intervals = np.flatnonzero(modes.box == HELD)
+    if not len(held_intervals):
         return ()
-    k = int(held[0])
+    k = int(held_intervals[0])
     chains = []
     for m in np.flatnonzero(modes.hold[:, k] >= 0):
         parent = int(modes.parent[m, k])
@@ -38,51 +38,54 @@ def chains_of(modes: Modes) -> tuple[Chain, ...]:
     return tuple(chains)
 
 
-def action_of(modes: Modes) -> Action:
-    """The modes in the terms of method `modes`."""
+def build_action(modes: Modes) -> Action:
+    """Return the action of method `modes` for these modes."""
     if (modes.box == STANDS).any():
         return Action("quadruped")
     kind = "throw" if (modes.box == FREE).any() else "arms"
-    return Action(kind, tuple(chain.connection for chain in chains_of(modes)))
+    return Action(kind, tuple(chain.connection for chain in find_chains(modes)))
 
 
 def refine(
-    scene: Scene, best: Iterate, attempts: Attempts, rng: np.random.Generator
-) -> PlanSoFar | None:
-    """A plan with the mode sequence kept, or None; `attempts` says why not.
+    scene: Scene, best: Iterate, budget: SearchBudget, rng: np.random.Generator
+) -> PartialPlan | None:
+    """Plan the motion with a fixed mode sequence; None where it fails, with notes in `budget`.
 
     Raises:
-        LimitReached: budget or time of the whole planning are over.
+        LimitReached: The budget or time of the whole planning is used up.
     """
-    part = attempts.part(REFINED)
+    subtask_budget = budget.split(MAX_PROGRAMS)
     try:
-        return _refined(scene, best, part, rng)
+        return _plan_refined(scene, best, subtask_budget, rng)
     except LimitReached as error:
-        part.notes.append(f"{action_of(best.modes).named(scene)}: its share of the work was over")
-        if part.over or part.most >= attempts.spare:
+        subtask_budget.notes.append(
+            f"{build_action(best.modes).describe(scene)}: its share of the work was over"
+        )
+        if subtask_budget.is_expired or subtask_budget.max_programs >= budget.remaining:
             raise error
         return None
     finally:
-        attempts.add(part)
+        budget.merge(subtask_budget)
 
 
-def _refined(
-    scene: Scene, best: Iterate, attempts: Attempts, rng: np.random.Generator
-) -> PlanSoFar | None:
-    """Arms that carry begin where the blocks agreed, and where that fails as in method `modes`. A
-    throw begins as there at once: between the knots of its fastest intervals nothing is known.
+def _plan_refined(
+    scene: Scene, best: Iterate, budget: SearchBudget, rng: np.random.Generator
+) -> PartialPlan | None:
+    """Plan from where the blocks agreed; where that fails, plan as method `modes` does.
+
+    A throw starts as in method `modes`, since the knots say nothing about its fast intervals.
     """
     modes = best.modes
-    action, start = action_of(modes), initial(scene)
+    action, start = build_action(modes), initial(scene)
     if action.kind == "quadruped":
         gait = "leap" if (modes.box == LEAPS).any() else "stand"
-        return walk(start, attempts, 1, rng, gait)
-    chains = chains_of(modes)
+        return walk(start, budget, 1, rng, gait)
+    chains = find_chains(modes)
     if any(len(chain.modules) > 1 for chain in chains):
-        return carry_on_chains(start, action, attempts, rng, chains)
+        return carry_on_chains(start, action, budget, rng, chains)
     if action.kind == "arms":
-        world = carry_on(start, action, chains, best, attempts, rng)
-        if world is not None:
-            return world
+        partial_plan = carry_from_iterate(start, action, chains, best, budget, rng)
+        if partial_plan is not None:
+            return partial_plan
     owners = tuple(chain.modules[0] for chain in chains)
-    return carry(start, action, attempts, rng, owners)
+    return carry(start, action, budget, rng, owners)

@@ -13,9 +13,9 @@ from climbplan.limms.legs.statement import BoxCut, LegCut, LegSample, LegTrace
 from climbplan.limms.modules.contact import LINKS, gap_between, gap_to_blocks, link_segments
 from climbplan.limms.modules.distances import block_gap
 from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
-MARGIN = 0.006  # [m] beyond the radius
+GROUND_MARGIN = 0.006  # [m] beyond the radius
 FOOT_MARGIN = 0.0005  # [m] of feet, which stand on the ground before and after
 BOX_TOUCH = -5e-5  # [m], of the box
 BOX_MARGIN = 0.005  # [m]
@@ -143,7 +143,7 @@ def _box_cuts(scene: Scene, number: int, trace: LegTrace, motion: LegMotion) -> 
 
 def obstacles(scene: Scene) -> Array:
     """Blocks (S, 2, 3) that stand still: solids and parked boxes."""
-    if scene.boxes == 1:
+    if scene.num_boxes == 1:
         return scene.solids
     half, centres = scene.box_size[1:] / 2, scene.box_start[1:]
     return np.concatenate([scene.solids, np.stack([centres - half, centres + half], axis=1)])
@@ -176,7 +176,7 @@ def _block_cuts(
             limb,
             point,
             _NORMALS[face],
-            offset + (MARGIN if point else FOOT_MARGIN),
+            offset + (GROUND_MARGIN if point else FOOT_MARGIN),
             with_box,
         )
         for point in LINKS[link]
@@ -196,7 +196,7 @@ def _pair_cuts(
     normal = a.mean(axis=0) - b.mean(axis=0)
     normal = normal / max(float(np.linalg.norm(normal)), 1e-9)
     middle = float(((a @ normal).min() + (b @ normal).max()) / 2)
-    away = radius + MARGIN / 2
+    away = radius + GROUND_MARGIN / 2
     cuts = []
     for (limb, link), sign in ((one, 1.0), (other, -1.0)):
         cuts += [

@@ -14,13 +14,13 @@ from itertools import pairwise, permutations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.scene.corridor import Way
+from climbplan.limms.scene.corridor import Corridor
 from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 STANCE = 0.45  # [m] of a foot from the face of the box, nominal
 HEIGHT = 0.36  # [m] of the box's centre above the ground under it while it moves, nominal
-MARGIN = 0.06  # [m] of nominal footholds from edges
+GROUND_MARGIN = 0.06  # [m] of nominal footholds from edges
 STRIDE = 0.36  # [m] of a cycle of steps at most
 
 
@@ -74,9 +74,9 @@ def patch_under(scene: Scene, point: Array, below: float) -> int:
     """The highest patch not above `below` that holds a point, else the nearest one."""
     best, key = -1, (np.inf, np.inf)
     for k, patch in enumerate(scene.patches):
-        if patch.height > below + 1e-9 or (patch.upper - patch.lower < 2.2 * MARGIN).any():
+        if patch.height > below + 1e-9 or (patch.upper - patch.lower < 2.2 * GROUND_MARGIN).any():
             continue
-        near = np.clip(point[:2], patch.lower + MARGIN, patch.upper - MARGIN)
+        near = np.clip(point[:2], patch.lower + GROUND_MARGIN, patch.upper - GROUND_MARGIN)
         away = float(np.linalg.norm(near - point[:2]))
         score = (round(away, 3), -patch.height)
         if score < key:
@@ -87,7 +87,7 @@ def patch_under(scene: Scene, point: Array, below: float) -> int:
 def foothold(scene: Scene, patch: int, point: Array) -> Array:
     """The point of a patch nearest to a nominal foothold (3,) [m]."""
     ground = scene.patches[patch]
-    flat = np.clip(point[:2], ground.lower + MARGIN, ground.upper - MARGIN)
+    flat = np.clip(point[:2], ground.lower + GROUND_MARGIN, ground.upper - GROUND_MARGIN)
     return np.array([*flat, ground.height])
 
 
@@ -106,7 +106,7 @@ def nominal_feet(
     return np.array(points), patches
 
 
-def centre_path(scene: Scene, gait: Gait, way: Way, start: Array, goal: Array) -> Array:
+def centre_path(scene: Scene, gait: Gait, way: Corridor, start: Array, goal: Array) -> Array:
     """Box centres (phases + 1, 3) between phases."""
     phases = len(gait.swings)
     if gait.steps == 0:

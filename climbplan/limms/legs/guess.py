@@ -12,9 +12,9 @@ from climbplan.limms.legs.leaps import Leap
 from climbplan.limms.legs.statement import CONTROLS, LegPhase, LegTrace
 from climbplan.limms.modules.limbs import limb_angles
 from climbplan.limms.motion.cubics import BoxPath
-from climbplan.limms.scene.corridor import Way
+from climbplan.limms.scene.corridor import Corridor
 from climbplan.limms.scene.limms_scene import GRAVITY, Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 SPEED = 0.3  # [m/s] of the box
 KNOTS = 6  # intervals of a stance
@@ -25,7 +25,7 @@ def leg_guess(
     scene: Scene,
     limbs: Sequence[Limb],
     gait: Gait,
-    way: Way,
+    way: Corridor,
     ends: tuple[Array, Array],
     first: tuple[Array, Sequence[int]],
 ) -> list[LegTrace]:
@@ -95,7 +95,9 @@ def leg_guess(
     return traces
 
 
-def leap_guess(scene: Scene, leap: Leap, way: Way, ends: tuple[Array, Array]) -> list[LegTrace]:
+def leap_guess(
+    scene: Scene, leap: Leap, way: Corridor, ends: tuple[Array, Array]
+) -> list[LegTrace]:
     """A motion round a leap: crouching and pushing off, the flight, landing and coming to rest.
 
     ends: (3,) start and goal of the box [m].
@@ -129,7 +131,7 @@ def leap_guess(scene: Scene, leap: Leap, way: Way, ends: tuple[Array, Array]) ->
     return traces
 
 
-def _flight(leap: Leap, way: Way) -> LegTrace:
+def _flight(leap: Leap, way: Corridor) -> LegTrace:
     everything = (0, 1, 2, 3)
     # Over an edge no block holds all of it: what it touches is cut off
     low, high = way.blocks[:, 0].min(axis=0), way.blocks[:, 1].max(axis=0)
@@ -166,7 +168,7 @@ def _hermite(
     )
 
 
-def _block_for(way: Way, first: Array, last: Array) -> Array:
+def _block_for(way: Corridor, first: Array, last: Array) -> Array:
     """The block that holds both ends of a phase best."""
 
     def outside(block: Array) -> float:

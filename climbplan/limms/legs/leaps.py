@@ -18,18 +18,18 @@ from climbplan.limms.legs.gaits import patch_under
 from climbplan.limms.modules.chain import BRANCHES, in_range
 from climbplan.limms.modules.limbs import leg, limb_angles, limb_points
 from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 HEIGHTS = np.arange(0.2, 0.72, 0.06)  # [m] of the box's centre over the ground at both ends
 GRID = np.arange(-0.78, 0.79, 0.06)  # [m] of the box's centre over a foothold
-AHEAD = np.arange(-0.2, 0.75, 0.05)  # [m] of take-off from the start, towards the goal
+FOOT_CLEARANCE = np.arange(-0.2, 0.75, 0.05)  # [m] of take-off from the start, towards the goal
 DRAWS = 800
 ENOUGH = 4
 SPEED_SHARE = 0.9  # of joint speeds
 SLOW_SHARE = 0.85  # of joint speeds times flight
 EDGE = 0.04  # [m] of feet from edges
 OWN_SIDE = 0.025  # [m]
-MARGIN = 0.1  # [rad] of joint ranges
+GROUND_MARGIN = 0.1  # [rad] of joint ranges
 CLOSING = 0.2  # [rad] of joint ranges where the latches close
 ELBOW = 0.12  # [rad] bent at least
 _TINY = 1e-5
@@ -113,11 +113,11 @@ def _poses(scene: Scene, side: int, branch: tuple[int, int, int]) -> _Poses:
     over = np.column_stack([x, y, z])
     half = float(abs(SIDE_NORMALS[side]) @ scene.box_size[0] / 2)
     over = over[-over @ SIDE_NORMALS[side] >= half + OWN_SIDE]
-    angles, good = pose_of(scene, limb, over, MARGIN)
+    angles, good = pose_of(scene, limb, over, GROUND_MARGIN)
     over, angles = over[good], angles[good]
     jacobian = np.zeros((len(over), 6, 3))
     for axis in range(3):
-        moved, _ = pose_of(scene, limb, over + _TINY * np.eye(3)[axis], MARGIN)
+        moved, _ = pose_of(scene, limb, over + _TINY * np.eye(3)[axis], GROUND_MARGIN)
         jacobian[..., axis] = _wrapped(moved - angles) / _TINY
     level = np.rint((over[:, 2] - HEIGHTS[0]) / (HEIGHTS[1] - HEIGHTS[0])).astype(int)
     return _Poses(over, angles, jacobian, level)
@@ -162,7 +162,7 @@ def _leap(
     start = ends[0]
     ground = [scene.patches[k].height for k in patches]
     arriving = speed - np.array([0, 0, GRAVITY * duration])
-    takeoffs = start + AHEAD[:, None] * along
+    takeoffs = start + FOOT_CLEARANCE[:, None] * along
     takeoffs[:, 2] = ground[0] + HEIGHTS[levels[0]]
     landings = takeoffs + speed * duration
     landings[:, 2] = ground[1] + HEIGHTS[levels[1]]
@@ -184,7 +184,7 @@ def _leap(
         choices.append(each)
     choices = [choices[1], choices[0], choices[2], choices[3]]
     best, slack = -1, -np.inf
-    for k in range(len(AHEAD)):
+    for k in range(len(FOOT_CLEARANCE)):
         own = [each[k] for each in choices]
         worst = min((c[0] for c in own if c is not None), default=-np.inf)
         if all(c is not None for c in own) and worst > slack:
@@ -241,10 +241,10 @@ def _pairs(
         fits = []
         limb = leg(0, side, 1, BRANCHES[number])
         for row, patch, centre, rest, margin in zip(
-            rows, patches, centres, ends, (CLOSING, MARGIN), strict=True
+            rows, patches, centres, ends, (CLOSING, GROUND_MARGIN), strict=True
         ):
             feet = centre[:, None] - own.over[row]  # (A, n, 3)
-            stands = scene.patches[patch].inside(feet, EDGE)
+            stands = scene.patches[patch].contains(feet, EDGE)
             half = float(abs(SIDE_NORMALS[side]) @ scene.box_size[0] / 2)
             over = rest - feet
             stands &= -over @ SIDE_NORMALS[side] >= half + OWN_SIDE

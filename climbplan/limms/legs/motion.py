@@ -15,7 +15,7 @@ from climbplan.limms.modules.limbs import limb_frames, limb_points
 from climbplan.limms.motion.cubics import BoxPath, box_path, knot_samples
 from climbplan.limms.motion.straight_ways import rates_of
 from climbplan.limms.scene.limms_scene import Points, Pose, Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 
 @dataclass(frozen=True)

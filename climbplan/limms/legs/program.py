@@ -26,7 +26,7 @@ from climbplan.limms.legs.statement import (
 from climbplan.limms.legs.symbols import leg_function, limits_of
 from climbplan.limms.modules.chain_symbols import chain_function
 from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 from climbplan.program.trajectory import Trajectory
 
 SPEED_SHARE = 0.95  # of the joint speed limit
@@ -42,7 +42,7 @@ KEEPING = 2.0  # [s/m^2] for footholds away from those of the guess, which were 
 LEAST_SHARE = 0.04  # of the box's weight on a foot that stands: room for what knots leave out
 LIFTED = 0.015  # [m] of a foot in the air over the lower of both grounds, between its ends
 SHARES = (0.2, 0.4, 0.6, 0.8)  # of a swing where that holds
-FASTEST = 8.0  # [m/s]
+MAX_BOX_SPEED = 8.0  # [m/s]
 HARDEST = 60.0  # [m/s^2]
 
 
@@ -148,7 +148,7 @@ class LegProgram:
         store, phase = self.store, guess.phase
         knots = range(phase.intervals + 1)
         p = [store.variable("p", guess.position[k], phase.lower, phase.upper) for k in knots]
-        v = [store.variable("v", guess.velocity[k], -FASTEST, FASTEST) for k in knots]
+        v = [store.variable("v", guess.velocity[k], -MAX_BOX_SPEED, MAX_BOX_SPEED) for k in knots]
         a = [store.variable("a", guess.acceleration[k], -HARDEST, HARDEST) for k in knots]
         step = duration / phase.intervals
         lower, upper = ca.DM(phase.lower), ca.DM(phase.upper)

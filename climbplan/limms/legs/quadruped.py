@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.limms.attempts.work import Work
+from climbplan.limms.budget.solver_work import Work
 from climbplan.limms.legs.faults import faults_of
 from climbplan.limms.legs.gaits import Gait
 from climbplan.limms.legs.guess import leap_guess, leg_guess
@@ -18,9 +18,9 @@ from climbplan.limms.legs.solver import Effort, LegOutcome, solve_legs
 from climbplan.limms.legs.standing import first_stand_sets, legs_of
 from climbplan.limms.legs.statement import BoxCut, LegCut, LegEnds, LegSample, LegTrace
 from climbplan.limms.modules.limbs import leg
-from climbplan.limms.scene.corridor import Way
+from climbplan.limms.scene.corridor import Corridor
 from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 ROUNDS = 8
 FINER = 4  # than a plan's samples: what is looked at between knots
@@ -36,7 +36,12 @@ class Start:
 
 
 def starts(
-    scene: Scene, gait: Gait, way: Way, rng: np.random.Generator, deadline: float, most: int = 2
+    scene: Scene,
+    gait: Gait,
+    way: Corridor,
+    rng: np.random.Generator,
+    deadline: float,
+    most: int = 2,
 ) -> Iterator[Start]:
     """Guesses of a contact sequence from where the box starts to its goal, the best first.
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from climbplan.limms.attempts.work import Work, work_of
+from climbplan.limms.budget.solver_work import Work, measure_work
 from climbplan.limms.legs.program import LegProgram
 from climbplan.limms.legs.statement import BoxCut, LegCut, LegEnds, LegSample, LegTrace
 from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 from climbplan.solvers.ipopt.trajectory import solve_trajectory
 
 
@@ -79,5 +79,5 @@ def solve_legs(
         expand=True,
     )
     return LegOutcome(
-        traces=program.traces(answer.values, guess), work=work_of(answer), **answer.figures()
+        traces=program.traces(answer.values, guess), work=measure_work(answer), **answer.figures()
     )

@@ -14,9 +14,9 @@ from climbplan.limms.legs.footholds import PATCH_MARGIN
 from climbplan.limms.legs.gaits import Gait
 from climbplan.limms.modules.chain import BRANCHES, in_range
 from climbplan.limms.modules.limbs import leg, limb_angles
-from climbplan.limms.scene.corridor import Way
+from climbplan.limms.scene.corridor import Corridor
 from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 _SIDEWAYS = np.linspace(-0.45, 0.45, 7)
 _AWAY = np.linspace(0.03, 0.75, 10)
@@ -57,7 +57,7 @@ def first_stands(scene: Scene, side: int, path: Array, most: int = _CHOICES) -> 
     found = []
     for k, patch in enumerate(scene.patches):
         feet = np.column_stack([grid[:, :2], np.full(len(grid), patch.height)])
-        for foot in feet[patch.inside(feet, PATCH_MARGIN)]:
+        for foot in feet[patch.contains(feet, PATCH_MARGIN)]:
             best = _best_branch(scene, side, foot, path)
             if best is not None:
                 trouble, branch = best
@@ -100,7 +100,9 @@ def legs_of(stands: Sequence[Stand]) -> tuple[Limb, ...]:
     return tuple(leg(i, s.side, 1, s.branch) for i, s in enumerate(stands))
 
 
-def first_stand_sets(scene: Scene, gait: Gait, way: Way, most: int) -> Iterator[tuple[Stand, ...]]:
+def first_stand_sets(
+    scene: Scene, gait: Gait, way: Corridor, most: int
+) -> Iterator[tuple[Stand, ...]]:
     """Sets of first footholds that carry the box, least trouble and load first."""
     start = scene.box_start[0]
     if gait.steps == 0:
@@ -132,7 +134,7 @@ def first_stand_sets(scene: Scene, gait: Gait, way: Way, most: int) -> Iterator[
 
 def enough_modules(scene: Scene, feet: Array) -> BoolArray:
     """Whether as many modules stand on each level as feet (n, 4, 3) need: they do not climb."""
-    stand = scene.stand[scene.held < 0, 2]
+    stand = scene.start_position[scene.start_anchor < 0, 2]
     fits = np.ones(len(feet), bool)
     for height in np.unique(feet[..., 2]):
         there = int((np.abs(stand - height) < 1e-6).sum())

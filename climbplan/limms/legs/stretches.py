@@ -9,9 +9,9 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.limms.legs.motion import leg_motion
 from climbplan.limms.legs.statement import LegTrace
-from climbplan.limms.motion.timeline import NOWHERE, QUADRUPED, PlanSoFar
+from climbplan.limms.motion.timeline import NOWHERE, QUADRUPED, PartialPlan
 from climbplan.limms.scene.limms_scene import GRAVITY, Pose, Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 PROJECTIONS = 60  # onto cones and balance in turn
 CONE = 0.985  # of friction; what the program uses is less
@@ -19,7 +19,7 @@ LIMIT = 0.995  # of the largest force
 LEAST = 0.005  # of the weight on a foot that stands
 
 
-def add_leg_traces(world: PlanSoFar, limbs: Sequence[Limb], traces: Sequence[LegTrace]) -> None:
+def add_leg_traces(world: PartialPlan, limbs: Sequence[Limb], traces: Sequence[LegTrace]) -> None:
     """Add the phases of a quadruped's answer to a plan."""
     modules = [limb.module for limb in limbs]
     for trace in traces:

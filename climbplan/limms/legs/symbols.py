@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.limms.scene.limms_scene import SIDE_NORMALS
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 from climbplan.limms.schema.module import ModuleSpec
 
 OFF_AXIS = 0.05  # [m] of the wrist from the first axis, at least: branches meet there

@@ -9,7 +9,7 @@ from itertools import permutations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.attempts.attempts import Attempts
+from climbplan.limms.budget.search_budget import SearchBudget
 from climbplan.limms.legs.gaits import gaits
 from climbplan.limms.legs.motion import leg_motion
 from climbplan.limms.legs.quadruped import solve_sound, starts
@@ -18,20 +18,20 @@ from climbplan.limms.legs.stretches import add_leg_traces
 from climbplan.limms.motion.assembly import latch_box, stand_leg
 from climbplan.limms.motion.between_legs import Settle, as_it_is, come_down, headed
 from climbplan.limms.motion.moving import Blocked
-from climbplan.limms.motion.timeline import PlanSoFar
-from climbplan.limms.scene.corridor import centre_blocks, ways
+from climbplan.limms.motion.timeline import PartialPlan
+from climbplan.limms.scene.corridor import decompose_free_space, find_corridor
 from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 
 def walk(
-    world: PlanSoFar,
-    attempts: Attempts,
+    world: PartialPlan,
+    budget: SearchBudget,
     most_steps: int,
     rng: np.random.Generator,
     only: str = "",
     settle: Settle = as_it_is,
-) -> PlanSoFar | None:
+) -> PartialPlan | None:
     """The world after four modules were legs of the box, or None.
 
     only: name of the gait to try, all if empty. Modules on walls come down first.
@@ -42,12 +42,12 @@ def walk(
     try:
         world = _all_down(world, rng)
     except Blocked as error:
-        attempts.notes.append(f"quadruped: {error}")
+        budget.notes.append(f"quadruped: {error}")
         return None
     scene = world.scene
-    way = ways(centre_blocks(scene), scene.box_start[0], scene.goal)
+    way = find_corridor(decompose_free_space(scene), scene.box_start[0], scene.goal)
     if way is None:
-        attempts.notes.append("there is no way for the box")
+        budget.notes.append("there is no way for the box")
         return None
     ends = LegEnds(scene.box_start[0], scene.goal)
     reach = sum(scene.module.link_lengths[:5])  # the last link but one stands upright
@@ -56,24 +56,24 @@ def walk(
         if only and gait.name != only:
             continue
         count = 0
-        for start in starts(scene, gait, way, rng, attempts.end):
+        for start in starts(scene, gait, way, rng, budget.deadline):
             count += 1
-            attempts.begin(f"quadruped, {gait.name}")
-            outcome = solve_sound(scene, start, ends, attempts.end)
-            attempts.count(outcome, f"quadruped, {gait.name}")
+            budget.begin(f"quadruped, {gait.name}")
+            outcome = solve_sound(scene, start, ends, budget.deadline)
+            budget.record(outcome, f"quadruped, {gait.name}")
             if not outcome.solved:
                 continue
             try:
-                return settle(_whole(world, start.limbs, outcome.traces, attempts, rng))
+                return settle(_whole(world, start.limbs, outcome.traces, budget, rng))
             except Blocked as error:
-                attempts.notes.append(f"quadruped, {gait.name}: {error}")
-        attempts.left()
+                budget.notes.append(f"quadruped, {gait.name}: {error}")
+        budget.require_remaining()
         if not count:
-            attempts.notes.append(f"quadruped, {gait.name}: no pose of the legs serves it")
+            budget.notes.append(f"quadruped, {gait.name}: no pose of the legs serves it")
     return None
 
 
-def _all_down(world: PlanSoFar, rng: np.random.Generator) -> PlanSoFar:
+def _all_down(world: PartialPlan, rng: np.random.Generator) -> PartialPlan:
     """As the world is, but modules that hang on walls by their last ends drive, as legs need them.
 
     Raises:
@@ -81,20 +81,20 @@ def _all_down(world: PlanSoFar, rng: np.random.Generator) -> PlanSoFar:
     """
     scene = world.scene
     for module in np.flatnonzero(world.tip_anchor >= 0):
-        if (world.scene.held < 0).sum() >= 4:
+        if (world.scene.start_anchor < 0).sum() >= 4:
             break
         down = come_down(world, int(module), rng)
-        world = headed(down, scene.goal_place, scene.arrival_speed)
+        world = headed(down, scene.goal_placement, scene.arrival_speed)
     return world
 
 
 def _whole(
-    before: PlanSoFar,
+    before: PartialPlan,
     limbs: Sequence[Limb],
     traces: Sequence[LegTrace],
-    attempts: Attempts,
+    budget: SearchBudget,
     rng: np.random.Generator,
-) -> PlanSoFar:
+) -> PartialPlan:
     """Modules drive up, latch at once, and the box moves.
 
     Raises:
@@ -107,7 +107,7 @@ def _whole(
     for owners in _owners(scene, feet):
         owned = [replace(limb, module=m) for limb, m in zip(limbs, owners, strict=True)]
         for order in _orders(len(limbs)):
-            attempts.left()
+            budget.require_remaining()
             world = before.copy()
             try:
                 for i in order:
@@ -128,10 +128,10 @@ def _orders(n: int) -> Iterator[tuple[int, ...]]:
 
 def _owners(scene: Scene, feet: Array) -> Iterator[tuple[int, ...]]:
     """Which module goes to which foothold: least distance, on the same level of ground."""
-    free = [m for m in range(scene.count) if scene.held[m] < 0]
+    free = [m for m in range(scene.num_modules) if scene.start_anchor[m] < 0]
     ranked = []
     for modules in permutations(free, len(feet)):
-        away = scene.stand[list(modules)] - feet
+        away = scene.start_position[list(modules)] - feet
         if np.abs(away[:, 2]).max() > 1e-6:
             continue
         ranked.append((float(np.linalg.norm(away, axis=1).sum()), modules))

@@ -96,10 +96,10 @@ def inverse(module: ModuleSpec, base: Pose, last: Pose, branch: tuple[int, int, 
     bend5 = flip * np.arccos(np.clip(left[..., 2, 2], -1, 1))
     roll4 = np.arctan2(flip * left[..., 1, 2], flip * left[..., 0, 2])
     roll6 = np.arctan2(flip * left[..., 2, 1], -flip * left[..., 2, 0])
-    wrapped = (pitch + np.pi) % (2 * np.pi) - np.pi
+    wrap_angle = (pitch + np.pi) % (2 * np.pi) - np.pi
     far = np.maximum(distance - (upper + fore), abs(upper - fore) - distance)
     return Solution(
-        np.stack([yaw, wrapped, bend, roll4, bend5, roll6], axis=-1), np.maximum(far, 0.0)
+        np.stack([yaw, wrap_angle, bend, roll4, bend5, roll6], axis=-1), np.maximum(far, 0.0)
     )
 
 

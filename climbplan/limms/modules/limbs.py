@@ -7,8 +7,8 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.limms.modules.chain import along, forward
 from climbplan.limms.scene.limms_scene import FLIP, SIDE_NORMALS, Points, Pose, Scene, anchor_frame
-from climbplan.limms.scene.placement import centre_of, upright, yaw_of
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.placement import centre_of, rotation_about_vertical, yaw_of
 
 UPRIGHT = np.eye(3)
 
@@ -69,7 +69,7 @@ def _on_box(scene: Scene, box: Array, side: int, rotation: Array) -> Pose:
     offset = scene.side_offset(0, side)
     if box.shape[-1] == 3:
         return Pose(box + offset, rotation)
-    frame = upright(yaw_of(box))
+    frame = rotation_about_vertical(yaw_of(box))
     return Pose(centre_of(box) + frame @ offset, frame @ rotation)
 
 

@@ -11,31 +11,31 @@ from climbplan.limms.modules.chain import BRANCHES, in_range, inverse
 from climbplan.limms.modules.limbs import root_on_anchor, side_pose, standing_rotation
 from climbplan.limms.motion.moving import Blocked
 from climbplan.limms.motion.reaching import drive, reach
-from climbplan.limms.motion.straight_ways import LENGTHS, leave, straight_in
-from climbplan.limms.motion.timeline import ARM, DRIVES, LEG, NOWHERE, PlanSoFar
-from climbplan.limms.scene.bounds import on_ground
+from climbplan.limms.motion.straight_ways import LENGTH_ROWS, leave, straight_in
+from climbplan.limms.motion.timeline import ARM, DRIVES, LEG, NOWHERE, PartialPlan
+from climbplan.limms.scene.bounds import is_on_ground
 from climbplan.limms.scene.limms_scene import Pose, Scene
-from climbplan.limms.scene.statement import Limb
+from climbplan.limms.scene.phases import Limb
 
 _RINGS = (0.25, 0.35, 0.45, 0.55, 0.65)
 _SPOKES = 16
 _SPARE = 0.02  # [rad] of rolls from their ranges, for what an arm does when it lets go
 
 
-def initial(scene: Scene) -> PlanSoFar:
+def initial(scene: Scene) -> PartialPlan:
     """Where everything is at the start: modules straight, upright or along anchors' normals."""
-    count = scene.count
+    count = scene.num_modules
     position, rotation = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
     for module in range(count):
-        if scene.held[module] >= 0:
-            pose = root_on_anchor(scene, int(scene.held[module]) - scene.wall_offset, 0)
+        if scene.start_anchor[module] >= 0:
+            pose = root_on_anchor(scene, int(scene.start_anchor[module]) - scene.wall_offset, 0)
             position[module], rotation[module] = pose
         else:
-            position[module] = scene.stand[module]
-    return PlanSoFar.of(scene, (position, rotation), np.zeros((count, 6)))
+            position[module] = scene.start_position[module]
+    return PartialPlan.of(scene, (position, rotation), np.zeros((count, 6)))
 
 
-def root_pose(world: PlanSoFar, module: int, end: int) -> Pose:
+def root_pose(world: PartialPlan, module: int, end: int) -> Pose:
     """Where an end of a module is now."""
     points = world.points(module)
     return Pose(points.position[7 * end], points.rotation[7 * end])
@@ -48,16 +48,18 @@ def spots(scene: Scene, height: float, target: Pose, around: Array) -> Iterator[
         for angle in np.linspace(0, 2 * np.pi, _SPOKES, endpoint=False):
             flat = target.position[:2] + ring * np.array([np.cos(angle), np.sin(angle)])
             point = np.array([*flat, height])
-            if any(abs(p.height - height) < 1e-6 and p.inside(point, 0.05) for p in scene.patches):
+            if any(
+                abs(p.height - height) < 1e-6 and p.contains(point, 0.05) for p in scene.patches
+            ):
                 found.append(point)
     found.sort(key=lambda point: float(np.linalg.norm(point - around)))
     yield from found
 
 
-def let_go(world: PlanSoFar, module: int) -> PlanSoFar:
+def let_go(world: PartialPlan, module: int) -> PartialPlan:
     """As the world is, but a module that stands upright on an anchor of the ground drives."""
     scene, anchor = world.scene, int(world.base_anchor[module])
-    if anchor < scene.wall_offset or not on_ground(scene, anchor - scene.wall_offset):
+    if anchor < scene.wall_offset or not is_on_ground(scene, anchor - scene.wall_offset):
         return world
     freed = world.copy()
     freed.base_anchor[module] = NOWHERE
@@ -67,7 +69,7 @@ def let_go(world: PlanSoFar, module: int) -> PlanSoFar:
 
 
 def latch_from_ground(
-    world: PlanSoFar,
+    world: PartialPlan,
     module: int,
     target: Pose,
     anchor: int,
@@ -75,7 +77,7 @@ def latch_from_ground(
     name: str,
     rng: np.random.Generator,
     tries: int = 4,
-) -> PlanSoFar:
+) -> PartialPlan:
     """Drive to a point from which the last end reaches `target`, latch it, and lift the first end.
 
     Raises:
@@ -94,7 +96,7 @@ def latch_from_ground(
             angles = solution.angles
             if solution.missing > 0 or in_range(scene.module, angles) > 0:
                 continue
-            if straight_in(moved, module, base, 0, target, angles, LENGTHS[-1]) is None:
+            if straight_in(moved, module, base, 0, target, angles, LENGTH_ROWS[-1]) is None:
                 continue
             attempt = world.copy()
             try:
@@ -116,8 +118,8 @@ def latch_from_ground(
 
 
 def latch_arm(
-    world: PlanSoFar, module: int, wall: int, name: str, rng: np.random.Generator
-) -> tuple[PlanSoFar, int]:
+    world: PartialPlan, module: int, wall: int, name: str, rng: np.random.Generator
+) -> tuple[PartialPlan, int]:
     """Latch a module to an anchor of the terrain; returns which of its ends is free."""
     anchor = world.scene.wall_offset + wall
     if world.base_anchor[module] == anchor:
@@ -129,7 +131,7 @@ def latch_arm(
 
 
 def reach_box(
-    world: PlanSoFar, limb: Limb, box: Array, path: Array, name: str, rng: np.random.Generator
+    world: PartialPlan, limb: Limb, box: Array, path: Array, name: str, rng: np.random.Generator
 ) -> None:
     """Bring an arm's free end to its anchor of the box at rest, touching but not latched.
 
@@ -158,7 +160,7 @@ def _turned(path: Array, now: Array, limits: Array) -> Array:
     return chosen
 
 
-def latch_box(world: PlanSoFar, limbs: Sequence[Limb]) -> None:
+def latch_box(world: PartialPlan, limbs: Sequence[Limb]) -> None:
     """Latch all limbs to the box, at once."""
     for limb in limbs:
         anchors = world.base_anchor if limb.box_end == 0 else world.tip_anchor
@@ -168,7 +170,7 @@ def latch_box(world: PlanSoFar, limbs: Sequence[Limb]) -> None:
 
 
 def stand_leg(
-    world: PlanSoFar, limb: Limb, foot: Array, angles: Array, rng: np.random.Generator
+    world: PartialPlan, limb: Limb, foot: Array, angles: Array, rng: np.random.Generator
 ) -> None:
     """Drive a module to its first foothold and bring its last end to the box, not latched yet.
 
@@ -182,6 +184,6 @@ def stand_leg(
     target = side_pose(scene, world.place, limb.side, limb.box_end)
     limits = np.array(scene.module.joint_range)
     now = world.angles[module]
-    wrapped = angles + np.round((now - angles) / (2 * np.pi)) * 2 * np.pi
-    ending = np.where(np.abs(wrapped) <= limits, wrapped, angles)
+    wrap_angle = angles + np.round((now - angles) / (2 * np.pi)) * 2 * np.pi
+    ending = np.where(np.abs(wrap_angle) <= limits, wrap_angle, angles)
     reach(world, module, root, 0, target, ending, f"{name}: reach", rng)

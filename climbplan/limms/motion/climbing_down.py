@@ -15,13 +15,13 @@ from climbplan.limms.modules.limbs import standing_rotation
 from climbplan.limms.motion.assembly import latch_from_ground, root_pose, spots
 from climbplan.limms.motion.moving import Blocked, gaps
 from climbplan.limms.motion.reaching import move_joints
-from climbplan.limms.motion.timeline import ARM, DRIVES, NOWHERE, PlanSoFar, Stretch
-from climbplan.limms.scene.bounds import standing_places
+from climbplan.limms.motion.timeline import ARM, DRIVES, NOWHERE, PartialPlan, Stretch
+from climbplan.limms.scene.bounds import find_module_stands
 
 _MOST = 3  # places that are tried
 
 
-def climb_down(world: PlanSoFar, module: int, rng: np.random.Generator) -> PlanSoFar:
+def climb_down(world: PartialPlan, module: int, rng: np.random.Generator) -> PartialPlan:
     """As the world is, but a module that hangs on the terrain by its last end stands and drives.
 
     Raises:
@@ -32,7 +32,7 @@ def climb_down(world: PlanSoFar, module: int, rng: np.random.Generator) -> PlanS
     if anchor < scene.wall_offset:
         raise Blocked(f"{name}: it does not hang by its last end")
     target = root_pose(world, module, 1)
-    stands = standing_places(scene)
+    stands = find_module_stands(scene)
     heights = sorted({float(stand[2]) for stand in stands if not np.isnan(stand).any()})
     reason = Blocked(f"{name}: there is no place to stand")
     for height in heights:

@@ -15,13 +15,18 @@ from climbplan.limms.motion.timeline import (
     FREE,
     MANIPULATED,
     NOWHERE,
-    PlanSoFar,
+    PartialPlan,
     Stretch,
     samples,
 )
 from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, Pose, Scene
-from climbplan.limms.scene.placement import centre_of, in_world, vertical_inertia, yaw_of
-from climbplan.limms.scene.statement import Limb, Trace, held_forces
+from climbplan.limms.scene.phases import Limb, PhaseTrajectory, compute_load_sharing
+from climbplan.limms.scene.placement import (
+    centre_of,
+    inertia_about_vertical,
+    rotate_to_world,
+    yaw_of,
+)
 
 _RETREATS = ((12.0, 0.05), (25.0, 0.03), (50.0, 0.02), (100.0, 0.01))  # [m/s^2], [s]
 
@@ -30,7 +35,9 @@ class Follow(Exception):
     """A module cannot follow what the box does after it let go."""
 
 
-def add_traces(world: PlanSoFar, limbs: Sequence[Limb], traces: Sequence[Trace]) -> None:
+def add_traces(
+    world: PartialPlan, limbs: Sequence[Limb], traces: Sequence[PhaseTrajectory]
+) -> None:
     """Add the stretches of solved phases to a plan.
 
     Raises:
@@ -43,7 +50,7 @@ def add_traces(world: PlanSoFar, limbs: Sequence[Limb], traces: Sequence[Trace])
             _add_held(world, limbs, trace)
 
 
-def _add_held(world: PlanSoFar, limbs: Sequence[Limb], trace: Trace) -> None:
+def _add_held(world: PartialPlan, limbs: Sequence[Limb], trace: PhaseTrajectory) -> None:
     scene, phase = world.scene, trace.phase
     time = knot_samples(trace.duration, phase.intervals)
     position, velocity, acceleration = box_path(
@@ -86,16 +93,18 @@ def _held_forces(
 ) -> Array:
     """Of the latches on the box (n, limbs, 3), world frame [N]."""
     offsets = np.array([scene.side_offset(0, limb.side) for limb in limbs])
-    share = held_forces(offsets, scene.module.max_force, scene.module.latch_moment)
+    share = compute_load_sharing(offsets, scene.module.max_force, scene.module.latch_moment)
     mass, yaw = float(scene.box_mass[0]), yaw_of(position)
     wrench = np.empty((len(position), 4))
-    wrench[:, :3] = in_world(-yaw, mass * (centre_of(acceleration) + np.array([0, 0, GRAVITY])))
-    wrench[:, 3] = vertical_inertia(mass, scene.box_size[0]) * yaw_of(acceleration)
+    wrench[:, :3] = rotate_to_world(
+        -yaw, mass * (centre_of(acceleration) + np.array([0, 0, GRAVITY]))
+    )
+    wrench[:, 3] = inertia_about_vertical(mass, scene.box_size[0]) * yaw_of(acceleration)
     both = wrench @ share[: 3 * len(limbs)].T
-    return in_world(yaw[:, None], both.reshape(len(wrench), len(limbs), 3))
+    return rotate_to_world(yaw[:, None], both.reshape(len(wrench), len(limbs), 3))
 
 
-def _add_flight(world: PlanSoFar, limbs: Sequence[Limb], trace: Trace) -> None:
+def _add_flight(world: PartialPlan, limbs: Sequence[Limb], trace: PhaseTrajectory) -> None:
     """The box flies; modules that threw it stop beside its way."""
     scene = world.scene
     time = samples(trace.duration)
@@ -110,7 +119,7 @@ def _add_flight(world: PlanSoFar, limbs: Sequence[Limb], trace: Trace) -> None:
     _move_box(stretch, position, velocity, acceleration)
     for limb in limbs:
         start, held = side_pose(scene, position[0], limb.side, limb.box_end)
-        normal = in_world(yaw_of(position[0]), SIDE_NORMALS[limb.side])
+        normal = rotate_to_world(yaw_of(position[0]), SIDE_NORMALS[limb.side])
         # Of the latch's place as it lets go, on a box that turns too
         let_go = centre_of(velocity[0]) + np.cross(
             [0, 0, yaw_of(velocity[0])], start - position[0, :3]

@@ -13,7 +13,7 @@ from climbplan.limms.modules.contact import (
     gap_within,
     link_segments,
 )
-from climbplan.limms.motion.timeline import PlanSoFar
+from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.scene.limms_scene import Points, Pose
 
 
@@ -21,7 +21,7 @@ class Blocked(Exception):
     """No free way was found; says for whom and where to."""
 
 
-def gaps(world: PlanSoFar, module: int, points: Points, root_end: int | None = None) -> Array:
+def gaps(world: PartialPlan, module: int, points: Points, root_end: int | None = None) -> Array:
     """Least gap (n) of a module's poses from solids, boxes, other modules and itself [m].
 
     root_end: the end that is fixed; its link does not move, and touches what it stands on.
@@ -41,14 +41,14 @@ def gaps(world: PlanSoFar, module: int, points: Points, root_end: int | None = N
     ]
     found += [
         gap_between(moving, world.segments(other), radius).min(axis=(-1, -2))
-        for other in range(scene.count)
+        for other in range(scene.num_modules)
         if other != module
     ]
     worst: Array = np.min(found, axis=0)
     return worst
 
 
-def rooted(world: PlanSoFar, root: Pose, root_end: int, angles: Array) -> Points:
+def rooted(world: PartialPlan, root: Pose, root_end: int, angles: Array) -> Points:
     """Poses (n) of a module with one end fixed."""
     shape = angles.shape[:-1]
     base = Pose(
@@ -60,7 +60,7 @@ def rooted(world: PlanSoFar, root: Pose, root_end: int, angles: Array) -> Points
 
 
 def add_motion(
-    world: PlanSoFar,
+    world: PartialPlan,
     module: int,
     points: Points,
     time: Array,

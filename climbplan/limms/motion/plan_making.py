@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.limms.attempts.attempts import Attempts
+from climbplan.limms.budget.search_budget import SearchBudget
 from climbplan.limms.modules.chain import forward
-from climbplan.limms.motion.timeline import DRIVES, PlanSoFar, Stretch
+from climbplan.limms.motion.timeline import DRIVES, PartialPlan, Stretch
 from climbplan.limms.plan.convergence import Convergence
 from climbplan.limms.plan.limms_plan import LimmsPlan, Motion
 from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, Points, Pose, Scene
-from climbplan.limms.scene.placement import in_world
+from climbplan.limms.scene.placement import rotate_to_world
 from climbplan.limms.schema.loading import LoadedLimms
 
 
@@ -32,13 +32,13 @@ class Making:
 
 
 def make_plan(
-    loaded: LoadedLimms, scene: Scene, world: PlanSoFar, attempts: Attempts, making: Making
+    loaded: LoadedLimms, scene: Scene, world: PartialPlan, budget: SearchBudget, making: Making
 ) -> LimmsPlan:
     """The plan, without the lines of its summary."""
     motion, stages = motion_of(world.stretches, scene.module, scene.wall_position, scene.box_size)
-    work = attempts.work
+    work = budget.work
     seconds = making.seconds | {"build": work.build_seconds, "solve": work.seconds}
-    cut_short = attempts.over
+    cut_short = budget.is_expired
     return LimmsPlan(
         name=loaded.name,
         title=loaded.spec.title,
@@ -46,7 +46,7 @@ def make_plan(
         status="limit" if cut_short else "feasible",
         motion=motion,
         anchor_names=scene.anchor_names,
-        anchor_normal=np.vstack([*([SIDE_NORMALS] * scene.boxes), scene.wall_normal]),
+        anchor_normal=np.vstack([*([SIDE_NORMALS] * scene.num_boxes), scene.wall_normal]),
         box_size=scene.box_size,
         box_mass=scene.box_mass,
         goal=scene.goals,
@@ -67,14 +67,14 @@ def make_plan(
         timings={key: round(value, 4) for key, value in seconds.items()},
         solvers=making.solvers,
         sizes={
-            "modules": scene.count,
+            "modules": scene.num_modules,
             **making.sizes,
             "programs": work.programs,
             "ipopt_iterations": work.iterations,
-            "variables": attempts.variables,
-            "constraints": attempts.constraints,
+            "variables": budget.variables,
+            "constraints": budget.constraints,
         },
-        warnings=((cut_short_warning(attempts.limit),) if cut_short else ())
+        warnings=((cut_short_warning(budget.time_limit),) if cut_short else ())
         + _warnings(scene, motion),
         convergence=making.convergence,
     )
@@ -140,7 +140,7 @@ def motion_of(
         force = np.zeros((n, boxes, 4, 3))
         force[:, brought] = stretch.force
         offsets = SIDE_NORMALS[None] * box_size[:, None] / 2  # (B, 4, 3)
-        offsets = in_world(turning[:, :, :1], offsets[None])  # (n, B, 4, 3)
+        offsets = rotate_to_world(turning[:, :, :1], offsets[None])  # (n, B, 4, 3)
         on_boxes = (box[:, :, None] + offsets).reshape(n, -1, 3)
         parts = {
             "time": begin + stretch.time,

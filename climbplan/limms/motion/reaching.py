@@ -16,16 +16,16 @@ from climbplan.limms.modules.chain import forward, in_range
 from climbplan.limms.modules.rrt import connect
 from climbplan.limms.motion.moving import Blocked, add_motion, gaps, rooted
 from climbplan.limms.motion.straight_ways import (
-    LENGTHS,
+    LENGTH_ROWS,
     SPEED_SHARE,
     follow,
     leave,
     straight_in,
 )
-from climbplan.limms.motion.timeline import PlanSoFar, samples
+from climbplan.limms.motion.timeline import PartialPlan, samples
 from climbplan.limms.scene.limms_scene import Points, Pose
 
-MARGIN = 0.004  # [m] kept on the way
+GROUND_MARGIN = 0.004  # [m] kept on the way
 _DRIVING = 2e-3  # [m] kept while driving
 _STEPS = (0.06, 0.02)  # [rad] between the poses that are looked at, the second if need be
 _DENSE = 0.01  # [rad] between those by which a way is judged
@@ -59,7 +59,7 @@ def _dense(corners: Array) -> Array:
 
 
 def _free_of(
-    world: PlanSoFar, module: int, root: Pose, root_end: int, margin: float
+    world: PartialPlan, module: int, root: Pose, root_end: int, margin: float
 ) -> Callable[[Array], BoolArray]:
     """Which joint angles (n, 6) [rad] are in range and `margin` [m] off everything."""
 
@@ -74,14 +74,14 @@ def _free_of(
 
 
 def move_joints(
-    world: PlanSoFar,
+    world: PartialPlan,
     module: int,
     root: Pose,
     root_end: int,
     goal: Array,
     name: str,
     rng: np.random.Generator,
-    margin: float = MARGIN,
+    margin: float = GROUND_MARGIN,
 ) -> None:
     """Add a motion of one module to joint angles `goal`, its root end fixed.
 
@@ -109,7 +109,7 @@ def move_joints(
 
 
 def reach(
-    world: PlanSoFar,
+    world: PartialPlan,
     module: int,
     root: Pose,
     root_end: int,
@@ -123,24 +123,26 @@ def reach(
     Raises:
         Blocked: no free way was found.
     """
-    for length in LENGTHS:
+    for length in LENGTH_ROWS:
         last = straight_in(world, module, root, root_end, target, ending, length)
         if last is not None:
             begin = rooted(world, root, root_end, last[:1])
-            if gaps(world, module, begin, root_end)[0] >= MARGIN:
+            if gaps(world, module, begin, root_end)[0] >= GROUND_MARGIN:
                 break
     else:
         raise Blocked(f"{name}: no free straight end of the way")
     before = last[0]
     now = rooted(world, root, root_end, world.angles[module][None])
-    if gaps(world, module, now, root_end)[0] < MARGIN:
+    if gaps(world, module, now, root_end)[0] < GROUND_MARGIN:
         # It stands or hangs closer to something than the ways keep: leave that first
         leave(world, module, root, root_end, name)
     move_joints(world, module, root, root_end, before, name, rng)
     follow(world, module, root, root_end, last, name)
 
 
-def drive(world: PlanSoFar, module: int, goal: Array, name: str, rng: np.random.Generator) -> None:
+def drive(
+    world: PartialPlan, module: int, goal: Array, name: str, rng: np.random.Generator
+) -> None:
     """Drive a module that stands upright to a point of the same ground.
 
     Raises:
@@ -160,7 +162,7 @@ def drive(world: PlanSoFar, module: int, goal: Array, name: str, rng: np.random.
         ground = np.zeros(len(flat), bool)
         for patch in scene.patches:
             if abs(patch.height - start[2]) < 1e-6:
-                ground |= patch.inside(places, scene.module.radius)
+                ground |= patch.contains(places, scene.module.radius)
         if ground.any():
             ground[ground] = gaps(world, module, points(places[ground])) >= margin
         return ground

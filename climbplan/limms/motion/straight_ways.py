@@ -8,17 +8,17 @@ from scipy.interpolate import CubicSpline
 from climbplan.arrays import Array
 from climbplan.limms.modules.chain import BRANCHES, continued, in_range, inverse
 from climbplan.limms.motion.moving import Blocked, add_motion, gaps, rooted
-from climbplan.limms.motion.timeline import PlanSoFar, samples
+from climbplan.limms.motion.timeline import PartialPlan, samples
 from climbplan.limms.scene.limms_scene import Pose
 from climbplan.limms.schema.module import ModuleSpec
 
-LENGTHS = (0.08, 0.05, 0.03, 0.015)  # [m] of the straight way along the normal of an anchor
+LENGTH_ROWS = (0.08, 0.05, 0.03, 0.015)  # [m] of the straight way along the normal of an anchor
 SPEED_SHARE = 0.95
 _JUMP = 0.2  # [rad] between samples of a straight way, a few millimetres apart
 
 
 def straight_in(
-    world: PlanSoFar,
+    world: PartialPlan,
     module: int,
     root: Pose,
     root_end: int,
@@ -56,7 +56,7 @@ def straight_in(
     return None if clear.min() < -1e-9 else best
 
 
-def leave(world: PlanSoFar, module: int, root: Pose, root_end: int, name: str) -> None:
+def leave(world: PartialPlan, module: int, root: Pose, root_end: int, name: str) -> None:
     """Draw the free end back along its own axis.
 
     Raises:
@@ -65,7 +65,7 @@ def leave(world: PlanSoFar, module: int, root: Pose, root_end: int, name: str) -
     free_end = 7 if root_end == 0 else 0
     points = world.points(module)
     pose = Pose(points.position[free_end], points.rotation[free_end])
-    for length in LENGTHS:
+    for length in LENGTH_ROWS:
         path = straight_in(world, module, root, root_end, pose, world.angles[module], length)
         if path is not None:
             follow(world, module, root, root_end, path[::-1], name)
@@ -74,7 +74,7 @@ def leave(world: PlanSoFar, module: int, root: Pose, root_end: int, name: str) -
 
 
 def follow(
-    world: PlanSoFar, module: int, root: Pose, root_end: int, path: Array, name: str
+    world: PartialPlan, module: int, root: Pose, root_end: int, path: Array, name: str
 ) -> None:
     """Add a motion of one module whose free end moves straight, through angles (n, 6).
 

@@ -16,7 +16,7 @@ from climbplan.limms.modules.contact import (
 from climbplan.limms.motion.moving import Blocked
 from climbplan.limms.motion.timeline import Stretch
 from climbplan.limms.scene.limms_scene import Pose, Scene
-from climbplan.limms.scene.placement import in_world
+from climbplan.limms.scene.placement import rotate_to_world
 
 TOUCH = -5e-5  # [m] gap below which a motion is refused
 _STILL = 1e-12  # [m]
@@ -31,7 +31,7 @@ def require_clear_of_all(scene: Scene, stretch: Stretch) -> None:
     """
     _require_following(scene, stretch)
     radius = scene.module.radius
-    segments = [_segments(scene, stretch, m) for m in range(scene.count)]
+    segments = [_segments(scene, stretch, m) for m in range(scene.num_modules)]
     moving = [bool(np.ptp(each, axis=0).max() > _STILL) for each in segments]
     moves = max(np.ptp(stretch.box, axis=0).max(), np.ptp(stretch.turning[:, 0]))
     box_moves = bool(moves > _STILL)
@@ -60,7 +60,7 @@ def _require_following(scene: Scene, stretch: Stretch) -> None:
                 base = Pose(stretch.base_position[:, m], stretch.base_rotation[:, m])
                 held = forward(scene.module, base, stretch.angles[:, m]).position[:, 7 * end]
                 offset = scene.side_offset(0, int(anchors[m]))
-                off = held - stretch.box - in_world(stretch.turning[:, 0], offset)
+                off = held - stretch.box - rotate_to_world(stretch.turning[:, 0], offset)
                 if np.abs(off).max() > _LATCHED:
                     raise Blocked(f"module {name} does not reach the box all the way")
 

@@ -51,7 +51,7 @@ class Stretch:
 
 
 @dataclass
-class PlanSoFar:
+class PartialPlan:
     """Where everything is now, and what was planned so far."""
 
     scene: Scene
@@ -68,10 +68,10 @@ class PlanSoFar:
     stretches: list[Stretch] = field(default_factory=list)
 
     @classmethod
-    def of(cls, scene: Scene, poses: tuple[Array, Array], angles: Array) -> PlanSoFar:
+    def of(cls, scene: Scene, poses: tuple[Array, Array], angles: Array) -> PartialPlan:
         """At the start: modules stand upright or are latched to anchors."""
-        count = scene.count
-        held = scene.held >= 0
+        count = scene.num_modules
+        held = scene.start_anchor >= 0
         return cls(
             scene=scene,
             box=scene.box_start[0].copy(),
@@ -81,14 +81,14 @@ class PlanSoFar:
             base_rotation=poses[1].copy(),
             angles=angles.copy(),
             mode=np.where(held, ARM, DRIVES),
-            base_anchor=scene.held.copy(),
+            base_anchor=scene.start_anchor.copy(),
             tip_anchor=np.full(count, NOWHERE),
             grounded=np.where(held, NOWHERE, 0),
         )
 
-    def copy(self) -> PlanSoFar:
+    def copy(self) -> PartialPlan:
         """An independent copy to try something on."""
-        return PlanSoFar(
+        return PartialPlan(
             self.scene,
             self.box.copy(),
             self.yaw,
@@ -106,7 +106,7 @@ class PlanSoFar:
     @property
     def place(self) -> Array:
         """Where the box is (D,), with its yaw if it turns [m, rad]."""
-        return np.array([*self.box, self.yaw]) if self.scene.turns else self.box
+        return np.array([*self.box, self.yaw]) if self.scene.uses_yaw else self.box
 
     @property
     def centres(self) -> Array:
@@ -141,13 +141,13 @@ class PlanSoFar:
             base_position=np.tile(self.base_position, (n, 1, 1)),
             base_rotation=np.tile(self.base_rotation, (n, 1, 1, 1)),
             angles=np.tile(self.angles, (n, 1, 1)),
-            rates=np.zeros((n, self.scene.count, 6)),
+            rates=np.zeros((n, self.scene.num_modules, 6)),
             mode=self.mode.copy(),
             base_anchor=self.base_anchor.copy(),
             tip_anchor=self.tip_anchor.copy(),
             grounded=self.grounded.copy(),
             force=np.zeros((n, 4, 3)),
-            number=self.scene.number,
+            number=self.scene.box_number,
             others=self.scene.box_start[1:],
             their_yaws=self.scene.start_yaws[1:],
         )

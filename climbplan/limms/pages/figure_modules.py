@@ -11,7 +11,7 @@ from matplotlib.patches import Polygon
 from climbplan.arrays import Array
 from climbplan.limms.pages.obstacles import obstacles_of
 from climbplan.limms.plan.limms_plan import LimmsPlan
-from climbplan.limms.scene.placement import upright
+from climbplan.limms.scene.placement import rotation_about_vertical
 from climbplan.reports import palette
 from climbplan.reports.camera import Camera, silhouette
 from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain
@@ -121,7 +121,7 @@ def _draw(ax: Axes, plan: LimmsPlan, sample: int) -> None:
 
 def _box_corners(centre: Array, yaw: float, size: Array) -> Array:
     """Corners (8, 3) of a box that stands upright [m]."""
-    return centre + _corners(-size / 2, size / 2) @ upright(yaw).T
+    return centre + _corners(-size / 2, size / 2) @ rotation_about_vertical(yaw).T
 
 
 def _block(ax: Axes, low: Array, high: Array, color: str, alpha: float) -> None:

@@ -11,7 +11,7 @@ from climbplan.limms.pages.obstacles import obstacles_of
 from climbplan.limms.plan.file import read_limms_plan
 from climbplan.limms.plan.limms_plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.plan.summary import boxes_in_words
-from climbplan.limms.scene.placement import upright
+from climbplan.limms.scene.placement import rotation_about_vertical
 from climbplan.reports import palette
 from climbplan.reports.key_frames import key_frames
 from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, block
@@ -133,7 +133,7 @@ def _boxes(plan: LimmsPlan, center: Array, yaw: Array) -> Boxes:
     count, boxes = center.shape[:2]
     return Boxes(
         center,
-        upright(yaw),
+        rotation_about_vertical(yaw),
         np.broadcast_to(plan.box_size, (count, boxes, 3)),
         tuple(palette.OBSTACLE if b < plan.deliveries else palette.MUTED for b in range(boxes)),
         0.85,

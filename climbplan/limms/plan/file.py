@@ -161,8 +161,8 @@ def _read(reader: Reader) -> LimmsPlan:
     }
     if not turns:
         boxes = reader.dimensions["B"]
-        upright = np.zeros((reader.dimensions["T"], boxes))
-        values |= dict.fromkeys(_TURNING, upright) | {"goal_yaw": np.zeros(boxes)}
+        rotation_about_vertical = np.zeros((reader.dimensions["T"], boxes))
+        values |= dict.fromkeys(_TURNING, rotation_about_vertical) | {"goal_yaw": np.zeros(boxes)}
     motion = Motion(**{key: values.pop(key) for key in MOTION})
     convergence = None
     if reader.has("convergence"):

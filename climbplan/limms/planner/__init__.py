@@ -1,1 +1,1 @@
-"""From a spec to a plan: method `modes`."""
+"""The planner of method `modes`: from a spec to a plan."""

@@ -1,4 +1,4 @@
-"""Courses made into motion, leg after leg from wherever everything is then."""
+"""Motion of a task plan, subtask after subtask from wherever everything is at that time."""
 
 from __future__ import annotations
 
@@ -7,57 +7,71 @@ import numpy as np
 from climbplan.limms.arms.carrying import carry
 from climbplan.limms.arms.chain_carrying import carry_on_chains
 from climbplan.limms.arms.relatching import relatch
-from climbplan.limms.attempts.attempts import Attempts
+from climbplan.limms.budget.search_budget import SearchBudget
 from climbplan.limms.legs.walking import walk
 from climbplan.limms.motion.between_legs import Settle, as_it_is, headed, put_down, turned_to
-from climbplan.limms.motion.timeline import PlanSoFar
-from climbplan.limms.scene.actions import Action, Course, Leg
+from climbplan.limms.motion.timeline import PartialPlan
+from climbplan.limms.scene.actions import Action, Subtask, TaskPlan
 
 
-class Motions:
-    """Courses from one world; legs that several of them begin with are planned once."""
+class TaskPlanExecution:
+    """Plans the motion of task plans from one initial state; common prefixes are planned once."""
 
     def __init__(
         self,
-        start: PlanSoFar,
-        attempts: Attempts,
+        start: PartialPlan,
+        budget: SearchBudget,
         rng: np.random.Generator,
         most_steps: int,
-        last: Settle = as_it_is,
+        settle_last: Settle = as_it_is,
     ) -> None:
-        """start: where everything is, its scene with boxes in the order of the plan.
+        """Initialise from where everything is.
 
-        most_steps: of legs that walk; last: what follows the last leg.
+        Args:
+            start: The initial partial plan; its scene has boxes in the order of the plan.
+            budget: The budget of the planning.
+            rng: Random generator of samplers.
+            most_steps: Largest number of steps of a walk.
+            settle_last: What follows the last subtask.
         """
-        self.start, self.attempts, self.rng = start, attempts, rng
-        self.most_steps, self.last = most_steps, last
-        self.known: dict[tuple[Leg, ...], PlanSoFar | None] = {}
+        self.start, self.budget, self.rng = start, budget, rng
+        self.most_steps, self.settle_last = most_steps, settle_last
+        self.cached_plans: dict[tuple[Subtask, ...], PartialPlan | None] = {}
 
-    def plan(self, course: Course) -> PlanSoFar | None:
-        """Everything until all boxes are at their goals, or None."""
-        world: PlanSoFar | None = self.start
-        legs = course.legs
-        for number in range(1, len(legs)):
-            if legs[:number] not in self.known:
-                assert world is not None
-                self.known[legs[:number]] = self._leg(world, legs[number - 1], 0.0, put_down)
-            world = self.known[legs[:number]]
-            if world is None:
+    def plan(self, task_plan: TaskPlan) -> PartialPlan | None:
+        """Plan the motion until all boxes are at their goals; None where it fails."""
+        partial_plan: PartialPlan | None = self.start
+        subtasks = task_plan.subtasks
+        for number in range(1, len(subtasks)):
+            if subtasks[:number] not in self.cached_plans:
+                assert partial_plan is not None
+                self.cached_plans[subtasks[:number]] = self._plan_subtask(
+                    partial_plan, subtasks[number - 1], 0.0, put_down
+                )
+            partial_plan = self.cached_plans[subtasks[:number]]
+            if partial_plan is None:
                 return None
-        assert world is not None
-        return self._leg(world, legs[-1], self.start.scene.arrival_speed, self.last)
+        assert partial_plan is not None
+        return self._plan_subtask(
+            partial_plan, subtasks[-1], self.start.scene.arrival_speed, self.settle_last
+        )
 
-    def _leg(self, world: PlanSoFar, leg: Leg, speed: float, settle: Settle) -> PlanSoFar | None:
-        turned = turned_to(world, leg.box, self.start.scene)
-        begun = headed(turned, np.array(leg.end), speed)
-        return self._done(begun, leg.action, settle)
+    def _plan_subtask(
+        self, partial_plan: PartialPlan, subtask: Subtask, speed: float, settle: Settle
+    ) -> PartialPlan | None:
+        """Plan one subtask; None where it fails."""
+        reordered = turned_to(partial_plan, subtask.box, self.start.scene)
+        prepared = headed(reordered, np.array(subtask.end), speed)
+        return self._apply_action(prepared, subtask.action, settle)
 
-    def _done(self, world: PlanSoFar, action: Action, settle: Settle) -> PlanSoFar | None:
-        """An action done by the program that there is for it."""
+    def _apply_action(
+        self, partial_plan: PartialPlan, action: Action, settle: Settle
+    ) -> PartialPlan | None:
+        """Plan the motion of an action by the program of its kind."""
         if action.kind == "quadruped":
-            return walk(world, self.attempts, self.most_steps, self.rng, settle=settle)
+            return walk(partial_plan, self.budget, self.most_steps, self.rng, settle=settle)
         if action.kind == "relatch":
-            return relatch(world, action, self.attempts, self.rng, settle)
-        if action.is_chained:
-            return carry_on_chains(world, action, self.attempts, self.rng, settle=settle)
-        return carry(world, action, self.attempts, self.rng, settle=settle)
+            return relatch(partial_plan, action, self.budget, self.rng, settle)
+        if action.has_chains:
+            return carry_on_chains(partial_plan, action, self.budget, self.rng, settle=settle)
+        return carry(partial_plan, action, self.budget, self.rng, settle=settle)

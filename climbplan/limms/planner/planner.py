@@ -1,7 +1,7 @@
-"""From a spec to a plan. Method `modes`: mode sequences best first, then programs, then the way.
+"""The planner of method `modes`: task planning, then trajectory optimisation, then free motion.
 
-Fully automatic: which modules latch where follows from the search, keyframes and motions from the
-programs.
+Task plans are searched best first. For each one, programs fix keyframes and motions, and sampling
+finds the motion of single modules. Which modules latch where follows from the search.
 """
 
 from __future__ import annotations
@@ -13,28 +13,32 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.errors import Infeasible, LimitReached
-from climbplan.limms.attempts.attempts import Attempts
+from climbplan.limms.budget.search_budget import SearchBudget
 from climbplan.limms.check.verification import verification_of
 from climbplan.limms.consensus.planner import plan_by_consensus
-from climbplan.limms.courses.courses import courses, relays
-from climbplan.limms.courses.direct import Search, legs_misfit, search
-from climbplan.limms.courses.refusal import proof, ruled_out
 from climbplan.limms.modules.weights import PACES, too_heavy
 from climbplan.limms.motion.assembly import initial
 from climbplan.limms.motion.moving import Blocked
 from climbplan.limms.motion.plan_making import Making, cut_short_warning, make_plan
-from climbplan.limms.motion.timeline import PlanSoFar
+from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.plan.summary import summary_lines
-from climbplan.limms.planner.motions import Motions
+from climbplan.limms.planner.motions import TaskPlanExecution
 from climbplan.limms.scene.limms_scene import (
     Scene,
-    scene_of,
-    stands_at_goal,
-    with_box_first,
-    without_others,
+    build_scene,
+    is_at_goal,
+    put_box_first,
+    remove_other_boxes,
 )
 from climbplan.limms.schema.loading import LoadedLimms
+from climbplan.limms.task_planning.best_first_search import list_task_plans, search_task_plans
+from climbplan.limms.task_planning.infeasibility import build_failure, prove_infeasible
+from climbplan.limms.task_planning.single_actions import (
+    CandidateActions,
+    check_quadruped,
+    find_single_actions,
+)
 from climbplan.progress import Progress
 
 METHOD = "modes"
@@ -42,153 +46,180 @@ SOLVERS = {"programs": "IPOPT (CasADi)"}
 
 
 def plan_limms(loaded: LoadedLimms, report: Progress = lambda stage, share: None) -> LimmsPlan:
-    """The plan of a LIMMS spec.
+    """Plan the motion of a LIMMS spec.
+
+    Args:
+        loaded: The spec with its module.
+        report: Progress callback.
+
+    Returns:
+        The plan; `status` is "limit" if the time limit cut it short.
 
     Raises:
-        Infeasible: bounds that no plan escapes rule every mode sequence out.
-        LimitReached: none of the sequences led to a plan, or not in time.
+        Infeasible: Necessary conditions exclude every mode sequence.
+        LimitReached: No sequence led to a plan, or not in time.
     """
-    scene = scene_of(loaded)
-    if heavy := too_heavy(scene):
-        raise Infeasible("no plan exists: modules are too heavy", heavy, stage="modes")
+    scene = build_scene(loaded)
+    if conflicts := too_heavy(scene):
+        raise Infeasible("no plan exists: modules are too heavy", conflicts, stage="modes")
     if loaded.spec.solver.method == "admm":
         return plan_by_consensus(loaded, report)
     solver = loaded.spec.solver
-    attempts = Attempts(solver.time_limit, solver.programs)
+    budget = SearchBudget(solver.time_limit, solver.max_nlp_solves)
     if scene.massless:
-        return _plan_at_pace(loaded, scene, report, attempts)[0]
-    return _calmest(loaded, scene, report, attempts)
+        return _plan_at_pace(loaded, scene, report, budget)[0]
+    return _plan_calmest(loaded, scene, report, budget)
 
 
-def _calmest(loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts) -> LimmsPlan:
-    """With masses: ways without the box slower and slower, until all that they ask for is held.
+def _plan_calmest(
+    loaded: LoadedLimms, scene: Scene, report: Progress, budget: SearchBudget
+) -> LimmsPlan:
+    """Plan with masses at slower and slower paces until the hardware bears the loads.
 
-    Arms carry the box as they do at any pace, so that where legs take no part the first pace says
-    what can be found. Legs swing slower at calmer ones, so that with them each pace but the last
-    gets half of what is left of the budget.
+    Arms carry the box alike at any pace. Without legs, the first pace therefore shows what can be
+    found. Legs swing slower at calmer paces, so with legs each pace but the last gets half of the
+    remaining budget.
 
     Raises as `plan_limms`; a plan that fails at every pace is the last one.
     """
     plan: LimmsPlan | None = None
-    whole, has_legs = attempts.most, "quadruped" in scene.allow and not legs_misfit(scene)
+    max_programs, uses_legs = (
+        budget.max_programs,
+        "quadruped" in scene.allow and not check_quadruped(scene),
+    )
     for pace in PACES:
         is_last = pace == PACES[-1]
-        attempts.most = whole - (attempts.left_of(whole) // 2 if has_legs and not is_last else 0)
+        budget.max_programs = max_programs - (
+            budget.compute_remaining(max_programs) // 2 if uses_legs and not is_last else 0
+        )
         try:
-            plan, passed = _plan_at_pace(loaded, replace(scene, pace=pace), report, attempts)
+            plan, passed = _plan_at_pace(loaded, replace(scene, pace=pace), report, budget)
         except LimitReached:
-            if attempts.over or attempts.left_of(whole) <= 0 or is_last or not has_legs:
+            if (
+                budget.is_expired
+                or budget.compute_remaining(max_programs) <= 0
+                or is_last
+                or not uses_legs
+            ):
                 if plan is None:
                     raise
-                break  # the plan of before is written, and marked as failing
+                break  # the last plan is written, and marked as failing
         else:
             if passed:
                 return plan
     assert plan is not None
-    return _cut_short(plan, attempts) if attempts.over else plan
+    return _mark_cut_short(plan, budget) if budget.is_expired else plan
 
 
-def _cut_short(plan: LimmsPlan, attempts: Attempts) -> LimmsPlan:
-    """A plan that time ran out to better."""
+def _mark_cut_short(plan: LimmsPlan, budget: SearchBudget) -> LimmsPlan:
+    """Return a plan with the status and warning that time ran out to improve it."""
     if plan.status == "limit":
         return plan
-    warnings = (cut_short_warning(attempts.limit), *plan.warnings)
+    warnings = (cut_short_warning(budget.time_limit), *plan.warnings)
     return replace(plan, status="limit", warnings=warnings)
 
 
 def _plan_at_pace(
-    loaded: LoadedLimms, scene: Scene, report: Progress, attempts: Attempts
+    loaded: LoadedLimms, scene: Scene, report: Progress, budget: SearchBudget
 ) -> tuple[LimmsPlan, bool]:
-    """The plan of a scene within what is left, and whether it passes. Raises as `plan_limms`."""
-    began = time.perf_counter()
-    report("modes", 0.0)
-    found = _possible(scene)
-    searched = time.perf_counter() - began
-    tried, named = 0, ""
+    """Plan a scene within the remaining budget; return the plan and whether it passes verification.
 
-    def made(world: PlanSoFar) -> LimmsPlan:
-        seconds = {"search": searched, "total": time.perf_counter() - began}
+    Raises as `plan_limms`.
+    """
+    start_time = time.perf_counter()
+    report("modes", 0.0)
+    candidates = _find_candidates(scene)
+    search_seconds = time.perf_counter() - start_time
+    num_tried, label = 0, ""
+
+    def build_plan(partial_plan: PartialPlan) -> LimmsPlan:
+        seconds = {"search": search_seconds, "total": time.perf_counter() - start_time}
         sizes = {
-            "configurations": found.configurations,
-            "sequences": max(len(found.actions), tried),
-            "sequences_tried": tried,
+            "configurations": candidates.configurations,
+            "sequences": max(len(candidates.actions), num_tried),
+            "sequences_tried": num_tried,
         }
-        making = Making(METHOD, named, seconds, sizes, dict(SOLVERS))
-        plan = make_plan(loaded, scene, world, attempts, making)
-        return replace(plan, summary=summary_lines(plan, attempts.notes))
+        record = Making(METHOD, label, seconds, sizes, dict(SOLVERS))
+        plan = make_plan(loaded, scene, partial_plan, budget, record)
+        return replace(plan, summary=summary_lines(plan, budget.notes))
 
     start = initial(scene)
     rng = np.random.default_rng(loaded.spec.seed)
-    judge = _Judge(made)
-    motions = Motions(start, attempts, rng, loaded.spec.solver.most_steps, judge)
-    listed = courses(start, found.actions) if scene.deliveries == 1 else relays(start, 1)
+    verifier = _PlanVerifier(build_plan)
+    execution = TaskPlanExecution(start, budget, rng, loaded.spec.solver.max_steps, verifier)
+    task_plans = (
+        list_task_plans(start, candidates.actions)
+        if scene.num_deliveries == 1
+        else search_task_plans(start, 1)
+    )
     try:
-        for number, course in enumerate(listed):
-            report("plan", number / max(len(found.actions), number + 1))
-            tried, named, told = number + 1, course.named(scene), len(attempts.notes)
-            attempts.begin(named)
-            world = motions.plan(course)
-            if world is not None:
-                return made(world), judge.passed
-            if len(attempts.notes) == told:
-                attempts.notes.append(f"{named}: no module can take its part")
-        attempts.left()
+        for index, task_plan in enumerate(task_plans):
+            report("plan", index / max(len(candidates.actions), index + 1))
+            num_tried, label, num_notes = index + 1, task_plan.describe(scene), len(budget.notes)
+            budget.begin(label)
+            partial_plan = execution.plan(task_plan)
+            if partial_plan is not None:
+                return build_plan(partial_plan), verifier.passed
+            if len(budget.notes) == num_notes:
+                budget.notes.append(f"{label}: no module can take its part")
+        budget.require_remaining()
     except LimitReached:
-        if judge.refused is None:
+        if verifier.refused is None:
             raise
-    if judge.refused is not None:  # better than none: it is written, and marked as failing
-        return judge.refused, False
-    if not tried:
-        raise ruled_out(scene, found.conflicts)
+    if verifier.refused is not None:  # a failing plan is better than none: it is written and marked
+        return verifier.refused, False
+    if not num_tried:
+        raise build_failure(scene, candidates.conflicts)
     raise LimitReached(
-        f"none of {tried} sequences of modes led to a plan, and none was proved "
-        f"impossible. {attempts.story()}",
+        f"none of {num_tried} sequences of modes led to a plan, and none was proved "
+        f"impossible. {budget.describe_failures()}",
         stage="motion",
     )
 
 
-def _possible(scene: Scene) -> Search:
-    """What may bring the only box to its goal at once; of several boxes there is no such list.
+def _find_candidates(scene: Scene) -> CandidateActions:
+    """Return the single actions that bring the only box to its goal; none are listed for several.
 
     Raises:
-        Infeasible: it is proved that a box cannot be brought to its goal, were it the only one.
-            Other boxes may be anywhere by then, so that what their places rule out is no proof.
+        Infeasible: A box provably cannot reach its goal even if it were the only one. Other boxes
+            may
+            be anywhere by then, so what their places exclude is no proof.
     """
-    if scene.deliveries == 1:
-        found = search(scene)
-        if proved := proof(scene, found.conflicts):
-            raise proved
-        return found
+    if scene.num_deliveries == 1:
+        candidates = find_single_actions(scene)
+        if proof := prove_infeasible(scene, candidates.conflicts):
+            raise proof
+        return candidates
     places = np.column_stack([scene.box_start, scene.start_yaws])
     goals = np.column_stack([scene.goals, scene.goal_yaws])
-    each: list[Search] = []
-    for box in range(scene.deliveries):
-        is_last = box == scene.deliveries - 1
+    by_box: list[CandidateActions] = []
+    for box in range(scene.num_deliveries):
+        is_last = box == scene.num_deliveries - 1
         speed = scene.arrival_speed if is_last else 0.0
-        alone = without_others(with_box_first(scene, box, places, goals[box], speed))
-        each.append(search(alone))
-        proved = proof(alone, each[-1].conflicts)
-        if proved is not None and not stands_at_goal(scene, box):
+        box_scene = remove_other_boxes(put_box_first(scene, box, places, goals[box], speed))
+        by_box.append(find_single_actions(box_scene))
+        proof = prove_infeasible(box_scene, by_box[-1].conflicts)
+        if proof is not None and not is_at_goal(scene, box):
             raise Infeasible(
-                f"box {box}, were it the only one: {proved}", proved.conflicts, stage="modes"
+                f"box {box}, were it the only one: {proof}", proof.conflicts, stage="modes"
             )
-    conflicts = tuple(conflict for found in each for conflict in found.conflicts)
-    return Search((), conflicts, sum(found.configurations for found in each))
+    conflicts = tuple(conflict for candidates in by_box for conflict in candidates.conflicts)
+    return CandidateActions((), conflicts, sum(candidates.configurations for candidates in by_box))
 
 
-class _Judge:
-    """Plans are verified where they end; one that fails is kept, and the search goes on.
+class _PlanVerifier:
+    """Verifies complete plans; a failing one is kept, and the search continues.
 
-    What is too much for the hardware is for slower ways first, as long as there are any.
+    Excessive loads are left to slower paces first, as long as there are any.
     """
 
-    def __init__(self, made: Callable[[PlanSoFar], LimmsPlan]) -> None:
-        self.made = made
+    def __init__(self, build_plan: Callable[[PartialPlan], LimmsPlan]) -> None:
+        self.build_plan = build_plan
         self.passed = False  # whether the plan of the last world passes as it is
         self.refused: LimmsPlan | None = None  # the first that failed
 
-    def __call__(self, world: PlanSoFar) -> PlanSoFar:
-        plan = self.made(world)
+    def __call__(self, world: PartialPlan) -> PartialPlan:
+        plan = self.build_plan(world)
         verification = verification_of(plan)
         self.passed = verification.passed
         failed = [check.name for check in verification.failed]

@@ -1,1 +1,1 @@
-"""Free space, anchors, boxes and modules in numbers, and bounds that no plan escapes."""
+"""The scene: free space, anchors, boxes and modules in numbers, and bounds on plans."""

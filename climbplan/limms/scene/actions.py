@@ -1,4 +1,4 @@
-"""What modules do with the box: actions, legs from place to place, and courses of several legs."""
+"""What modules do with the box: actions, subtasks from place to place, and task plans."""
 
 from __future__ import annotations
 
@@ -8,51 +8,59 @@ from climbplan.arrays import Array
 from climbplan.limms.scene.bounds import Connection
 from climbplan.limms.scene.limms_scene import SIDES, Scene
 
-SECOND_LEG = 0.4  # cost of each leg after the first: less than that of a module
-_EXTRA = {"throw": 0.5, "relatch": 0.25, "quadruped": 0.5}  # cost of what is harder than carrying
+SUBTASK_COST = 0.4  # cost of each subtask after the first: less than that of a module
+_KIND_COST = {
+    "throw": 0.5,
+    "relatch": 0.25,
+    "quadruped": 0.5,
+}  # cost of actions that are harder than carrying
 
-Place = tuple[float, ...]  # (D,) of the box [m, rad]
+Placement = tuple[float, ...]  # (D,) placement of the box, hashable [m, rad]
 
 
 @dataclass(frozen=True)
 class Action:
-    """How modules move the box: held by arms, thrown by them, or as a quadruped.
+    """A symbolic action: how modules move the box, held by arms, thrown, or as a quadruped.
 
     A module that relatches holds the box first, and comes to its anchor from there.
     """
 
     kind: str  # "arms", "throw", "relatch", "quadruped"
     connections: tuple[Connection, ...] = ()
-    away: float = 0.0  # [m] how far wrists are apart that the chains have to bring together
-    flight: float = 0.0  # [m] that a throw is longer than throws that are tried early
-    lets_go: bool = False  # a module on an anchor of the ground drives, before it relatches
+    wrist_distance: float = 0.0  # [m] sum of the distances between wrists that chains bridge
+    extra_flight: float = 0.0  # [m] by which a throw exceeds easy throws
+    releases_ground_anchor: bool = False  # a module on a ground anchor drives before it relatches
 
     @property
-    def modules(self) -> int:
-        """How many modules it takes."""
+    def num_modules(self) -> int:
+        """The number of modules that the action takes."""
         return 4 if self.kind == "quadruped" else sum(c.links for c in self.connections)
 
     @property
-    def is_chained(self) -> bool:
+    def has_chains(self) -> bool:
         """Whether arms hang on arms."""
         return any(connection.links > 1 for connection in self.connections)
 
-    def extra(self) -> float:
-        """Cost beside its modules: changes of latches, steps or flight; near ones first."""
-        near = 2 * self.flight + 0.01 * self.away
-        return _EXTRA.get(self.kind, 0.0) + (0.1 if self.lets_go else 0.0) + near
+    def extra_cost(self) -> float:
+        """Return the cost in addition to modules: latch changes, steps, flight and distance."""
+        distance_cost = 2 * self.extra_flight + 0.01 * self.wrist_distance
+        return (
+            _KIND_COST.get(self.kind, 0.0)
+            + (0.1 if self.releases_ground_anchor else 0.0)
+            + distance_cost
+        )
 
     def cost(self) -> float:
-        """What is tried first: few modules, and what is easy."""
-        return self.modules + self.extra()
+        """Return the cost that orders actions: few modules first, then what is easy."""
+        return self.num_modules + self.extra_cost()
 
-    def named(self, scene: Scene) -> str:
-        """In words."""
+    def describe(self, scene: Scene) -> str:
+        """Return the action in words."""
         if self.kind == "quadruped":
             return "quadruped"
-        names = scene.anchor_names[scene.wall_offset :]
+        anchor_names = scene.anchor_names[scene.wall_offset :]
         arms = ", ".join(
-            f"{names[c.root]} to {SIDES[c.side]}"
+            f"{anchor_names[c.root]} to {SIDES[c.side]}"
             + (f" by {c.links} modules" if c.links > 1 else "")
             for c in self.connections
         )
@@ -60,40 +68,41 @@ class Action:
 
 
 @dataclass(frozen=True)
-class Leg:
-    """A box from one place to the next, by one action."""
+class Subtask:
+    """The motion of one box from one place to the next by one action."""
 
     action: Action
-    begin: Place
-    end: Place
-    box: int = 0  # its number in the plan
-    aside: bool = False  # one of several boxes that is not brought to its goal
+    start: Placement
+    end: Placement
+    box: int = 0  # number of the box in the plan
+    is_set_aside: bool = False  # the box is not brought to its goal
 
 
 @dataclass(frozen=True)
-class Course:
-    """Legs one after the other; all boxes stand between them."""
+class TaskPlan:
+    """A sequence of subtasks; all boxes stand between them."""
 
-    legs: tuple[Leg, ...]
-    apart: float = 0.0  # cost by which courses of as many legs and modules differ
+    subtasks: tuple[Subtask, ...]
+    tie_break_cost: float = 0.0  # orders plans with equal subtasks and modules
 
     def cost(self) -> float:
-        """What is tried first: modules that hold the box at once, then legs, then what is easy."""
-        most = max(leg.action.modules for leg in self.legs)
-        extra = sum(leg.action.extra() for leg in self.legs)
-        return most + SECOND_LEG * (len(self.legs) - 1) + extra + self.apart
+        """Return the cost that orders plans: modules at once, then subtasks, then effort."""
+        max_modules = max(subtask.action.num_modules for subtask in self.subtasks)
+        extra = sum(subtask.action.extra_cost() for subtask in self.subtasks)
+        return max_modules + SUBTASK_COST * (len(self.subtasks) - 1) + extra + self.tie_break_cost
 
-    def named(self, scene: Scene) -> str:
-        """In words."""
-        if scene.deliveries > 1:
+    def describe(self, scene: Scene) -> str:
+        """Return the task plan in words."""
+        if scene.num_deliveries > 1:
             return "; ".join(
-                f"box {leg.box}{' aside' if leg.aside else ''} by {leg.action.named(scene)}"
-                for leg in self.legs
+                f"box {subtask.box}{' aside' if subtask.is_set_aside else ''} "
+                f"by {subtask.action.describe(scene)}"
+                for subtask in self.subtasks
             )
-        words = ", then ".join(leg.action.named(scene) for leg in self.legs)
-        return f"relay: {words}" if len(self.legs) > 1 else words
+        actions = ", then ".join(subtask.action.describe(scene) for subtask in self.subtasks)
+        return f"relay: {actions}" if len(self.subtasks) > 1 else actions
 
 
-def place_of(point: Array) -> Place:
-    """A placement (D,) that can be looked up."""
+def freeze_placement(point: Array) -> Placement:
+    """Return a placement (D,) as a hashable tuple."""
     return tuple(float(value) for value in point)

@@ -1,8 +1,9 @@
-"""Where the box may be: convex blocks of free placements, and ways through them.
+"""Free space of the box as convex blocks of placements, and corridors through them.
 
-Solids grow by half the box; what is left is covered by all largest blocks between their faces. A
-cubic whose control points lie in one block stays in it, so that the way is free at every instant.
-A box that turns has such blocks for intervals of its yaw, grown by what it sweeps between them.
+Solids are inflated by half the box (Minkowski sum); the rest is covered by all maximal blocks
+between faces. A cubic whose Bezier control points lie in one block stays in it, so the path is free
+at every instant. For a box with a yaw, there are such blocks for intervals of the yaw, inflated by
+the swept extents of the box.
 """
 
 from __future__ import annotations
@@ -15,86 +16,94 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.placement import centre_of, extents, yaw_of
+from climbplan.limms.scene.placement import centre_of, swept_half_extents, yaw_of
 
-CLEARANCE = 5e-4  # [m] of the box from what is not the ground
-TURN = np.pi / 4  # [rad] at most from one yaw that a box may be put down with to the next
-_LEVER = 0.3  # [m/rad] of way that a turn counts as
+CLEARANCE = 5e-4  # [m] between the box and other boxes
+MAX_YAW_STEP = np.pi / 4  # [rad] between two neighbouring yaws of standing boxes
+_YAW_WEIGHT = 0.3  # [m/rad] weight of yaw in path lengths
 
 
 @dataclass(frozen=True)
-class Way:
-    """Blocks to pass through (n, 2, D), and where to cross from one to the next (n - 1, D)."""
+class Corridor:
+    """A safe corridor: convex blocks to pass through, and the points that connect them."""
 
-    blocks: Array
-    crossings: Array
+    blocks: Array  # (n, 2, D) lower and upper corners [m, rad]
+    crossings: Array  # (n - 1, D) [m, rad]
 
 
-def yaws_between(scene: Scene) -> Array:
-    """Yaws (n,) from start to goal of the first box that it may be put down with [rad]."""
-    first, last = (float(yaw_of(place)) for place in (scene.start_place, scene.goal_place))
+def list_standing_yaws(scene: Scene) -> Array:
+    """Return the yaws (n,) from start to goal with which the first box may be put down [rad]."""
+    first, last = (float(yaw_of(place)) for place in (scene.start_placement, scene.goal_placement))
     if first == last:
         return np.array([first])
-    steps = max(int(np.ceil(abs(last - first) / TURN - 1e-9)), 2)
+    steps = max(int(np.ceil(abs(last - first) / MAX_YAW_STEP - 1e-9)), 2)
     return np.linspace(first, last, steps + 1)
 
 
-def centre_blocks(scene: Scene) -> Array:
-    """Largest free blocks (n, 2, D) of placements of the box to deliver [m, rad]."""
+def decompose_free_space(scene: Scene) -> Array:
+    """Return the maximal free blocks (n, 2, D) of placements of the first box [m, rad]."""
     half = scene.box_size[0] / 2
-    others = [
-        extents(scene.box_size[b] / 2, scene.start_yaws[b], scene.start_yaws[b])
-        for b in range(1, scene.boxes)
+    obstacle_extents = [
+        swept_half_extents(scene.box_size[b] / 2, scene.start_yaws[b], scene.start_yaws[b])
+        for b in range(1, scene.num_boxes)
     ]
-    if not scene.turns:
-        return _free_blocks(scene, half, others)
-    stands = yaws_between(scene)
-    middles = (stands[1:] + stands[:-1]) / 2
-    edges = np.sort(np.concatenate([stands, middles]))
-    # Widest intervals first: of what sweeps no more than one in a wider one, that is enough
-    spans = sorted(combinations_with_replacement(edges, 2), key=lambda span: span[0] - span[1])
-    kept: list[tuple[float, float, Array]] = []
-    for least, most in spans:
-        swept = extents(half, least, most)
-        if not any(a <= least and most <= b and (c <= swept + 1e-9).all() for a, b, c in kept):
-            kept.append((least, most, swept))
-    found = []
-    for least, most, swept in kept:
-        blocks = _free_blocks(scene, swept, others)
-        span = np.broadcast_to(np.array([least, most])[:, None], (len(blocks), 2, 1))
-        found.append(np.concatenate([blocks, span], axis=2))
-    return np.concatenate(found)
+    if not scene.uses_yaw:
+        return _find_maximal_blocks(scene, half, obstacle_extents)
+    standing_yaws = list_standing_yaws(scene)
+    middles = (standing_yaws[1:] + standing_yaws[:-1]) / 2
+    edges = np.sort(np.concatenate([standing_yaws, middles]))
+    # Widest intervals first: a narrower one with no smaller sweep adds nothing
+    yaw_intervals = sorted(
+        combinations_with_replacement(edges, 2),
+        key=lambda yaw_bounds: yaw_bounds[0] - yaw_bounds[1],
+    )
+    selected: list[tuple[float, float, Array]] = []
+    for min_yaw, max_yaw in yaw_intervals:
+        swept = swept_half_extents(half, min_yaw, max_yaw)
+        if not any(
+            a <= min_yaw and max_yaw <= b and (c <= swept + 1e-9).all() for a, b, c in selected
+        ):
+            selected.append((min_yaw, max_yaw, swept))
+    pieces = []
+    for min_yaw, max_yaw, swept in selected:
+        blocks = _find_maximal_blocks(scene, swept, obstacle_extents)
+        yaw_bounds = np.broadcast_to(np.array([min_yaw, max_yaw])[:, None], (len(blocks), 2, 1))
+        pieces.append(np.concatenate([blocks, yaw_bounds], axis=2))
+    return np.concatenate(pieces)
 
 
-def inner_blocks(scene: Scene) -> Array:
-    """Blocks (n, 2, 3) that hold every free centre of the first box, however it turns [m]."""
-    half, others = scene.box_size[0] / 2, list(scene.box_size[1:] / 2)
-    if scene.turns:
-        half = _inner(half)
-    others = [
-        _inner(each) if yaw else each
-        for each, yaw in zip(others, scene.start_yaws[1:], strict=True)
+def decompose_relaxed_free_space(scene: Scene) -> Array:
+    """Return blocks (n, 2, 3) that contain every free centre of the first box, at any yaw [m]."""
+    half, obstacle_extents = scene.box_size[0] / 2, list(scene.box_size[1:] / 2)
+    if scene.uses_yaw:
+        half = _inscribed_half_extents(half)
+    obstacle_extents = [
+        _inscribed_half_extents(each) if yaw else each
+        for each, yaw in zip(obstacle_extents, scene.start_yaws[1:], strict=True)
     ]
-    return _free_blocks(scene, half, others)
+    return _find_maximal_blocks(scene, half, obstacle_extents)
 
 
-def _inner(half: Array) -> Array:
-    """Half edges (3,) of an axis-parallel block that is in the box however it is turned.
+def _inscribed_half_extents(half: Array) -> Array:
+    """Return half edges (3,) of an axis-parallel block inside the box at every yaw [m].
 
-    The cylinder in the box is; blocks are what is tested, so that it is the one in the cylinder.
+    The block lies in the inscribed cylinder, as collision tests take blocks only.
     """
     side = float(min(half[0], half[1])) / np.sqrt(2)
     return np.array([side, side, half[2]])
 
 
-def _free_blocks(scene: Scene, half: Array, others: list[Array]) -> Array:
-    """Largest free blocks (n, 2, 3) of centres of an upright block, half its edges (3,) [m].
+def _find_maximal_blocks(scene: Scene, half: Array, obstacle_extents: list[Array]) -> Array:
+    """Return the maximal free blocks (n, 2, 3) of centres of an upright block [m].
 
-    others: half the edges (3,) of the blocks that the other boxes are in.
+    Args:
+        scene: The scene with its solids.
+        half: Half edges (3,) of the moving block [m].
+        obstacle_extents: Half edges (3,) of the blocks around the other boxes [m].
     """
     grown = [np.array([low - half, high + half]) for low, high in scene.solids]
-    for b, own in enumerate(others, 1):
-        extent = own + half + CLEARANCE
+    for b, obstacle_extent in enumerate(obstacle_extents, 1):
+        extent = obstacle_extent + half + CLEARANCE
         grown.append(np.array([scene.box_start[b] - extent, scene.box_start[b] + extent]))
     solids = np.array(grown)
     inner = np.array([scene.solids[:, 0].min(axis=0), scene.solids[:, 1].max(axis=0)])
@@ -104,24 +113,25 @@ def _free_blocks(scene: Scene, half: Array, others: list[Array]) -> Array:
     ]
     middles = [(e[:-1] + e[1:]) / 2 for e in edges]
     grid = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1)
-    taken = np.zeros(grid.shape[:3], bool)
+    is_occupied = np.zeros(grid.shape[:3], bool)
     for low, high in solids:
-        taken |= ((grid > low) & (grid < high)).all(axis=-1)
-    free = ~taken
-    # Summed-volume table: how many free cells a span of cells holds
-    table = np.zeros(np.array(free.shape) + 1, int)
-    table[1:, 1:, 1:] = free.cumsum(0).cumsum(1).cumsum(2)
-    counts: tuple[int, ...] = free.shape
+        is_occupied |= ((grid > low) & (grid < high)).all(axis=-1)
+    is_free = ~is_occupied
+    # Summed-volume table: the number of free cells in each span of cells
+    table = np.zeros(np.array(is_free.shape) + 1, int)
+    table[1:, 1:, 1:] = is_free.cumsum(0).cumsum(1).cumsum(2)
+    counts: tuple[int, ...] = is_free.shape
     spans = [np.array(np.triu_indices(count + 1, 1)) for count in counts]  # (2, spans)
     for axis, (first, last) in enumerate(spans):
         table = np.take(table, last, axis=axis) - np.take(table, first, axis=axis)
     lengths = [last - first for first, last in spans]
-    whole = table == lengths[0][:, None, None] * lengths[1][:, None] * lengths[2]
-    found = np.argwhere(whole)
+    is_span_free = table == lengths[0][:, None, None] * lengths[1][:, None] * lengths[2]
+    free_spans = np.argwhere(is_span_free)
     low, high = (
-        np.stack([spans[axis][end][found[:, axis]] for axis in range(3)], axis=1) for end in (0, 1)
+        np.stack([spans[axis][end][free_spans[:, axis]] for axis in range(3)], axis=1)
+        for end in (0, 1)
     )
-    largest = _largest(low, high)
+    largest = _select_maximal(low, high)
     return np.array(
         [
             [
@@ -133,59 +143,75 @@ def _free_blocks(scene: Scene, half: Array, others: list[Array]) -> Array:
     )
 
 
-def _largest(low: IntArray, high: IntArray) -> list[int]:
-    """Which free spans of cells are in no larger one: beside each face something is taken.
+def _select_maximal(low: IntArray, high: IntArray) -> list[int]:
+    """Return the indices of free spans that no larger free span contains.
 
-    low: (n, 3) first cells; high: (n, 3) those after the last.
+    Args:
+        low: First cells of the spans (n, 3).
+        high: Cells after the last of the spans (n, 3).
     """
-    found = set(map(tuple, np.hstack([low, high]).tolist()))
-    kept = []
+    all_spans = set(map(tuple, np.hstack([low, high]).tolist()))
+    maximal = []
     for number, span in enumerate(np.hstack([low, high]).tolist()):
         wider = [
-            tuple(value + step * (index == place) for index, value in enumerate(span))
-            for place, step in ((0, -1), (1, -1), (2, -1), (3, 1), (4, 1), (5, 1))
+            tuple(value + step * (index == entry) for index, value in enumerate(span))
+            for entry, step in ((0, -1), (1, -1), (2, -1), (3, 1), (4, 1), (5, 1))
         ]
-        if not any(other in found for other in wider):
-            kept.append(number)
-    return kept
+        if not any(span_wider in all_spans for span_wider in wider):
+            maximal.append(number)
+    return maximal
 
 
-def way_length(first: Array, last: Array) -> Array:
-    """How long straight ways (...) between placements (..., D) are, turns counted in [m]."""
+def path_length(first: Array, last: Array) -> Array:
+    """Return the lengths (...) of straight paths between placements (..., D), yaw included [m]."""
     change = last - first
-    turned: Array = np.hypot(np.linalg.norm(centre_of(change), axis=-1), _LEVER * yaw_of(change))
-    return turned
+    length: Array = np.hypot(
+        np.linalg.norm(centre_of(change), axis=-1), _YAW_WEIGHT * yaw_of(change)
+    )
+    return length
 
 
-def ways(blocks: Array, start: Array, goal: Array) -> Way | None:
-    """The shortest chain of overlapping blocks from start to goal, by straight pieces; or None."""
+def find_corridor(blocks: Array, start: Array, goal: Array) -> Corridor | None:
+    """Return the shortest chain of overlapping blocks from start to goal by A* search, or None.
+
+    Args:
+        blocks: Convex blocks (n, 2, D) [m, rad].
+        start: Placement (D,) [m, rad].
+        goal: Placement (D,) [m, rad].
+    """
     inside = [
         [bool((b[0] - 1e-9 <= p).all() and (p <= b[1] + 1e-9).all()) for b in blocks]
         for p in (start, goal)
     ]
     queue: list[tuple[float, float, int, tuple[int, ...], tuple[tuple[float, ...], ...]]] = []
-    for k in (k for k, holds in enumerate(inside[0]) if holds):
-        heapq.heappush(queue, (float(way_length(start, goal)), 0.0, int(k), (int(k),), ()))
+    for block in (block for block, contains_start in enumerate(inside[0]) if contains_start):
+        heapq.heappush(queue, (float(path_length(start, goal)), 0.0, int(block), (int(block),), ()))
     closed: dict[int, float] = {}
     while queue:
-        _, cost, k, chain, crossings = heapq.heappop(queue)
-        if inside[1][k]:
-            return Way(blocks[list(chain)], np.array(crossings, float).reshape(-1, len(start)))
-        if closed.get(k, np.inf) <= cost:
+        _, cost, block, chain, crossings = heapq.heappop(queue)
+        if inside[1][block]:
+            return Corridor(blocks[list(chain)], np.array(crossings, float).reshape(-1, len(start)))
+        if closed.get(block, np.inf) <= cost:
             continue
-        closed[k] = cost
-        here = np.array(crossings[-1]) if crossings else start
-        for other in range(len(blocks)):
-            if other in chain:
+        closed[block] = cost
+        position = np.array(crossings[-1]) if crossings else start
+        for neighbour in range(len(blocks)):
+            if neighbour in chain:
                 continue
-            low = np.maximum(blocks[k][0], blocks[other][0])
-            high = np.minimum(blocks[k][1], blocks[other][1])
-            # Through a face without width no box goes; at one yaw it may
+            low = np.maximum(blocks[block][0], blocks[neighbour][0])
+            high = np.minimum(blocks[block][1], blocks[neighbour][1])
+            # Overlaps need a width in space; a single common yaw suffices
             if (high - low < 1e-6)[:3].any() or (high < low)[3:].any():
                 continue
-            cross = np.clip((here + goal) / 2, low, high)
-            ahead = cost + float(way_length(here, cross)) + 0.05
-            left = float(way_length(cross, goal))
-            step = (ahead + left, ahead, other, (*chain, other), (*crossings, tuple(cross)))
-            heapq.heappush(queue, step)
+            cross = np.clip((position + goal) / 2, low, high)
+            next_cost = cost + float(path_length(position, cross)) + 0.05
+            remaining = float(path_length(cross, goal))
+            node = (
+                next_cost + remaining,
+                next_cost,
+                neighbour,
+                (*chain, neighbour),
+                (*crossings, tuple(cross)),
+            )
+            heapq.heappush(queue, node)
     return None

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from climbplan.limms.schema.space import (
     Placed,
-    Space,
+    StateSpace,
     anchor_fault,
     block_fault,
     overlaps,
@@ -66,7 +66,7 @@ class SpaceSpec(SpecModel):
         default=(), description="anchors on walls, ceilings, obstacles and ground"
     )
 
-    def space(self) -> Space:
+    def space(self) -> StateSpace:
         """What is free and what is solid."""
         return space_of(
             [(r.lower, r.upper) for r in self.regions],
@@ -128,7 +128,7 @@ class StandSpec(SpecModel):
     """A module at the start: it stands upright on the ground, or is latched to an anchor."""
 
     name: str = name_field("name used in reports")
-    stand: Vector | None = quantity("m", "point of the ground that it stands on", default=None)
+    position: Vector | None = quantity("m", "point of the ground that it stands on", default=None)
     anchor: str | None = Field(default=None, description="anchor that its first end is latched to")
 
 
@@ -145,7 +145,7 @@ class DeliverySpec(SpecModel):
 class ConsensusSpec(SpecModel):
     """Method `admm`: the published consensus of a mixed-integer and a nonlinear block."""
 
-    form: Literal["improved", "published"] = Field(
+    formulation: Literal["improved", "published"] = Field(
         default="improved",
         description="`improved`: intervals as long as the box's mode asks for, reach in the "
         "mixed-integer block, frozen integers; `published`: one second each, reach in the "
@@ -153,7 +153,7 @@ class ConsensusSpec(SpecModel):
     )
     intervals: Count = quantity("", "intervals of the horizon", default=8, ge=3, le=30)
     iterations: Count = quantity("", "iterations at most", default=15, ge=1, le=100)
-    growth: Number = quantity(
+    weight_growth: Number = quantity(
         "", "factor of the weights from one iteration to the next, rho", default=1.3, gt=1, le=10
     )
     weight: Number = quantity("1/m", "weight of a disagreement at first", default=1.0, gt=0)
@@ -172,7 +172,7 @@ class LimmsSolverSpec(SpecModel):
     )
     admm: ConsensusSpec = ConsensusSpec()
     """Method `admm`."""
-    programs: Count = quantity(
+    max_nlp_solves: Count = quantity(
         "",
         "nonlinear programs that may be solved, of at most 150 iterations each; whatever else is "
         "tried counts as one, too: with the seed they decide what is found, on any machine",
@@ -182,7 +182,7 @@ class LimmsSolverSpec(SpecModel):
     time_limit: Number = quantity(
         "s", "a cap of the search, which says if it ended it", default=600.0, gt=0
     )
-    most_steps: Count = quantity("", "steps of a quadruped at most", default=16, ge=0, le=60)
+    max_steps: Count = quantity("", "steps of a quadruped at most", default=16, ge=0, le=60)
 
 
 class LimmsSpec(SpecModel):
@@ -208,7 +208,9 @@ class LimmsSpec(SpecModel):
         description="several boxes, brought to their goals in this order; one that is in another's "
         "way is put down elsewhere first",
     )
-    parked: tuple[ParkedSpec, ...] = Field(default=(), description="boxes that stay as obstacles")
+    static_boxes: tuple[ParkedSpec, ...] = Field(
+        default=(), description="boxes that stay as obstacles"
+    )
     modules: tuple[StandSpec, ...] = Field(min_length=1, max_length=8, description="the modules")
     task: DeliverySpec = DeliverySpec()
     """What plans may use."""
@@ -287,7 +289,7 @@ def _size_faults(spec: LimmsSpec) -> list[Fault]:
         (f"{key}.size", box.size)
         for key, box in zip(spec.delivery_keys, spec.deliveries, strict=True)
     ]
-    sized += [(f"parked.{i}.size", box.size) for i, box in enumerate(spec.parked)]
+    sized += [(f"static_boxes.{i}.size", box.size) for i, box in enumerate(spec.static_boxes)]
     faults += [
         Fault(key, f"expected three numbers > 0, got {list(size)}")
         for key, size in sized
@@ -317,7 +319,7 @@ def _module_faults(spec: LimmsSpec) -> list[Fault]:
     known = [anchor.name for anchor in spec.terrain.anchors]
     taken: dict[str, str] = {}
     for i, module in enumerate(spec.modules):
-        if (module.stand is None) == (module.anchor is None):
+        if (module.position is None) == (module.anchor is None):
             faults.append(Fault(f"modules.{i}", "expected either `stand` or `anchor`"))
         if module.anchor is None:
             continue
@@ -353,8 +355,8 @@ def _place_faults(spec: LimmsSpec) -> list[Fault]:
         faults += block_fault(f"{key}.goal", "the box at its goal", box.at_goal, space)
         standing.append((f"{key}.start", box.at_start))
         ends.append((f"{key}.goal", box.at_goal))
-    for i, parked in enumerate(spec.parked):
-        key, place = f"parked.{i}.position", Placed(parked.position, parked.size)
+    for i, parked in enumerate(spec.static_boxes):
+        key, place = f"static_boxes.{i}.position", Placed(parked.position, parked.size)
         faults += block_fault(key, f"parked box {i}", place, space)
         standing.append((key, place))
     for i, (key, place) in enumerate(standing):
@@ -362,7 +364,7 @@ def _place_faults(spec: LimmsSpec) -> list[Fault]:
             if overlaps(place, its_place):
                 faults.append(Fault(key, f"overlaps the box at {other}"))
     for i, (key, place) in enumerate(ends):
-        for number, parked in enumerate(spec.parked):
+        for number, parked in enumerate(spec.static_boxes):
             if overlaps(place, Placed(parked.position, parked.size)):
                 faults.append(Fault(key, f"inside parked box {number}"))
         for other, its_place in ends[:i]:
@@ -378,8 +380,8 @@ def _place_faults(spec: LimmsSpec) -> list[Fault]:
         faults += [Fault(key, f"anchor {name!r} is at the same place") for name in same]
         faults += anchor_fault(key, anchor.name, anchor.position, anchor.normal, space)
     for i, module in enumerate(spec.modules):
-        if module.stand is not None:
-            faults += stand_fault(f"modules.{i}.stand", module.name, module.stand, space)
+        if module.position is not None:
+            faults += stand_fault(f"modules.{i}.position", module.name, module.position, space)
     for key, ((x, y, z), (_, _, height), _) in [*standing, *ends[:-1]]:
         bottom = (x, y, z - height / 2)
         faults += stand_fault(key, "the box", bottom, space)

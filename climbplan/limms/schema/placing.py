@@ -26,7 +26,8 @@ def placing_findings(spec: LimmsSpec, module: ModuleSpec) -> list[Finding]:
         for i, b in enumerate(spec.deliveries)
     ]
     boxes += [
-        (f"parked box {i}", Placed(box.position, box.size)) for i, box in enumerate(spec.parked)
+        (f"parked box {i}", Placed(box.position, box.size))
+        for i, box in enumerate(spec.static_boxes)
     ]
     lines = list(_lines(spec, module))
     findings = []
@@ -55,7 +56,7 @@ def _lines(spec: LimmsSpec, module: ModuleSpec) -> Iterator[tuple[str, Block]]:
     """Axes of the modules, one radius short of either end, and the key that says where."""
     anchors = {anchor.name: anchor for anchor in spec.terrain.anchors}
     for stand in spec.modules:
-        place, along = stand.stand, (0.0, 0.0, 1.0)
+        place, along = stand.position, (0.0, 0.0, 1.0)
         if place is None:
             anchor = anchors[str(stand.anchor)]
             place, along = anchor.position, anchor.normal
@@ -65,7 +66,7 @@ def _lines(spec: LimmsSpec, module: ModuleSpec) -> Iterator[tuple[str, Block]]:
         )
         low = tuple(min(a, b) for a, b in zip(near, far, strict=True))
         high = tuple(max(a, b) for a, b in zip(near, far, strict=True))
-        yield "anchor" if stand.stand is None else "stand", (_vector(low), _vector(high))
+        yield "anchor" if stand.position is None else "position", (_vector(low), _vector(high))
 
 
 def _vector(values: tuple[float, ...]) -> Vector:

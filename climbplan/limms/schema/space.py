@@ -28,7 +28,7 @@ class Placed(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Space:
+class StateSpace:
     """Blocks that cover the free space, and those that cover the solid round it."""
 
     free: tuple[Block, ...]
@@ -36,7 +36,7 @@ class Space:
     obstacles: tuple[tuple[str, Block], ...]  # by name, as far as they are among the regions
 
 
-def space_of(regions: Sequence[Block], obstacles: Sequence[tuple[str, Block]] = ()) -> Space:
+def space_of(regions: Sequence[Block], obstacles: Sequence[tuple[str, Block]] = ()) -> StateSpace:
     """Regions without the obstacles in them; obstacles may reach into walls and into each other."""
     free = [_floats_of(block) for block in regions]
     solid = solid_blocks(free)
@@ -53,7 +53,7 @@ def space_of(regions: Sequence[Block], obstacles: Sequence[tuple[str, Block]] = 
             lambda point: _inside_any(point, free) and not _inside_any(point, blocks),
         )
         solid = [*solid, *blocks]
-    return Space(tuple(free), tuple(solid), tuple(inside))
+    return StateSpace(tuple(free), tuple(solid), tuple(inside))
 
 
 def solid_blocks(free: Sequence[Block]) -> list[Block]:
@@ -108,7 +108,7 @@ def _has_room(block: Block) -> bool:
     return all(high - low > TINY for low, high in zip(*block, strict=True))
 
 
-def block_fault(key: str, what: str, box: Placed, space: Space) -> list[Fault]:
+def block_fault(key: str, what: str, box: Placed, space: StateSpace) -> list[Fault]:
     """That a box reaches into walls or obstacles, and how deep."""
     walls = space.solid[: len(space.solid) - len(space.obstacles)]
     depth = max((_depth(box, _placed(block)) for block in walls), default=0.0)
@@ -152,7 +152,7 @@ def _depth(one: Placed, other: Placed) -> float:
 
 
 def anchor_fault(
-    key: str, name: str, position: Vector, normal: Vector, space: Space
+    key: str, name: str, position: Vector, normal: Vector, space: StateSpace
 ) -> list[Fault]:
     """That an anchor is not on a face that its normal leaves into free space."""
     ahead = _vector(p + 1e-3 * n for p, n in zip(position, normal, strict=True))
@@ -165,7 +165,7 @@ def anchor_fault(
     return []
 
 
-def stand_fault(key: str, name: str, point: Vector, space: Space) -> list[Fault]:
+def stand_fault(key: str, name: str, point: Vector, space: StateSpace) -> list[Fault]:
     """That a point is not on the ground."""
     above = (point[0], point[1], point[2] + TINY)
     below = (point[0], point[1], point[2] - TINY)

@@ -81,14 +81,14 @@ def borne(model: Any, data: Any, order: Order) -> Array:
 
 def too_much(order: Order, module: ModuleSpec, friction: float) -> list[tuple[int, str]]:
     """Which contacts do not hold what is felt, by their number, and why not, in words."""
-    felt, on_ground = order.felt, ~order.is_latch
+    felt, is_on_ground = order.felt, ~order.is_latch
     force, moment = (np.sqrt((felt[:, part] ** 2).sum(axis=1)) for part in (_FORCE, _MOMENT))
     aside, push = np.hypot(felt[:, 0], felt[:, 1]), np.maximum(felt[:, 2], 0.0)
     held, tilt = module.radius * push + module.ground_moment, np.hypot(felt[:, 3], felt[:, 4])
     pulled = force > module.max_force
     twisted = order.is_latch & (moment > module.latch_moment)
-    slid = on_ground & (aside > friction * push + _STILL)
-    tipped = on_ground & (tilt > held + _STILL)
+    slid = is_on_ground & (aside > friction * push + _STILL)
+    tipped = is_on_ground & (tilt > held + _STILL)
     told = []
     for k in np.flatnonzero(pulled | twisted | slid | tipped):
         if pulled[k]:

@@ -1,0 +1,1 @@
+"""The budget of planning: programs solved, time used, and notes on failures."""

@@ -1,1 +1,0 @@
-"""Which actions bring the boxes to their goals, cheapest first."""

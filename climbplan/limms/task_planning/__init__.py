@@ -1,0 +1,1 @@
+"""Task planning: which actions bring the boxes to their goals, cheapest first."""

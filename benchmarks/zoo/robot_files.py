@@ -8,9 +8,9 @@ from pathlib import Path
 from benchmarks.zoo.robots import Zoo
 from climbplan.climb.proposed.proposed import file_name
 from climbplan.errors import UsageError
-from climbplan.robots.urdf.proposal.document import robot_document
-from climbplan.robots.urdf.proposal.proposing import propose
-from climbplan.robots.urdf.proposal.settled import Proposal
+from climbplan.robots.urdf.proposal.generator import propose_robot
+from climbplan.robots.urdf.proposal.prepared_robot import Proposal
+from climbplan.robots.urdf.proposal.robot_document import format_robot_document
 
 
 def keep_robot(files: Path, zoo: Zoo, found: Proposal) -> Path:
@@ -18,7 +18,7 @@ def keep_robot(files: Path, zoo: Zoo, found: Proposal) -> Path:
     path = _path(files, zoo)
     try:
         files.mkdir(parents=True, exist_ok=True)
-        path.write_text(robot_document(found, str(found.draft.urdf), ""), encoding="utf-8")
+        path.write_text(format_robot_document(found, str(found.draft.urdf), ""), encoding="utf-8")
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror}") from error
     return path
@@ -30,7 +30,7 @@ def robot_file(files: Path, zoo: Zoo) -> Path:
     if path.exists():
         return path
     with ExitStack() as stack:
-        return keep_robot(files, zoo, propose(zoo.urdf(stack)))
+        return keep_robot(files, zoo, propose_robot(zoo.urdf(stack)))
 
 
 def _path(files: Path, zoo: Zoo) -> Path:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib.resources import as_file
 from pathlib import Path
 
-from climbplan.robots.urdf.proposal.packaged import package_urdf
+from climbplan.robots.urdf.proposal.package_urdfs import find_package_urdf
 from climbplan.schema.examples import example_resource
 
 PACKAGE = "example-robot-data"
@@ -25,7 +25,7 @@ class Zoo:
         """Its URDF, there until the stack closes; raises UsageError without the package."""
         if self.ours:
             return stack.enter_context(as_file(example_resource(self.part)))
-        return package_urdf(f"{PACKAGE}:{self.part}")
+        return find_package_urdf(f"{PACKAGE}:{self.part}")
 
 
 ROBOTS = (

@@ -23,7 +23,7 @@ from benchmarks.zoo.robots import QUICK, ROBOTS, Zoo
 from benchmarks.zoo.second.look import COUNT
 from climbplan.climb.proposed.proposed import Trials
 from climbplan.errors import SpecError, UsageError
-from climbplan.robots.urdf.proposal.proposing import propose
+from climbplan.robots.urdf.proposal.generator import propose_robot
 
 TABLES = ("plans", "refusals")
 _FILES = "robots"  # folder of robot files
@@ -105,7 +105,7 @@ def _rows(zoo: Zoo, columns: Sequence[str], files: Path) -> list[Row]:
     with ExitStack() as stack:
         urdf = zoo.urdf(stack)
         try:
-            found = propose(urdf)
+            found = propose_robot(urdf)
         except (SpecError, UsageError) as error:
             why = str(error).partition("\n")[0].replace(str(urdf), urdf.name)
             return [Row(zoo.name, 0.0, 0, 0.0, column, False, "", why, 0.0) for column in columns]

@@ -78,10 +78,10 @@ def _climb(loaded: LoadedClimb, options: MakingOptions) -> Made:
     if loaded.spec.risk is None:
         found = _in_sampled_worlds(plan(loaded), loaded, options)
     else:
-        from climbplan.climb.simulation.risk.planning import Ways, plan_with_risk
+        from climbplan.climb.simulation.risk.planning import Execution, plan_with_risk
 
         found = plan_with_risk(
-            loaded, plan, type(loaded).with_overrides, Ways(options.jobs, options.report)
+            loaded, plan, type(loaded).with_overrides, Execution(options.jobs, options.report)
         )
     return Made(found.summary, found.warnings, found.status, lambda path: write_climb(found, path))
 
@@ -96,10 +96,10 @@ def _transition(loaded: LoadedTransition, options: MakingOptions) -> Made:
     if loaded.spec.risk is None:
         found = _in_sampled_worlds(plan(loaded), loaded, options)
     else:
-        from climbplan.climb.simulation.risk.planning import Ways, plan_with_risk
+        from climbplan.climb.simulation.risk.planning import Execution, plan_with_risk
 
         found = plan_with_risk(
-            loaded, plan, type(loaded).with_overrides, Ways(options.jobs, options.report)
+            loaded, plan, type(loaded).with_overrides, Execution(options.jobs, options.report)
         )
     return Made(found.summary, found.warnings, found.status, lambda path: write_climb(found, path))
 
@@ -114,10 +114,10 @@ def _in_sampled_worlds(
     robot = loaded.robot.spec if isinstance(loaded.robot, UrdfRobot) else loaded.robot
     if not states_uncertainty(loaded.spec.uncertainty, robot.uncertainty):
         return plan
-    from climbplan.climb.simulation.risk.sampling import with_world_sample
+    from climbplan.climb.simulation.risk.sampling import add_world_sample
 
     start = time.perf_counter()
-    sampled = with_world_sample(
+    sampled = add_world_sample(
         plan, loaded.spec.seed, options.jobs, lambda part: options.report("worlds", part)
     )
     timings = {**plan.timings, "worlds": time.perf_counter() - start}

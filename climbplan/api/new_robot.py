@@ -8,15 +8,15 @@ from pathlib import Path
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.world_sample import WorldSample
-from climbplan.climb.planner.looks import plan_looks
+from climbplan.climb.planner.looks import load_visual_geometry
 from climbplan.climb.proposed.outcome import Outcome
 from climbplan.climb.proposed.proposed import file_name, planned_proposal
-from climbplan.climb.simulation.risk.needs import needed_to_stand
 from climbplan.climb.simulation.risk.sampling import sample_worlds
+from climbplan.climb.simulation.risk.suggestions import suggest_knowledge
 from climbplan.errors import UsageError
 from climbplan.reports.robot_page import robot_page
-from climbplan.robots.urdf.proposal.document import paths, robot_document
-from climbplan.robots.urdf.proposal.proposing import propose, read_tree
+from climbplan.robots.urdf.proposal.generator import propose_robot, read_tree
+from climbplan.robots.urdf.proposal.robot_document import format_robot_document, format_urdf_path
 from climbplan.walking.planner.proposed import ProposedWalk, walk_proposed
 
 _CHOICE_SEED, _CHOICE_WORLDS = 1_000_003, 100  # of worlds by which postures are chosen
@@ -55,7 +55,7 @@ def new_robot(
     is wrong in the URDF and UsageError where no robot can be proposed.
     """
     report("proposing legs, toes and postures")
-    found = propose(urdf, toes=toes)
+    found = propose_robot(urdf, toes=toes)
     made = planned_proposal(found, directory, report, _sample_for_choice)
     found = made.found
     report("counting falls in worlds that nothing was chosen by")
@@ -69,16 +69,16 @@ def new_robot(
         if walk.text:
             walks[walk_file] = walk.text
         if walk.text and walk.found is not found:
-            own = paths(walk.found, directory)
-            walks[walking_file] = robot_document(walk.found, own, walk_file)
-    notes = [f"implausible: {text}" for text in found.odd]
-    notes += [f"assumed: {text}" for text in found.assumed]
+            own = format_urdf_path(walk.found, directory)
+            walks[walking_file] = format_robot_document(walk.found, own, walk_file)
+    notes = [f"implausible: {text}" for text in found.implausible]
+    notes += [f"assumed: {text}" for text in found.assumptions]
     notes += [str(outcome) for outcome in outcomes]
     badges = [
         (one.what if one.plan is not None else f"not found: {one.what}", one.plan is not None)
         for one in outcomes
     ]
-    looks = plan_looks(found.draft.robot(), found.robot, _TRIANGLES)
+    looks = load_visual_geometry(found.draft.load_robot(), found.robot, _TRIANGLES)
     page = {f"{made.name}.html": robot_page(found, made.brace, badges, looks)}
     return NewRobot(made.name, made.files | walks | page, tuple(notes))
 
@@ -97,5 +97,5 @@ def _in_fresh_worlds(outcome: Outcome) -> Outcome:
     if plan is None or outcome.sample is None:
         return outcome
     sample = sample_worlds(plan, plan.seed)
-    needed = "" if sample.enough else needed_to_stand(plan, _CHOICE_SEED, _CHOICE_WORLDS)
+    needed = "" if sample.enough else suggest_knowledge(plan, _CHOICE_SEED, _CHOICE_WORLDS)
     return replace(outcome, sample=sample, needed=needed)

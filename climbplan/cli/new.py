@@ -155,10 +155,10 @@ def _new_robot(
     if sum(value is not None for value in given.values()) > 1:
         raise UsageError("expected one of --urdf, --package and --example")
     from climbplan.api.new_robot import names_of_files, new_robot
-    from climbplan.robots.urdf.proposal.packaged import package_urdf
+    from climbplan.robots.urdf.proposal.package_urdfs import find_package_urdf
 
     session = context.ensure_object(Session)
-    path = urdf if urdf is not None else package_urdf(package or "")
+    path = urdf if urdf is not None else find_package_urdf(package or "")
     _refuse_existing((directory / name for name in names_of_files(path)), force)
     made = new_robot(path, directory, session.note, toes)
     content = {directory / name: text.encode() for name, text in made.files.items()}

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from climbplan.arrays import Array
 from climbplan.exports.motion import BodyMotion, continuous_quaternions
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
+from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
 from climbplan.schema.robots.urdf.mimics import follows
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 
@@ -50,12 +50,12 @@ def base_link(robot: UrdfRobot, chain: SerialChain, axes: Array) -> BaseLink:
         MissingSolver: Pinocchio is not installed.
         ValueError: The limbs of the plan are not those of its URDF.
     """
-    model = urdf_model(robot)
+    model = build_urdf_model(robot)
     offset = _origin_in_body(model, chain, axes)
-    turn = axes @ model.turn
+    turn = axes @ model.root_to_base_rotation
     return BaseLink(
         name=robot.tree.roots[0],
-        position=offset - turn @ model.origin,
+        position=offset - turn @ model.base_origin,
         rotation=turn,
     )
 
@@ -65,7 +65,7 @@ def _origin_in_body(model: UrdfModel, chain: SerialChain, axes: Array) -> Array:
     places = {
         name: point
         for limb in model.robot.limb_names
-        for leg in (model.leg(limb),)
+        for leg in (model.read_leg(limb),)
         for name, point in zip(leg.names, leg.joints, strict=True)
     }
     own = [

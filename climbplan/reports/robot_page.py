@@ -15,7 +15,7 @@ from climbplan.robots.looks import Looks
 from climbplan.robots.model import Robot, dynamics_of
 from climbplan.robots.task_robot import with_stance
 from climbplan.robots.urdf.proposal.postures import Posture
-from climbplan.robots.urdf.proposal.settled import Proposal
+from climbplan.robots.urdf.proposal.prepared_robot import Proposal
 
 _JOINTS = ("leg", "joint", "bounds [deg]", "standing [deg]", "torque [N m]", "speed [rad/s]",
            "stiffness [N m/rad]")  # fmt: skip
@@ -42,8 +42,8 @@ def robot_page(
         braced = robot_facts(with_stance(robot, toes))
         title = f"between walls {brace.gap + 2 * robot.standoff:.3f} m apart"
         images[title] = png(robot_picture(braced, title, looks))
-    notes = [("IMPLAUSIBLE", text) for text in proposal.odd]
-    notes += [("ASSUMED", text) for text in proposal.assumed]
+    notes = [("IMPLAUSIBLE", text) for text in proposal.implausible]
+    notes += [("ASSUMED", text) for text in proposal.assumptions]
     cards = [
         Card("Mass", f"{robot.mass:.4g} kg", f"{len(proposal.tree.links)} links"),
         Card("Standing height", f"{-robot.stance_body[:, 2].mean():.3f} m", "body above its toes"),

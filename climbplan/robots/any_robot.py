@@ -14,9 +14,9 @@ def build_robot(spec: AnyRobot) -> Robot:
     Raises MissingSolver and SpecError for robots from URDFs, as `robot_of_urdf`.
     """
     if isinstance(spec, UrdfRobot):
-        from climbplan.robots.urdf.building import robot_of_urdf
+        from climbplan.robots.urdf.robot_builder import build_robot_from_urdf
 
-        return robot_of_urdf(spec)
+        return build_robot_from_urdf(spec)
     return Robot.from_spec(spec)
 
 

@@ -54,7 +54,7 @@ def found_regions(raw: RawScan, spec: ScanSpec) -> tuple[FoundRegion, ...]:
         pieces = [
             piece
             for polygon in _polygons(free, spec)
-            for piece in _pieces(polygon, overlaps, spec.least_size)
+            for piece in _pieces(polygon, overlaps, spec.min_size)
         ]
         label = raw.labels[int(raw.label[plane.own[0]])]
         for piece in _new(pieces, frame, plane, corners):
@@ -103,7 +103,7 @@ def _planes(raw: RawScan, corners: Array, spec: ScanSpec) -> list[_Plane]:
                 triangles = first  # what others left over between them
             normal, offset = patches.normal[group[0]], float(patches.offset[group[0]])
             out.append(_Plane(triangles, first, normal, offset))
-    least = max(spec.least_size, 1e-4)
+    least = max(spec.min_size, 1e-4)
     flattest = np.cos(np.deg2rad(spec.steepest_deg)) - 1e-9
     out = [plane for plane in out if plane.normal[2] >= flattest]
     return [plane for plane in out if _width_bound(corners[plane.own]) >= least]
@@ -146,7 +146,7 @@ def _polygons(free: shapely.Geometry, spec: ScanSpec) -> list[shapely.Polygon]:
     """Polygons of an area, without borders more jagged than the scan is sharp."""
     out = []
     for part in shapely.get_parts(free):
-        if part.geom_type != "Polygon" or part.area <= spec.least_size**2 * 0.5:
+        if part.geom_type != "Polygon" or part.area <= spec.min_size**2 * 0.5:
             continue
         if shapely.get_num_coordinates(part) <= _PLAIN:
             out.append(part)
@@ -160,7 +160,7 @@ def _polygons(free: shapely.Geometry, spec: ScanSpec) -> list[shapely.Polygon]:
 
 def _region(frame: Frame, piece: Array, label: str, spec: ScanSpec) -> FoundRegion | None:
     """A piece as a region, unless it is too small."""
-    if len(piece) < 3 or _width(piece) < max(spec.least_size, 1e-4):
+    if len(piece) < 3 or _width(piece) < max(spec.min_size, 1e-4):
         return None
     spokes = piece - piece[0]
     area = float(crossed(spokes[1:-1], spokes[2:]).sum() / 2)

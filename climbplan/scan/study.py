@@ -68,7 +68,7 @@ def fit(scan: ScanSpec, report: Callable[[float], None]) -> FittedScan:
     if not regions:
         raise ScanError(
             f"{scan.file}: no contact region in it, expected flat places at least "
-            f"{1e3 * scan.least_size:g} mm wide within {1e3 * scan.flatness:g} mm; larger ones of "
+            f"{1e3 * scan.min_size:g} mm wide within {1e3 * scan.flatness:g} mm; larger ones of "
             "either: --set flatness=..., --set least_size=..."
         )
     return FittedScan(scan, raw, regions)

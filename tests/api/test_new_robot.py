@@ -14,8 +14,8 @@ from climbplan.api.new_robot import new_robot
 from climbplan.cli.app import run
 from climbplan.errors import UsageError
 from climbplan.robots.any_robot import build_robot
-from climbplan.robots.urdf.proposal.packaged import package_urdf
-from climbplan.robots.urdf.proposal.proposing import propose
+from climbplan.robots.urdf.proposal.generator import propose_robot
+from climbplan.robots.urdf.proposal.package_urdfs import find_package_urdf
 from climbplan.schema.robots.source import load_any_robot
 
 
@@ -77,10 +77,10 @@ def test_a_file_that_exists_is_told_before_anything_is_planned(
     path = Walker(joints=3).write(tmp_path / "walker.urdf")
     (tmp_path / "walker4_wall.yaml").write_text("mine")
 
-    def propose(*_: object) -> None:
+    def propose_nothing(*_: object) -> None:
         raise AssertionError("nothing is proposed")
 
-    monkeypatch.setattr("climbplan.api.new_robot.propose", propose)
+    monkeypatch.setattr("climbplan.api.new_robot.propose", propose_nothing)
     assert run(["new", "robot", "--urdf", str(path), str(tmp_path)]) == 2
     assert "walker4_wall.yaml: already exists; --force replaces it" in capsys.readouterr().err
 
@@ -89,7 +89,7 @@ def test_a_file_that_exists_is_told_before_anything_is_planned(
 def test_motors_that_cannot_stand_are_told_in_newton_metres(tmp_path: Path) -> None:
     path = Walker(joints=3, effort=0.5).write(tmp_path / "weak.urdf")
     with pytest.raises(UsageError, match=r"times their torque limits .* N m, and has 0\.5 N m"):
-        propose(path)
+        propose_robot(path)
 
 
 @pytest.mark.slow
@@ -131,16 +131,16 @@ def test_urdfs_of_packages() -> None:
         distribution("example-robot-data")
     except PackageNotFoundError:
         pytest.skip("example-robot-data is not installed")
-    assert package_urdf("example-robot-data:solo12").name == "solo12.urdf"
-    assert package_urdf("example-robot-data:anymal_c").parts[-3] == "anymal_c_simple_description"
+    assert find_package_urdf("example-robot-data:solo12").name == "solo12.urdf"
+    assert find_package_urdf("example-robot-data:anymal_c").parts[-3] == "anymal_c_simple_description"
     # As the list of what there is calls them
     for name in ("anymal_b_simple_description/anymal", "solo_description/solo12"):
-        assert package_urdf(f"example-robot-data:{name}").stem == name.partition("/")[2]
-    assert package_urdf("example-robot-data:robots/solo12.urdf").name == "solo12.urdf"
+        assert find_package_urdf(f"example-robot-data:{name}").stem == name.partition("/")[2]
+    assert find_package_urdf("example-robot-data:robots/solo12.urdf").name == "solo12.urdf"
     with pytest.raises(UsageError, match=r"solo_description/solo, solo_description/solo12"):
-        package_urdf("example-robot-data:solo_")
+        find_package_urdf("example-robot-data:solo_")
     with pytest.raises(UsageError, match="--package example-robot-data:PART"):
-        package_urdf("example-robot-data:no_such_robot")
+        find_package_urdf("example-robot-data:no_such_robot")
 
 
 @pytest.mark.slow
@@ -148,7 +148,7 @@ def test_urdfs_of_packages() -> None:
 @pytest.mark.parametrize("part", ["a1_desc", "go2"])
 def test_robots_of_a_package_walk_and_climb(part: str, tmp_path: Path) -> None:
     try:
-        urdf = package_urdf(f"example-robot-data:{part}")
+        urdf = find_package_urdf(f"example-robot-data:{part}")
     except UsageError:
         pytest.skip("example-robot-data is not installed")
     made = new_robot(urdf, tmp_path)

@@ -13,13 +13,13 @@ from benchmarks.zoo.results import Row, keep, kept
 from benchmarks.zoo.robots import PACKAGE, ROBOTS
 from benchmarks.zoo.run import bench_zoo
 from climbplan.errors import UsageError
-from climbplan.robots.urdf.proposal.packaged import package_urdf
+from climbplan.robots.urdf.proposal.package_urdfs import find_package_urdf
 
 
 @pytest.fixture(name="package")
 def _package() -> None:
     try:
-        package_urdf(f"{PACKAGE}:robots/solo12")
+        find_package_urdf(f"{PACKAGE}:robots/solo12")
     except UsageError:
         pytest.skip(f"{PACKAGE} is not installed")
 
@@ -67,7 +67,7 @@ def test_other_robots_and_other_files_are_told(tmp_path: Path) -> None:
 
 
 def test_every_robot_has_one_urdf(package: None) -> None:
-    paths = [package_urdf(f"{PACKAGE}:{zoo.part}") for zoo in ROBOTS if not zoo.ours]
+    paths = [find_package_urdf(f"{PACKAGE}:{zoo.part}") for zoo in ROBOTS if not zoo.ours]
     assert len(set(paths)) == len(paths)
 
 

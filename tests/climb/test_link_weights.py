@@ -24,7 +24,7 @@ from climbplan.mechanics.equilibrium import link_torques, total_load
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.urdf.pinocchio_model import urdf_model
+from climbplan.robots.urdf.pinocchio_model import build_urdf_model
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 
@@ -45,7 +45,7 @@ def _plan(loaded: LoadedClimb) -> ClimbPlan:
 def test_centre_of_mass_and_torques_are_pinocchios(name: str) -> None:
     given = load_any_robot(SPECS / f"{name}.yaml")
     assert isinstance(given, UrdfRobot)
-    robot, found = build_robot(given), urdf_model(given)
+    robot, found = build_robot(given), build_urdf_model(given)
     assert robot.links is not None
     assert robot.links.mass.sum() + robot.links.body_mass == pytest.approx(robot.mass, abs=1e-12)
     assert isinstance(robot.mechanism, SerialChain)
@@ -62,14 +62,14 @@ def test_centre_of_mass_and_torques_are_pinocchios(name: str) -> None:
         return {str(n): float(a) for n, a in pairs if n}
 
     for k in range(5):
-        q = found.angles(named(angles[k]))
+        q = found.build_configuration(named(angles[k]))
         centre = robot.centre_of_mass(angles[k])
-        moved = found.center(named(angles[k])) - found.center(named(zero))
+        moved = found.compute_center(named(angles[k])) - found.compute_center(named(zero))
         np.testing.assert_allclose(centre - robot.centre_of_mass(zero), moved, atol=1e-9)
         turned = rotation_world_body(rpy[k])
         moment = np.cross(turned @ centre, [0, 0, -robot.weight])
         np.testing.assert_allclose(load[k, 3:], moment, atol=1e-6)
-        found.model.gravity.linear = -robot.gravity * (found.turn.T @ turned[2])
+        found.model.gravity.linear = -robot.gravity * (found.root_to_base_rotation.T @ turned[2])
         held = pin.computeGeneralizedGravity(found.model, found.model.createData(), q)
         for limb, own in enumerate(names):
             for joint, label in enumerate(own):

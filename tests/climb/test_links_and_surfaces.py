@@ -22,7 +22,7 @@ from climbplan.robots.any_robot import build_robot
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.robots.urdf.proposal.packaged import package_urdf
+from climbplan.robots.urdf.proposal.package_urdfs import find_package_urdf
 from climbplan.schema.robots.source import load_any_robot
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -68,7 +68,7 @@ FEET = {  # package part, radius [m], toe offset [m], leg with its joints and an
 def four_legs(name: str, folder: Path) -> tuple[Robot, Path]:
     """A quadruped with spherical feet, its legs as they are in its URDF."""
     part, radius, offset, (toe, joints) = FEET[name]
-    urdf = package_urdf(f"example-robot-data:{part}")
+    urdf = find_package_urdf(f"example-robot-data:{part}")
     text = f"kind: robot\nurdf: {urdf}\nforward: x\nup: z\nfoot: {{radius: {radius}}}\n"
     text += "joint_stiffness: 100\nstructural_compliance_share: 0.1\nlegs:\n"
     rear = {"solo12": "H", "go2": "R"}[name]

@@ -25,8 +25,8 @@ from climbplan.robots.any_robot import build_robot
 from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.model import Robot
 from climbplan.robots.touching_parts import parts_beside, segment_distances
-from climbplan.robots.urdf.normal_document import normal_document
-from climbplan.robots.urdf.pinocchio_model import urdf_model
+from climbplan.robots.urdf.canonical_urdf import write_canonical_urdf
+from climbplan.robots.urdf.pinocchio_model import build_urdf_model
 from climbplan.schema.examples import example_text
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
@@ -151,9 +151,9 @@ def test_geometry_of_a_urdf_never_touches_where_the_check_passes(tmp_path: Path)
     robot = walker(tmp_path)
     source = load_any_robot("robot.yaml", tmp_path)
     assert isinstance(source, UrdfRobot)
-    found = urdf_model(source)
+    found = build_urdf_model(source)
     geometry = pinocchio.buildGeomFromUrdfString(
-        found.model, normal_document(source), pinocchio.GeometryType.COLLISION
+        found.model, write_canonical_urdf(source), pinocchio.GeometryType.COLLISION
     )
     items = geometry.geometryObjects
     owner = [
@@ -180,7 +180,9 @@ def test_geometry_of_a_urdf_never_touches_where_the_check_passes(tmp_path: Path)
             for name, angle in zip(row, values, strict=True)
             if name
         }
-        pinocchio.computeCollisions(found.model, data, geometry, shapes, found.angles(named), True)
+        pinocchio.computeCollisions(
+            found.model, data, geometry, shapes, found.build_configuration(named), True
+        )
         if any(result.isCollision() for result in shapes.collisionResults):
             touched += 1
             assert near > LIMITS["limbs.self_collision"].value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from climbplan.robots.urdf.proposal.packaged import package_urdf
+from climbplan.robots.urdf.proposal.package_urdfs import find_package_urdf
 
 ROBOT = """kind: robot
 urdf: {urdf}
@@ -35,7 +35,7 @@ task:
     LR: [-0.1872, -0.1219, -0.2367]
     LF: [-0.1872, 0.0426, -0.1459]
 posture:
-  steps: {shift_max: 0.157}
+  steps: {com_shift_max: 0.157}
 force: {safety_friction: 1.2}
 trajectory: {lift: 0.0298}
 """
@@ -61,7 +61,7 @@ task:
     LR: [-0.1924, -0.0967, -0.2076]
     LF: [-0.1924, 0.1170, -0.2076]
 posture:
-  steps: {shift_max: 0.156, com_max: 0.313}
+  steps: {com_shift_max: 0.156, com_max: 0.313}
 search: {aside: 0.059, heights: 4}
 force: {safety_torque: 1.20}
 trajectory: {lift: 0.0306}
@@ -72,7 +72,7 @@ terrain: {friction: 0.8}
 task:
   knots: 16
   step: 0.123
-  least_contacts: 2
+  min_contacts: 2
   lift: 0.039
   reference: {velocity: [0.5, 0, 0], rpy_deg: [0, 0, 0]}
 weights: {velocity: [100, 100, 1000], angles: [100, 100, 10], height: 1000}
@@ -81,7 +81,7 @@ solver: {method: nlp, guess: walking trot}
 
 
 def a1_urdf() -> Path:
-    return package_urdf("example-robot-data:a1_description/urdf/a1")
+    return find_package_urdf("example-robot-data:a1_description/urdf/a1")
 
 
 def written(folder: Path, spec: str) -> Path:

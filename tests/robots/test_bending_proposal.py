@@ -10,16 +10,18 @@ from urdf_humanoid import humanoid
 
 from climbplan.climb.proposed.proposed import Trials
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.urdf.proposal import bending
-from climbplan.robots.urdf.proposal.proposing import legs_of, settled
-from climbplan.robots.urdf.proposal.settled import Proposal
-from climbplan.robots.urdf.proposal.standings import standing
+from climbplan.robots.urdf.proposal import bracing_search
+from climbplan.robots.urdf.proposal.candidate_stances import find_candidate_stances
+from climbplan.robots.urdf.proposal.generator import detect_legs, prepare_detected_legs
+from climbplan.robots.urdf.proposal.prepared_robot import Proposal
 
 
 def standing_humanoid(folder: Path) -> Proposal:
     """On its feet, with its hands on walls, and without any posture between them."""
-    own = standing(settled(legs_of(humanoid(folder / "humanoid.urdf"))))
-    return own.proposal(walls=False)
+    own = find_candidate_stances(
+        prepare_detected_legs(detect_legs(humanoid(folder / "humanoid.urdf")))
+    )
+    return own.build_proposal(walls=False)
 
 
 @pytest.mark.slow
@@ -38,15 +40,15 @@ def test_a_robot_that_braces_bent_otherwise_has_a_file_of_its_own(tmp_path: Path
     np.testing.assert_allclose(robot.mechanism.posture, brace.angles, atol=1e-3)
     np.testing.assert_allclose(np.abs(brace.toes[:, 0]), brace.gap / 2)
     np.testing.assert_allclose(robot.stance_body, brace.toes, atol=5e-3)
-    assert brace.use < 1
-    assert not found.settled.touching(brace)
+    assert brace.utilisation < 1
+    assert not found.prepared.has_self_collision(brace)
 
 
 @pytest.mark.slow
 def test_a_robot_for_which_nothing_is_found_says_that_both_were_looked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bending, "_drawn", lambda own: [])
+    monkeypatch.setattr(bracing_search, "_sample_bracing_postures", lambda own: [])
     trials = Trials(standing_humanoid(tmp_path), tmp_path)
     refused = trials.chimney(lambda words: None)
     assert refused.plan is None

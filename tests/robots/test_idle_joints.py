@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from urdf_walkers import Walker
 
-from climbplan.robots.urdf.pinocchio_model import urdf_model
-from climbplan.robots.urdf.proposal.idle import idle_joints, rest_of
-from climbplan.robots.urdf.proposal.proposing import legs_of
+from climbplan.robots.urdf.pinocchio_model import build_urdf_model
+from climbplan.robots.urdf.proposal.generator import detect_legs
+from climbplan.robots.urdf.proposal.unused_joints import find_unused_joints, lock_unused_joints
 
 # An arm over the back that lies across both sides at zero, through the front legs
 BOOM = """<joint name="swing" type="revolute"><parent link="base_link"/><child link="swing"/>
@@ -30,18 +30,18 @@ BOOM = """<joint name="swing" type="revolute"><parent link="base_link"/><child l
 def test_an_idle_arm_is_held_where_it_does_not_stand_out(tmp_path: Path) -> None:
     text = Walker(joints=3).text().replace("</robot>", f"{BOOM}</robot>")
     (tmp_path / "boom.urdf").write_text(text)
-    found = legs_of(tmp_path / "boom.urdf")
-    model = urdf_model(found.draft.robot(meshes=True))
+    found = detect_legs(tmp_path / "boom.urdf")
+    model = build_urdf_model(found.draft.load_robot(meshes=True))
     legs = {
         joint.name: (joint.lower, joint.upper)
         for own in model.robot.joints.values()
         for joint in own
     }
-    idle = idle_joints(found.tree, set(legs), set())
+    idle = find_unused_joints(found.tree, set(legs), set())
     assert set(idle) == {"swing", "lift"}
-    hips = np.array([model.leg(name).joints[0] for name in model.robot.limb_names])
-    held = rest_of(model, idle, legs, hips)
+    hips = np.array([model.read_leg(name).joints[0] for name in model.robot.limb_names])
+    held = lock_unused_joints(model, idle, legs, hips)
     swing, lift = np.deg2rad(held["swing"]), np.deg2rad(held["lift"])
     aside = 0.7 * np.cos(lift) * np.cos(swing)  # where the end of the boom is beside the body
     assert aside < 0.25
-    assert held == rest_of(model, idle, legs, hips)
+    assert held == lock_unused_joints(model, idle, legs, hips)

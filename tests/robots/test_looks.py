@@ -14,7 +14,7 @@ from climbplan.robots.any_robot import build_robot
 from climbplan.robots.facts import robot_facts
 from climbplan.robots.looks import BODY, Looks, piece_places, pieces_of
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.urdf.visuals import coarser
+from climbplan.robots.urdf.visuals import simplify_mesh
 
 
 def test_a_vertex_at_the_toe_goes_where_the_toe_goes() -> None:
@@ -39,11 +39,11 @@ def test_a_vertex_at_the_toe_goes_where_the_toe_goes() -> None:
 
 def test_large_meshes_become_coarser_and_keep_their_size() -> None:
     ball = trimesh.creation.icosphere(5, 0.1)
-    vertices, faces = coarser(np.array(ball.vertices), np.array(ball.faces), 1500)
+    vertices, faces = simplify_mesh(np.array(ball.vertices), np.array(ball.faces), 1500)
     assert 300 < len(faces) <= 1500
     assert np.abs(np.linalg.norm(vertices, axis=1) - 0.1).max() < 0.005
     small = trimesh.creation.box((1.0, 1.0, 1.0))
-    kept, same = coarser(np.array(small.vertices), np.array(small.faces), 1500)
+    kept, same = simplify_mesh(np.array(small.vertices), np.array(small.faces), 1500)
     assert np.array_equal(kept, small.vertices)
     assert np.array_equal(same, small.faces)
 

@@ -15,9 +15,9 @@ from urdf_walkers import Walker
 
 from climbplan.cli.app import app
 from climbplan.errors import SpecError
-from climbplan.robots.urdf.building import robot_of_urdf
-from climbplan.robots.urdf.pinocchio_model import urdf_model
-from climbplan.robots.urdf.shapes import collision_shapes
+from climbplan.robots.urdf.pinocchio_model import build_urdf_model
+from climbplan.robots.urdf.robot_builder import build_robot_from_urdf
+from climbplan.robots.urdf.shapes import read_collision_shapes
 from climbplan.schema.robots.mjcf.places import rpy
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
@@ -51,7 +51,7 @@ def test_an_mjcf_walker_is_the_same_robot_as_its_urdf(tmp_path: Path) -> None:
     found = []
     for source in sources:
         assert isinstance(source, UrdfRobot)
-        found.append((urdf_model(source), robot_of_urdf(source)))
+        found.append((build_urdf_model(source), build_robot_from_urdf(source)))
     (first, u), (second, m) = found
     assert abs(u.mass - m.mass) < 1e-9
     for name in ("joint_lower", "joint_upper", "max_torque", "stance_body", "body_hull"):
@@ -150,7 +150,7 @@ def test_capsules_of_a_urdf_are_capsules(tmp_path: Path) -> None:
     (tmp_path / "u.urdf").write_text(text, encoding="utf-8")
     robot = load_any_robot(robot_file(tmp_path, "u.urdf"))
     assert isinstance(robot, UrdfRobot)
-    shapes = [shape for shape in collision_shapes(urdf_model(robot)) if shape.joint]
+    shapes = [shape for shape in read_collision_shapes(build_urdf_model(robot)) if shape.joint]
     assert {shape.radius for shape in shapes} == {0.02}
     assert all(len(shape.points) == 2 for shape in shapes)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,19 @@ from climbplan.errors import SpecError, UsageError
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import toe_body
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.urdf.proposal.holding import holding_share, lack_of, moved_share
-from climbplan.robots.urdf.proposal.limbs import body_link, limbs_of
-from climbplan.robots.urdf.proposal.motors import motors_of
-from climbplan.robots.urdf.proposal.naming import named
-from climbplan.robots.urdf.proposal.postures import Legs
-from climbplan.robots.urdf.proposal.proposing import propose
-from climbplan.robots.urdf.proposal.refining import refined
-from climbplan.robots.urdf.proposal.settled import Proposal
+from climbplan.robots.urdf.proposal.brace_refinement import refine_braces
+from climbplan.robots.urdf.proposal.generator import propose_robot
+from climbplan.robots.urdf.proposal.leg_naming import name_legs
+from climbplan.robots.urdf.proposal.lift_torque import (
+    BracedStance,
+    compute_shifted_utilisation,
+    compute_torque_utilisation,
+    find_overloaded_joint,
+)
+from climbplan.robots.urdf.proposal.limbs import find_body_link, find_limbs
+from climbplan.robots.urdf.proposal.motors import propose_motors
+from climbplan.robots.urdf.proposal.postures import LegModel
+from climbplan.robots.urdf.proposal.prepared_robot import Proposal
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.mimics import mimic_findings
 from climbplan.schema.robots.urdf.tree import urdf_of_text
@@ -42,7 +48,7 @@ def chain(name: str, start: str, kinds: list[str]) -> str:
 def found_in(body: str) -> tuple[list[list[str]], list[str]]:
     """Joints of the limbs, and shared joints, of a URDF with these parts."""
     tree = urdf_of_text(f'<robot name="r"><link name="base"/>{body}</robot>', Path("r.urdf"))
-    found = limbs_of(tree, body_link(tree))
+    found = find_limbs(tree, find_body_link(tree))
     return [[j.name for j in limb.joints] for limb in found.limbs], [j.name for j in found.shared]
 
 
@@ -87,27 +93,27 @@ def test_more_than_seven_joints_are_locked_from_the_far_end() -> None:
         f'<robot name="r"><link name="base"/>{chain("a", "base", ["revolute"] * 9)}</robot>',
         Path("r.urdf"),
     )
-    limb = limbs_of(tree, "base").limbs[0]
+    limb = find_limbs(tree, "base").limbs[0]
     assert [j.name for j in limb.joints] == [f"a_{n}" for n in range(1, 8)]
     assert [j.name for j in limb.locked] == ["a_8", "a_9"]
 
 
 def test_legs_are_named_round_the_body() -> None:
     hips = np.array([[x, y, 0.0] for y in (0.3, -0.3) for x in (-0.2, 0.2)])
-    found = named(hips, list("abcd"), [0] * 4)
+    found = name_legs(hips, list("abcd"), [0] * 4)
     assert [found.names[found.order.index(i)] for i in range(4)] == ["LF", "RF", "LR", "RR"]
     assert found.names == ("RF", "RR", "LR", "LF")
     assert found.gait == ("LR", "LF", "RR", "RF")
-    odd = named(hips[:3], list("abc"), [0] * 3)
+    odd = name_legs(hips[:3], list("abc"), [0] * 3)
     assert odd.names == ("a", "b", "c")
-    assert not odd.by_place
+    assert not odd.is_by_place
 
 
 @pytest.fixture(scope="module", name="quadruped")
 def _quadruped(tmp_path_factory: pytest.TempPathFactory) -> Proposal:
     path = tmp_path_factory.mktemp("quadruped") / "walker.urdf"
     path.write_text(QUADRUPED.text())
-    return propose(path)
+    return propose_robot(path)
 
 
 def test_a_quadruped_stands_as_proposed(quadruped: Proposal) -> None:
@@ -130,22 +136,24 @@ def test_a_quadruped_stands_as_proposed(quadruped: Proposal) -> None:
     assert (angles > robot.joint_lower).all()
     assert (angles < robot.joint_upper).all()
     assert robot.stance_radius >= 0.1
-    assert quadruped.posture.use < 0.5
+    assert quadruped.posture.utilisation < 0.5
 
 
 def test_braces_hold_with_any_leg_lifted(quadruped: Proposal) -> None:
     brace, robot = quadruped.braces[0], quadruped.robot
     assert np.allclose(np.abs(brace.toes[:, 0]), brace.gap / 2)
-    assert brace.use < 1
+    assert brace.utilisation < 1
     normal = np.sign(brace.toes) * [-1.0, 0.0, 0.0]
     jacobian = robot.limbs.jacobian(brace.angles)
-    slack = (normal, jacobian, robot.max_torque, robot.weight)
-    assert np.isfinite(holding_share(brace.toes, *slack, 0.8, 0.2)[0])
-    assert holding_share(brace.toes, *slack, 0.05, 0.2)[0] > 1  # ice
-    weak = (normal, jacobian, 0.01 * robot.max_torque, robot.weight)
-    share = holding_share(brace.toes, *weak, 0.8, 0.2)[0]
+    contacts = BracedStance(
+        brace.toes, normal, jacobian, robot.max_torque, robot.weight, friction=0.8, max_shift=0.2
+    )
+    assert np.isfinite(compute_torque_utilisation(contacts)[0])
+    assert compute_torque_utilisation(replace(contacts, friction=0.05))[0] > 1  # ice
+    weak = replace(contacts, torque=0.01 * robot.max_torque)
+    share = compute_torque_utilisation(weak)[0]
     assert share > 1
-    lack = lack_of(share, brace.toes, *weak, 0.8, 0.2)
+    lack = find_overloaded_joint(share, weak)
     limit = 0.01 * robot.max_torque[lack.limb, lack.joint]
     assert lack.torque == pytest.approx(share * limit, rel=1e-6)
 
@@ -156,11 +164,14 @@ def test_shares_of_a_shifted_body_are_those_of_its_own_angles(quadruped: Proposa
     assert isinstance(chain, SerialChain)
     normal = np.sign(brace.toes) * [-1.0, 0.0, 0.0]
     bounds = robot.joint_lower, robot.joint_upper
-    own = chain, bounds, brace.angles, brace.toes, normal, robot.max_torque, robot.weight, 0.8
-    unshifted = normal, robot.limbs.jacobian(brace.angles), robot.max_torque, robot.weight, 0.8
-    still = moved_share(*own, 0.0)
-    assert still[0] == pytest.approx(holding_share(brace.toes, *unshifted, 0.0)[0], rel=1e-6)
-    share, shift = moved_share(*own, 0.1)
+    jacobian = chain.jacobian(brace.angles)
+    contacts = BracedStance(
+        brace.toes, normal, jacobian, robot.max_torque, robot.weight, friction=0.8, max_shift=0.0
+    )
+    still = compute_shifted_utilisation(chain, bounds, brace.angles, contacts)
+    assert still[0] == pytest.approx(compute_torque_utilisation(contacts)[0], rel=1e-6)
+    free = replace(contacts, max_shift=0.1)
+    share, shift = compute_shifted_utilisation(chain, bounds, brace.angles, free)
     assert share <= still[0] + 1e-9
     assert shift <= 0.1 + 1e-9
 
@@ -173,30 +184,37 @@ def test_drawn_braces_hold_better_than_those_they_begin_from(quadruped: Proposal
     low, high = robot.joint_lower, robot.joint_upper
     box = robot.body_hull.min(axis=0), robot.body_hull.max(axis=0)
     reach = np.full(robot.limb_count, robot.reach)
-    mirror = quadruped.settled.legs.mirror
+    mirror = quadruped.prepared.legs.mirrored_legs
     begun = [one for one in quadruped.braces if one.friction == 1.0]
     # Motors with which the best that is known just holds
-    torque = max(one.use for one in begun) * robot.max_torque
-    legs = Legs(chain, low, high, torque, reach, robot.weight, mirror, box)
-    found, least = refined(legs, begun, 0.8, 0.1, lambda points, posture: True)
+    torque = max(one.utilisation for one in begun) * robot.max_torque
+    legs = LegModel(chain, low, high, torque, reach, robot.weight, mirror, box)
+    found, least = refine_braces(legs, begun, 0.8, 0.1, lambda points, posture: True)
     assert found
-    assert least <= min(one.use for one in found) + 1e-12
+    assert least <= min(one.utilisation for one in found) + 1e-12
     normal = np.sign(found[0].toes) * [-1.0, 0.0, 0.0]
-    own = found[0].angles, found[0].toes, normal, torque, robot.weight, 0.8, 0.1
-    assert moved_share(chain, (low, high), *own)[0] == pytest.approx(found[0].use, rel=1e-6)
+    best = found[0]
+    contacts = BracedStance(
+        best.toes, normal, chain.jacobian(best.angles), torque, robot.weight, 0.8, 0.1
+    )
+    share = compute_shifted_utilisation(chain, (low, high), best.angles, contacts)[0]
+    assert share == pytest.approx(best.utilisation, rel=1e-6)
     np.testing.assert_allclose(np.abs(found[0].toes[:, 0]), found[0].gap / 2, atol=1e-9)
-    assert found == sorted(found, key=lambda one: -min(one.room, 0.06) * (1 - one.use))
+    assert found == sorted(
+        found, key=lambda one: -min(one.reach_margin, 0.06) * (1 - one.utilisation)
+    )
 
 
 def test_a_shift_takes_the_weight_to_the_legs_that_stay() -> None:
     toes = np.array([[0.3, 0.3, -0.4], [0.3, -0.3, -0.4], [-0.3, -0.3, -0.4], [-0.3, 0.3, -0.4]])
     up = np.tile([0.0, 0.0, 1.0], (4, 1))
     jacobian, torque = np.tile(np.eye(3), (4, 1, 1)), np.full((4, 3), 1e3)
-    share, shift = holding_share(toes, up, jacobian, torque, 100.0, 0.7, 0.2)
+    contacts = BracedStance(toes, up, jacobian, torque, 100.0, friction=0.7, max_shift=0.2)
+    share, shift = compute_torque_utilisation(contacts)
     # 5 % of the weight at every toe: the corner opposite to the lifted one bears 50 % less that
     assert 0.01 < shift < 0.1
     assert share <= 0.1
-    assert not np.isfinite(holding_share(toes, up, jacobian, torque, 100.0, 0.7, 0.005)[0])
+    assert not np.isfinite(compute_torque_utilisation(replace(contacts, max_shift=0.005))[0])
 
 
 @pytest.mark.slow
@@ -204,8 +222,8 @@ def test_implausible_data_is_named_and_replaced(tmp_path: Path) -> None:
     text = Walker(joints=3, effort=1000.0).text()
     path = tmp_path / "walker.urdf"
     path.write_text(text.replace('velocity="', 'velocity="9', 1))
-    found = propose(path)
-    assert any("effort 1000 N m" in note and "ASSUMED" in note for note in found.odd)
+    found = propose_robot(path)
+    assert any("effort 1000 N m" in note and "ASSUMED" in note for note in found.implausible)
     own = found.draft.joints["L1_yaw"]
     assert own["max_torque"] < 100
     assert found.robot.max_torque.max() < 100
@@ -216,21 +234,21 @@ def test_speeds_that_no_urdf_says_go_by_size() -> None:
         Walker(joints=3).text().replace('velocity="', 'velocity="9000'), Path("r.urdf")
     )
     joints = tuple(joint for joint in tree.joints.values() if joint.velocity)[:3]
-    short, long = (motors_of([joints], np.array([reach]), 100.0) for reach in (0.25, 1.0))
+    short, long = (propose_motors([joints], np.array([reach]), 100.0) for reach in (0.25, 1.0))
     fast, slow = (next(iter(own.joints.values())).max_speed for own in (short, long))
     assert fast is not None
     assert slow is not None
     assert slow == pytest.approx(3.5 * np.sqrt(9.81), rel=0.02)
     assert fast == pytest.approx(2 * slow, rel=0.05)
-    assert any("rad/s ASSUMED" in note for note in short.odd)
+    assert any("rad/s ASSUMED" in note for note in short.implausible)
 
 
 def test_massless_links_and_missing_meshes_are_told(tmp_path: Path) -> None:
     path = tmp_path / "walker.urdf"
     path.write_text(Walker(link_mass=0.0, mesh="package://nowhere/base.stl").text())
-    found = propose(path)
-    assert any("12 of 12 moving links have no mass" in note for note in found.odd)
-    assert any("nowhere" in note for note in found.assumed)
+    found = propose_robot(path)
+    assert any("12 of 12 moving links have no mass" in note for note in found.implausible)
+    assert any("nowhere" in note for note in found.assumptions)
     assert found.half_size is not None
 
 
@@ -248,14 +266,14 @@ def test_what_cannot_be_proposed(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "r.urdf"
     path.write_text(text)
     with pytest.raises(UsageError, match=words):
-        propose(path)
+        propose_robot(path)
 
 
 def test_mistakes_of_the_urdf_have_lines(tmp_path: Path) -> None:
     path = tmp_path / "r.urdf"
     path.write_text('<robot name="r">\n<link name="a"/>\n<link name="a"/>\n</robot>')
     with pytest.raises(SpecError, match=r"r\.urdf:3"):
-        propose(path)
+        propose_robot(path)
 
 
 def waisted(tmp_path: Path, locked: str) -> Path:

@@ -23,13 +23,13 @@ from benchmarks.zoo.second.subject import Subject, subject_of
 from benchmarks.zoo.second.to_walls import Held, orders_to_walls
 from benchmarks.zoo.second.unproposed import all_right, unproposed
 from climbplan.errors import UsageError
-from climbplan.robots.urdf.pinocchio_model import urdf_model
-from climbplan.robots.urdf.proposal.proposing import legs_of
+from climbplan.robots.urdf.pinocchio_model import build_urdf_model
+from climbplan.robots.urdf.proposal.generator import detect_legs
 
 
 def limbs_of_walker(folder: Path, effort: float) -> Limbs:
-    found = legs_of(Walker(joints=3).write(folder / "walker.urdf"))
-    model = urdf_model(found.draft.robot())
+    found = detect_legs(Walker(joints=3).write(folder / "walker.urdf"))
+    model = build_urdf_model(found.draft.robot())
     return Limbs(model, {j.name: effort for own in model.robot.joints.values() for j in own})
 
 
@@ -55,7 +55,7 @@ def test_loads_are_pinocchios_own_statics(tmp_path: Path) -> None:
     twice = limbs_of_walker(tmp_path, 20.0)
     angles = {j.name: 0.3 for own in limbs.joints for j in own if "yaw" not in j.name}
     angles |= {j.name: 0.0 for own in limbs.joints for j in own if "yaw" in j.name}
-    stance = Stance(limbs.found.turn, angles, 0.0)
+    stance = Stance(limbs.found.root_to_base_rotation, angles, 0.0)
     ground = (Surface(2, -1.0),) * 4
     every = (0, 1, 2, 3)
     load = least_load(limbs, ground, stance, every, 0.5)
@@ -66,7 +66,7 @@ def test_loads_are_pinocchios_own_statics(tmp_path: Path) -> None:
     pin = limbs.found.library
     gravity = np.array(pin.computeGeneralizedGravity(limbs.model, limbs.data, q))
     limbs.placed(stance.turn, stance.angles)
-    weight = 9.81 * limbs.found.mass()
+    weight = 9.81 * limbs.found.compute_mass()
     upright = gravity - sum(limbs.toe(i)[1].T @ [0, 0, weight / 4] for i in every)
     assert np.abs(upright[:6]).max() < 1e-6 * weight
     least = least_load(limbs, ground, stance, every, 0.0)
@@ -89,7 +89,7 @@ def test_toes_are_put_where_they_were(tmp_path: Path) -> None:
     """Angles are found again, to a micrometre at the toe, from others nearby; none out of reach."""
     limbs = limbs_of_walker(tmp_path, 60.0)
     angles = {j.name: 0.3 for own in limbs.joints for j in own}
-    turn, at = limbs.found.turn, (0.1, -0.2, 0.3)
+    turn, at = limbs.found.root_to_base_rotation, (0.1, -0.2, 0.3)
     limbs.placed(turn, angles, at)
     goals = {limb: limbs.toe(limb)[0] for limb in range(4)}
     found = reached(limbs, goals, turn, at, dict.fromkeys(angles, 0.2))
@@ -102,7 +102,7 @@ def test_toes_are_put_where_they_were(tmp_path: Path) -> None:
 def subject(folder: Path, effort: float) -> Subject:
     """A walker of a robot file, motors limited there."""
     urdf = Walker(joints=3).write(folder / "walker.urdf")
-    limbs = legs_of(urdf).draft.robot().joints
+    limbs = detect_legs(urdf).draft.robot().joints
     legs = {
         name: f"{{toe: {own[-1].child.rpartition('_')[0]}_foot, posture_deg: {{}}}}"
         for name, own in limbs.items()
@@ -110,7 +110,7 @@ def subject(folder: Path, effort: float) -> Subject:
     joints = "".join(
         f"  {j.name}: {{max_torque: {effort}}}\n" for own in limbs.values() for j in own
     )
-    draft = legs_of(urdf).draft
+    draft = detect_legs(urdf).draft
     text = f"kind: robot\nurdf: {urdf}\nbase: {draft.base}\njoints:\n{joints}legs:\n"
     text += "".join(f"  {name}: {{toe: {draft.legs[name]['toe']}}}\n" for name in legs)
     text += "joint_stiffness: 150\nlimb_radius: 0.01\nbody_half_size: [0.05, 0.2, 0.05]\n"
@@ -141,7 +141,7 @@ def test_what_is_a_limit_of_ours_is_called_so(tmp_path: Path) -> None:
     path = Walker(joints=3).write(tmp_path / "walker.urdf")
     path.write_text(path.read_text().replace('type="revolute"', 'type="fixed"', 4))
     with pytest.raises(UsageError, match="are a limit of climbplan, not of the robot") as refused:
-        legs_of(path)
+        detect_legs(path)
     look = unproposed(path, "ground", str(refused.value), 0)
     assert look.verdict == "limit of ours"
     assert "moves in 2 of 3 directions" in look.words

@@ -15,7 +15,7 @@ from climbplan.robots.kinematics import inverse, jacobian_body, toe_body, toe_he
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.stated_robot import stated_limbs
-from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
+from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 
@@ -40,7 +40,7 @@ def toes_of(found: UrdfModel, q: Any) -> Any:
     data = found.model.createData()
     pinocchio.framesForwardKinematics(found.model, data, q)
     frames = [data.oMf[found.model.getFrameId(leg.toe)] for leg in found.robot.spec.legs.values()]
-    return found.placed(np.array([frame.translation for frame in frames]))
+    return found.to_base_axes(np.array([frame.translation for frame in frames]))
 
 
 def drawn(robot: Robot, seed: int) -> Any:
@@ -57,13 +57,13 @@ def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 def test_toes_and_torques_are_pinocchios(both: tuple[UrdfRobot, Robot]) -> None:
     """Torques of forces at toes, weight of nothing: the generalised forces J^T f of RNEA."""
     spec, robot = both
-    found = urdf_model(spec)
+    found = build_urdf_model(spec)
     assert robot.mass == pytest.approx(sum(link.mass for link in spec.tree.links.values()))
-    shift = found.leg("L0").joints[0] - chain_of(robot).joint_zero[0, -len(spec.joints["L0"])]
+    shift = found.read_leg("L0").joints[0] - chain_of(robot).joint_zero[0, -len(spec.joints["L0"])]
     rng = np.random.default_rng(7)
     for draw in range(5):
         angles = drawn(robot, draw)
-        q = found.angles(by_name(robot, angles))
+        q = found.build_configuration(by_name(robot, angles))
         np.testing.assert_allclose(toe_body(robot, angles) + shift, toes_of(found, q), atol=1e-9)
         force = rng.normal(size=(robot.limb_count, 3)) * 50
         own = np.einsum("nij,ni->nj", jacobian_body(robot, angles), force)
@@ -85,7 +85,7 @@ def rnea_of_forces(found: UrdfModel, q: Any, force: Any) -> Any:
         loads.append(pinocchio.Force.Zero())
     for leg, own in zip(found.robot.spec.legs.values(), force, strict=True):
         frame = model.frames[model.getFrameId(leg.toe)]
-        world = found.turn.T @ own
+        world = found.root_to_base_rotation.T @ own
         at = data.oMf[model.getFrameId(leg.toe)].translation
         joint = frame.parentJoint
         spatial = pinocchio.Force(world, np.cross(at, world))

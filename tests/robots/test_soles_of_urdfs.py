@@ -12,7 +12,7 @@ from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.simulation.replay import simulate
 from climbplan.errors import UsageError
-from climbplan.robots.urdf.proposal.proposing import legs_of, propose
+from climbplan.robots.urdf.proposal.generator import detect_legs, propose_robot
 from climbplan.simulation.conditions import NOMINAL
 
 BIPED = Path(__file__).parents[2] / "specs" / "biped.urdf"
@@ -35,9 +35,9 @@ def biped(path: Path, foot: str) -> Path:
 
 
 def test_a_sole_is_the_level_face_under_the_foot() -> None:
-    found = legs_of(BIPED)
+    found = detect_legs(BIPED)
     assert found.draft.sole == (0.22, 0.11)
-    assert found.named.names == ("R", "L")
+    assert found.naming.names == ("R", "L")
     for toe in found.toes:
         # The links of the soles are in their middles
         assert toe.link.endswith("_sole")
@@ -49,7 +49,7 @@ def test_a_sole_is_the_level_face_under_the_foot() -> None:
 def test_balls_at_corners_bear_as_a_sole(tmp_path: Path) -> None:
     corners = [(-0.05, -0.03), (-0.05, 0.03), (0.11, -0.02), (0.11, 0.02)]
     balls = "".join(BALL.format(x=x, y=y) for x, y in corners)
-    found = legs_of(biped(tmp_path / "balls.urdf", balls))
+    found = detect_legs(biped(tmp_path / "balls.urdf", balls))
     assert found.draft.sole is not None
     length, width = found.draft.sole
     # The largest rectangle of the shape of its extents, 160 x 60 mm, inside of the trapezoid:
@@ -64,7 +64,7 @@ def test_balls_at_corners_bear_as_a_sole(tmp_path: Path) -> None:
 @pytest.mark.parametrize("foot", ["", BALL.format(x=0, y=0)])
 def test_without_a_level_face_two_legs_are_refused(tmp_path: Path, foot: str) -> None:
     with pytest.raises(UsageError, match="no level face of 20 mm or more"):
-        legs_of(biped(tmp_path / "point.urdf", foot))
+        detect_legs(biped(tmp_path / "point.urdf", foot))
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_motors_too_weak_for_one_leg_are_told(tmp_path: Path) -> None:
     weak = tmp_path / "weak.urdf"
     weak.write_text(BIPED.read_text().replace('effort="120"', 'effort="6"'))
     with pytest.raises(UsageError, match=r"need [\d.]+ times their torque limits on one leg"):
-        propose(weak)
+        propose_robot(weak)
 
 
 @pytest.mark.slow

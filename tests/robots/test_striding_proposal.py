@@ -10,60 +10,69 @@ import yaml
 from urdf_humanoid import humanoid
 from walking_urdf import walking_robot
 
-from climbplan.robots.urdf.proposal import striding
-from climbplan.robots.urdf.proposal.proposing import legs_of, settled
-from climbplan.robots.urdf.proposal.walk_document import walk_document
-from climbplan.robots.urdf.walking_body import WalkingBody, walking_body
+from climbplan.robots.urdf.proposal import walking_stance
+from climbplan.robots.urdf.proposal.generator import detect_legs, prepare_detected_legs
+from climbplan.robots.urdf.proposal.walk_document import format_walk_document
+from climbplan.robots.urdf.walking_body import WalkingBody, build_walking_body
 
 
 def test_the_centre_of_mass_is_beside_the_diagonals() -> None:
     square = np.array([[0.3, 0.2, 0.0], [0.3, -0.2, 0.0], [-0.3, 0.2, 0.0], [-0.3, -0.2, 0.0]])
-    assert striding._beside_diagonals(square) == pytest.approx(0.0)
+    assert walking_stance._measure_diagonal_offset(square) == pytest.approx(0.0)
     # Above the middle between the rear toes, 0.2 m from each
     ahead = square + np.array([0.3, 0.0, 0.0])
-    assert striding._beside_diagonals(ahead) == pytest.approx(0.2 * 0.6 / np.hypot(0.6, 0.4))
+    assert walking_stance._measure_diagonal_offset(ahead) == pytest.approx(
+        0.2 * 0.6 / np.hypot(0.6, 0.4)
+    )
 
 
 @pytest.mark.slow
 def test_a_humanoid_walks_in_postures_with_more_room_for_its_toes(tmp_path: Path) -> None:
-    own = settled(legs_of(humanoid(tmp_path / "humanoid.urdf"), None, ("z", "-x")))
-    found, lack = striding.striding_postures(own, 3)
+    own = prepare_detected_legs(
+        detect_legs(humanoid(tmp_path / "humanoid.urdf"), None, ("z", "-x"))
+    )
+    found, lack = walking_stance.search_walking_stances(own, 3)
     assert found, lack
     assert lack == ""
     assert [one.score for one in found] == sorted((one.score for one in found), reverse=True)
     for posture in found:
-        assert not own.touching(posture)
-        assert posture.use * striding._STRONG < 1
+        assert not own.has_self_collision(posture)
+        assert posture.utilisation * walking_stance._MIN_STRENGTH < 1
         np.testing.assert_allclose(posture.toes[:, 2], posture.toes[0, 2])
-        body = walking_body(own.proposal(posture, walls=False).draft.robot())
+        body = build_walking_body(own.build_proposal(posture, walls=False).draft.load_robot())
         toes = body.boxes.center
         assert toes[:2, 0].mean() > 0 > toes[2:, 0].mean()
-        half = float((body.boxes.half / striding._EXTENT).min())
-        expected = half * (1 - posture.use) - striding._BESIDE * striding._beside_diagonals(toes)
+        half = float((body.boxes.half / walking_stance._EXTENT_WEIGHTS).min())
+        expected = half * (
+            1 - posture.utilisation
+        ) - walking_stance._DIAGONAL_OFFSET_COST * walking_stance._measure_diagonal_offset(toes)
         assert posture.score == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.slow
 def test_arms_too_weak_for_a_walk_are_told_by_how_much(tmp_path: Path) -> None:
-    own = settled(legs_of(humanoid(tmp_path / "weak.urdf", effort=4.0), None, ("z", "-x")))
-    found, lack = striding.striding_postures(own, 3)
+    own = prepare_detected_legs(
+        detect_legs(humanoid(tmp_path / "weak.urdf", effort=4.0), None, ("z", "-x"))
+    )
+    found, lack = walking_stance.search_walking_stances(own, 3)
     assert found == []
     assert " N upright of the " in lack
 
 
 def test_haste_weighs_what_is_asked(tmp_path: Path) -> None:
-    body: WalkingBody = walking_body(walking_robot(tmp_path))
+    body: WalkingBody = build_walking_body(walking_robot(tmp_path))
     ahead, round_ = (
-        walk_document(body, "walker.yaml", lambda *_: 0.0, turns, 10.0) for turns in (False, True)
+        format_walk_document(body, "walker.yaml", lambda *_: 0.0, turns, 10.0)
+        for turns in (False, True)
     )
     assert "velocity: [1000, 100, 1000], angles: [100, 100, 10]" in ahead
     assert "velocity: [100, 100, 1000], angles: [100, 100, 100]" in round_
 
 
 def test_slower_turns_have_longer_intervals(tmp_path: Path) -> None:
-    body: WalkingBody = walking_body(walking_robot(tmp_path))
+    body: WalkingBody = build_walking_body(walking_robot(tmp_path))
     own, slower = (
-        yaml.safe_load(walk_document(body, "walker.yaml", lambda *_: 0.0, True, 1.0, times))
+        yaml.safe_load(format_walk_document(body, "walker.yaml", lambda *_: 0.0, True, 1.0, times))
         for times in (1.0, 2.0)
     )
     assert slower["task"]["step"] == pytest.approx(2 * own["task"]["step"], abs=2e-3)

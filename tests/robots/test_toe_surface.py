@@ -14,13 +14,13 @@ from urdf_walkers import QUADRUPED
 from benchmarks.zoo.robots import ROBOTS, Zoo
 from climbplan.errors import SpecError, UsageError
 from climbplan.robots.any_robot import build_robot
-from climbplan.robots.urdf.capsule_fit import capsule_of
-from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
-from climbplan.robots.urdf.proposal.ends import ends_of
-from climbplan.robots.urdf.proposal.proposing import legs_of
+from climbplan.robots.urdf.capsule_fit import fit_capsule
+from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
+from climbplan.robots.urdf.proposal.generator import detect_legs
+from climbplan.robots.urdf.proposal.toe_placement import place_toes_on_surface
 from climbplan.robots.urdf.proposal.toes import Toe
-from climbplan.robots.urdf.shapes import collision_shapes
-from climbplan.robots.urdf.toe_surface import depth_in, exit_distance, support_of
+from climbplan.robots.urdf.shapes import read_collision_shapes
+from climbplan.robots.urdf.toe_surface import compute_depth, compute_exit_distance, evaluate_support
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 
@@ -40,7 +40,7 @@ def off_surface(model: UrdfModel, leg_name: str, radius: float) -> tuple[float, 
     of the toe and what is fixed to it, meshes as their convex hulls.
     """
     pin, robot = model.library, model.robot
-    leg = model.leg(leg_name)
+    leg = model.read_leg(leg_name)
     geometry = pin.buildGeomFromUrdf(
         model.model,
         str(robot.tree.path),
@@ -48,11 +48,11 @@ def off_surface(model: UrdfModel, leg_name: str, radius: float) -> tuple[float, 
         package_dirs=[str(p) for p in Path(robot.tree.path).parents][:6],
     )
     data = model.model.createData()
-    pin.forwardKinematics(model.model, data, model.angles({}))
+    pin.forwardKinematics(model.model, data, model.build_configuration({}))
     outward = leg.toe - leg.joints[-1]
     # Feet that are points may be in the last joint itself
     point = leg.toe + radius * outward / np.linalg.norm(outward) if radius else leg.toe
-    root = point @ model.turn + model.origin
+    root = point @ model.root_to_base_rotation + model.base_origin
     at = coal.Transform3s(np.eye(3), root)
     frame = model.model.getFrameId(robot.spec.legs[leg_name].toe, pin.FrameType.BODY)
     toe_joint = model.model.frames[frame].parentJoint
@@ -98,15 +98,15 @@ def follows(model: UrdfModel, joint: int, last: str) -> bool:
 def test_toes_of_new_robots_are_on_their_surfaces(zoo: Zoo) -> None:
     with ExitStack() as stack:
         try:
-            found = legs_of(zoo.urdf(stack))
+            found = detect_legs(zoo.urdf(stack))
         except UsageError as error:
             pytest.skip(str(error))
         if not found.shapes:
             pytest.skip("without collision geometry")
-        model = found.draft.model()
-        for name, toe in zip(found.named.names, found.toes, strict=True):
+        model = found.draft.build_model()
+        for name, toe in zip(found.naming.names, found.toes, strict=True):
             # A hand taken to be out of the way; a link without geometry, which the proposal tells
-            if toe.is_cut or toe.why.startswith("ASSUMED"):
+            if toe.is_truncated or toe.reason.startswith("ASSUMED"):
                 continue
             away, depth = off_surface(model, name, found.draft.foot)
             assert away <= CLOSE, (name, toe)
@@ -119,14 +119,14 @@ def test_feet_of_meshes_are_spheres_where_their_ends_are_round() -> None:
         if zoo.name in radii:
             with ExitStack() as stack:
                 low, high = radii[zoo.name]
-                assert low <= legs_of(zoo.urdf(stack)).draft.foot <= high
+                assert low <= detect_legs(zoo.urdf(stack)).draft.foot <= high
 
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_toes_of_shipped_robots_are_on_their_surfaces(name: str) -> None:
     robot = load_any_robot(str(SPECS / f"{name}.yaml"))
     assert isinstance(robot, UrdfRobot)
-    model = urdf_model(robot)
+    model = build_urdf_model(robot)
     for leg in robot.limb_names:
         away, depth = off_surface(model, leg, robot.spec.foot_radius)
         assert max(away, depth) <= CLOSE
@@ -182,22 +182,22 @@ def test_stored_robots_are_as_they_were(tmp_path: Path) -> None:
 def test_depth_support_and_exit_of_round_shapes_are_exact(tmp_path: Path) -> None:
     robot = load_any_robot(str(robot_file(tmp_path)))
     assert isinstance(robot, UrdfRobot)
-    shapes = [s for s in collision_shapes(urdf_model(robot)) if s.joint == "L1_ankle"]
+    shapes = [s for s in read_collision_shapes(build_urdf_model(robot)) if s.joint == "L1_ankle"]
     cylinder = next(s for s in shapes if s.is_cylinder)
     sphere = next(s for s in shapes if len(s.points) == 1)
     axis = cylinder.axis
     assert axis is not None
     along = axis[1] / np.linalg.norm(axis[1])
     across = np.cross(along, [1.0, 0.0, 0.0]) / np.linalg.norm(np.cross(along, [1.0, 0.0, 0.0]))
-    assert depth_in([cylinder], axis[0] + 0.015 * across) == pytest.approx(0.005)
-    assert exit_distance([cylinder], axis[0], across) == pytest.approx(0.02)
-    assert exit_distance([cylinder], axis[0], along) == pytest.approx(0.05)
+    assert compute_depth([cylinder], axis[0] + 0.015 * across) == pytest.approx(0.005)
+    assert compute_exit_distance([cylinder], axis[0], across) == pytest.approx(0.02)
+    assert compute_exit_distance([cylinder], axis[0], along) == pytest.approx(0.05)
     leaning = (along + across) / np.sqrt(2)
-    reach = support_of(cylinder, leaning[None])[0] - axis[0] @ leaning
+    reach = evaluate_support(cylinder, leaning[None])[0] - axis[0] @ leaning
     assert reach == pytest.approx(0.07 / np.sqrt(2))
-    assert depth_in([sphere], sphere.points[0] + 0.02 * across) == pytest.approx(-0.006)
-    ends, radius = capsule_of(sphere)
-    assert exit_distance([sphere], ends[0], along) == pytest.approx(radius)
+    assert compute_depth([sphere], sphere.points[0] + 0.02 * across) == pytest.approx(-0.006)
+    ends, radius = fit_capsule(sphere)
+    assert compute_exit_distance([sphere], ends[0], along) == pytest.approx(radius)
 
 
 def test_a_toe_short_of_its_end_goes_to_the_end(tmp_path: Path) -> None:
@@ -206,9 +206,9 @@ def test_a_toe_short_of_its_end_goes_to_the_end(tmp_path: Path) -> None:
         str(robot_file(tmp_path, offset=", toe_offset: [0, 0, 0.03]", ball=1e-4))
     )
     assert isinstance(robot, UrdfRobot)
-    model = urdf_model(robot)
+    model = build_urdf_model(robot)
     names = QUADRUPED.names()
     toes = [Toe(f"{name}_toe", (0.0, 0.0, 0.03), "as given") for name in names]
-    moved, radius = ends_of(model, names, toes, collision_shapes(model))
+    moved, radius = place_toes_on_surface(model, names, toes, read_collision_shapes(model))
     assert radius == 0.0
     assert all(np.allclose(toe.offset, [0, 0, 0], atol=2e-4) for toe in moved)

@@ -8,36 +8,41 @@ import numpy as np
 import pytest
 from urdf_walkers import Walker
 
-from climbplan.robots.urdf.pinocchio_model import urdf_model
+from climbplan.robots.urdf.pinocchio_model import build_urdf_model
 from climbplan.robots.urdf.proposal.draft import Draft
-from climbplan.robots.urdf.proposal.proposing import propose
-from climbplan.robots.urdf.proposal.touching import Parts, parts_of
+from climbplan.robots.urdf.proposal.generator import propose_robot
+from climbplan.robots.urdf.proposal.self_collision import (
+    SelfCollisionModel,
+    build_self_collision_model,
+)
 
 JOINTS = ("yaw", "lift", "knee")
 
 
-def parts_in(folder: Path) -> Parts:
+def parts_in(folder: Path) -> SelfCollisionModel:
     """Of a quadruped with legs of three joints."""
     path = Walker(joints=3, sprawl_deg=(0.0, 0.0)).write(folder / "walker.urdf")
     legs = {name: {"toe": f"{name}_toe"} for name in ("L1", "R1", "L2", "R2")}
-    model = urdf_model(Draft(path, "base_link", legs, {}, {}).robot(meshes=True))
+    model = build_urdf_model(Draft(path, "base_link", legs, {}, {}).robot(meshes=True))
     bounds = {f"{leg}_{joint}": (-1.0, 1.0) for leg in legs for joint in JOINTS}
-    return parts_of(model, bounds)
+    return build_self_collision_model(model, bounds)
 
 
 def test_legs_that_cross_touch(tmp_path: Path) -> None:
     parts = parts_in(tmp_path)
-    assert parts.touching({}) == []
+    assert parts.find_collisions({}) == []
     # Front and rear leg of the left side turned towards each other until their shanks meet
     turned = {"L1_yaw": 1.0, "L2_yaw": -1.0}
-    pairs = parts.touching(turned) + parts.touching({k: -v for k, v in turned.items()})
+    pairs = parts.find_collisions(turned) + parts.find_collisions(
+        {k: -v for k, v in turned.items()}
+    )
     assert pairs
     assert all({one[:2], other[:2]} == {"L1", "L2"} for one, other in pairs)
 
 
 def test_neighbours_are_left_out(tmp_path: Path) -> None:
     parts = parts_in(tmp_path)
-    model = parts.found.model
+    model = parts.urdf_model.model
     items = parts.geometry.geometryObjects
     for pair in parts.geometry.collisionPairs:
         a, b = items[pair.first].parentJoint, items[pair.second].parentJoint
@@ -49,12 +54,15 @@ def test_neighbours_are_left_out(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_proposed_postures_touch_nothing(tmp_path: Path) -> None:
     path = Walker(joints=3).write(tmp_path / "walker.urdf")
-    found = propose(path)
-    parts = parts_of(
-        urdf_model(found.draft.robot(meshes=True)),
+    found = propose_robot(path)
+    parts = build_self_collision_model(
+        build_urdf_model(found.draft.load_robot(meshes=True)),
         dict.fromkeys(found.standing, (-1.0, 1.0)),
     )
-    assert parts.touching({j: float(np.deg2rad(a)) for j, a in found.standing.items()}) == []
+    assert parts.find_collisions({j: float(np.deg2rad(a)) for j, a in found.standing.items()}) == []
     names = [joint for own in found.robot.limbs.joint_names for joint in own]
     for brace in found.braces:
-        assert parts.touching(dict(zip(names, brace.angles.ravel().tolist(), strict=True))) == []
+        assert (
+            parts.find_collisions(dict(zip(names, brace.angles.ravel().tolist(), strict=True)))
+            == []
+        )

@@ -14,11 +14,11 @@ from climbplan.climb.proposed.proposed import Trials
 from climbplan.errors import UsageError
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.touching_parts import parts_beside
-from climbplan.robots.urdf.building import robot_of_urdf
-from climbplan.robots.urdf.proposal.proposing import legs_of, propose
-from climbplan.robots.urdf.proposal.settled import Proposal, measured
-from climbplan.robots.urdf.proposal.standings import standing
-from climbplan.robots.urdf.workspace import common_reach
+from climbplan.robots.urdf.proposal.candidate_stances import find_candidate_stances
+from climbplan.robots.urdf.proposal.generator import detect_legs, propose_robot
+from climbplan.robots.urdf.proposal.prepared_robot import Proposal, prepare_robot
+from climbplan.robots.urdf.robot_builder import build_robot_from_urdf
+from climbplan.robots.urdf.workspace import select_common_reach
 
 # A bar across the front legs at zero, which half a turn takes up over them
 BAR = """<joint name="bar" type="revolute"><parent link="base_link"/><child link="bar"/>
@@ -36,31 +36,31 @@ def test_an_arm_in_the_way_is_held_elsewhere(tmp_path: Path) -> None:
     text = Walker(joints=3).text()
     (tmp_path / "plain.urdf").write_text(text)
     (tmp_path / "bar.urdf").write_text(text.replace("</robot>", f"{BAR}</robot>"))
-    assert propose(tmp_path / "plain.urdf").draft.locked == {}
-    found = propose(tmp_path / "bar.urdf")
+    assert propose_robot(tmp_path / "plain.urdf").draft.locked == {}
+    found = propose_robot(tmp_path / "bar.urdf")
     angle = np.deg2rad(found.draft.locked["bar"])
     height = 0.1 - 0.1 * np.cos(angle)  # of the bar above the first joints
     assert height > 0.04, "the bar is held off the legs' level"
-    parts = found.settled.parts
+    parts = found.prepared.collision_model
     assert parts is not None
-    standing = {joint: float(np.deg2rad(value)) for joint, value in found.standing.items()}
-    assert not parts.touching(standing)
+    by_joint = {joint: float(np.deg2rad(value)) for joint, value in found.standing.items()}
+    assert not parts.find_collisions(by_joint)
 
 
 def test_limbs_end_before_motors_too_weak_for_their_toes(tmp_path: Path) -> None:
     urdf = humanoid(tmp_path / "humanoid.urdf")
-    assert legs_of(urdf).draft.locked == {}
+    assert detect_legs(urdf).draft.locked == {}
     text = urdf.read_text()
     for side in ("left", "right"):  # a fair share of 20 kg at 0.25 m asks for 15 N m
         at = text.index(f'<joint name="{side}_arm_bend"')
         text = text[:at] + text[at:].replace('effort="150.0"', 'effort="2"', 1)
     urdf.write_text(text)
-    found = legs_of(urdf)
-    toes = dict(zip(found.named.names, found.toes, strict=True))
+    found = detect_legs(urdf)
+    toes = dict(zip(found.naming.names, found.toes, strict=True))
     for side in ("left", "right"):
         toe = toes[f"{side[0].upper()}_arm"]
         assert (toe.link, toe.offset) == (f"{side}_arm_pitch", (0.0, 0.0, -0.25))
-        assert "has 2 N m" in toe.why
+        assert "has 2 N m" in toe.reason
         # The forearm is turned back, and so ahead of the elbow by no more than its thickness
         assert abs(found.draft.locked[f"{side}_arm_bend"]) > 90
     assert toes["L_leg"].link == "left_leg_tip"
@@ -68,21 +68,21 @@ def test_limbs_end_before_motors_too_weak_for_their_toes(tmp_path: Path) -> None
 
 def test_forward_is_where_left_is_left(tmp_path: Path) -> None:
     urdf = humanoid(tmp_path / "humanoid.urdf")
-    assert legs_of(urdf).draft.forward == "x"
+    assert detect_legs(urdf).draft.forward == "x"
     text = urdf.read_text()
     urdf.write_text(text.replace("left", "LEFT").replace("right", "left").replace("LEFT", "right"))
-    found = legs_of(urdf)
+    found = detect_legs(urdf)
     assert found.draft.forward == "-x"
-    for name, toe in zip(found.named.names, found.toes, strict=True):
+    for name, toe in zip(found.naming.names, found.toes, strict=True):
         assert toe.link[0] == name[0].lower()
 
 
 def test_hips_of_several_joints_in_one_place(tmp_path: Path) -> None:
-    found = legs_of(humanoid(tmp_path / "humanoid.urdf"))
-    drawn = found.draft.robot(meshes=True)
+    found = detect_legs(humanoid(tmp_path / "humanoid.urdf"))
+    drawn = found.draft.load_robot(meshes=True)
     size = drawn.spec.workspace.model_copy(update={"reach": 1.0, "stance_radius": 0.1})
     spec = drawn.spec.model_copy(update={"workspace": size})
-    robot = robot_of_urdf(replace(drawn, spec=spec))
+    robot = build_robot_from_urdf(replace(drawn, spec=spec))
     links = limb_capsules(robot, np.zeros((1, 4, 4)))
     for pairs in parts_beside(robot, links):
         for limb, capsule, other, beside in pairs:
@@ -93,22 +93,22 @@ def test_hips_of_several_joints_in_one_place(tmp_path: Path) -> None:
 
 
 def test_one_reach_is_a_necessary_one_for_all() -> None:
-    assert common_reach(np.array([0.5, 0.55])) == 0.5
-    assert common_reach(np.array([0.5, 0.8])) == 0.8
+    assert select_common_reach(np.array([0.5, 0.55])) == 0.5
+    assert select_common_reach(np.array([0.5, 0.8])) == 0.8
 
 
 @pytest.fixture(scope="module", name="upright")
 def _upright(tmp_path_factory: pytest.TempPathFactory) -> Proposal:
-    found = legs_of(humanoid(tmp_path_factory.mktemp("upright") / "humanoid.urdf"))
-    own = found.draft, found.tree, found.toes, found.named, found.shapes, found.unread
-    return standing(measured(*own)).proposal()
+    found = detect_legs(humanoid(tmp_path_factory.mktemp("upright") / "humanoid.urdf"))
+    own = found.draft, found.tree, found.toes, found.naming, found.shapes, found.geometry_error
+    return find_candidate_stances(prepare_robot(*own)).proposal()
 
 
 @pytest.mark.slow
 def test_a_humanoid_goes_on_hands_and_feet(tmp_path: Path) -> None:
-    found = propose(humanoid(tmp_path / "humanoid.urdf"))
+    found = propose_robot(humanoid(tmp_path / "humanoid.urdf"))
     assert (found.draft.forward, found.draft.up) == ("z", "-x")
-    assert found.named.names == ("RF", "RR", "LR", "LF")
+    assert found.naming.names == ("RF", "RR", "LR", "LF")
     assert not found.posture.gap
     np.testing.assert_allclose(found.posture.toes[:, 2], found.posture.toes[0, 2])
     trials = Trials(found, tmp_path)
@@ -118,9 +118,9 @@ def test_a_humanoid_goes_on_hands_and_feet(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_humanoid_stands_with_its_hands_on_walls(upright: Proposal) -> None:
-    arms = np.array(upright.named.arms)
-    assert sorted(upright.named.names) == ["L_arm", "L_leg", "R_arm", "R_leg"]
-    assert [name.endswith("arm") for name in upright.named.names] == arms.tolist()
+    arms = np.array(upright.naming.is_arm)
+    assert sorted(upright.naming.names) == ["L_arm", "L_leg", "R_arm", "R_leg"]
+    assert [name.endswith("arm") for name in upright.naming.names] == arms.tolist()
     toes = upright.posture.toes
     assert upright.posture.gap > 0
     np.testing.assert_allclose(np.abs(toes[arms, 0]), upright.posture.gap / 2)
@@ -134,11 +134,11 @@ def test_a_humanoid_stands_with_its_hands_on_walls(upright: Proposal) -> None:
 @pytest.mark.slow
 def test_motors_that_cannot_hold_it_are_told_by_how_much(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"hands on walls the motors need [0-9.]+ times") as told:
-        propose(humanoid(tmp_path / "weak.urdf", effort=4.0))
+        propose_robot(humanoid(tmp_path / "weak.urdf", effort=4.0))
     times = float(str(told.value).partition("walls the motors need ")[2].split()[0])
     assert times > 1
-    strong = propose(humanoid(tmp_path / "strong.urdf", effort=4.0 * 1.3 * times))
-    assert strong.posture.use < 1
+    strong = propose_robot(humanoid(tmp_path / "strong.urdf", effort=4.0 * 1.3 * times))
+    assert strong.posture.utilisation < 1
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from climbplan.errors import SpecError
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.model import Robot
 from climbplan.robots.urdf import pinocchio_model
-from climbplan.robots.urdf.normal_document import normal_document
+from climbplan.robots.urdf.canonical_urdf import write_canonical_urdf
 from climbplan.schema.document import Document
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.model import UrdfRobotSpec
@@ -108,7 +108,7 @@ def test_all_moments_of_inertia_are_needed(tmp_path: Path, name: str) -> None:
 
 def test_a_mass_that_pinocchio_has_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Should its reader drop a mass all the same, the link is named."""
-    whole = normal_document
+    whole = write_canonical_urdf
 
     def lossy(robot: UrdfRobot) -> str:
         return whole(robot).replace('<mass value="4.0">', '<mass value="4.0 ">')
@@ -202,12 +202,12 @@ def test_published_urdfs() -> None:
         spec = UrdfRobotSpec.model_construct(urdf=str(path))
         robot = UrdfRobot(spec, tree, "", {}, {}, Document(str(path), "", None), ())
         root = pinocchio.JointModelFreeFlyer()
-        own = pinocchio.buildModelFromXML(normal_document(robot), root)
+        own = pinocchio.buildModelFromXML(write_canonical_urdf(robot), root)
         published = pinocchio.buildModelFromUrdf(str(path), root)
         assert list(own.names) == list(published.names)
         for index in range(own.njoints):
             assert own.jointPlacements[index] == published.jointPlacements[index]
             assert own.inertias[index] == published.inertias[index]
-        assert not list(pinocchio_model.lost_masses(robot, own, pinocchio))
+        assert not list(pinocchio_model.find_mass_mismatches(robot, own, pinocchio))
         compared += 1
     assert compared >= len(paths) - 1

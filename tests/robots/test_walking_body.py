@@ -10,9 +10,9 @@ from urdf_walkers import Walker
 from walking_urdf import walking_robot, write_robot
 
 from climbplan.errors import SpecError
-from climbplan.robots.urdf.pinocchio_model import urdf_model
-from climbplan.robots.urdf.toe_boxes import borne
-from climbplan.robots.urdf.walking_body import TO_WALKING, WalkingBody, walking_body
+from climbplan.robots.urdf.pinocchio_model import build_urdf_model
+from climbplan.robots.urdf.toe_boxes import compute_weight_fractions
+from climbplan.robots.urdf.walking_body import TO_WALKING, WalkingBody, build_walking_body
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 
@@ -28,18 +28,18 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> UrdfRobot:
 
 @pytest.fixture(scope="module")
 def found(robot: UrdfRobot) -> WalkingBody:
-    return walking_body(robot)
+    return build_walking_body(robot)
 
 
 def test_masses_and_inertia_are_those_of_all_links(robot: UrdfRobot, found: WalkingBody) -> None:
-    model = urdf_model(robot)
+    model = build_urdf_model(robot)
     pin, data = model.library, model.model.createData()
     standing = {
         name: float(angle)
         for own, row in zip(found.legs.chain.names, found.legs.chain.posture, strict=True)
         for name, angle in zip(own, row, strict=True)
     }
-    pin.forwardKinematics(model.model, data, model.angles(standing))
+    pin.forwardKinematics(model.model, data, model.build_configuration(standing))
     masses, middles, turned = [], [], []
     for joint in range(1, model.model.njoints):
         inertia, place = model.model.inertias[joint], data.oMi[joint]
@@ -51,7 +51,7 @@ def test_masses_and_inertia_are_those_of_all_links(robot: UrdfRobot, found: Walk
     about = sum(turned) + sum(
         m * (a @ a * np.eye(3) - np.outer(a, a)) for m, a in zip(mass, away, strict=True)
     )
-    turn = TO_WALKING @ model.turn
+    turn = TO_WALKING @ model.root_to_base_rotation
     assert found.mass == pytest.approx(pin.computeTotalMass(model.model), rel=1e-9)
     np.testing.assert_allclose(found.inertia, turn @ about @ turn.T, atol=1e-9)
 
@@ -78,7 +78,7 @@ def test_boxes_are_reached_and_held_at_points_that_were_not_looked_at(found: Wal
 
 
 def test_legs_of_four_joints_walk(tmp_path: Path) -> None:
-    found = walking_body(walking_robot(tmp_path, Walker(joints=4)))
+    found = build_walking_body(walking_robot(tmp_path, Walker(joints=4)))
     assert found.legs.max_torque.shape == found.legs.chain.posture.shape == (4, 4)
     assert (found.boxes.half > 0.02).all()
 
@@ -86,13 +86,13 @@ def test_legs_of_four_joints_walk(tmp_path: Path) -> None:
 def test_legs_of_different_numbers_of_joints_walk(tmp_path: Path) -> None:
     locked = "locked: {L2_ankle: 0, R2_ankle: 0}"
     robot = walking_robot(tmp_path, Walker(joints=4), locked)
-    found = walking_body(robot)
+    found = build_walking_body(robot)
     assert found.legs.there.sum(axis=1).tolist() == [4, 4, 3, 3]
     assert (found.boxes.half > 0.02).all()
     # Hind legs are those of a robot whose legs all have three joints
     short = "locked: {L1_ankle: 0, R1_ankle: 0, L2_ankle: 0, R2_ankle: 0}"
     (tmp_path / "alike").mkdir()
-    alike = walking_body(walking_robot(tmp_path / "alike", Walker(joints=4), short))
+    alike = build_walking_body(walking_robot(tmp_path / "alike", Walker(joints=4), short))
     np.testing.assert_allclose(found.boxes.center, alike.boxes.center, atol=1e-12)
     jacobian = found.legs.chain.jacobian(found.legs.chain.posture)
     np.testing.assert_allclose(
@@ -105,7 +105,7 @@ def test_legs_have_three_joints_at_least(tmp_path: Path) -> None:
     path = write_robot(tmp_path, Walker(joints=3), "locked: {R1_knee: 10}")
     path.write_text(path.read_text().replace(", R1_knee: 10", ""))
     with pytest.raises(SpecError, match=r"[0-9] joints"):
-        walking_body(_loaded(path))
+        build_walking_body(_loaded(path))
 
 
 def _loaded(path: Path) -> UrdfRobot:
@@ -115,7 +115,7 @@ def _loaded(path: Path) -> UrdfRobot:
 
 
 def test_weaker_legs_bear_less_farther_from_the_middle(found: WalkingBody) -> None:
-    share = borne(found.boxes.center + np.array([0.1, 0.0, 0.0]))
+    share = compute_weight_fractions(found.boxes.center + np.array([0.1, 0.0, 0.0]))
     assert share.sum() == pytest.approx(2.0)
     assert share[0] == share[1] < 0.5 < share[2] == share[3]
 
@@ -130,4 +130,4 @@ def test_weaker_legs_bear_less_farther_from_the_middle(found: WalkingBody) -> No
 )
 def test_what_cannot_walk_is_refused(tmp_path: Path, walker: Walker, more: str, words: str) -> None:
     with pytest.raises(SpecError, match=words):
-        walking_body(walking_robot(tmp_path, walker, more))
+        build_walking_body(walking_robot(tmp_path, walker, more))

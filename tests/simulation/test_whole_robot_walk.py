@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from climbplan.walking.simulation.whole_body_reference import WholeBodyReference
 from walking_urdf import planned_walk
 
 from climbplan.cli.simulate import parsed_push
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.walking_body import TO_WALKING
-from climbplan.simulation.asked import Asked
+from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import NOMINAL, Conditions
 from climbplan.walking.plan.swing_way import held_back
 from climbplan.walking.plan.walk_plan import WalkPlan
-from climbplan.walking.simulation.whole_reference import WholeReference
-from climbplan.walking.simulation.whole_replay import Pushed, WholeRun, simulate_whole
-from climbplan.walking.simulation.whole_robot import whole_model, whole_robot
-from climbplan.walking.simulation.whole_study import simulate_whole_plan, tell
+from climbplan.walking.simulation.whole_body_replay import BodyPush, WholeBodyRun, simulate_whole_body
+from climbplan.walking.simulation.whole_body_model import build_whole_body_mjcf, build_whole_body_robot
+from climbplan.walking.simulation.whole_body_study import simulate_whole_body_plan, build_report
 from climbplan.walking.task.ground import Ground
 
 mujoco = pytest.importorskip("mujoco")
@@ -33,20 +33,20 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> WalkPlan:
 
 
 @pytest.fixture(scope="module")
-def run(plan: WalkPlan) -> WholeRun:
-    return simulate_whole(plan, NOMINAL)
+def run(plan: WalkPlan) -> WholeBodyRun:
+    return simulate_whole_body(plan, NOMINAL)
 
 
 def test_the_model_moves_as_the_urdf_does(plan: WalkPlan) -> None:
     """Inverse dynamics of MuJoCo's model and of Pinocchio's, at random states, to 1e-6."""
-    robot = whole_robot(plan, NOMINAL)
-    model = mujoco.MjModel.from_xml_string(whole_model(plan, robot, NOMINAL))
+    robot = build_whole_body_robot(plan, NOMINAL)
+    model = mujoco.MjModel.from_xml_string(build_whole_body_mjcf(plan, robot, NOMINAL))
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     model.dof_armature[:], model.dof_damping[:], model.dof_frictionloss[:] = 0.0, 0.0, 0.0
     assert model.body_mass.sum() == pytest.approx(robot.mass, rel=1e-9)
     data, found = mujoco.MjData(model), robot.found
     pin, other = found.library, found.model.createData()
-    turn = TO_WALKING @ found.turn
+    turn = TO_WALKING @ found.root_to_base_rotation
     rng = np.random.default_rng(1)
     legs = plan.task.legs
     assert legs is not None
@@ -63,7 +63,7 @@ def test_the_model_moves_as_the_urdf_does(plan: WalkPlan) -> None:
         data.qacc[:3], data.qacc[3:6] = push, turning
         mujoco.mj_inverse(model, data)
         # Pinocchio's base moves in its own axes, and tells its acceleration as a spatial one
-        q = found.angles(dict(zip(names, angles.tolist(), strict=True)))
+        q = found.build_configuration(dict(zip(names, angles.tolist(), strict=True)))
         q[3:7] = pin.Quaternion(turn).coeffs()
         v, a = np.zeros(found.model.nv), np.zeros(found.model.nv)
         index = [int(found.model.idx_vs[found.model.getJointId(name)]) for name in names]
@@ -75,7 +75,7 @@ def test_the_model_moves_as_the_urdf_does(plan: WalkPlan) -> None:
         np.testing.assert_allclose(data.qfrc_inverse[3:6], turn @ expected[3:6], atol=1e-6)
 
 
-def test_it_walks_within_its_motors(plan: WalkPlan, run: WholeRun) -> None:
+def test_it_walks_within_its_motors(plan: WalkPlan, run: WholeBodyRun) -> None:
     assert not run.fallen
     assert run.samples == plan.task.knots + 1
     assert run.unanswered == 0
@@ -89,13 +89,13 @@ def test_motors_that_are_too_weak_give_no_more_than_they_have(plan: WalkPlan) ->
     legs = plan.task.legs
     assert legs is not None
     weak = replace(legs, max_torque=0.08 * legs.max_torque)
-    run = simulate_whole(replace(plan, task=replace(plan.task, legs=weak)), NOMINAL)
+    run = simulate_whole_body(replace(plan, task=replace(plan.task, legs=weak)), NOMINAL)
     assert run.torque.max() == pytest.approx(1.0)
     assert run.fallen or np.abs(run.com[-1, 2] - plan.trajectory.state[-1, 2]) > 0.02
 
 
-def test_a_push_moves_it_and_it_comes_back_to_its_speed(plan: WalkPlan, run: WholeRun) -> None:
-    pushed = simulate_whole(plan, NOMINAL, (Pushed(0.1, np.array([0.0, 0.3, 0.0])),))
+def test_a_push_moves_it_and_it_comes_back_to_its_speed(plan: WalkPlan, run: WholeBodyRun) -> None:
+    pushed = simulate_whole_body(plan, NOMINAL, (BodyPush(0.1, np.array([0.0, 0.3, 0.0])),))
     apart = pushed.velocity[:, 1] - run.velocity[:, 1]
     assert not pushed.fallen
     assert np.abs(apart).max() > 0.1
@@ -104,12 +104,12 @@ def test_a_push_moves_it_and_it_comes_back_to_its_speed(plan: WalkPlan, run: Who
 
 def test_toes_step_aside_on_their_region(plan: WalkPlan) -> None:
     """As far as the body is off; not beyond the region, and onto its plane."""
-    flat = WholeReference(plan)
+    flat = WholeBodyReference(plan)
     leg, way = next((leg, ways[0]) for leg, ways in enumerate(flat.base.swings) if ways)
     time, off = 0.5 * (way.start + way.end), np.array([0.01, 0.02, 0.0])
 
     def landing(ground: Ground) -> np.ndarray[Any, Any]:
-        reference = WholeReference(replace(plan, task=replace(plan.task, ground=ground)))
+        reference = WholeBodyReference(replace(plan, task=replace(plan.task, ground=ground)))
         reference.swing(leg, time, way.left, off)
         return reference.aside[leg]
 
@@ -129,7 +129,7 @@ def test_toes_at_a_riser_go_up_alone_first(plan: WalkPlan) -> None:
     """Onto the step that a foot stands at; down from it alone at last; away from it at once."""
     lower, upper = np.array([[-1.0, -1.0], [0.3, -1.0]]), np.array([[0.3, 1.0], [1.0, 1.0]])
     stairs = Ground.level(("floor", "step"), lower, upper, np.array([0.0, 0.05]), 0.8)
-    reference = WholeReference(replace(plan, task=replace(plan.task, ground=stairs)), 0.03)
+    reference = WholeBodyReference(replace(plan, task=replace(plan.task, ground=stairs)), 0.03)
     near, up = np.array([0.269, 0.0, 0.0]), np.array([0.6, 0.0, 0.05])
 
     def alone(left: np.ndarray, lands: np.ndarray) -> tuple[float, float]:
@@ -151,9 +151,9 @@ def test_toes_at_a_riser_go_up_alone_first(plan: WalkPlan) -> None:
 
 
 def test_what_a_simulation_tells(plan: WalkPlan) -> None:
-    asked = Asked(NOMINAL, pictures=False, pushes=((0.1, (0.1, 0.0, 0.0)),))
-    found = simulate_whole_plan(plan, asked)
-    told = tell(found)
+    asked = SimulationRequest(NOMINAL, pictures=False, pushes=((0.1, (0.1, 0.0, 0.0)),))
+    found = simulate_whole_body_plan(plan, asked)
+    told = build_report(found)
     report: dict[str, Any] = dict(told.report)
     assert found.velocity_off is not None
     assert report["velocity_off"] == found.velocity_off < 0.5
@@ -167,21 +167,24 @@ def test_what_a_simulation_tells(plan: WalkPlan) -> None:
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        (Asked(NOMINAL, pictures=False, pushes=((9.0, (0.1, 0.0, 0.0)),)), "within the walk's"),
-        (Asked(Conditions(gain=2.0), pictures=False), "--gain"),
+        (
+            SimulationRequest(NOMINAL, pictures=False, pushes=((9.0, (0.1, 0.0, 0.0)),)),
+            "within the walk's",
+        ),
+        (SimulationRequest(Conditions(gain=2.0), pictures=False), "--gain"),
     ],
 )
 def test_what_such_a_walk_does_not_have_is_refused(
-    plan: WalkPlan, asked: Asked, words: str
+    plan: WalkPlan, asked: SimulationRequest, words: str
 ) -> None:
     with pytest.raises(UsageError, match=words):
-        simulate_whole_plan(plan, asked)
+        simulate_whole_body_plan(plan, asked)
 
 
 def test_a_rigid_body_has_no_links(tmp_path: Path, plan: WalkPlan) -> None:
     text = plan.spec_text.replace("robot: robot.yaml", "robot: scaler")
     with pytest.raises(UsageError, match="one rigid body, without links"):
-        whole_robot(replace(plan, spec_text=text), NOMINAL)
+        build_whole_body_robot(replace(plan, spec_text=text), NOMINAL)
 
 
 @pytest.mark.parametrize("text", ["1.0", "1.0:0,1", "x:0,0,1", "1:0,0,nan"])

@@ -9,9 +9,9 @@ import pytest
 from urdf_walkers import Walker
 from walking_urdf import walking_robot
 
-from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
-from climbplan.robots.urdf.proposal.walk_document import STANCE, walk_document
-from climbplan.robots.urdf.walking_body import WalkingBody, walking_body
+from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
+from climbplan.robots.urdf.proposal.walk_document import STANCE_INTERVALS, format_walk_document
+from climbplan.robots.urdf.walking_body import WalkingBody, build_walking_body
 from climbplan.walking.planner.swing_effort import swing_effort
 
 pytest.importorskip("pinocchio")
@@ -20,7 +20,7 @@ pytest.importorskip("pinocchio")
 @pytest.fixture(scope="module")
 def walker(tmp_path_factory: pytest.TempPathFactory) -> tuple[UrdfModel, WalkingBody]:
     robot = walking_robot(tmp_path_factory.mktemp("walker"), Walker())
-    return urdf_model(robot), walking_body(robot)
+    return build_urdf_model(robot), build_walking_body(robot)
 
 
 def test_a_leg_that_hangs_takes_what_gravity_asks(
@@ -34,10 +34,12 @@ def test_a_leg_that_hangs_takes_what_gravity_asks(
         for name, angle in zip(names, row, strict=True)
         if name
     }
-    hanging = pin.computeGeneralizedGravity(model, model.createData(), found.angles(standing))
+    hanging = pin.computeGeneralizedGravity(
+        model, model.createData(), found.build_configuration(standing)
+    )
     at = [[model.idx_vs[model.getJointId(name)] for name in names] for names in chain.names]
     share = np.abs(np.array(hanging)[np.array(at)] / body.legs.max_torque).max()
-    slowly = swing_effort(found, body.legs, 0.0, 100.0, 1e-4, STANCE)
+    slowly = swing_effort(found, body.legs, 0.0, 100.0, 1e-4, STANCE_INTERVALS)
     assert slowly == pytest.approx(share, rel=1e-2)
 
 
@@ -45,10 +47,13 @@ def test_quick_swings_take_more(walker: tuple[UrdfModel, WalkingBody]) -> None:
     """Beside its weight by the square of the quickness, where a leg lifts on the spot."""
     found, body = walker
     still, slow, quick = (
-        swing_effort(found, body.legs, 0.0, step, 0.01, STANCE) for step in (100.0, 0.1, 0.05)
+        swing_effort(found, body.legs, 0.0, step, 0.01, STANCE_INTERVALS)
+        for step in (100.0, 0.1, 0.05)
     )
     assert still < slow < quick
-    assert swing_effort(found, body.legs, 50.0, 0.2, 0.01, STANCE) == np.inf  # out of reach
+    assert (
+        swing_effort(found, body.legs, 50.0, 0.2, 0.01, STANCE_INTERVALS) == np.inf
+    )  # out of reach
 
 
 @pytest.mark.parametrize(("effort", "longer"), [(0.2, False), (0.5, True)])
@@ -63,7 +68,7 @@ def test_legs_that_are_heavy_for_their_motors_swing_longer(
         asked.append(step)
         return effort * asked[0] / step
 
-    text = walk_document(body, "robot.yaml", told)
+    text = format_walk_document(body, "robot.yaml", told)
     step = float(text.partition("step: ")[2].split()[0])
     assert (step > asked[0] + 1e-3) == longer
     assert step == pytest.approx(asked[-1], abs=1e-3)

@@ -11,12 +11,13 @@ from urdf_walkers import Walker
 from walking_urdf import planned_walk, walking_robot
 
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.robots.urdf.walking_body import walking_body
+from climbplan.robots.urdf.walking_body import build_walking_body
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.check.speed import leg_speeds
 from climbplan.walking.check.torque import leg_loads
 from climbplan.walking.check.verification import verify
-from climbplan.walking.kernels.legs import leg_jacobian
+from climbplan.walking.kernels.joint_torque_rows import solve_leg_jacobian
+from climbplan.walking.kernels.parameters import LegChain
 from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.sqp import solve_gait
 from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
@@ -75,7 +76,7 @@ def test_torques_are_the_work_of_forces(planned: WalkPlan) -> None:
 @pytest.mark.parametrize("joints", [3, 4, 6])
 def test_compiled_jacobians_are_those_of_the_chain(tmp_path: Path, joints: int) -> None:
     """Of legs with freedom to choose at the angles nearest to their posture, as anywhere."""
-    found = walking_body(walking_robot(tmp_path, Walker(joints=joints)))
+    found = build_walking_body(walking_robot(tmp_path, Walker(joints=joints)))
     legs, boxes = found.legs, found.boxes
     drawn = boxes.center + np.random.default_rng(3).uniform(-1, 1, (50, 4, 3)) * boxes.half
     solution = legs.chain.inverse(drawn, legs.lower, legs.upper)
@@ -83,10 +84,11 @@ def test_compiled_jacobians_are_those_of_the_chain(tmp_path: Path, joints: int) 
     own, chain = np.empty((3, joints)), legs.chain
     for spots, expected in zip(drawn, wanted, strict=True):
         for leg in range(4):
-            assert leg_jacobian(
+            links = LegChain(
                 chain.joint_zero[leg], chain.axis_zero[leg], chain.slides_zero[leg],
-                chain.drives[leg], chain.toe_zero[leg], chain.posture[leg], spots[leg], own,
+                chain.drives[leg], chain.toe_zero[leg], chain.posture[leg],
             )  # fmt: skip
+            assert solve_leg_jacobian(links, spots[leg], own)
             # Where legs may choose, the chain stops a little before it is nearest
             off = 1e-7 if joints == 3 else 1e-3
             np.testing.assert_allclose(own, expected[leg], rtol=0, atol=off)

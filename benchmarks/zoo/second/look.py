@@ -20,9 +20,9 @@ from benchmarks.zoo.second.statics import Load, least_load
 from benchmarks.zoo.second.subject import Subject
 from benchmarks.zoo.second.to_walls import Held, orders_to_walls, way_to_ground
 from benchmarks.zoo.second.way import Walls, Way, round_from
-from climbplan.robots.urdf.proposal.braces import SAFETY, WALLS
-from climbplan.robots.urdf.proposal.settled import FLOOR
-from climbplan.robots.urdf.proposal.touching import Parts
+from climbplan.robots.urdf.proposal.braces import FRICTION_SAFETY, WALL_FRICTIONS
+from climbplan.robots.urdf.proposal.prepared_robot import FLOOR_FRICTION
+from climbplan.robots.urdf.proposal.self_collision import SelfCollisionModel
 
 COUNT = 150  # postures drawn anywhere that have their toes on surfaces, and are free of all else
 _MOST = 20  # times as many that are drawn for them
@@ -71,7 +71,9 @@ def surfaces_of(
     """Where each limb's toe has to be, and the friction that may be used."""
     sides = np.where(limbs.hips[:, 0] < 0, -1.0, 1.0)
     if column in ("chimney", "wall"):
-        return tuple(Surface(0, float(side)) for side in sides), max(WALLS) / SAFETY
+        return tuple(Surface(0, float(side)) for side in sides), max(
+            WALL_FRICTIONS
+        ) / FRICTION_SAFETY
     raised = np.zeros(len(sides))
     if column == "stairs":  # the front half is one stair up
         raised = np.where(limbs.hips[:, 1] > np.median(limbs.hips[:, 1]), _STAIR, 0.0)
@@ -79,14 +81,18 @@ def surfaces_of(
         Surface(0, float(side)) if wall else Surface(2, -1.0, float(up))
         for side, wall, up in zip(sides, on_walls, raised, strict=True)
     )
-    return surfaces, FLOOR / SAFETY
+    return surfaces, FLOOR_FRICTION / FRICTION_SAFETY
 
 
 class _Drawn:
     """Postures so far: the best for each limb that is lifted, and stances good for all of them."""
 
     def __init__(
-        self, limbs: Limbs, surfaces: tuple[Surface, ...], mu: float, parts: Parts | None
+        self,
+        limbs: Limbs,
+        surfaces: tuple[Surface, ...],
+        mu: float,
+        parts: SelfCollisionModel | None,
     ) -> None:
         self.limbs, self.surfaces, self.mu, self.parts = limbs, surfaces, mu, parts
         self.best: list[tuple[Load, Stance] | None] = [None] * len(limbs.names)
@@ -110,7 +116,7 @@ class _Drawn:
         if stance.missed > 0:
             return
         self.out = min(self.out, stance.beyond)
-        if stance.beyond > 0 or (self.parts and self.parts.touching(stance.angles)):
+        if stance.beyond > 0 or (self.parts and self.parts.find_collisions(stance.angles)):
             return
         self.reached += 1
         number = len(self.best)
@@ -137,7 +143,7 @@ def looked(
     mu: float,
     seed: int,
     count: int = COUNT,
-    parts: Parts | None = None,
+    parts: SelfCollisionModel | None = None,
     attitudes: int = 1,
 ) -> Look:
     """Draw postures, and tell what they say of a refusal.

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.robots.urdf.pinocchio_model import pinocchio
-from climbplan.robots.urdf.proposal.limbs import body_link, limbs_of
-from climbplan.robots.urdf.proposal.proposing import read_tree
+from climbplan.robots.urdf.pinocchio_model import import_pinocchio
+from climbplan.robots.urdf.proposal.generator import read_tree
+from climbplan.robots.urdf.proposal.limbs import find_body_link, find_limbs
 
 _DRAWN = 100  # postures
 _STILL = 1e-6  # of the largest singular value: a direction in which a toe does not move
@@ -21,12 +21,12 @@ def short_limbs(urdf: Path, seed: int) -> str:
     moves, body still.
     """
     tree = read_tree(urdf)
-    base = body_link(tree)
-    pin = pinocchio()
+    base = find_body_link(tree)
+    pin = import_pinocchio()
     model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
     data, rng = model.createData(), np.random.default_rng(seed)
     ranks: dict[str, int] = {}
-    for end in limbs_of(tree, base).short:
+    for end in find_limbs(tree, base).short:
         joints = [joint.name for joint in tree.way_to(end, base) or [] if joint.turns]
         columns = [model.idx_vs[model.getJointId(name)] for name in joints]
         moved = model.frames[int(model.getFrameId(end, pin.FrameType.BODY))].parentJoint

@@ -62,7 +62,7 @@ class Limbs:
         ]
         self.moving = [self.model.getJointId(j.name) for own in self.joints for j in own]
         self.torque = [np.array([limits[j.name] for j in own]) for own in self.joints]
-        chains = [found.leg(name) for name in self.names]
+        chains = [found.read_leg(name) for name in self.names]
         self.hips = np.array([leg.joints[0] for leg in chains])  # (N, 3) [m]
         ends = [np.concatenate([leg.joints, leg.toe[None]]) for leg in chains]
         lengths = [np.linalg.norm(np.diff(own, axis=0), axis=1).sum() for own in ends]
@@ -73,7 +73,7 @@ class Limbs:
     ) -> Any:
         """Pinocchio's coordinates, with the root's origin `at` [m]; Jacobians are made ready."""
         pin = self.found.library
-        q = self.found.angles(angles)
+        q = self.found.build_configuration(angles)
         q[:3] = at
         q[3:7] = pin.Quaternion(turn).coeffs()
         pin.computeJointJacobians(self.model, self.data, q)
@@ -101,7 +101,7 @@ def anywhere(
     pin = limbs.found.library
     tilt = rng.uniform(-_TILT, _TILT, size=2) if rng.random() < 0.5 else np.zeros(2)
     pitch = (0.0, -np.pi / 2, np.pi / 2)[int(rng.integers(attitudes))]
-    lying = pin.exp3(np.array([pitch, 0.0, 0.0])) @ limbs.found.turn
+    lying = pin.exp3(np.array([pitch, 0.0, 0.0])) @ limbs.found.root_to_base_rotation
     turn = pin.exp3(np.array([tilt[0], tilt[1], 0.0])) @ lying
     angles = {
         joint.name: float(rng.uniform(max(joint.lower, -_FULL), min(joint.upper, _FULL)))

@@ -12,10 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.zoo.second.stances import Limbs
-from climbplan.robots.urdf.building import joint_angles_of
-from climbplan.robots.urdf.drives import joint_limits
-from climbplan.robots.urdf.pinocchio_model import urdf_model
-from climbplan.robots.urdf.proposal.touching import Parts, parts_of
+from climbplan.robots.urdf.drives import read_joint_limits
+from climbplan.robots.urdf.pinocchio_model import build_urdf_model
+from climbplan.robots.urdf.proposal.self_collision import (
+    SelfCollisionModel,
+    build_self_collision_model,
+)
+from climbplan.robots.urdf.robot_builder import read_joint_angles
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 
@@ -28,7 +31,7 @@ class Subject:
     """One robot, looked at for all of its columns."""
 
     limbs: Limbs
-    parts: Parts | None  # that must not touch; None without collision geometry
+    parts: SelfCollisionModel | None  # that must not touch; None without collision geometry
     standing: dict[str, float]  # [rad] by joint: as it was planned to stand on the ground
     on_walls: tuple[bool, ...]  # limbs whose toes are on walls while it stands so
 
@@ -51,11 +54,11 @@ def subject_of(path: Path) -> Subject:
 
 def subject_of_robot(robot: UrdfRobot) -> Subject:
     """As `subject_of`, of a robot that was read."""
-    model = urdf_model(robot)
-    lower, upper, standing = joint_angles_of(robot)
-    legs = [model.leg(name) for name in robot.limb_names]
+    model = build_urdf_model(robot)
+    lower, upper, standing = read_joint_angles(robot)
+    legs = [model.read_leg(name) for name in robot.limb_names]
     width = max(len(leg.names) for leg in legs)
-    torque = joint_limits(robot, [leg.names for leg in legs], width, "max_torque", "effort")
+    torque = read_joint_limits(robot, [leg.names for leg in legs], width, "max_torque", "effort")
     limits = {
         joint: float(limit)
         for leg, row in zip(legs, torque, strict=True)
@@ -63,8 +66,8 @@ def subject_of_robot(robot: UrdfRobot) -> Subject:
     }
     limbs = Limbs(model, limits)
     bounds = {name: (max(lower[name], -np.pi), min(upper[name], np.pi)) for name in limits}
-    parts = parts_of(model, bounds) if robot.needs_shapes else None
-    limbs.placed(model.turn, standing)
+    parts = build_self_collision_model(model, bounds) if robot.needs_shapes else None
+    limbs.placed(model.root_to_base_rotation, standing)
     height = np.array([limbs.toe(limb)[0][2] for limb in range(len(limbs.names))])
     raised = height > height.min() + _ON_ONE_LEVEL
     return Subject(limbs, parts, standing, tuple(bool(one) for one in raised))

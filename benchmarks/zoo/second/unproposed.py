@@ -10,9 +10,9 @@ import numpy as np
 from benchmarks.zoo.second.look import CLIMBS, COUNT, Look, second_look
 from benchmarks.zoo.second.planar import short_limbs
 from benchmarks.zoo.second.subject import Subject, subject_of_robot
-from climbplan.robots.urdf.pinocchio_model import pinocchio
-from climbplan.robots.urdf.proposal.limbs import body_link, limbs_of
-from climbplan.robots.urdf.proposal.proposing import legs_of, read_tree, settled
+from climbplan.robots.urdf.pinocchio_model import import_pinocchio
+from climbplan.robots.urdf.proposal.generator import detect_legs, prepare_detected_legs, read_tree
+from climbplan.robots.urdf.proposal.limbs import find_body_link, find_limbs
 
 _DRAWN = 1000  # postures of two legs
 
@@ -31,7 +31,7 @@ def unproposed(urdf: Path, column: str, words: str, seed: int, count: int = COUN
 
 def _standing(urdf: Path, column: str, seed: int, count: int) -> Look:
     """A robot with legs and toes but no posture: on all its limbs, and with its hands on walls."""
-    subject = subject_of_robot(settled(legs_of(urdf)).draft.robot(meshes=True))
+    subject = subject_of_robot(prepare_detected_legs(detect_legs(urdf)).draft.robot(meshes=True))
     ways = [replace(subject, on_walls=(False,) * len(subject.on_walls))]
     if column in ("ground", "stairs") and any(subject.on_walls):
         ways.append(subject)
@@ -59,11 +59,13 @@ def _two_points(urdf: Path, column: str, seed: int) -> Look:
     if column not in CLIMBS:
         return Look("limit of ours", "walks are of four, six or eight legs")
     tree = read_tree(urdf)
-    pin, rng = pinocchio(), np.random.default_rng(seed)
+    pin, rng = import_pinocchio(), np.random.default_rng(seed)
     model = pin.buildModelFromUrdf(str(urdf))
     data = model.createData()
     nearest = np.inf
-    ends = [int(model.getFrameId(limb.end)) for limb in limbs_of(tree, body_link(tree)).limbs]
+    ends = [
+        int(model.getFrameId(limb.end)) for limb in find_limbs(tree, find_body_link(tree)).limbs
+    ]
     low, high = (
         np.maximum(model.lowerPositionLimit, -np.pi),
         np.minimum(model.upperPositionLimit, np.pi),

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.zoo.second.stances import Limbs, Stance, Surface, reached
 from benchmarks.zoo.second.statics import least_load
 from climbplan.arrays import Array
-from climbplan.robots.urdf.proposal.touching import Parts
+from climbplan.robots.urdf.proposal.self_collision import SelfCollisionModel
 
 _DRAWN = 60  # poses of the body for each limb that is lifted
 _SPREADS = (0.3, 0.03)  # of a leg's length, and of 1 rad, from the first to the last
@@ -43,7 +43,7 @@ class Way:
 
     limbs: Limbs
     walls: Walls
-    parts: Parts | None
+    parts: SelfCollisionModel | None
     rng: np.random.Generator
     drawn: int = 0
 
@@ -61,7 +61,7 @@ class Way:
             level = toe[surface.axis] - surface.raised
             if (surface.side * (joints[:, surface.axis] - level)).max() > _BEYOND:
                 return False
-        return self.parts is None or not self.parts.touching(stance.angles)
+        return self.parts is None or not self.parts.find_collisions(stance.angles)
 
     def posed(self, stance: Stance, toes: Array, turn: Array, at: Array) -> Stance | None:
         """The stance with the body elsewhere and toes at points (N, 3)."""
@@ -127,7 +127,11 @@ class Way:
 
 
 def round_from(
-    limbs: Limbs, walls: Walls, parts: Parts | None, stance: Stance, rng: np.random.Generator
+    limbs: Limbs,
+    walls: Walls,
+    parts: SelfCollisionModel | None,
+    stance: Stance,
+    rng: np.random.Generator,
 ) -> tuple[tuple[int, ...], int]:
     """Limbs that could be lifted and set down further on one after another; poses drawn.
 

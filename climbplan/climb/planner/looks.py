@@ -12,7 +12,7 @@ from climbplan.schema.robots.urdf.robot import UrdfRobot
 _log = logging.getLogger(__name__)
 
 
-def plan_looks(spec: AnyRobot, robot: Robot, most: int | None = None) -> Looks | None:
+def load_visual_geometry(spec: AnyRobot, robot: Robot, max_triangles: int | None = None) -> Looks | None:
     """The visual geometry that a plan carries; None for robots that are drawn from their numbers.
 
     most: triangles of one shape, in place of those of a plan. What cannot be read is told: nothing
@@ -21,10 +21,10 @@ def plan_looks(spec: AnyRobot, robot: Robot, most: int | None = None) -> Looks |
     if not isinstance(spec, UrdfRobot):
         return None
     # Here, for plans of other robots need nothing that reads meshes
-    from climbplan.robots.urdf.visuals import NoLooks, looks_of
+    from climbplan.robots.urdf.visuals import VisualGeometryError, read_visual_geometry
 
     try:
-        return looks_of(spec, robot) if most is None else looks_of(spec, robot, most)
-    except NoLooks as error:
+        return read_visual_geometry(spec, robot) if max_triangles is None else read_visual_geometry(spec, robot, max_triangles)
+    except VisualGeometryError as error:
         _log.warning("%s is drawn as capsules: %s", spec.name, error)
         return None

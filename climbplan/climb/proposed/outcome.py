@@ -10,7 +10,7 @@ import numpy as np
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.world_sample import WorldSample
 from climbplan.robots.urdf.proposal.postures import Posture
-from climbplan.robots.urdf.proposal.settled import Proposal
+from climbplan.robots.urdf.proposal.prepared_robot import Proposal
 
 NONE_KEPT = 0.01  # of its margins: plans that keep no more may fall, motors at their limits
 STANDING = 0.98  # fraction of worlds in which a plan stands that nothing better is looked for

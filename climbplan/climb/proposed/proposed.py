@@ -16,15 +16,15 @@ from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NoPlanFound, SpecError, UsageError
-from climbplan.robots.urdf.proposal.bending import bending_proposals, standing_in
-from climbplan.robots.urdf.proposal.document import paths, robot_document
+from climbplan.robots.urdf.proposal.bracing_search import place_on_ground, propose_bracing_postures
 from climbplan.robots.urdf.proposal.postures import Posture
-from climbplan.robots.urdf.proposal.settled import Proposal
+from climbplan.robots.urdf.proposal.prepared_robot import Proposal
+from climbplan.robots.urdf.proposal.robot_document import format_robot_document, format_urdf_path
 from climbplan.robots.urdf.proposal.spec_documents import (
-    chimney_document,
-    ground_document,
-    stairs_document,
-    wall_document,
+    format_chimney_document,
+    format_ground_document,
+    format_stairs_document,
+    format_wall_document,
 )
 
 _STANDINGS = 4  # standing postures that are planned with
@@ -45,7 +45,7 @@ _WALL_TRIED = 5  # bracing postures that transitions are planned to
 _WALL_METHOD = (
     "solver.method=enumerate",
     f"solver.time_limit={_CAP}",
-    f"search.tried={_WALL_SEQUENCES}",
+    f"search.max_planned={_WALL_SEQUENCES}",
 )
 
 Told = Callable[[str], None]
@@ -99,18 +99,18 @@ class Trials:
     def others(self) -> list[Proposal]:
         """The robot in the other standing postures that are tried, roomiest first."""
         if self._others is None:
-            self._others = list(islice(self.found.otherwise(), _STANDINGS - 1))
+            self._others = list(islice(self.found.generate_alternatives(), _STANDINGS - 1))
         return [one for one in self._others if one is not self.found]
 
     def _stand(self, found: Proposal) -> None:
         """Write the robot file, for what is planned from now on."""
         self.found = found
-        text = robot_document(found, str(found.draft.urdf), "")
+        text = format_robot_document(found, str(found.draft.urdf), "")
         (self.folder / self.robot_file).write_text(text, encoding="utf-8")
 
     def _walk(self) -> Outcome:
         """A few steps on flat ground."""
-        return self._outcome("walks on ground", ground_document(self.found, self.robot_file))
+        return self._outcome("walks on ground", format_ground_document(self.found, self.robot_file))
 
     def stairs(self) -> Outcome:
         """Up two stairs, the body pitching with the stance, or else level.
@@ -129,14 +129,14 @@ class Trials:
                 break
         self._stand(settled)
         if found.plan is None:
-            text = stairs_document(settled, self.robot_file, gentle=True)
+            text = format_stairs_document(settled, self.robot_file, gentle=True)
             found = self._outcome("walks up stairs", text)
         return first if found.plan is None else found
 
     def _stairs(self) -> Outcome:
         first: Outcome | None = None
         for leans in (True, False):
-            text = stairs_document(self.found, self.robot_file, leans)
+            text = format_stairs_document(self.found, self.robot_file, leans)
             if first is not None and text == first.text:
                 break
             one = self._outcome("walks up stairs", text)
@@ -155,9 +155,9 @@ class Trials:
         none of these does, the best by the proposal, with its refusal.
         """
         what, most = "climbs between walls", (_TRIED, _TRIED)
-        first = self._braced(what, chimney_document, report, _ENOUGH, most)
+        first = self._braced(what, format_chimney_document, report, _ENOUGH, most)
         first = self._with_larger_margins(first, report)
-        return self._bent(what, first, report, _ENOUGH, self.bracing_file, chimney_document)
+        return self._bent(what, first, report, _ENOUGH, self.bracing_file, format_chimney_document)
 
     def _with_larger_margins(self, first: Outcome, report: Told) -> Outcome:
         """The plan with larger margins where it keeps all of them and falls in too many worlds."""
@@ -189,8 +189,8 @@ class Trials:
             return first
         report(f"planning: {what}, limbs bent otherwise than it stands")
         best: Outcome | None = None
-        for found in bending_proposals(self.found, _BENT):
-            robot = robot_document(found, str(found.draft.urdf), "")
+        for found in propose_bracing_postures(self.found, _BENT):
+            robot = format_robot_document(found, str(found.draft.urdf), "")
             (self.folder / file).write_text(robot, encoding="utf-8")
             (brace,) = found.braces
             text = document(found, file, brace)
@@ -209,10 +209,10 @@ class Trials:
         """From the ground to walls, chosen likewise."""
         what = "goes from the ground to walls"
         most = _WALL_PLANS, _WALL_TRIED
-        first = self._braced(what, wall_document, report, _WALL_ENOUGH, most)
+        first = self._braced(what, format_wall_document, report, _WALL_ENOUGH, most)
 
         def document(found: Proposal, file: str, brace: Posture) -> str:
-            return wall_document(standing_in(found, self.found), file, brace)
+            return format_wall_document(place_on_ground(found, self.found), file, brace)
 
         return self._bent(what, first, report, _WALL_ENOUGH, self.wall_bracing_file, document)
 
@@ -238,7 +238,7 @@ class Trials:
                 break
         if best is not None:
             return best
-        why = f"no posture between walls was found{self.found.lacks}"
+        why = f"no posture between walls was found{self.found.brace_failure}"
         return Outcome(what, None, why)
 
     def _outcome(self, what: str, text: str, brace: Posture | None = None) -> Outcome:
@@ -273,7 +273,7 @@ def planned_proposal(
     Paths in the files are for `directory`; report: told what is being done. sample_worlds: counts
     falls in worlds of a plan, by which postures are chosen.
     """
-    soled = found.settled.soles is not None
+    soled = found.prepared.soles is not None
     with tempfile.TemporaryDirectory() as folder:
         report("planning a walk on flat ground")
         trials = Trials(found, Path(folder), sample_worlds)
@@ -287,11 +287,15 @@ def planned_proposal(
     }
     bent = {f"{trials.name}_{end}.yaml": o.bent for end, o in outcomes.items() if o.bent}
     own = ", ".join(name for name in specs if name not in bent)
-    files = {trials.robot_file: robot_document(trials.found, paths(found, directory), own)} | specs
+    files = {
+        trials.robot_file: format_robot_document(
+            trials.found, format_urdf_path(found, directory), own
+        )
+    } | specs
     own_files = {"chimney": trials.bracing_file, "wall": trials.wall_bracing_file}
     for end, file in own_files.items():
         if (other := bent.get(spec := f"{trials.name}_{end}.yaml")) is not None:
-            files[file] = robot_document(other, paths(found, directory), spec)
+            files[file] = format_robot_document(other, format_urdf_path(found, directory), spec)
     brace = outcomes["chimney"].brace if "chimney" in outcomes else None
     return Proposed(
         trials.name, trials.found, files, tuple(outcomes.values()), brace, walks=not soled

@@ -148,7 +148,7 @@ class PostureSteps(SpecModel):
     rotation_max_deg: Number = quantity("deg", "largest turn about each axis", default=10.0, gt=0)
     com_min: Number = quantity("m", "smallest body step (`nlp` only)", default=0.0, ge=0)
     toe_min: Number = quantity("m", "smallest toe step (`nlp` only)", default=0.0, ge=0)
-    shift_max: Number = quantity(
+    com_shift_max: Number = quantity(
         "m",
         "how far the body may leave its straight way, level, to stand over the limbs that stay "
         "before one is lifted, by as little as forces with their margins ask for; 0: it keeps to "
@@ -188,7 +188,7 @@ class PosturePlannerSpec(SpecModel):
         gt=0,
         le=180,
     )
-    intermediate_reach: bool = Field(
+    check_reach_during_round: bool = Field(
         default=True,
         description="also keep every toe in its workspace while the body moves within a round",
     )
@@ -205,7 +205,7 @@ class PosturePlannerSpec(SpecModel):
     body_clearance: Number = quantity(
         "m", "distance the body hull keeps from obstacles and walls", default=0.02, ge=0
     )
-    least_load: Number = quantity(
+    min_load: Number = quantity(
         "weight",
         "upward force of every limb at the end of a round at least, in weights of the robot "
         "(coupled methods only): toes then keep off places that hold nothing",
@@ -226,7 +226,7 @@ class TrajectorySpec(SpecModel):
         le=1,
     )
     rate: Number = quantity("Hz", "sample rate", default=20.0, gt=0, le=1000)
-    lift: Number = quantity("m", "distance a toe is lifted along the normal", default=0.05, gt=0)
+    swing_clearance: Number = quantity("m", "distance a toe is lifted along the normal", default=0.05, gt=0)
 
 
 COUPLED_METHODS = ("coupled", "coupled-modes", "coupled-micp", "coupled-nlp", "spatial")
@@ -269,13 +269,13 @@ class SolverSpec(SpecModel):
     pieces: Count = quantity(
         "", "pieces of each toe coordinate's range (`coupled-micp`)", default=4, ge=1, le=64
     )
-    mixed: Literal["highs", "gurobi"] = Field(
+    mip_solver: Literal["highs", "gurobi"] = Field(
         default="highs", description="solver of the mixed-integer program (`coupled-micp`)"
     )
-    posture: Literal["branch-and-bound", "scip", "gurobi"] = Field(
+    posture_solver: Literal["branch-and-bound", "scip", "gurobi"] = Field(
         default="branch-and-bound", description="solver of the posture program (`micp`)"
     )
-    force: Literal["daqp", "clarabel", "osqp"] = Field(
+    force_solver: Literal["daqp", "clarabel", "osqp"] = Field(
         default="daqp",
         description="`daqp`: inscribed pyramid, fastest; `clarabel`: exact cone; `osqp`: pyramid",
     )

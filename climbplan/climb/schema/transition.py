@@ -47,7 +47,7 @@ class TransitionTaskSpec(SpecModel):
     step_max: dict[str, Number] = quantity(
         "m", "largest toe step of single limbs, where shorter than `posture.steps.toe_max`", {}
     )
-    supporting: Count = quantity("", "least number of limbs that support the body", 3, ge=2)
+    min_supporting_limbs: Count = quantity("", "least number of limbs that support the body", 3, ge=2)
     payload: PayloadSpec = PayloadSpec()
     """Mass carried on the body."""
     external_wrench: WrenchSpec = WrenchSpec()
@@ -97,7 +97,7 @@ class TransitionSteps(SpecModel):
     com_max: Number = quantity("m", "largest body step", default=0.25, gt=0)
     toe_max: Number = quantity("m", "largest toe step", default=0.8, gt=0)
     rotation_max_deg: Number = quantity("deg", "largest turn about each axis", default=15.0, gt=0)
-    shift_max: Number = quantity(
+    com_shift_max: Number = quantity(
         "m",
         "largest level shift of the body off its start before the first limbs lift, so that the "
         "others hold it: a quadruped on ground has to stand over three legs. In a `climb` that "
@@ -145,8 +145,8 @@ class SearchSpec(SpecModel):
     heights: Count = quantity(
         "", "body poses tried on the straight way to the goal", 5, ge=2, le=20
     )
-    aside: Number = quantity("m", "how far beside that way further poses lie", default=0.06, ge=0)
-    least_load: Number = quantity(
+    lateral_offset: Number = quantity("m", "how far beside that way further poses lie", default=0.06, ge=0)
+    min_load: Number = quantity(
         "",
         "share of the weight that every supporting limb presses with at least; at 0 a limb may "
         "touch without load, and the body balance on the edge between two others",
@@ -158,12 +158,12 @@ class SearchSpec(SpecModel):
         default="boxes",
         description="footholds beside start and goal: `none`, on `boxes`, or on `any` surface",
     )
-    most: Count = quantity("", "sequences listed at most", default=500, ge=1, le=10000)
+    max_sequences: Count = quantity("", "sequences listed at most", default=500, ge=1, le=10000)
     rank: Literal["cost", "torque", "friction"] = Field(
         default="cost",
         description="which sequence comes first: of least cost, or of the largest S_tau or S_mu",
     )
-    tried: Count = quantity("", "sequences planned at most until one holds", default=12, ge=1)
+    max_planned: Count = quantity("", "sequences planned at most until one holds", default=12, ge=1)
 
 
 class TransitionSolverSpec(SpecModel):
@@ -176,7 +176,7 @@ class TransitionSolverSpec(SpecModel):
         "with the sequence fixed; `complementarity`: one nonlinear program that also finds the "
         "sequence",
     )
-    force: Literal["daqp", "clarabel", "osqp"] = Field(
+    force_solver: Literal["daqp", "clarabel", "osqp"] = Field(
         default="daqp",
         description="`daqp`: inscribed pyramid, fastest; `clarabel`: exact cone; `osqp`: pyramid",
     )

@@ -1,4 +1,4 @@
-"""A URDF as Pinocchio has it: joints, axes, toes and masses when all angles are zero.
+"""The Pinocchio model of a URDF: joints, axes, toes and masses when all angles are zero.
 
 Pinocchio is an optional part (`pip install 'climbplan[urdf]'`), imported only when a URDF is read.
 """
@@ -14,20 +14,21 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.errors import MissingSolver
-from climbplan.robots.urdf.normal_document import normal_document
+from climbplan.robots.urdf.canonical_urdf import write_canonical_urdf
 from climbplan.schema.document import Finding
 from climbplan.schema.robots.urdf.mimics import follows
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.robots.urdf.tree import UrdfLink
 
-_HOLDER = 6  # coordinates of the free base, before those of the joints
-_MASS_OFF = 1e-9  # relative, by which sums of masses may differ in rounding
+_BASE_DOFS = 6  # coordinates of the free base, before those of the joints
+_MASS_TOLERANCE = 1e-9  # relative, between sums of masses
 
 
-def pinocchio() -> Any:
-    """The library.
+def import_pinocchio() -> Any:
+    """Return the library.
 
-    Raises MissingSolver if it is not installed.
+    Raises:
+        MissingSolver: It is not installed.
     """
     try:
         return importlib.import_module("pinocchio")
@@ -47,81 +48,89 @@ class LegAtZero:
     axes: Array  # (j, 3) unit, of joints that slide their directions
     toe: Array  # (3,) [m]
     toe_axes: Array  # (3, 3) columns x, y, z of the toe's link
-    slides: tuple[bool, ...]
-    leaders: tuple[int, ...]  # (j,) the joint that each follows, itself if none
+    slides: tuple[bool, ...]  # (j,) whether it is prismatic
+    leaders: tuple[int, ...]  # (j,) the joint that each mimics, itself if none
     ratios: tuple[float, ...]  # of their motions
 
 
 @dataclass(frozen=True)
 class UrdfModel:
-    """A URDF in Pinocchio's hands."""
+    """A URDF as a Pinocchio model."""
 
     robot: UrdfRobot
     library: Any
     model: Any
-    turn: Array  # (3, 3) from the root's axes at zero to x right, y forward, z up
-    origin: Array  # (3,) base link in the root's frame [m]
+    root_to_base_rotation: Array  # (3, 3) from the root's axes at zero to x right, y forward, z up
+    base_origin: Array  # (3,) base link in the root's frame [m]
 
-    def placed(self, points: Array) -> Array:
-        """Points (..., 3) of the root's frame, from the base link and in its turned axes."""
-        return np.asarray((points - self.origin) @ self.turn.T)
+    def to_base_axes(self, points: Array) -> Array:
+        """Return points (..., 3) of the root's frame in the turned axes of the base link."""
+        return np.asarray((points - self.base_origin) @ self.root_to_base_rotation.T)
 
-    def leg(self, name: str) -> LegAtZero:
-        """One leg at zero angles."""
+    def read_leg(self, name: str) -> LegAtZero:
+        """Return one leg at zero angles."""
         pin, model = self.library, self.model
-        data = self._data(self.angles({}))
+        data = self._compute_kinematics(self.build_configuration({}))
         spec = self.robot.spec.legs[name]
-        own = self.robot.joints[name]
+        leg_joints = self.robot.joints[name]
         joints, axes = [], []
-        for joint in own:
+        for joint in leg_joints:
             index = model.getJointId(joint.name)
             frame = pin.ReferenceFrame.WORLD
             whole = pin.getJointJacobian(model, data, index, frame)[:, model.idx_vs[index]]
             column = whole[:3] if joint.slides else whole[3:]
             joints.append(data.oMi[index].translation)
             axes.append(column / np.linalg.norm(column))
-        names = tuple(joint.name for joint in own)
-        led = [follows(self.robot.tree, joint) for joint in own]
-        toe = data.oMf[_frame(self, spec.toe)]
+        names = tuple(joint.name for joint in leg_joints)
+        mimics = [follows(self.robot.tree, joint) for joint in leg_joints]
+        toe = data.oMf[_find_frame(self, spec.toe)]
         point = toe.translation + toe.rotation @ np.array(spec.toe_offset, float)
         return LegAtZero(
             names,
-            self.placed(np.array(joints)),
-            np.array(axes) @ self.turn.T,
-            self.placed(point),
-            self.turn @ toe.rotation,
-            tuple(joint.slides for joint in own),
-            tuple(j if by is None else names.index(by.leader) for j, by in enumerate(led)),
-            tuple(1.0 if by is None else by.ratio for by in led),
+            self.to_base_axes(np.array(joints)),
+            np.array(axes) @ self.root_to_base_rotation.T,
+            self.to_base_axes(point),
+            self.root_to_base_rotation @ toe.rotation,
+            tuple(joint.slides for joint in leg_joints),
+            tuple(
+                j if mimic is None else names.index(mimic.leader) for j, mimic in enumerate(mimics)
+            ),
+            tuple(1.0 if mimic is None else mimic.ratio for mimic in mimics),
         )
 
-    def mass(self) -> float:
-        """Sum over the links [kg]."""
+    def compute_mass(self) -> float:
+        """Return the sum of the masses of all links [kg]."""
         return float(self.library.computeTotalMass(self.model))
 
-    def center(self, angles: dict[str, float]) -> Array:
-        """Centre of mass (3,) at joint angles by name [rad, m]; others are locked or at zero."""
+    def compute_center(self, angles: dict[str, float]) -> Array:
+        """Return the centre of mass (3,) at joint angles by name [rad, m], turned base frame [m].
+
+        Other joints are locked or at zero.
+        """
         pin, model = self.library, self.model
-        return self.placed(pin.centerOfMass(model, model.createData(), self.angles(angles)))
+        return self.to_base_axes(
+            pin.centerOfMass(model, model.createData(), self.build_configuration(angles))
+        )
 
-    def angles(self, given: dict[str, float]) -> Any:
-        """Pinocchio's coordinates for joint angles by name [rad, m]; others are locked or at zero.
+    def build_configuration(self, joint_angles: dict[str, float]) -> Any:
+        """Return Pinocchio's configuration for joint angles by name [rad, m].
 
-        Joints that follow others are where those put them, unless they are locked.
+        Other joints are locked or at zero. Joints that mimic others follow them unless they are
+        locked.
         """
         pin, model, tree = self.library, self.model, self.robot.tree
         locked = self.robot.spec.held
-        turned = np.zeros(model.nv)
-        known = locked | given
+        velocity = np.zeros(model.nv)
+        angles = locked | joint_angles
         for joint in tree.joints.values():
-            by = follows(tree, joint)
-            if by is not None and joint.name not in locked:
-                known[joint.name] = by.ratio * known.get(by.leader, 0.0) + by.offset
-        for name, angle in known.items():
-            turned[model.idx_vs[model.getJointId(name)]] = angle
-        return pin.integrate(model, pin.neutral(model), turned)
+            mimic = follows(tree, joint)
+            if mimic is not None and joint.name not in locked:
+                angles[joint.name] = mimic.ratio * angles.get(mimic.leader, 0.0) + mimic.offset
+        for name, angle in angles.items():
+            velocity[model.idx_vs[model.getJointId(name)]] = angle
+        return pin.integrate(model, pin.neutral(model), velocity)
 
-    def _data(self, q: Any) -> Any:
+    def _compute_kinematics(self, q: Any) -> Any:
         pin, model = self.library, self.model
         data = model.createData()
         pin.computeJointJacobians(model, data, q)
@@ -129,54 +138,55 @@ class UrdfModel:
         return data
 
 
-def urdf_model(robot: UrdfRobot) -> UrdfModel:
-    """The model of a robot section whose text was checked.
+def build_urdf_model(robot: UrdfRobot) -> UrdfModel:
+    """Build the model of a robot section whose text was checked.
 
-    Raises MissingSolver without Pinocchio, and SpecError for what Pinocchio refuses or reads in
-    another way.
+    Raises:
+        MissingSolver: Pinocchio is not installed.
+        SpecError: Pinocchio refuses the URDF or reads it in another way.
     """
-    pin = pinocchio()
+    pin = import_pinocchio()
     try:
-        model = pin.buildModelFromXML(normal_document(robot), pin.JointModelFreeFlyer())
+        model = pin.buildModelFromXML(write_canonical_urdf(robot), pin.JointModelFreeFlyer())
     except (RuntimeError, ValueError) as error:
         reason = str(error).strip().splitlines()[-1]
         raise robot.refused([Finding(("urdf",), f"Pinocchio cannot read it: {reason}")]) from error
-    if lost := list(lost_masses(robot, model, pin)):
-        raise robot.refused(lost)
+    if mismatches := list(find_mass_mismatches(robot, model, pin)):
+        raise robot.refused(mismatches)
     data = model.createData()
-    forward, up = _axis(robot.spec.forward), _axis(robot.spec.up)
+    forward, up = _parse_axis(robot.spec.forward), _parse_axis(robot.spec.up)
     to_axes = np.stack([np.cross(forward, up), forward, up])
-    found = UrdfModel(robot, pin, model, to_axes, np.zeros(3))
-    pin.forwardKinematics(model, data, found.angles({}))
+    unplaced = UrdfModel(robot, pin, model, to_axes, np.zeros(3))
+    pin.forwardKinematics(model, data, unplaced.build_configuration({}))
     pin.updateFramePlacements(model, data)
-    base = data.oMf[_frame(found, robot.base)]
+    base = data.oMf[_find_frame(unplaced, robot.base)]
     return UrdfModel(robot, pin, model, to_axes @ base.rotation.T, np.array(base.translation))
 
 
-def lost_masses(robot: UrdfRobot, model: Any, pin: Any) -> Iterator[Finding]:
-    """Where Pinocchio has another mass than the file: joint by joint, with the links it carries."""
+def find_mass_mismatches(robot: UrdfRobot, model: Any, pin: Any) -> Iterator[Finding]:
+    """Yield a finding for each joint whose carried mass in Pinocchio differs from the file's."""
     carried: dict[int, list[UrdfLink]] = {}
     for link in robot.tree.links.values():
         index = int(model.getFrameId(link.name, pin.FrameType.BODY))
         if index >= model.nframes:
-            at = robot.tree.at(link.line)
-            yield Finding(("urdf",), f"Pinocchio has no link {link.name!r} ({at})")
+            place = robot.tree.at(link.line)
+            yield Finding(("urdf",), f"Pinocchio has no link {link.name!r} ({place})")
             continue
         carried.setdefault(int(model.frames[index].parentJoint), []).append(link)
     for joint, links in carried.items():
         expected = sum(link.mass for link in links)
-        found = float(model.inertias[joint].mass)
-        if not abs(found - expected) <= _MASS_OFF * max(expected, 1.0):
+        mass = float(model.inertias[joint].mass)
+        if not abs(mass - expected) <= _MASS_TOLERANCE * max(expected, 1.0):
             names = " and ".join(f"{link.name!r} ({robot.tree.at(link.line)})" for link in links)
-            message = f"Pinocchio has {found:g} kg for {names}, the file {expected:g} kg"
+            message = f"Pinocchio has {mass:g} kg for {names}, the file {expected:g} kg"
             yield Finding(("urdf",), message)
 
 
-def _axis(name: str) -> Array:
-    """Unit vector (3,) of `x`, `-x`, ..."""
+def _parse_axis(name: str) -> Array:
+    """Return the unit vector (3,) of `x`, `-x`, ..."""
     return np.eye(3)["xyz".index(name[-1])] * (-1.0 if name.startswith("-") else 1.0)
 
 
-def _frame(found: UrdfModel, link: str) -> int:
-    """Index of a link's frame; a joint may have the same name."""
-    return int(found.model.getFrameId(link, found.library.FrameType.BODY))
+def _find_frame(urdf_model: UrdfModel, link: str) -> int:
+    """Return the index of a link's frame; a joint may have the same name."""
+    return int(urdf_model.model.getFrameId(link, urdf_model.library.FrameType.BODY))

@@ -1,4 +1,4 @@
-"""How a robot looks, from the visual geometry of its URDF, with large meshes made coarser."""
+"""Visual geometry of a robot from its URDF, with large meshes simplified."""
 
 from __future__ import annotations
 
@@ -11,87 +11,108 @@ from climbplan.arrays import Array, IntArray
 from climbplan.robots.looks import BODY, Looks
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.urdf.normal_document import visual_document
-from climbplan.robots.urdf.pinocchio_model import urdf_model
-from climbplan.robots.urdf.shapes import carrier
+from climbplan.robots.urdf.canonical_urdf import write_visual_urdf
+from climbplan.robots.urdf.pinocchio_model import build_urdf_model
+from climbplan.robots.urdf.shapes import find_carrying_joint
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
 
-MOST_TRIANGLES = 5000  # of one shape of a link
+MAX_TRIANGLES = 5000  # of one shape of a link
 
 
-class NoLooks(Exception):
-    """Visual geometry that is missing or cannot be read; says in words which."""
+class VisualGeometryError(Exception):
+    """Visual geometry that is missing or cannot be read; the message says which."""
 
 
-def looks_of(robot: UrdfRobot, built: Robot, most: int = MOST_TRIANGLES) -> Looks | None:
-    """The visual geometry about the body frame of the built robot; None where the URDF has none.
+def read_visual_geometry(
+    robot: UrdfRobot, built: Robot, max_triangles: int = MAX_TRIANGLES
+) -> Looks | None:
+    """Read the visual geometry about the body frame of the built robot.
 
-    most: triangles of one shape. Raises NoLooks for a mesh that is not there or that cannot be
-    read: nothing that is planned rests on it.
+    Args:
+        robot: The section and its URDF.
+        built: The robot built from it.
+        max_triangles: Largest number of triangles of one shape.
+
+    Returns:
+        The geometry; None if the URDF has none.
+
+    Raises:
+        VisualGeometryError: A mesh does not exist or cannot be read. No plan depends on it.
     """
     chain = built.mechanism
     if not isinstance(chain, SerialChain):
         raise TypeError("a robot from a URDF is a serial chain")
-    found = urdf_model(robot)
-    pin, model = found.library, found.model
+    urdf_model = build_urdf_model(robot)
+    pin, model = urdf_model.library, urdf_model.model
     try:
-        text = visual_document(robot)
+        text = write_visual_urdf(robot)
         geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL)
     except (UrdfFault, UrdfFaults) as fault:
-        raise NoLooks(str(fault)) from fault
+        raise VisualGeometryError(str(fault)) from fault
     except (RuntimeError, ValueError) as error:
-        raise NoLooks(str(error).strip().splitlines()[-1]) from error
+        raise VisualGeometryError(str(error).strip().splitlines()[-1]) from error
     data = model.createData()
-    pin.forwardKinematics(model, data, found.angles({}))
-    moved = {joint.name for leg in robot.joints.values() for joint in leg}
+    pin.forwardKinematics(model, data, urdf_model.build_configuration({}))
+    leg_joints = {joint.name for leg in robot.joints.values() for joint in leg}
     # The chain is about the centre of mass, Pinocchio's joints about the base
     name = robot.limb_names[0]
-    centre = found.leg(name).joints[-1] - chain.joint_zero[0, -1]
+    centre = urdf_model.read_leg(name).joints[-1] - chain.joint_zero[0, -1]
     vertices, faces, limbs, joints, count = [], [], [], [], 0
     for item in geometry.geometryObjects:
-        points, own = coarser(*_triangles(item.geometry), most)
-        if not len(own):
+        points, triangles = simplify_mesh(*_triangulate(item.geometry), max_triangles)
+        if not len(triangles):
             continue
-        at = data.oMi[item.parentJoint] * item.placement
-        vertices.append(found.placed(points @ at.rotation.T + at.translation) - centre)
-        faces.append(count + own)
-        limb, joint = _place(chain, carrier(model, item.parentJoint, moved))
+        placement = data.oMi[item.parentJoint] * item.placement
+        vertices.append(
+            urdf_model.to_base_axes(points @ placement.rotation.T + placement.translation) - centre
+        )
+        faces.append(count + triangles)
+        limb, joint = _find_limb_joint(
+            chain, find_carrying_joint(model, item.parentJoint, leg_joints)
+        )
         limbs.append(np.full(len(points), limb))
         joints.append(np.full(len(points), joint))
         count += len(points)
     if not vertices:
         return None
-    return Looks(*(np.concatenate(part) for part in (vertices, faces, limbs, joints)))
+    return Looks(*(np.concatenate(arrays) for arrays in (vertices, faces, limbs, joints)))
 
 
-def coarser(vertices: Array, faces: IntArray, most: int = MOST_TRIANGLES) -> tuple[Array, IntArray]:
-    """Some `most` triangles (F, 3) of vertices (V, 3), by quadric errors; few stay as they are.
+def simplify_mesh(
+    vertices: Array, faces: IntArray, max_triangles: int = MAX_TRIANGLES
+) -> tuple[Array, IntArray]:
+    """Return about `max_triangles` triangles (F, 3) of vertices (V, 3), by quadric errors.
 
-    Raises NoLooks without the library that does it.
+    Meshes with fewer triangles are returned unchanged.
+
+    Raises:
+        VisualGeometryError: The library for it is not installed.
     """
-    if len(faces) <= most:
+    if len(faces) <= max_triangles:
         return vertices, faces
     try:
-        mesh = trimesh.Trimesh(vertices, faces).simplify_quadric_decimation(face_count=most)
+        mesh = trimesh.Trimesh(vertices, faces).simplify_quadric_decimation(
+            face_count=max_triangles
+        )
     except ImportError as error:
-        raise NoLooks(
+        raise VisualGeometryError(
             "large meshes are drawn with fewer triangles by fast-simplification: "
             "pip install 'climbplan[urdf]'"
         ) from error
     return np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)
 
 
-def _place(chain: SerialChain, joint: str) -> tuple[int, int]:
-    """Limb and joint of a chain's joint by name, the first limb's where several share it."""
+def _find_limb_joint(chain: SerialChain, joint: str) -> tuple[int, int]:
+    """Return limb and joint of a chain's joint by name, the first limb's where several share it."""
     for limb, names in enumerate(chain.names):
         if joint and joint in names:
             return limb, names.index(joint)
     return BODY, 0
 
 
-def _triangles(geometry: Any) -> tuple[Array, IntArray]:
-    """One piece of geometry in its own frame."""
+def _triangulate(geometry: Any) -> tuple[Array, IntArray]:
+    """Return vertices and triangles of one piece of geometry in its own frame."""
     kind = type(geometry).__name__
     if kind == "Sphere":
         mesh = trimesh.creation.icosphere(2, float(geometry.radius))

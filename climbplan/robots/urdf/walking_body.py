@@ -1,4 +1,4 @@
-"""A legged robot from a URDF as walking has it: one rigid body, and legs with joints and motors.
+"""A legged robot from a URDF for walking: one rigid body, and legs with joints and motors.
 
 Body frame x forward, y to the left, z up, origin in the centre of mass of the whole robot in its
 standing posture, about which its inertia is: masses of legs count as if they were fixed there.
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.robots.urdf.building import chain_at_zero, joint_angles_of
-from climbplan.robots.urdf.drives import by_leg, joint_limits
-from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
-from climbplan.robots.urdf.toe_boxes import ToeBoxes, toe_boxes
+from climbplan.robots.urdf.drives import pad_to_legs, read_joint_limits
+from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
+from climbplan.robots.urdf.robot_builder import build_chain_at_zero, read_joint_angles
+from climbplan.robots.urdf.toe_boxes import ToeBoxes, grow_toe_boxes
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.schema.document import Finding
 from climbplan.schema.robots.leg_pairs import LEG_COUNTS, in_pairs
@@ -22,12 +22,12 @@ from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 TO_WALKING = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """From climbing's axes (x right, y forward) to walking's (x forward, y left)."""
-_LEAST, _MOST = 3, 7  # joints of a leg
+_MIN_JOINTS, _MAX_JOINTS = 3, 7  # of a leg
 
 
 @dataclass(frozen=True)
 class WalkingBody:
-    """What walking needs to know of a robot."""
+    """The body and the legs that walking plans with."""
 
     name: str
     leg_names: tuple[str, ...]
@@ -40,34 +40,36 @@ class WalkingBody:
     foot: float  # [m] radius of its feet, 0 of points
 
 
-def walking_body(robot: UrdfRobot) -> WalkingBody:
-    """The body and legs of a robot section.
+def build_walking_body(robot: UrdfRobot) -> WalkingBody:
+    """Build the body and legs of a robot section.
 
-    Raises MissingSolver without Pinocchio, and SpecError, at the lines of the section, for a robot
-    that has no pairs of legs, or has no room or no strength to walk.
+    Raises:
+        MissingSolver: Pinocchio is not installed.
+        SpecError: The robot has no pairs of legs, or is too weak or too cramped to walk; at the
+            lines of the section.
     """
     if robot.spec.flat_feet:
         message = "walks stand on points: expected `radius`, or no `foot`"
         raise robot.refused([Finding(("foot",), message)])
-    names = _leg_names(robot)
-    joints = max(len(own) for own in robot.joints.values())
-    found = urdf_model(robot)
-    mass = robot.spec.mass or found.mass()
+    names = _read_leg_names(robot)
+    joints = max(len(leg_joints) for leg_joints in robot.joints.values())
+    urdf_model = build_urdf_model(robot)
+    mass = robot.spec.mass or urdf_model.compute_mass()
     if not mass > 0:
         raise robot.refused([Finding(("urdf",), f"expected a mass > 0, got {mass:g} kg")])
     if not robot.spec.gravity > 0:
         raise robot.refused([Finding(("gravity",), "expected more than 0 to walk")])
-    at_zero = [found.leg(name) for name in names]
+    at_zero = [urdf_model.read_leg(name) for name in names]
     lower, upper, posture = (
-        by_leg(joints, [[values[j] for j in leg.names] for leg in at_zero], empty)
-        for values, empty in zip(joint_angles_of(robot), (-1.0, 1.0, 0.0), strict=True)
+        pad_to_legs(joints, [[values[j] for j in leg.names] for leg in at_zero], empty)
+        for values, empty in zip(read_joint_angles(robot), (-1.0, 1.0, 0.0), strict=True)
     )
     standing = {
         joint: float(angle)
         for leg, row in zip(at_zero, posture, strict=True)
         for joint, angle in zip(leg.names, row[joints - len(leg.names) :], strict=True)
     }
-    chain = chain_at_zero(at_zero, joints, found.center(standing), posture)
+    chain = build_chain_at_zero(at_zero, joints, urdf_model.compute_center(standing), posture)
     chain = chain.turned(TO_WALKING)
     toes = chain.joint_points(posture)[:, -1]
     order = in_pairs(toes.tolist())
@@ -81,10 +83,10 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
         chain,
         lower[order],
         upper[order],
-        joint_limits(robot, ordered, joints, "max_torque", "effort"),
-        joint_limits(robot, ordered, joints, "max_speed", "velocity"),
+        read_joint_limits(robot, ordered, joints, "max_torque", "effort"),
+        read_joint_limits(robot, ordered, joints, "max_speed", "velocity"),
     )
-    boxes = toe_boxes(
+    boxes = grow_toe_boxes(
         chain, toes, legs.lower, legs.upper, legs.max_torque, mass * robot.spec.gravity
     )
     if isinstance(boxes, str):
@@ -93,7 +95,7 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
         name=robot.name,
         leg_names=names,
         mass=mass,
-        inertia=mass / found.mass() * inertia_of(found, standing),
+        inertia=mass / urdf_model.compute_mass() * compute_inertia(urdf_model, standing),
         gravity=robot.spec.gravity,
         height=float(-toes[:, 2].mean()),
         boxes=boxes,
@@ -102,37 +104,42 @@ def walking_body(robot: UrdfRobot) -> WalkingBody:
     )
 
 
-def _leg_names(robot: UrdfRobot) -> tuple[str, ...]:
-    """Legs as the section names them; raises SpecError for an odd one."""
+def _read_leg_names(robot: UrdfRobot) -> tuple[str, ...]:
+    """Return the legs as the section names them; raises SpecError for unsupported ones."""
     names = robot.limb_names
-    faults = []
+    findings = []
     if len(names) not in LEG_COUNTS:
         message = f"walking is of four, six or eight legs, got {len(names)}"
-        faults.append(Finding(("legs",), message))
-    faults += [
+        findings.append(Finding(("legs",), message))
+    findings += [
         Finding(
             ("legs", name),
-            f"walking is of legs with {_LEAST} to {_MOST} joints, got {len(own)}: "
-            + ", ".join(joint.name for joint in own),
+            f"walking is of legs with {_MIN_JOINTS} to {_MAX_JOINTS} joints, got {len(joints)}: "
+            + ", ".join(joint.name for joint in joints),
         )
-        for name, own in robot.own_joints.items()
-        if not _LEAST <= len(own) <= _MOST
+        for name, joints in robot.own_joints.items()
+        if not _MIN_JOINTS <= len(joints) <= _MAX_JOINTS
     ]
-    faults += [
+    findings += [
         Finding(("legs", name, "stance"), "walking stands as `posture_deg` has it")
         for name in names
         if robot.spec.legs[name].stance is not None
     ]
-    if faults:
-        raise robot.refused(faults)
+    if findings:
+        raise robot.refused(findings)
     return names
 
 
-def inertia_of(found: UrdfModel, standing: dict[str, float]) -> Array:
-    """(3, 3) of the whole robot about its centre of mass, axes of walking [kg m^2]."""
-    pin, model = found.library, found.model
+def compute_inertia(urdf_model: UrdfModel, standing: dict[str, float]) -> Array:
+    """Return the inertia (3, 3) about the centre of mass, axes of walking [kg m^2].
+
+    Args:
+        urdf_model: The robot.
+        standing: Joint angles by name [rad].
+    """
+    pin, model = urdf_model.library, urdf_model.model
     data = model.createData()
-    pin.ccrba(model, data, found.angles(standing), np.zeros(model.nv))
-    turn = TO_WALKING @ found.turn
-    inertia: Array = turn @ np.array(data.Ig.inertia) @ turn.T
+    pin.ccrba(model, data, urdf_model.build_configuration(standing), np.zeros(model.nv))
+    rotation = TO_WALKING @ urdf_model.root_to_base_rotation
+    inertia: Array = rotation @ np.array(data.Ig.inertia) @ rotation.T
     return 0.5 * (inertia + inertia.T)

@@ -17,7 +17,7 @@ from climbplan.arrays import Array
 from climbplan.exports.base_link import BaseLink, base_link, urdf_facts
 from climbplan.exports.damping import critical_damping
 from climbplan.exports.motion import JointLimits, JointMotion, LimbShape, RobotMotion
-from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
+from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
 from climbplan.robots.urdf.walking_body import TO_WALKING
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.schema.robots.urdf.mimics import follows
@@ -112,7 +112,7 @@ class WalkJoints:
 
     def _limits(self, angle: Array) -> JointLimits:
         pin, model = self.model.library, self.model.model
-        mass = pin.crba(model, model.createData(), self.model.angles(self._named(angle)))
+        mass = pin.crba(model, model.createData(), self.model.build_configuration(self._named(angle)))
         inertia = np.diag(mass)[self._columns()]
         gain, there = self._gains(), self.legs.there
         names = np.broadcast_to(np.array(self.leg_names)[:, None], there.shape)
@@ -151,7 +151,7 @@ class WalkJoints:
         columns, ratios = self._columns(), self._followers()
         gravity, inertia = np.zeros_like(angle), np.zeros_like(angle)
         for k, body in enumerate(bodies):
-            q = self.model.angles(self._named(angle[k]))
+            q = self.model.build_configuration(self._named(angle[k]))
             q[3:7] = pin.Quaternion(body.rotation @ self.base.rotation).coeffs()
             v, a = np.zeros(model.nv), np.zeros(model.nv)
             v[:6], a[:6] = self._base_motion(body)
@@ -203,6 +203,6 @@ def walk_joints(legs: WalkingLegs, leg_names: tuple[str, ...], robot: UrdfRobot)
         MissingSolver: Pinocchio is not installed.
         ValueError: The legs of the plan are not those of its URDF.
     """
-    model: Any = urdf_model(robot)
+    model: Any = build_urdf_model(robot)
     link = base_link(robot, legs.chain, TO_WALKING)
     return WalkJoints(legs, leg_names, model, link, urdf_facts(robot))

@@ -23,7 +23,7 @@ from climbplan.walking.plan.body_way import Moving, body_within
 from climbplan.walking.plan.file import read_walk_plan
 from climbplan.walking.plan.foot_centres import material, raised
 from climbplan.walking.plan.walk_plan import WalkPlan
-from climbplan.walking.simulation.whole_robot import robot_of_plan
+from climbplan.walking.simulation.whole_body_model import read_plan_robot
 
 NO_JOINTS = "a walk is planned as a body and its toes: joints are its controller's"
 _UP = np.array([0.0, 0.0, 1.0])
@@ -52,7 +52,7 @@ def read_motion(path: Path) -> RobotMotion:
     if joints is None and not words:
         words.append(NO_JOINTS)
     sampler = WalkSampler(plan, toe_phases(plan, radius), joints, tuple(words))
-    return sampler(plan.task.step * np.arange(plan.task.knots + 1, dtype=float))
+    return sampler(plan.task.dt * np.arange(plan.task.knots + 1, dtype=float))
 
 
 def _robot(plan: WalkPlan) -> tuple[UrdfRobot | None, list[str]]:
@@ -60,7 +60,7 @@ def _robot(plan: WalkPlan) -> tuple[UrdfRobot | None, list[str]]:
     if not plan.robot_urdf:
         return None, []
     try:
-        return robot_of_plan(plan), []
+        return read_plan_robot(plan), []
     except ClimbplanError as reason:
         return None, [f"joints are not exported: {str(reason).splitlines()[0]}"]
 
@@ -104,7 +104,7 @@ class WalkSampler:
             words=(*self.words, *self._rate_words(time)),
             facts={"foot_radius": task.ground.standoff, **self._facts()},
             sampler=self,
-            changes=np.asarray(task.step * np.arange(task.knots + 1), float),
+            changes=np.asarray(task.dt * np.arange(task.knots + 1), float),
         )
         if self.joints is None:
             return motion
@@ -114,12 +114,12 @@ class WalkSampler:
 
     def intervals(self, time: Array) -> np.ndarray:
         """(M,) of the plan that times are in, the later one where two meet."""
-        step, last = self.plan.task.step, self.plan.task.knots - 1
+        step, last = self.plan.task.dt, self.plan.task.knots - 1
         return np.clip(np.floor((time + 1e-9) / step).astype(int), 0, last)
 
     def toes(self, index: np.ndarray, time: Array) -> Array:
         """(M, L, 3) centres of feet at times of intervals [m]."""
-        step = self.plan.task.step
+        step = self.plan.task.dt
         return np.array(
             [
                 [own[n].at(float(t), step) for own in self.phases]
@@ -138,7 +138,7 @@ class WalkSampler:
 
     def _rate_words(self, time: Array) -> tuple[str, ...]:
         """That samples come less often than forces change."""
-        step = self.plan.task.step
+        step = self.plan.task.dt
         slowest = float(np.diff(time).max())
         if slowest <= step + _WHOLE:
             return ()
@@ -167,7 +167,7 @@ class WalkSampler:
                     }
                 )
         return {
-            "plan_step_s": task.step,
+            "plan_step_s": task.dt,
             "force_is": "constant from each sample to the next",
             "surfaces": surfaces,
             **({} if self.joints is None else self.joints.facts),

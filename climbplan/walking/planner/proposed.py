@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.errors import NoPlanFound, SpecError
-from climbplan.robots.urdf.pinocchio_model import urdf_model
-from climbplan.robots.urdf.proposal.document import robot_document
-from climbplan.robots.urdf.proposal.settled import Proposal
-from climbplan.robots.urdf.proposal.striding import walking_proposals
-from climbplan.robots.urdf.proposal.walk_document import STANCE, walk_document
-from climbplan.robots.urdf.walking_body import walking_body
+from climbplan.robots.urdf.pinocchio_model import build_urdf_model
+from climbplan.robots.urdf.proposal.prepared_robot import Proposal
+from climbplan.robots.urdf.proposal.robot_document import format_robot_document
+from climbplan.robots.urdf.proposal.walk_document import STANCE_INTERVALS, format_walk_document
+from climbplan.robots.urdf.proposal.walking_stance import propose_walking_stances
+from climbplan.robots.urdf.walking_body import build_walking_body
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.planner.planner import plan_walk
@@ -57,7 +57,7 @@ def walk_proposed(
     first = proposed_walk(found, robot_file, turns)
     if first.plan is not None:
         return first
-    others, lack = walking_proposals(found, _POSTURES)
+    others, lack = propose_walking_stances(found, _POSTURES)
     told = [first.words]
     for other in others:
         one = proposed_walk(other, other_file, turns)
@@ -76,18 +76,18 @@ def proposed_walk(found: Proposal, robot_file: str, turns: bool = False) -> Prop
     """
     what = "turns on the spot" if turns else "walks at speed"
     try:
-        robot = found.draft.robot(meshes=False)
-        body = walking_body(robot)
+        robot = found.draft.load_robot(meshes=False)
+        body = build_walking_body(robot)
     except SpecError as error:
         return ProposedWalk(what, found, "", None, f"no spec: {error.mistakes[0].message}")
-    model = urdf_model(robot)
+    model = build_urdf_model(robot)
 
     def effort(speed: float, step: float, lift: float) -> float:
-        return swing_effort(model, body.legs, speed, step, lift, STANCE)
+        return swing_effort(model, body.legs, speed, step, lift, STANCE_INTERVALS)
 
     first: ProposedWalk | None = None
     for haste, slower in _ROUND if turns else _FORWARD:
-        text = walk_document(body, robot_file, effort, turns, haste, slower)
+        text = format_walk_document(body, robot_file, effort, turns, haste, slower)
         plan, words, lags = _planned(found, robot_file, text, turns)
         one = ProposedWalk(what, found, text, None if lags else plan, words)
         if one.plan is not None:
@@ -105,7 +105,7 @@ def _planned(
     """The verified plan of a spec, or why there is none; and whether it lags behind."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        absolute = robot_document(found, str(found.draft.urdf), "")
+        absolute = format_robot_document(found, str(found.draft.urdf), "")
         (place / robot_file).write_text(absolute, encoding="utf-8")
         (place / "walk.yaml").write_text(text, encoding="utf-8")
         try:

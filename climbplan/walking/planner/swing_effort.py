@@ -61,13 +61,13 @@ def _torques(
     }
     speed, faster = np.zeros(model.nv), np.zeros(model.nv)
     gravity = np.array(model.gravity.linear)
-    up = found.turn.T @ [0.0, 0.0, float(np.linalg.norm(gravity))]
+    up = found.root_to_base_rotation.T @ [0.0, 0.0, float(np.linalg.norm(gravity))]
     faster[:3] = up + gravity  # the model's own points down along the root's z
     at = np.full(len(chain.names[leg]), -1)
     for j, name in enumerate(chain.names[leg]):
         if name:
             at[j] = int(model.idx_vs[model.getJointId(name)])
             speed[at[j]], faster[at[j]] = rate[leg, j], change[leg, j]
-    torque = np.array(pin.rnea(model, model.createData(), found.angles(angles), speed, faster))
+    torque = np.array(pin.rnea(model, model.createData(), found.build_configuration(angles), speed, faster))
     result: Array = np.where(at >= 0, torque[at], 0.0)
     return result

@@ -11,7 +11,7 @@ import shapely
 from climbplan.arrays import Array
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.robots.urdf.walking_body import walking_body
+from climbplan.robots.urdf.walking_body import build_walking_body
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.walking.plan.foot_centres import on_centres
@@ -120,7 +120,7 @@ def build_walker(spec: WalkingRobot) -> Walker:
     Raises MissingSolver and SpecError for robots from URDFs, as `walking_body`.
     """
     if isinstance(spec, UrdfRobot):
-        found = walking_body(spec)
+        found = build_walking_body(spec)
         body = RigidBody(
             name=found.name,
             leg_names=found.leg_names,
@@ -242,7 +242,7 @@ def build_task(
         body=body,
         ground=ground,
         knots=spec.task.knots,
-        step=spec.task.step,
+        dt=spec.task.dt,
         integrator=spec.task.integrator,
         start=Start(begin, toes),
         reference=_reference(spec, ground, walker, begin),
@@ -253,9 +253,9 @@ def build_task(
             weights.motion,
             _force_weight(body) if weights.force_difference is None else weights.force_difference,
         ),
-        lift=spec.task.lift,
-        least_contacts=spec.task.least_contacts,
-        whole_stance=spec.task.whole_stance,
+        swing_clearance=spec.task.swing_clearance,
+        min_contacts=spec.task.min_contacts,
+        workspace_over_stance=spec.task.workspace_over_stance,
         goal=_goal(spec.task.goal),
         legs=walker.legs,
     )
@@ -280,7 +280,7 @@ def _reference(spec: MpcSpec, ground: Ground, walker: Walker, begin: Array) -> R
     """Constant velocity and angles; the height follows the ground along the straight way."""
     wanted, knots = spec.task.reference, spec.task.knots
     angles = np.deg2rad(wanted.rpy_deg)
-    time = spec.task.step * np.arange(1, knots + 1)
+    time = spec.task.dt * np.arange(1, knots + 1)
     way = begin[:2] + time[:, None] * np.array(wanted.velocity[:2])
     below = ground_under(ground, walker.body, way, angles)
     height = walker.height if wanted.height is None else wanted.height
@@ -305,7 +305,7 @@ def sampled_task(task: WalkTask, samples: int) -> WalkTask:
     return replace(
         task,
         knots=samples,
-        step=task.sample,
+        dt=task.sample,
         integrator="rk4",
         reference=replace(
             reference,

@@ -1,4 +1,4 @@
-"""How a robot braces between walls: on a grid, and where motors are weak by a second look."""
+"""Bracing postures of a robot between two walls, by grid search and refinement."""
 
 from __future__ import annotations
 
@@ -10,79 +10,107 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.urdf.proposal.holding import Lack
-from climbplan.robots.urdf.proposal.postures import SHIFTED, Legs, Posture, bracing_postures
-from climbplan.robots.urdf.proposal.refining import refined
-from climbplan.robots.urdf.workspace import farthest_toes
+from climbplan.robots.urdf.proposal.brace_refinement import refine_braces
+from climbplan.robots.urdf.proposal.lift_torque import TorqueShortage
+from climbplan.robots.urdf.proposal.postures import (
+    MAX_SHIFT_RATIOS,
+    LegModel,
+    Posture,
+    search_bracing_postures,
+)
+from climbplan.robots.urdf.workspace import estimate_reach
 
-CLEARANCE = 0.02  # [m] of body and knees from walls
-SAFETY = 1.2  # S_mu
-IN_HAND = 0.95  # of the friction that may be used
-WALLS = {1.0: "rubber on anti-slip tape", 1.5: "climbing rubber on grit; it may not brace on less"}
-_BRACES = 16  # postures between walls that are kept, for the planner to choose from
-_DOUBTED = 0.5  # of the torque limits, from which on postures between walls are looked at again
-_LONGEST = 0.97  # share of reach that `farthest_toes` gives
+WALL_CLEARANCE = 0.02  # [m] of body and knees from walls
+FRICTION_SAFETY = 1.2  # S_mu
+_USED_FRICTION = 0.95  # fraction of the admissible friction that the search relies on
+WALL_FRICTIONS = {
+    1.0: "rubber on anti-slip tape",
+    1.5: "climbing rubber on grit; it may not brace on less",
+}
+_MAX_BRACES = 16  # postures that the planner chooses from
+_REFINE_ABOVE = 0.5  # utilisation from which on postures are evaluated again
+_REACH_RATIO = 0.97  # of the full reach, that `estimate_reach` returns
 
 
-def braces_of(
-    robot: Robot, mirror: tuple[int | None, ...], apart: Callable[[Posture], bool]
+def compute_usable_friction(friction: float) -> float:
+    """Return the friction coefficient that a search relies on, below the surface's own."""
+    return _USED_FRICTION * friction / FRICTION_SAFETY
+
+
+def find_braces(
+    robot: Robot,
+    mirrored_legs: tuple[int | None, ...],
+    is_collision_free: Callable[[Posture], bool],
 ) -> tuple[tuple[Posture, ...], str]:
-    """Postures between walls in which no parts touch, and what is lacking on the roughest.
+    """Find bracing postures between walls in which no parts of the robot collide.
 
-    robot: as it would be planned with; mirror: the leg on the other side; apart: whether no parts
-    touch in a posture.
+    Args:
+        robot: As it would be planned with.
+        mirrored_legs: For each leg the leg on the other side; None where there is none.
+        is_collision_free: Whether no parts of the robot touch in a posture.
+
+    Returns:
+        The postures for each wall friction, best first, and why there are none on the roughest
+        walls: the end of a sentence.
     """
     if not isinstance(robot.mechanism, SerialChain):
         raise TypeError("a robot from a URDF has chains")
     chain, low, high = robot.mechanism, robot.joint_lower, robot.joint_upper
     box = robot.body_hull.min(axis=0), robot.body_hull.max(axis=0)
-    reach = farthest(chain, low, high)
-    legs = Legs(chain, low, high, robot.max_torque, reach, robot.weight, mirror, box)
+    reach = estimate_full_reach(chain, low, high)
+    legs = LegModel(chain, low, high, robot.max_torque, reach, robot.weight, mirrored_legs, box)
 
-    def clear(points: Array, posture: Posture) -> bool:
-        out = np.abs(points[:, :-1, 0]).max() >= posture.gap / 2 - CLEARANCE
-        return not out and apart(posture)
+    def is_clear(points: Array, posture: Posture) -> bool:
+        hits_wall = np.abs(points[:, :-1, 0]).max() >= posture.gap / 2 - WALL_CLEARANCE
+        return not hits_wall and is_collision_free(posture)
 
-    out: list[Posture] = []
-    lacks = ""
-    for mu in WALLS:
-        usable = IN_HAND * mu / SAFETY
-        found, lack = bracing_postures(legs, chain.posture, CLEARANCE, usable)
-        lacks = f", on walls of friction {mu:g}{lacking(legs, lack)}"
-        doubted = lack.share > _DOUBTED
-        own = clear_ones = [one for one in found[: None if doubted else _BRACES] if apart(one)]
-        if doubted and clear_ones:
-            most = SHIFTED[-1] * float(reach.min())
-            own, least = refined(legs, clear_ones, usable, most, clear)
-            lacks = (
-                f", on walls of friction {mu:g}: the motors need {least:.3g} times their "
-                f"torque limits with any one limb lifted, by exact kinematics of the shifted body "
-                f"in {len(clear_ones)} postures and others drawn about the best"
+    braces: list[Posture] = []
+    failure = ""
+    for friction in WALL_FRICTIONS:
+        usable = compute_usable_friction(friction)
+        candidates, shortage = search_bracing_postures(legs, chain.posture, WALL_CLEARANCE, usable)
+        failure = f", on walls of friction {friction:g}{describe_shortage(legs, shortage)}"
+        is_weak = shortage.utilisation > _REFINE_ABOVE
+        considered = candidates[: None if is_weak else _MAX_BRACES]
+        selected = clear = [brace for brace in considered if is_collision_free(brace)]
+        if is_weak and clear:
+            max_shift = MAX_SHIFT_RATIOS[-1] * float(reach.min())
+            selected, utilisation = refine_braces(legs, clear, usable, max_shift, is_clear)
+            failure = (
+                f", on walls of friction {friction:g}: the motors need {utilisation:.3g} times "
+                "their torque limits with any one limb lifted, by exact kinematics of the shifted "
+                f"body in {len(clear)} postures and others drawn about the best"
             )
-        if found and not clear_ones:
-            lacks = f": parts touch in all {len(found)} that would hold"
-        out += [replace(brace, friction=mu) for brace in own[:_BRACES]]
-    return tuple(out), lacks
+        if candidates and not clear:
+            failure = f": parts touch in all {len(candidates)} that would hold"
+        braces += [replace(brace, friction=friction) for brace in selected[:_MAX_BRACES]]
+    return tuple(braces), failure
 
 
-def farthest(chain: SerialChain, lower: Array, upper: Array) -> Array:
-    """(N,) farthest toe of sampled postures from the first joint [m]."""
+def estimate_full_reach(chain: SerialChain, lower: Array, upper: Array) -> Array:
+    """Return the largest distance (N,) of sampled toes from their legs' first joints [m].
+
+    Args:
+        chain: N legs of J joints.
+        lower: Lower joint bounds (N, J) [rad].
+        upper: Upper joint bounds (N, J) [rad].
+    """
     low, high = np.clip(lower, -np.pi, np.pi), np.clip(upper, -np.pi, np.pi)
-    return farthest_toes(chain, low, high) / _LONGEST
+    return estimate_reach(chain, low, high) / _REACH_RATIO
 
 
-def lacking(legs: Legs, lack: Lack) -> str:
-    """What motors lack to hold the robot with any one limb lifted."""
-    if np.isnan(lack.share):
+def describe_shortage(legs: LegModel, shortage: TorqueShortage) -> str:
+    """Return the end of a sentence on why no posture holds with any one limb lifted."""
+    if np.isnan(shortage.utilisation):
         return " no posture is in reach, clear of the body"
-    if np.isinf(lack.share):
+    if np.isinf(shortage.utilisation):
         return (
             " no posture of those looked at, limbs bent as it stands, holds its weight within the "
             "friction cones"
         )
-    name = legs.chain.names[lack.limb][lack.joint]
-    has = float(legs.torque[lack.limb, lack.joint])
+    name = legs.chain.names[shortage.limb][shortage.joint]
+    limit = float(legs.torque[shortage.limb, shortage.joint])
     return (
-        f" the motors need {lack.share:.2g} times their torque limits with any one limb lifted: "
-        f"{name} {lack.torque:.3g} N m, and has {has:.3g} N m"
+        f" the motors need {shortage.utilisation:.2g} times their torque limits with any one limb "
+        f"lifted: {name} {shortage.torque:.3g} N m, and has {limit:.3g} N m"
     )

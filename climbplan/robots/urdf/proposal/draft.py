@@ -1,4 +1,4 @@
-"""A robot section as it is put together: what is known of legs so far, loaded as any robot is."""
+"""A draft of a robot section: what is known of the legs so far, loaded as any robot is."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from climbplan.errors import SpecError
-from climbplan.robots.urdf.pinocchio_model import UrdfModel, urdf_model
-from climbplan.robots.urdf.shapes import Shape, collision_shapes
+from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
+from climbplan.robots.urdf.shapes import Shape, read_collision_shapes
 from climbplan.schema.document import Document
 from climbplan.schema.robots.source import robot_of
 from climbplan.schema.robots.urdf.robot import UrdfRobot
@@ -17,7 +17,7 @@ from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 @dataclass
 class Draft:
-    """Keys of a robot section, with which it is loaded to look at it."""
+    """The keys of a robot section that is being assembled."""
 
     urdf: Path
     base: str
@@ -29,12 +29,16 @@ class Draft:
     packages: dict[str, str] = field(default_factory=dict)
     foot: float = 0.0  # radius of spherical feet [m]; 0: points
     sole: tuple[float, float] | None = None  # length and width of flat feet [m]
-    asked: tuple[str, ...] = ()  # links that legs end in; none: they are looked for
+    requested_toes: tuple[str, ...] = ()  # links that legs end in; empty: inferred
 
-    def robot(self, meshes: bool = False) -> UrdfRobot:
-        """The robot of the section; without meshes none is looked for.
+    def load_robot(self, meshes: bool = False) -> UrdfRobot:
+        """Return the robot of the section.
 
-        Raises SpecError with what is wrong in the URDF.
+        Args:
+            meshes: Whether to read collision meshes; without them a nominal size stands for them.
+
+        Raises:
+            SpecError: The URDF is wrong.
         """
         section: dict[str, Any] = {
             "kind": "robot",
@@ -59,13 +63,13 @@ class Draft:
             raise TypeError(f"no robot from a URDF: {json.dumps(section)[:80]}")
         return robot
 
-    def model(self) -> UrdfModel:
-        """Its links in Pinocchio's hands."""
-        return urdf_model(self.robot())
+    def build_model(self) -> UrdfModel:
+        """Return its Pinocchio model."""
+        return build_urdf_model(self.load_robot())
 
-    def shapes(self) -> tuple[list[Shape], str]:
-        """Collision geometry, and why there is none if it cannot be read."""
+    def read_shapes(self) -> tuple[list[Shape], str]:
+        """Return the collision geometry, and why there is none if it cannot be read."""
         try:
-            return collision_shapes(urdf_model(self.robot(meshes=True))), ""
+            return read_collision_shapes(build_urdf_model(self.load_robot(meshes=True))), ""
         except SpecError as error:
             return [], error.mistakes[0].message

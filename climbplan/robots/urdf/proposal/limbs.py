@@ -1,10 +1,10 @@
-"""Which parts of a URDF are limbs: chains of joints that carry nothing further that moves well.
+"""Detection of limbs in the kinematic tree of a URDF.
 
-From every joint that the body carries the chain is followed outwards. Where it divides into several
-chains of at least three joints each, what came before is shared by them (a waist) and has to be
-locked; where it divides into shorter ones (fingers), the limb ends. Joints that push, follow others
-or cannot move (lower bound equal to upper, wheels that are held) end a limb, too. Legs are the
-largest group of limbs that are alike.
+A limb is a chain of joints that carries no further limbs. From every joint on the body the chain
+is followed outwards. Where it divides into several chains of at least three joints each, the
+joints before are shared (a waist) and have to be locked. Where it divides into shorter ones
+(fingers), the limb ends. Prismatic joints, joints that mimic others and joints that cannot move
+(lower bound equal to upper) end a limb, too. Legs are the largest group of similar limbs.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from climbplan.schema.robots.urdf.checks import FEWEST_JOINTS, MOST_JOINTS
 from climbplan.schema.robots.urdf.model import FEWEST_LEGS
 from climbplan.schema.robots.urdf.tree import UrdfJoint, UrdfTree
 
-_ALIKE = 0.2  # by which lengths of limbs of a group may differ
+_MAX_LENGTH_DIFFERENCE = 0.2  # relative, within a group of limbs
 
 
 @dataclass(frozen=True)
-class FoundLimb:
+class LimbChain:
     """One limb, from the body outwards."""
 
-    joints: tuple[UrdfJoint, ...]  # that are to move it, at most seven
-    locked: tuple[UrdfJoint, ...]  # further out, to be held
+    joints: tuple[UrdfJoint, ...]  # that move it, at most seven
+    locked: tuple[UrdfJoint, ...]  # beyond its end
 
     @property
     def end(self) -> str:
@@ -36,108 +36,121 @@ class FoundLimb:
 
 
 @dataclass(frozen=True)
-class FoundLimbs:
-    """Limbs of a URDF, and the joints that several of them share."""
+class LimbChains:
+    """The limbs of a URDF, and the joints that several of them share."""
 
-    limbs: tuple[FoundLimb, ...]
+    limbs: tuple[LimbChain, ...]
     shared: tuple[UrdfJoint, ...]
-    short: dict[str, int]  # joints of chains too short for a limb, by the link that they end at
-    still: tuple[str, ...] = ()  # joints at which limbs end because their bounds leave no motion
+    too_short: dict[str, int]  # number of joints of chains too short for a limb, by end link
+    immovable: tuple[str, ...] = ()  # joints that end limbs, as their bounds leave no motion
 
 
-def body_link(tree: UrdfTree) -> str:
-    """The link that is the body: the root, or what a floating joint carries below it."""
-    here = (tree.roots or [""])[0]
+def find_body_link(tree: UrdfTree) -> str:
+    """Return the link that is the body: the root, or what a floating joint carries below it."""
+    body = (tree.roots or [""])[0]
     for joint in tree.joints.values():
-        if joint.kind == "floating" and joint.parent == here:
+        if joint.kind == "floating" and joint.parent == body:
             return joint.child
-    return here
+    return body
 
 
-def limbs_of(tree: UrdfTree, base: str) -> FoundLimbs:
-    """All limbs of three joints or more that the base carries."""
-    carries: dict[str, list[UrdfJoint]] = {}
+def find_limbs(tree: UrdfTree, base: str) -> LimbChains:
+    """Return all limbs of three joints or more that the base carries."""
+    children_of: dict[str, list[UrdfJoint]] = {}
     for joint in tree.joints.values():
-        carries.setdefault(joint.parent, []).append(joint)
+        children_of.setdefault(joint.parent, []).append(joint)
 
-    def moving(link: str) -> list[UrdfJoint]:
-        """Joints that move and are carried by the rigid body of a link."""
-        found = []
-        for joint in carries.get(link, []):
-            found += moving(joint.child) if joint.kind == "fixed" else [joint]
-        return found
+    def list_moving_joints(link: str) -> list[UrdfJoint]:
+        """Return joints that move and are carried by the rigid body of a link."""
+        joints = []
+        for joint in children_of.get(link, []):
+            joints += list_moving_joints(joint.child) if joint.kind == "fixed" else [joint]
+        return joints
 
     shared: list[UrdfJoint] = []
-    still: list[str] = []
+    immovable: list[str] = []
 
-    def chains(joint: UrdfJoint) -> list[list[UrdfJoint]]:
-        """The chains that begin with a joint: one, or those it divides into."""
+    def follow_chains(joint: UrdfJoint) -> list[list[UrdfJoint]]:
+        """Return the chains that begin with a joint: one, or those it divides into."""
         if not joint.turns or joint.mimics is not None:
             return []
         if not joint.lower < joint.upper:
-            still.append(joint.name)
+            immovable.append(joint.name)
             return []
-        further = [chain for j in moving(joint.child) for chain in chains(j)]
-        long = [chain for chain in further if len(chain) >= FEWEST_JOINTS]
-        if len(long) > 1:
+        branches = [chain for j in list_moving_joints(joint.child) for chain in follow_chains(j)]
+        long_branches = [chain for chain in branches if len(chain) >= FEWEST_JOINTS]
+        if len(long_branches) > 1:
             shared.append(joint)
-            return long
-        # One way goes on, with small parts beside it or none; among fingers alone the limb ends
-        if len(further) == 1 or long:
-            return [[joint, *(long or further)[0]]]
+            return long_branches
+        # One chain continues, perhaps with small parts next to it; at fingers alone the limb ends
+        if len(branches) == 1 or long_branches:
+            return [[joint, *(long_branches or branches)[0]]]
         return [[joint]]
 
-    found = [chain for joint in moving(base) for chain in chains(joint)]
+    all_chains = [chain for joint in list_moving_joints(base) for chain in follow_chains(joint)]
     limbs = [
-        FoundLimb(tuple(chain[:MOST_JOINTS]), tuple(chain[MOST_JOINTS:]))
-        for chain in found
+        LimbChain(tuple(chain[:MOST_JOINTS]), tuple(chain[MOST_JOINTS:]))
+        for chain in all_chains
         if len(chain) >= FEWEST_JOINTS
     ]
-    short = {chain[-1].child: len(chain) for chain in found if len(chain) < FEWEST_JOINTS}
-    return FoundLimbs(tuple(limbs), tuple(shared), short, tuple(still))
+    short = {chain[-1].child: len(chain) for chain in all_chains if len(chain) < FEWEST_JOINTS}
+    return LimbChains(tuple(limbs), tuple(shared), short, tuple(immovable))
 
 
-def limbs_to(tree: UrdfTree, base: str, links: Sequence[str]) -> FoundLimbs:
-    """The chains from the base to links; joints of several are shared.
+def find_limbs_to(tree: UrdfTree, base: str, links: Sequence[str]) -> LimbChains:
+    """Return the chains from the base to links; joints of several are shared.
 
-    Raises UsageError for links that are none, that the base does not carry, that are carried by
-    one another, or by fewer joints than limbs have.
+    Args:
+        tree: The URDF.
+        base: The body link.
+        links: Links at the ends of limbs.
+
+    Raises:
+        UsageError: A link does not exist, is not carried by the base, is carried by another one, or
+            has fewer joints than a limb.
     """
-    ways: list[list[UrdfJoint]] = []
+    paths: list[list[UrdfJoint]] = []
     for link in links:
         if link not in tree.links:
-            near = get_close_matches(link, tree.links, n=1)
-            hint = f", did you mean {near[0]!r}?" if near else ""
+            matches = get_close_matches(link, tree.links, n=1)
+            hint = f", did you mean {matches[0]!r}?" if matches else ""
             raise UsageError(f"{tree.path}: no link {link!r}{hint}")
-        way = tree.way_to(link, base)
-        if way is None:
+        path = tree.way_to(link, base)
+        if path is None:
             raise UsageError(f"{tree.path}: the body {base!r} does not carry link {link!r}")
-        ways.append([joint for joint in way if joint.turns and joint.lower < joint.upper])
-    count = Counter(joint.name for way in ways for joint in way)
-    shared = {j.name: j for way in ways for j in way if count[j.name] > 1}
+        paths.append([joint for joint in path if joint.turns and joint.lower < joint.upper])
+    count = Counter(joint.name for path in paths for joint in path)
+    shared = {j.name: j for path in paths for j in path if count[j.name] > 1}
     limbs = []
-    for link, way in zip(links, ways, strict=True):
-        own = [joint for joint in way if joint.name not in shared]
-        if len(own) < FEWEST_JOINTS:
+    for link, path in zip(links, paths, strict=True):
+        joints = [joint for joint in path if joint.name not in shared]
+        if len(joints) < FEWEST_JOINTS:
             raise UsageError(
-                f"{tree.path}: link {link!r} is moved by {len(own)} joints of its own, expected "
+                f"{tree.path}: link {link!r} is moved by {len(joints)} joints of its own, expected "
                 f"{FEWEST_JOINTS} or more"
             )
-        limbs.append(FoundLimb(tuple(own[:MOST_JOINTS]), tuple(own[MOST_JOINTS:])))
-    return FoundLimbs(tuple(limbs), tuple(shared.values()), {})
+        limbs.append(LimbChain(tuple(joints[:MOST_JOINTS]), tuple(joints[MOST_JOINTS:])))
+    return LimbChains(tuple(limbs), tuple(shared.values()), {})
 
 
-def alike(lengths: dict[int, float], joints: dict[int, int]) -> list[list[int]]:
-    """Groups of limbs with equally many joints and about the same length, the largest first.
+def group_similar_limbs(lengths: dict[int, float], joints: dict[int, int]) -> list[list[int]]:
+    """Group limbs with equally many joints and about the same length, the largest group first.
 
-    lengths: [m] by limb; joints: their number by limb. Groups of one size come longest first.
+    Args:
+        lengths: Length of each limb [m], by its number.
+        joints: Number of joints of each limb, by its number.
+
+    Returns:
+        The numbers of limbs in each group. Groups of one size come longest first.
     """
     groups: list[list[int]] = []
     for limb in sorted(lengths, key=lambda i: (-joints[i], -lengths[i], i)):
         for group in groups:
             first = group[0]
-            close = abs(lengths[limb] - lengths[first]) <= _ALIKE * lengths[first]
-            if joints[first] == joints[limb] and close:
+            is_similar = (
+                abs(lengths[limb] - lengths[first]) <= _MAX_LENGTH_DIFFERENCE * lengths[first]
+            )
+            if joints[first] == joints[limb] and is_similar:
                 group.append(limb)
                 break
         else:
@@ -145,14 +158,14 @@ def alike(lengths: dict[int, float], joints: dict[int, int]) -> list[list[int]]:
     return sorted(groups, key=lambda group: (-len(group), -lengths[group[0]], group[0]))
 
 
-def legs_among(groups: list[list[int]]) -> list[int]:
-    """The limbs that are to be legs: the largest group, or several where that is too small.
+def select_legs(groups: list[list[int]]) -> list[int]:
+    """Return the limbs that are legs: the largest group, or several where that is too small.
 
     Empty where all limbs together are fewer than three.
     """
-    chosen: list[int] = []
+    legs: list[int] = []
     for group in groups:
-        chosen += group
-        if len(chosen) >= FEWEST_LEGS:
-            return sorted(chosen)
+        legs += group
+        if len(legs) >= FEWEST_LEGS:
+            return sorted(legs)
     return []

@@ -1,10 +1,10 @@
-"""How a robot may stand on ground, and how it may brace between walls.
+"""Search for standing postures on level ground and for bracing postures between two walls.
 
-Both are searched for on grids of toes about the first joints: how low the toes are, how far out,
-and how far towards front and rear. Each leg takes the angles that inverse kinematics finds from the
-best sampled posture nearby, mirrored legs alike. Of postures whose links are above the ground, out
-of the body and inside the walls, the best has the most room about its toes with motors at the least
-of their limits: the smallest product over legs counts.
+Both searches enumerate a grid of toe positions relative to the first joints: how far below, how far
+outward, and how far towards front or rear. Inverse kinematics starts from the best sampled posture
+nearby, and mirrored legs bend alike. A candidate is feasible if its links stay above the ground,
+outside of the body and between the walls. Candidates are ranked by their worst leg: the margin
+about its toe, first order, times the unused fraction of its torque limits.
 """
 
 from __future__ import annotations
@@ -17,125 +17,161 @@ from scipy.spatial import cKDTree
 from climbplan.arrays import Array, BoolArray
 from climbplan.robots.chain_inverse import chain_inverse
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.urdf.proposal.holding import Lack, holding_share, lack_of
-from climbplan.robots.urdf.proposal.quality import Quality, quality_of
-from climbplan.robots.urdf.workspace import common_reach
+from climbplan.robots.urdf.proposal.lift_torque import (
+    BracedStance,
+    TorqueShortage,
+    compute_torque_utilisation,
+    find_overloaded_joint,
+)
+from climbplan.robots.urdf.proposal.posture_quality import PostureQuality, evaluate_postures
+from climbplan.robots.urdf.workspace import select_common_reach
 
-_SAMPLES = 4000  # postures of every leg
-_NEAREST = 40  # of these looked at for each toe
-_LOW = np.arange(0.35, 0.93, 0.07)  # shares of reach that toes are below first joints
-_OUT = np.array([0.0, 0.1, 0.2, 0.35, 0.5])  # that they are further out
-_APART = np.array([-0.1, 0.0, 0.1, 0.25])  # and further to front or rear
-_WIDE = np.arange(0.25, 0.96, 0.07)  # shares of reach that walls are from first joints
-_BELOW = np.array([-0.2, 0.0, 0.15, 0.3, 0.45, 0.6])
-_SPREAD = np.array([-0.4, -0.2, 0.0, 0.2, 0.4])
-_HELD = 120  # of the roomiest braces whose forces are looked at
-SHIFTED = (0.15, 0.22)  # of reach that the body may shift between walls; more if need be
-_WEAK = 0.75  # share of the torque limits from which on there is need
-ABOVE = 0.05  # of reach that links stay above toes on the ground
-BESIDE = 0.02  # [m] that limbs of robots with arms keep from one another, as they stand
-_ROUND_ZERO = 2.0  # [rad] that joints without bounds are bent at most
-_HOLDING = 3  # legs that bear the weight
-_ONE_BEND = 0.5  # [m] off the mirror image of the other leg, that counts as one metre of room
-LEAST_ROOM = 0.01  # [m]
-_NEAR = 0.2  # of a limb's length, within which it may be in the body's box
+_NUM_SAMPLES = 4000  # postures of every leg
+_NUM_NEIGHBOURS = 40  # of these, compared for each toe
+# Fractions of a leg's reach:
+_LOWERINGS = np.arange(0.35, 0.93, 0.07)  # toes below first joints
+_OUTWARD_OFFSETS = np.array([0.0, 0.1, 0.2, 0.35, 0.5])
+_FORE_AFT_OFFSETS = np.array([-0.1, 0.0, 0.1, 0.25])  # towards front or rear, away from the middle
+_WALL_DISTANCES = np.arange(0.25, 0.96, 0.07)  # of walls from first joints
+_BRACE_LOWERINGS = np.array([-0.2, 0.0, 0.15, 0.3, 0.45, 0.6])
+_BRACE_OFFSETS = np.array([-0.4, -0.2, 0.0, 0.2, 0.4])
+MAX_SHIFT_RATIOS = (0.15, 0.22)  # shift of the body between walls; the second where need be
+MIN_LINK_HEIGHT = 0.05  # of links above toes on the ground
+_MAX_FORCE_CHECKS = 120  # best braces whose forces are computed
+_WEAK_UTILISATION = 0.75  # from which on the larger shift is tried
+MIN_LIMB_CLEARANCE = 0.02  # [m] between limbs of standing robots with arms
+_UNBOUNDED_RANGE = 2.0  # [rad] either way in which joints without bounds are sampled
+_NUM_SUPPORTING = 3  # legs that bear the weight
+_SYMMETRY_SCALE = 0.5  # [m] off the mirror image of the other leg, per metre of score
+MIN_REACH_MARGIN = 0.01  # [m]
+_NEAR_BODY = 0.2  # of a limb's length, within which it may be in the body's box
 
 
 @dataclass(frozen=True)
 class Posture:
-    """One way to stand; N legs."""
+    """One posture of N legs on ground or between walls."""
 
     angles: Array  # (N, J) [rad]
     toes: Array  # (N, 3) frame of the chains [m]
-    score: float  # least of the legs [m]
-    room: float  # least ball about a toe, first order [m]
-    use: float  # largest share of a torque limit
+    score: float  # of the worst leg [m]
+    reach_margin: float  # radius of the smallest reachable ball about a toe, first order [m]
+    utilisation: float  # largest fraction of a torque limit
     gap: float = 0.0  # between walls [m]
     friction: float = 0.0  # of the walls
-    shift: float = 0.0  # of the body over the legs that stay [m]
+    shift: float = 0.0  # of the body over the standing legs [m]
 
 
 @dataclass(frozen=True)
-class Legs:
-    """What postures are searched for with; frame x right, y forward, z up."""
+class LegModel:
+    """Kinematics and limits of N legs with J joints; frame x right, y forward, z up."""
 
     chain: SerialChain
     lower: Array  # (N, J) [rad]
-    upper: Array
-    torque: Array  # [N m]
+    upper: Array  # (N, J) [rad]
+    torque: Array  # (N, J) [N m]
     reach: Array  # (N,) [m]
     weight: float  # [N]
-    mirror: tuple[int | None, ...]  # the leg on the other side
-    box: tuple[Array, Array]  # of the body, lower and upper corner [m]
+    mirrored_legs: tuple[int | None, ...]  # the leg on the other side
+    body_box: tuple[Array, Array]  # lower and upper corner [m]
 
     @property
     def hips(self) -> Array:
-        """(N, 3) first joints."""
+        """First joints, (N, 3) [m]."""
         return self.chain.joint_zero[:, 0]
 
     @property
-    def away(self) -> BoolArray:
-        """(N, P) joints and toe that have to be out of the body: not its first two, nor near."""
+    def must_clear_body(self) -> BoolArray:
+        """Joints and toe, (N, P), that have to be outside of the body's box.
+
+        The first two points and those near them may be inside.
+        """
         points = self.chain.joint_points(np.zeros((1, *self.lower.shape)))[0]
-        along = np.cumsum(np.linalg.norm(np.diff(points, axis=1), axis=-1), axis=1)
-        along = np.concatenate([np.zeros((len(points), 1)), along], axis=1)
-        far = along > _NEAR * along[:, -1:]
+        length = np.cumsum(np.linalg.norm(np.diff(points, axis=1), axis=-1), axis=1)
+        length = np.concatenate([np.zeros((len(points), 1)), length], axis=1)
+        far = length > _NEAR_BODY * length[:, -1:]
         far[:, :2] = False
         return np.asarray(far)
 
     @property
     def limits(self) -> tuple[Array, Array, Array]:
-        """Lower and upper bounds and torques."""
+        """Lower and upper joint bounds [rad] and torque limits [N m], each (N, J)."""
         return self.lower, self.upper, self.torque
 
     @property
-    def outward(self) -> Array:
-        """(N, 2) signs of right and forward, as seen from the middle of all first joints."""
-        away = self.hips[:, :2] - self.hips[:, :2].mean(axis=0)
-        return np.where(np.abs(away) < 1e-3, 0.0, np.sign(away))
+    def outward_signs(self) -> Array:
+        """Signs of right and forward, (N, 2), from the middle of all first joints to each."""
+        offset = self.hips[:, :2] - self.hips[:, :2].mean(axis=0)
+        return np.where(np.abs(offset) < 1e-3, 0.0, np.sign(offset))
+
+    @property
+    def wall_sides(self) -> Array:
+        """The wall of each leg, (N,): 1 on the right, -1 on the left."""
+        signs = self.outward_signs[:, 0]
+        return np.where(signs == 0, 1.0, signs)
+
+    def build_wall_normals(self) -> Array:
+        """Return unit normals (N, 3) of the walls on which the toes are, away from the walls."""
+        normal = np.zeros((len(self.hips), 3))
+        normal[:, 0] = -self.wall_sides
+        return normal
+
+    def build_stance(
+        self, angles: Array, toes: Array, normal: Array, friction: float, max_shift: float
+    ) -> BracedStance:
+        """Return the contacts of a posture.
+
+        Args:
+            angles: Joint angles (N, J) [rad].
+            toes: Toes (N, 3) from the centre of mass [m].
+            normal: Unit normals (N, 3) away from the surfaces.
+            friction: Coefficient that may be used.
+            max_shift: Largest shift of the body [m].
+        """
+        jacobian = self.chain.jacobian(angles)
+        return BracedStance(toes, normal, jacobian, self.torque, self.weight, friction, max_shift)
 
 
-def standing_postures(legs: Legs, count: int) -> list[Posture]:
-    """The best postures on level ground, with clearly different toes, best first."""
-    low, out, apart = (x.ravel() for x in np.meshgrid(_LOW, _OUT, _APART, indexing="ij"))
-    reach, hips, sign = legs.reach, legs.hips, legs.outward
+def search_standing_postures(legs: LegModel, count: int) -> list[Posture]:
+    """Return up to `count` postures on level ground, with clearly different toes, best first."""
+    low, out, fore = (
+        x.ravel()
+        for x in np.meshgrid(_LOWERINGS, _OUTWARD_OFFSETS, _FORE_AFT_OFFSETS, indexing="ij")
+    )
+    reach, hips, sign = legs.reach, legs.hips, legs.outward_signs
     toes = np.empty((len(low), len(hips), 3))
     toes[..., 0] = hips[:, 0] + sign[:, 0] * out[:, None] * reach
-    toes[..., 1] = hips[:, 1] + sign[:, 1] * apart[:, None] * reach
+    toes[..., 1] = hips[:, 1] + sign[:, 1] * fore[:, None] * reach
     # All on one level: that of the shortest leg
     level = (hips[:, 2] - low[:, None] * reach).max(axis=1)
     toes[..., 2] = level[:, None]
     force = np.zeros((len(hips), 3))
-    force[:, 2] = legs.weight / min(_HOLDING, len(hips))
-    angles, reached = reached_angles(legs, toes, force)
-    quality = quality_of(legs.chain, angles, force, legs.limits)
-    above = quality.points[..., :-1, 2].min(axis=-1) - toes[..., 2]
-    fine = reached & clear_of_body(legs, quality.points) & (above > ABOVE * reach)
-    return best_of(quality, angles, toes, fine, count)
+    force[:, 2] = legs.weight / min(_NUM_SUPPORTING, len(hips))
+    angles, reached = solve_toe_positions(legs, toes, force)
+    quality = evaluate_postures(legs.chain, angles, force, legs.limits)
+    height = quality.points[..., :-1, 2].min(axis=-1) - toes[..., 2]
+    feasible = (
+        reached & are_clear_of_body(legs, quality.points) & (height > MIN_LINK_HEIGHT * reach)
+    )
+    return select_best_postures(quality, angles, toes, feasible, count)
 
 
-def bracing_postures(
-    legs: Legs, standing: Array, clearance: float, mu: float
-) -> tuple[list[Posture], Lack]:
-    """Postures that hold between two walls, the same distance on both sides; best first.
+def search_bracing_postures(
+    legs: LegModel, standing: Array, clearance: float, friction: float
+) -> tuple[list[Posture], TorqueShortage]:
+    """Search for postures that hold the robot between two walls at equal distances.
 
-    And the least share of the torque limits that any posture needs with one leg lifted.
+    Args:
+        legs: The legs, in a frame about the centre of mass.
+        standing: Angles (N, J) from which inverse kinematics starts, as when the robot is planned
+            with [rad].
+        clearance: Distance of the body and its links from the walls [m].
+        friction: Coefficient that may be used.
 
-    standing: (N, J) angles that legs start from, as when the robot is planned with. clearance: [m]
-    of the body from the walls; mu: friction coefficient that may be used. Frame: the centre of
-    mass.
+    Returns:
+        Postures that hold with any one leg lifted, best first, and the smallest utilisation of any
+        posture.
     """
-    reach, hips, sign = legs.reach, legs.hips, legs.outward
-    sides = np.where(sign[:, 0] == 0, 1.0, sign[:, 0])
-    wide, below, apart = (x.ravel() for x in np.meshgrid(_WIDE, _BELOW, _SPREAD, indexing="ij"))
-    half = np.abs(hips[:, 0]).max() + wide * float(reach.min())
-    room = np.maximum(-legs.box[0][0], legs.box[1][0]) + clearance
-    keep = half > room
-    half, below, apart = half[keep], below[keep], apart[keep]
-    toes = np.empty((len(half), len(hips), 3))
-    toes[..., 0] = sides * half[:, None]
-    toes[..., 1] = hips[:, 1] + sign[:, 1] * apart[:, None] * reach
-    toes[..., 2] = hips[:, 2] - below[:, None] * np.minimum(reach, common_reach(reach))
+    toes, half = _enumerate_wall_toes(legs, clearance)
     chain = SerialChain(
         legs.chain.names,
         legs.chain.joint_zero,
@@ -143,117 +179,175 @@ def bracing_postures(
         legs.chain.toe_zero,
         standing,
     )
-    found = chain.inverse(toes, legs.lower, legs.upper)
-    reached = found.valid
-    angles = np.where(reached[..., None], found.best(), standing)
-    quality = quality_of(chain, angles, np.zeros((len(hips), 3)), legs.limits)
+    solution = chain.inverse(toes, legs.lower, legs.upper)
+    reached = solution.valid
+    angles = np.where(reached[..., None], solution.best(), standing)
+    quality = evaluate_postures(chain, angles, np.zeros((len(legs.hips), 3)), legs.limits)
     within = np.abs(quality.points[..., :-1, 0]).max(axis=-1) < half[:, None] - clearance
-    fine = reached & within & clear_of_body(legs, quality.points)
-    normal = np.zeros((len(hips), 3))
-    normal[:, 0] = -sides
-    tried = best_of(quality, angles, toes, fine, _HELD, 2 * half)
-    held: list[Posture] = []
-    lack = Lack(np.inf)
-    for share in SHIFTED:
-        if lack.share <= _WEAK:
+    feasible = reached & within & are_clear_of_body(legs, quality.points)
+    candidates = select_best_postures(quality, angles, toes, feasible, _MAX_FORCE_CHECKS, 2 * half)
+    braces, shortage = _select_holding_braces(replace(legs, chain=chain), candidates, friction)
+    any_feasible = bool(feasible.all(axis=1).any())
+    return braces, shortage if any_feasible else TorqueShortage()
+
+
+def _enumerate_wall_toes(legs: LegModel, clearance: float) -> tuple[Array, Array]:
+    """Return a grid of toes (C, N, 3) on two walls, and half of their distances (C,) [m]."""
+    reach, hips, sign = legs.reach, legs.hips, legs.outward_signs
+    wide, below, fore = (
+        x.ravel()
+        for x in np.meshgrid(_WALL_DISTANCES, _BRACE_LOWERINGS, _BRACE_OFFSETS, indexing="ij")
+    )
+    half = np.abs(hips[:, 0]).max() + wide * float(reach.min())
+    body_half = np.maximum(-legs.body_box[0][0], legs.body_box[1][0]) + clearance
+    keep = half > body_half
+    half, below, fore = half[keep], below[keep], fore[keep]
+    toes = np.empty((len(half), len(hips), 3))
+    toes[..., 0] = legs.wall_sides * half[:, None]
+    toes[..., 1] = hips[:, 1] + sign[:, 1] * fore[:, None] * reach
+    toes[..., 2] = hips[:, 2] - below[:, None] * np.minimum(reach, select_common_reach(reach))
+    return toes, half
+
+
+def _select_holding_braces(
+    legs: LegModel, candidates: list[Posture], friction: float
+) -> tuple[list[Posture], TorqueShortage]:
+    """Return candidates that hold with any one leg lifted, best first, and the least shortage."""
+    normal = legs.build_wall_normals()
+    braces: list[Posture] = []
+    shortage = TorqueShortage(np.inf)
+    for ratio in MAX_SHIFT_RATIOS:
+        if shortage.utilisation <= _WEAK_UTILISATION:
             break
-        held, most = [], share * float(reach.min())
-        for brace in tried:
-            jacobian = chain.jacobian(brace.angles)
-            use, shift = holding_share(
-                brace.toes, normal, jacobian, legs.torque, legs.weight, mu, most
-            )
-            if use < lack.share:
-                lack = Lack(use)
-                if use >= 1:
-                    own = brace.toes, normal, jacobian, legs.torque
-                    lack = lack_of(use, *own, legs.weight, mu, most)
-            if use < 1:
-                score = brace.room * (1 - use)
-                held.append(replace(brace, use=use, shift=shift, score=score))
-    any_tried = bool(fine.all(axis=1).any())
-    return sorted(held, key=lambda brace: -brace.score), lack if any_tried else Lack()
+        braces, max_shift = [], ratio * float(legs.reach.min())
+        for brace in candidates:
+            stance = legs.build_stance(brace.angles, brace.toes, normal, friction, max_shift)
+            utilisation, shift = compute_torque_utilisation(stance)
+            if utilisation < shortage.utilisation:
+                shortage = TorqueShortage(utilisation)
+                if utilisation >= 1:
+                    shortage = find_overloaded_joint(utilisation, stance)
+            if utilisation < 1:
+                braces.append(rate_brace(brace, utilisation, shift))
+    return sorted(braces, key=lambda brace: -brace.score), shortage
 
 
-def reached_angles(
-    legs: Legs, toes: Array, force: Array, grounded: BoolArray | None = None
+def rate_brace(posture: Posture, utilisation: float, shift: float) -> Posture:
+    """Return the posture with its utilisation and shift [m], and the score that follows."""
+    score = posture.reach_margin * (1 - utilisation)
+    return replace(posture, utilisation=utilisation, shift=shift, score=score)
+
+
+def solve_toe_positions(
+    legs: LegModel, toes: Array, force: Array, knees_above_toes: BoolArray | None = None
 ) -> tuple[Array, BoolArray]:
-    """Angles (C, N, J) for toes (C, N, 3), mirrored legs bent alike, and whether they get there.
+    """Solve the inverse kinematics of toes, mirrored legs bent alike.
 
-    grounded: (N,) limbs whose joints have to be above their toes; all, if left out.
+    Each leg starts from the sampled posture with the best score near its toe.
+
+    Args:
+        legs: The legs.
+        toes: Positions (C, N, 3), frame of the chains [m].
+        force: Force on each toe (N, 3) [N], for the scores of samples.
+        knees_above_toes: (N,) limbs whose joints have to be above their toes; None for all.
+
+    Returns:
+        Angles (C, N, J) [rad], and whether each toe is reached, (C, N).
     """
     chain, count = legs.chain, toes.shape[1]
-    # Bounds of more than a turn say nothing: postures are looked for round zero then
-    most = np.where(legs.upper - legs.lower > 2 * np.pi, _ROUND_ZERO, np.pi)
-    span = np.clip(legs.lower, -most, most), np.clip(legs.upper, -most, most)
-    share = np.random.default_rng(0).random((_SAMPLES, *legs.lower.shape))
-    drawn = span[0] + share * (span[1] - span[0])
-    quality = quality_of(chain, drawn, force, legs.limits)
-    # Knees above their toes, and links out of the body
-    under = quality.points[..., :-1, 2].min(axis=-1) - quality.points[..., -1, 2]
-    free = False if grounded is None else ~grounded
-    good = clear_of_body(legs, quality.points) & ((under > ABOVE * legs.reach) | free)
-    score = np.where(good, quality.score, -np.inf)
+    samples, quality, score = _sample_leg_postures(legs, force, knees_above_toes)
     angles = np.zeros((*toes.shape[:2], legs.lower.shape[1]))
     done: set[int] = set()
     for limb in range(count):
-        fine = np.flatnonzero(np.isfinite(score[:, limb]))
-        if not len(fine):
-            fine = np.arange(_SAMPLES)
-        places = quality.points[fine, limb, -1]
-        nearest = cKDTree(places).query(toes[:, limb], k=min(_NEAREST, len(fine)))[1]
-        nearest = fine[np.atleast_2d(nearest.T).T]  # (C, K)
-        worth = score[nearest, limb]
-        other = legs.mirror[limb]
-        if other in done:
+        rows = np.flatnonzero(np.isfinite(score[:, limb]))
+        if not len(rows):
+            rows = np.arange(_NUM_SAMPLES)
+        tips = quality.points[rows, limb, -1]
+        nearest = cKDTree(tips).query(toes[:, limb], k=min(_NUM_NEIGHBOURS, len(rows)))[1]
+        nearest = rows[np.atleast_2d(nearest.T).T]  # (C, K)
+        value = score[nearest, limb]
+        twin = legs.mirrored_legs[limb]
+        if twin in done:
             # Bent as the leg on the other side is
-            there = chain.joint_points(angles)[:, other] * [-1.0, 1.0, 1.0]  # (C, P, 3)
-            off = np.linalg.norm(quality.points[nearest, limb] - there[:, None], axis=-1).sum(-1)
-            worth = -off / _ONE_BEND
+            image = chain.joint_points(angles)[:, twin] * [-1.0, 1.0, 1.0]  # (C, P, 3)
+            offset = quality.points[nearest, limb] - image[:, None]
+            value = -np.linalg.norm(offset, axis=-1).sum(-1) / _SYMMETRY_SCALE
         else:
-            ends = quality.points[nearest, limb, -1]
-            worth = worth - np.linalg.norm(ends - toes[:, None, limb], axis=-1)
-        pick = nearest[np.arange(len(toes)), np.argmax(worth, axis=1)]
-        rows = np.full(len(toes), limb)
-        found = chain_inverse(
-            chain.zero.rows(rows),
-            drawn[pick, limb],
+            tips = quality.points[nearest, limb, -1]
+            value = value - np.linalg.norm(tips - toes[:, None, limb], axis=-1)
+        start = nearest[np.arange(len(toes)), np.argmax(value, axis=1)]
+        leg = np.full(len(toes), limb)
+        solution = chain_inverse(
+            chain.zero.rows(leg),
+            samples[start, limb],
             np.arange(len(toes)),
             toes[:, limb],
-            legs.lower[rows],
-            legs.upper[rows],
+            legs.lower[leg],
+            legs.upper[leg],
         )
-        angles[:, limb] = found.angles
+        angles[:, limb] = solution.angles
         done.add(limb)
     reached = np.linalg.norm(chain.joint_points(angles)[..., -1, :] - toes, axis=-1) < 1e-6
     return angles, reached
 
 
-def clear_of_body(legs: Legs, points: Array) -> BoolArray:
-    """(F, N) whether knees are outside the body's box; links at the first joints may not be."""
-    low, high = legs.box
+def _sample_leg_postures(
+    legs: LegModel, force: Array, knees_above_toes: BoolArray | None
+) -> tuple[Array, PostureQuality, Array]:
+    """Return sampled angles (F, N, J) [rad], their quality, and scores (F, N), -inf if invalid."""
+    # Bounds of more than a turn say nothing: samples lie round zero then
+    widest = np.where(legs.upper - legs.lower > 2 * np.pi, _UNBOUNDED_RANGE, np.pi)
+    low, high = np.clip(legs.lower, -widest, widest), np.clip(legs.upper, -widest, widest)
+    fraction = np.random.default_rng(0).random((_NUM_SAMPLES, *legs.lower.shape))
+    samples = low + fraction * (high - low)
+    quality = evaluate_postures(legs.chain, samples, force, legs.limits)
+    # Knees above their toes, and links out of the body
+    height = quality.points[..., :-1, 2].min(axis=-1) - quality.points[..., -1, 2]
+    anywhere = False if knees_above_toes is None else ~knees_above_toes
+    valid = are_clear_of_body(legs, quality.points) & (
+        (height > MIN_LINK_HEIGHT * legs.reach) | anywhere
+    )
+    return samples, quality, np.where(valid, quality.score, -np.inf)
+
+
+def are_clear_of_body(legs: LegModel, points: Array) -> BoolArray:
+    """Return whether joints and toe (F, N, P, 3) of each leg are outside the body's box, (F, N).
+
+    Links at the first joints may be inside.
+    """
+    low, high = legs.body_box
     inside = ((points > low) & (points < high)).all(axis=-1)  # (F, N, P)
-    return np.asarray(~(inside & legs.away).any(axis=-1))
+    return np.asarray(~(inside & legs.must_clear_body).any(axis=-1))
 
 
-def best_of(
-    quality: Quality,
+def select_best_postures(
+    quality: PostureQuality,
     angles: Array,
     toes: Array,
-    fine: BoolArray,
+    feasible: BoolArray,
     count: int,
     gap: Array | None = None,
 ) -> list[Posture]:
-    """The best candidates: every leg fine, and the least of their scores largest."""
-    score = np.where(fine & (quality.room > LEAST_ROOM), quality.score, -np.inf).min(axis=1)
+    """Return up to `count` candidates by the score of their worst leg, best first.
+
+    Args:
+        quality: Of C candidates of N legs.
+        angles: (C, N, J) [rad].
+        toes: (C, N, 3) [m].
+        feasible: (C, N); a candidate counts if all of its legs are feasible.
+        count: How many to return at most.
+        gap: Distance between walls (C,) [m]; None on ground.
+    """
+    valid = feasible & (quality.reach_margin > MIN_REACH_MARGIN)
+    score = np.where(valid, quality.score, -np.inf).min(axis=1)
     order = [int(i) for i in np.argsort(-score, kind="stable") if score[i] > 0]
     return [
         Posture(
             angles[i],
             toes[i],
             float(score[i]),
-            float(quality.room[i].min()),
-            float(quality.use[i].max()),
+            float(quality.reach_margin[i].min()),
+            float(quality.utilisation[i].max()),
             0.0 if gap is None else float(gap[i]),
         )
         for i in order[:count]

@@ -1,9 +1,9 @@
 """Soles of legs: the level face under a last body, by the URDF's own collision geometry.
 
-The face is looked for square to the axes of the toe's link, as the robot file states soles. What
-lies within 3 mm of it bears: corners of boxes, points of meshes, the lowest points of spheres,
-which many robots have at the corners of their feet. A sole is the largest rectangle about the
-middle of these, of the shape of their extents, whose corners their hull holds.
+The face is square to the axes of the toe's link, as the robot file states soles. Points within
+3 mm of it bear load: corners of boxes, points of meshes, the lowest points of spheres, which many
+robots have at the corners of their feet. A sole is the largest rectangle about the middle of
+these, with the aspect ratio of their extents, whose corners lie in their convex hull.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from scipy.spatial import ConvexHull, QhullError
 
 from climbplan.arrays import Array
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
-from climbplan.robots.urdf.proposal.toes import Toe, toe_at
+from climbplan.robots.urdf.proposal.toes import Toe, build_toe
 from climbplan.robots.urdf.shapes import Shape
 
-_LEVEL = 3e-3  # [m] of the face that bears
-_SMALLEST = 0.02  # [m] of length and width
-_ALIKE = 0.05  # by which soles of a robot may differ
-_DIGITS = 1e3  # sizes are whole millimetres
+_FACE_TOLERANCE = 3e-3  # [m] from the face, of points that bear load
+_MIN_SIZE = 0.02  # [m] of length and width
+_MAX_SIZE_DIFFERENCE = 0.05  # relative, between soles of a robot
+_DIGITS_PER_METRE = 1e3  # sizes are whole millimetres
 
 
 @dataclass(frozen=True)
@@ -35,52 +35,72 @@ class Soles:
     axes_zero: Array  # (N, 3, 3) columns across, along, normal at zero angles, base frame
 
 
-def soles_of(
-    found: UrdfModel, names: Sequence[str], toes: Sequence[Toe], shapes: list[Shape]
+def find_soles(
+    urdf_model: UrdfModel, names: Sequence[str], toes: Sequence[Toe], shapes: list[Shape]
 ) -> Soles | None:
-    """Soles of legs by name; None where one has none, or they differ in size."""
-    out, sizes, axes = [], [], []
+    """Find the soles of legs.
+
+    Args:
+        urdf_model: The robot.
+        names: Its legs, N of them.
+        toes: (N,) toes.
+        shapes: All collision geometry.
+
+    Returns:
+        The soles; None where a leg has none, or they differ in size.
+    """
+    centred, sizes, rotations = [], [], []
     for name, toe in zip(names, toes, strict=True):
-        leg = found.leg(name)
-        own = [shape for shape in shapes if shape.joint == leg.names[-1]]
-        face = _face(leg, own)
+        leg = urdf_model.read_leg(name)
+        leg_shapes = [shape for shape in shapes if shape.joint == leg.names[-1]]
+        face = _find_sole_face(leg, leg_shapes)
         if face is None:
             return None
-        middle, size, turn = face
-        out.append(toe_at(found, toe.link, middle, "the middle of its sole, by collision geometry"))
+        middle, size, rotation = face
+        centred.append(
+            build_toe(urdf_model, toe.link, middle, "the middle of its sole, by collision geometry")
+        )
         sizes.append(size)
-        axes.append(turn)
-    least, most = np.min(sizes, axis=0), np.max(sizes, axis=0)
-    if (most > (1 + _ALIKE) * least).any():
+        rotations.append(rotation)
+    min_size, max_size = np.min(sizes, axis=0), np.max(sizes, axis=0)
+    if (max_size > (1 + _MAX_SIZE_DIFFERENCE) * min_size).any():
         return None
-    width, length = (float(np.floor(_DIGITS * size) / _DIGITS) for size in least)
-    return Soles(tuple(out), length, width, np.array(axes))
+    width, length = (
+        float(np.floor(_DIGITS_PER_METRE * size) / _DIGITS_PER_METRE) for size in min_size
+    )
+    return Soles(tuple(centred), length, width, np.array(rotations))
 
 
-def _face(leg: LegAtZero, own: list[Shape]) -> tuple[Array, Array, Array] | None:
-    """Middle (3,), size (2,) across and along [m], and axes (3, 3) of the sole of a leg."""
-    if not own:
+def _find_sole_face(leg: LegAtZero, shapes: list[Shape]) -> tuple[Array, Array, Array] | None:
+    """Return middle (3,), size (2,) lateral and forward [m], and axes (3, 3) of a leg's sole.
+
+    shapes: those of its last body. None where there is no face of sufficient size.
+    """
+    if not shapes:
         return None
     hip, ankle = leg.joints[0], leg.joints[-1]
-    both = np.concatenate([leg.toe_axes, -leg.toe_axes], axis=1)
-    down = both[:, int(np.argmin((hip - ankle) @ both))]  # away from the hip
-    square = both[:, np.abs(down @ both) < 0.5]
-    along = square[:, int(np.argmax(square[1]))]  # forward
-    turn = np.stack([np.cross(along, -down), along, -down], axis=-1)
-    points = np.concatenate([shape.points + shape.radius * down for shape in own])
-    level = points @ down
-    bears = points[level > level.max() - _LEVEL]
-    flat = bears @ turn[:, :2]  # (P, 2) across, along
-    low, high = flat.min(axis=0), flat.max(axis=0)
+    directions = np.concatenate([leg.toe_axes, -leg.toe_axes], axis=1)
+    down = directions[:, int(np.argmin((hip - ankle) @ directions))]  # away from the hip
+    level_axes = directions[:, np.abs(down @ directions) < 0.5]
+    forward = level_axes[:, int(np.argmax(level_axes[1]))]  # forward
+    rotation = np.stack([np.cross(forward, -down), forward, -down], axis=-1)
+    points = np.concatenate([shape.points + shape.radius * down for shape in shapes])
+    heights = points @ down
+    bearing = points[heights > heights.max() - _FACE_TOLERANCE]
+    footprint = bearing @ rotation[:, :2]  # (P, 2) across, along
+    low, high = footprint.min(axis=0), footprint.max(axis=0)
     middle, half = (low + high) / 2, (high - low) / 2
-    size = 2 * half * _held(flat, middle, half)
-    if (size < _SMALLEST).any():
+    size = 2 * half * _compute_supported_fraction(footprint, middle, half)
+    if (size < _MIN_SIZE).any():
         return None
-    return turn[:, :2] @ middle + level.max() * down, size, turn
+    return rotation[:, :2] @ middle + heights.max() * down, size, rotation
 
 
-def _held(points: Array, middle: Array, half: Array) -> float:
-    """The share of a rectangle about its middle whose corners lie in the hull of points (P, 2)."""
+def _compute_supported_fraction(points: Array, middle: Array, half: Array) -> float:
+    """Return the scale of a rectangle whose corners lie in the hull of points (P, 2).
+
+    middle: (2,) of the rectangle; half: (2,) its half extents [m].
+    """
     if (half <= 0).any():
         return 0.0
     try:
@@ -88,5 +108,5 @@ def _held(points: Array, middle: Array, half: Array) -> float:
     except QhullError:  # on a line
         return 0.0
     normal, offset = hull.equations[:, :2], hull.equations[:, 2]
-    room = -(normal @ middle + offset)
-    return float(np.clip((room / (np.abs(normal) @ half)).min(), 0.0, 1.0))
+    distance = -(normal @ middle + offset)
+    return float(np.clip((distance / (np.abs(normal) @ half)).min(), 0.0, 1.0))

@@ -1,4 +1,4 @@
-"""Which point of a limb's last body is its toe."""
+"""Choice of the toe of a limb: a point of its last body."""
 
 from __future__ import annotations
 
@@ -11,35 +11,42 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.robots.urdf.pinocchio_model import UrdfModel
 from climbplan.robots.urdf.shapes import Shape
-from climbplan.robots.urdf.toe_surface import offset_in_link
+from climbplan.robots.urdf.toe_surface import compute_offset_in_link
 
-_FEET = re.compile(r"foot|feet|toe|sole|tip|contact", re.IGNORECASE)
-_OFF_JOINT = 0.01  # [m] a frame this close to the joint is no toe
-_FAR = 0.6  # of the farthest collision geometry, that a frame has to be away to be a toe
-_ROUND_TOE = 1.05  # radii of a sphere within which a toe belongs to it
-_SAME = 1e-4  # [m]
-_ENDS = 0.03  # of the distance, within which points of a shape count as its end
+_FOOT_NAME = re.compile(r"foot|feet|toe|sole|tip|contact", re.IGNORECASE)
+_MIN_JOINT_DISTANCE = 0.01  # [m] of a toe's frame from the last joint
+_MIN_REACH_RATIO = 0.6  # distance of a toe's frame over that of the farthest geometry
+_MAX_CENTER_OFFSET = 1.05  # radii of a sphere, within which a toe belongs to it
+_TOLERANCE = 1e-4  # [m]
+_END_FRACTION = 0.03  # of the distance, within which points of a shape are its end
 
 
 @dataclass(frozen=True)
 class Toe:
-    """A toe, and why it is one."""
+    """The toe of a limb, and the reason for it."""
 
     link: str
     offset: tuple[float, float, float]  # in the link's frame [m]
-    why: str
-    is_cut: bool = False  # whether the limb ends there before motors too weak for it
+    reason: str
+    is_truncated: bool = False  # whether the limb ends there, before weak motors
 
 
-def toe_of(found: UrdfModel, joint: str, end: str, shapes: list[Shape]) -> Toe:
-    """The toe of the limb whose last joint is `joint`, which moves the link `end`.
+def find_toe(urdf_model: UrdfModel, joint: str, end: str, shapes: list[Shape]) -> Toe:
+    """Find the toe of a limb.
 
-    Links fixed to that body count by their names (foot, toe, sole, tip, contact), then by how far
-    they are from the joint; where collision geometry goes well beyond all of them, its end does.
+    Links fixed to the last body are preferred by their names (foot, toe, sole, tip, contact), then
+    by their distance from the joint. Where collision geometry reaches well beyond all of them, the
+    toe is its end.
+
+    Args:
+        urdf_model: The robot.
+        joint: The last joint of the limb.
+        end: The link that it moves.
+        shapes: All collision geometry; empty if there is none.
     """
-    pin, model = found.library, found.model
+    pin, model = urdf_model.library, urdf_model.model
     data = model.createData()
-    pin.forwardKinematics(model, data, found.angles({}))
+    pin.forwardKinematics(model, data, urdf_model.build_configuration({}))
     pin.updateFramePlacements(model, data)
     index = model.getJointId(joint)
     origin = data.oMi[index].translation
@@ -48,70 +55,96 @@ def toe_of(found: UrdfModel, joint: str, end: str, shapes: list[Shape]) -> Toe:
         for i, frame in enumerate(model.frames)
         if frame.parentJoint == index and frame.type == pin.FrameType.BODY
     ]
-    away = {name: distance for name, distance in links if distance > _OFF_JOINT}
-    feet = [name for name in away if _FEET.search(name)]
-    if feet:
-        link = max(feet, key=lambda name: away[name])
+    distances = {name: distance for name, distance in links if distance > _MIN_JOINT_DISTANCE}
+    named_feet = [name for name in distances if _FOOT_NAME.search(name)]
+    if named_feet:
+        link = max(named_feet, key=lambda name: distances[name])
         return Toe(link, (0.0, 0.0, 0.0), "by its name")
-    points, reach = _end_of_shapes(found, origin, joint, shapes)
-    farthest = max(away, key=lambda name: away[name], default=None)
-    if farthest is not None and away[farthest] >= _FAR * reach:
+    far_end, reach = _find_far_end(urdf_model, origin, joint, shapes)
+    farthest = max(distances, key=lambda name: distances[name], default=None)
+    if farthest is not None and distances[farthest] >= _MIN_REACH_RATIO * reach:
         return Toe(farthest, (0.0, 0.0, 0.0), "the farthest frame of its last body")
-    if points is None:
+    if far_end is None:
         return Toe(end, (0.0, 0.0, 0.0), "ASSUMED: nothing says how long the last link is")
-    return toe_at(found, end, points, "the end of its last body's collision geometry")
+    return build_toe(urdf_model, end, far_end, "the end of its last body's collision geometry")
 
 
-def toe_at(found: UrdfModel, link: str, point: Array, why: str) -> Toe:
-    """A toe at a point (3,) of a link, at zero angles, base frame turned to x right, y forward."""
-    return Toe(link, offset_in_link(found, link, point), why)
+def build_toe(urdf_model: UrdfModel, link: str, point: Array, reason: str) -> Toe:
+    """Return a toe at a point of a link.
+
+    Args:
+        urdf_model: The robot.
+        link: The link that the toe is on.
+        point: (3,) at zero angles, base frame turned to x right, y forward, z up [m].
+        reason: Why the toe is there.
+    """
+    return Toe(link, compute_offset_in_link(urdf_model, link, point), reason)
 
 
-def spherical(
-    found: UrdfModel, names: Sequence[str], toes: list[Toe], shapes: list[Shape]
+def center_on_spherical_feet(
+    urdf_model: UrdfModel, names: Sequence[str], toes: list[Toe], shapes: list[Shape]
 ) -> tuple[list[Toe], float]:
-    """Toes in the centres of spherical feet, and the radius of these [m]; as they are, 0 for none.
+    """Move toes to the centres of spherical feet.
 
-    A foot is a sphere of the last body's collision geometry round the toe, or that touches it, with
-    nothing of that body beyond. All legs (names) have to have one, of the same size.
+    A foot is a sphere of the last body's collision geometry around the toe, or that touches it,
+    with nothing of that body beyond.
+
+    Args:
+        urdf_model: The robot.
+        names: Its legs, N of them.
+        toes: (N,) toes.
+        shapes: All collision geometry.
+
+    Returns:
+        The toes and the radius of the feet [m]. Unchanged toes and 0 unless all legs have spherical
+        feet of the same size.
     """
     centred, radii = [], []
     for name, toe in zip(names, toes, strict=True):
-        leg = found.leg(name)
-        own = [shape for shape in shapes if shape.joint == leg.names[-1]]
-        balls = [
-            s
-            for s in own
-            if len(s.points) == 1 and np.linalg.norm(s.points[0] - leg.toe) <= _ROUND_TOE * s.radius
+        leg = urdf_model.read_leg(name)
+        leg_shapes = [shape for shape in shapes if shape.joint == leg.names[-1]]
+        spheres = [
+            sphere
+            for sphere in leg_shapes
+            if len(sphere.points) == 1
+            and np.linalg.norm(sphere.points[0] - leg.toe) <= _MAX_CENTER_OFFSET * sphere.radius
         ]
-        if not balls:
+        if not spheres:
             return toes, 0.0
-        foot = max(balls, key=lambda shape: shape.radius)
-        along = foot.points[0] - leg.joints[-1]
-        length = float(np.linalg.norm(along))
+        foot = max(spheres, key=lambda shape: shape.radius)
+        direction = foot.points[0] - leg.joints[-1]
+        length = float(np.linalg.norm(direction))
         if not foot.radius < length:
             return toes, 0.0
-        ahead = [float((s.points @ along).max()) / length + s.radius for s in own]
-        if max(ahead) > float(foot.points[0] @ along) / length + foot.radius + _SAME:
+        extents = [
+            float((sphere.points @ direction).max()) / length + sphere.radius
+            for sphere in leg_shapes
+        ]
+        if max(extents) > float(foot.points[0] @ direction) / length + foot.radius + _TOLERANCE:
             return toes, 0.0
-        if np.linalg.norm(foot.points[0] - leg.toe) > _SAME:
-            toe = toe_at(found, toe.link, foot.points[0], f"{toe.why}; the centre of its sphere")
+        if np.linalg.norm(foot.points[0] - leg.toe) > _TOLERANCE:
+            toe = build_toe(
+                urdf_model, toe.link, foot.points[0], f"{toe.reason}; the centre of its sphere"
+            )
         centred.append(toe)
         radii.append(foot.radius)
-    if max(radii) - min(radii) > _SAME:
+    if max(radii) - min(radii) > _TOLERANCE:
         return toes, 0.0
     return centred, round(float(np.mean(radii)), 4)
 
 
-def _end_of_shapes(
-    found: UrdfModel, origin: Array, joint: str, shapes: list[Shape]
+def _find_far_end(
+    urdf_model: UrdfModel, origin: Array, joint: str, shapes: list[Shape]
 ) -> tuple[Array | None, float]:
-    """The middle of the farthest part of a joint's shapes and its distance; None without any."""
-    here = found.placed(origin)
-    own = [shape for shape in shapes if shape.joint == joint]
-    if not own:
+    """Return the middle of the farthest points of a joint's shapes and their distance [m].
+
+    None and 0 without shapes.
+    """
+    joint_position = urdf_model.to_base_axes(origin)
+    joint_shapes = [shape for shape in shapes if shape.joint == joint]
+    if not joint_shapes:
         return None, 0.0
-    points = np.concatenate([shape.points for shape in own])
-    far = np.linalg.norm(points - here, axis=1)
-    reach = float(far.max())
-    return points[far >= (1 - _ENDS) * reach].mean(axis=0), reach
+    points = np.concatenate([shape.points for shape in joint_shapes])
+    distances = np.linalg.norm(points - joint_position, axis=1)
+    reach = float(distances.max())
+    return points[distances >= (1 - _END_FRACTION) * reach].mean(axis=0), reach

@@ -1,0 +1,274 @@
+"""Joint-torque utilisation of a braced robot while any one of its legs is in the air.
+
+For each lifted leg a linear program distributes the contact forces of the others:
+
+    minimise    s + _SHIFT_COST * |d|_inf        over forces f_i, utilisation s, level shift d
+    subject to  sum_i f_i = W                              (force balance)
+                sum_i p_i x f_i - d x W = 0                (moment balance about the shifted body)
+                |J_i^T f_i| <= s tau_i                     (joint torques)
+                f_i in a pyramid inside the friction cone  (friction)
+                n_i^T f_i >= _MIN_NORMAL_FORCE * |W|       (contact)
+                |d|_inf <= max_shift                       (shift of the body)
+
+The utilisation s is the largest fraction of a torque limit; above 1 the motors are too weak.
+`compute_torque_utilisation` uses the Jacobians of the unshifted body.
+`compute_shifted_utilisation` relinearises at the shifted body: sequential linear programming with
+a trust region on the shift. The force planner also models compliance, commands and stability, so
+its verdict takes precedence.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linprog
+
+from climbplan.arrays import Array
+from climbplan.robots.serial_chain import SerialChain
+
+_FACETS = 8
+_MIN_NORMAL_FORCE = 0.05  # of the weight, at every toe
+_MAX_PROGRAMS = 5  # sequential programs, each with the Jacobians of the last one's shift
+_MAX_HALVINGS = 4  # of a shift whose toes are out of reach
+_TRUST_RADIUS = 0.05  # [m] of shift to which Jacobians are trusted from the second program on
+_STEP_TOLERANCE = 2e-3  # [m] of shift
+_SHIFT_COST = 2.0  # [1/m] utilisation that a metre of shift has to save
+
+
+@dataclass(frozen=True)
+class TorqueShortage:
+    """The smallest utilisation that any posture needs, and the joint that limits it."""
+
+    utilisation: float = np.nan  # infinite: friction cones do not suffice; NaN: nothing in reach
+    limb: int = 0
+    joint: int = 0  # of that limb, with the largest utilisation
+    torque: float = 0.0  # that this joint needs [N m]
+
+
+@dataclass(frozen=True)
+class BracedStance:
+    """Contacts of N limbs with J joints each, and the limits within which they bear the weight."""
+
+    toes: Array  # (N, 3) from the centre of mass [m]
+    normal: Array  # (N, 3) unit, away from the surfaces
+    jacobian: Array  # (N, 3, J)
+    torque: Array  # (N, J) limits [N m]
+    weight: float  # [N]
+    friction: float  # coefficient that may be used
+    max_shift: float  # [m] of the body, in x and in y
+
+    def select(self, limbs: list[int]) -> BracedStance:
+        """Return the stance on these limbs alone."""
+        return replace(
+            self,
+            toes=self.toes[limbs],
+            normal=self.normal[limbs],
+            jacobian=self.jacobian[limbs],
+            torque=self.torque[limbs],
+        )
+
+
+class _ForceDistribution(NamedTuple):
+    """The solution of one linear program for n standing limbs."""
+
+    utilisation: float
+    shift_size: float  # [m]
+    forces: Array  # (3 n,) in units of the weight
+    shift: Array  # (2,) [m]
+
+
+def find_overloaded_joint(utilisation: float, stance: BracedStance) -> TorqueShortage:
+    """Find the joint that needs the given utilisation when one limb is lifted.
+
+    Args:
+        utilisation: The largest over all lifts, from `compute_torque_utilisation`.
+        stance: The contacts.
+    """
+    shortage, max_used = TorqueShortage(utilisation), 0.0
+    for standing, solution in _solve_lifts(stance):
+        if solution is None:
+            continue
+        force = stance.weight * solution.forces.reshape(-1, 3)
+        needed = np.abs(np.einsum("nij,ni->nj", stance.jacobian[standing], force))
+        used = needed / stance.torque[standing]
+        limb, joint = (int(k) for k in np.unravel_index(int(np.argmax(used)), used.shape))
+        if used[limb, joint] > max_used:
+            max_used = float(used[limb, joint])
+            torque = float(needed[limb, joint])
+            shortage = TorqueShortage(utilisation, standing[limb], joint, torque)
+    return shortage
+
+
+def _solve_lifts(
+    stance: BracedStance,
+) -> Iterator[tuple[list[int], _ForceDistribution | None]]:
+    """Yield the standing limbs and their force distribution, with each limb lifted in turn."""
+    count = len(stance.toes)
+    for lifted in range(count):
+        standing = [i for i in range(count) if i != lifted]
+        yield standing, _distribute_forces(stance.select(standing))
+
+
+def compute_torque_utilisation(stance: BracedStance) -> tuple[float, float]:
+    """Return the largest utilisation over all lifts and the largest shift of the body [m].
+
+    Both are infinite where some lift has no solution. A utilisation above 1 means that the motors
+    are too weak.
+    """
+    utilisation, shift = 0.0, 0.0
+    for _, solution in _solve_lifts(stance):
+        if solution is None:
+            return np.inf, np.inf
+        utilisation = max(utilisation, solution.utilisation)
+        shift = max(shift, solution.shift_size)
+    return utilisation, shift
+
+
+def compute_shifted_utilisation(
+    chain: SerialChain,
+    bounds: tuple[Array, Array],
+    angles: Array,
+    stance: BracedStance,
+    cutoff: float = np.inf,
+) -> tuple[float, float]:
+    """Return utilisation and shift [m] with exact kinematics of the shifted body.
+
+    The toes stay where they are, and the centre of mass is taken to move with the body.
+
+    Args:
+        chain: The legs.
+        bounds: Lower and upper joint bounds, each (N, J) [rad].
+        angles: Joint angles of the unshifted body, (N, J) [rad].
+        stance: The contacts; its Jacobians are those of the unshifted body.
+        cutoff: Utilisation above which no further lifts are evaluated.
+
+    Returns:
+        The largest utilisation and the largest shift over all lifts; infinite where some lift has
+        no solution.
+    """
+    count = len(stance.toes)
+    chain = replace(chain, posture=angles)
+    toes = chain.joint_points(angles[None])[0, :, -1]
+    utilisation, shift = 0.0, 0.0
+    for lifted in range(count):
+        standing = [i for i in range(count) if i != lifted]
+        best = _solve_shifted_lift(chain, bounds, toes, stance, standing)
+        if best is None:
+            return np.inf, np.inf
+        utilisation, shift = max(utilisation, best[0]), max(shift, best[1])
+        if utilisation > cutoff:
+            break
+    return utilisation, shift
+
+
+def _solve_shifted_lift(
+    chain: SerialChain,
+    bounds: tuple[Array, Array],
+    toes: Array,
+    stance: BracedStance,
+    standing: list[int],
+) -> tuple[float, float] | None:
+    """Return the best utilisation and shift [m] of one lift by sequential linear programming.
+
+    chain: with the angles of the unshifted body as its posture; toes: (N, 3) in its frame [m];
+    standing: limbs on the wall. None where the program of the unshifted body is infeasible.
+    """
+    shift, jacobian, radius = np.zeros(2), stance.jacobian, stance.max_shift
+    best: tuple[float, float] | None = None
+    for _ in range(_MAX_PROGRAMS):
+        linearised = replace(stance, jacobian=jacobian).select(standing)
+        fixed = _distribute_forces(linearised, shift, 0.0)
+        if fixed is not None and (best is None or fixed.utilisation < best[0]):
+            best = fixed.utilisation, float(np.abs(shift).max())
+        else:
+            radius *= 0.5
+        target = _distribute_forces(linearised, shift, radius)
+        if target is None:
+            break
+        step = target.shift - shift
+        for _ in range(_MAX_HALVINGS):
+            solution = chain.inverse((toes - [*(shift + step), 0.0])[None], *bounds)
+            if solution.valid[0][standing].all():
+                break
+            step = 0.5 * step
+        else:
+            break
+        if np.abs(step).max() < _STEP_TOLERANCE:
+            break
+        shift = shift + step
+        jacobian = chain.jacobian(np.nan_to_num(solution.best()[0]))
+        radius = min(radius, _TRUST_RADIUS)
+    return best
+
+
+def _distribute_forces(
+    stance: BracedStance, centre: Array | None = None, radius: float = np.inf
+) -> _ForceDistribution | None:
+    """Solve the linear program of the module for standing limbs; None where it is infeasible.
+
+    centre: (2,) shift [m] about which the trust region of half width `radius` [m] lies. Unknowns:
+    forces in units of the weight, s, the shift in x and y, and its size.
+    """
+    middle = np.zeros(2) if centre is None else centre
+    low = np.maximum(-stance.max_shift, middle - radius)
+    high = np.minimum(stance.max_shift, middle + radius)
+    n = len(stance.toes)
+    size = 3 * n + 4
+    equal = np.zeros((6, size))
+    for i in range(n):
+        x, y, z = stance.toes[i]
+        equal[:3, 3 * i : 3 * i + 3] = np.eye(3)
+        equal[3:, 3 * i : 3 * i + 3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+    # Toes are at p - d from the shifted body, under the weight's reaction of one: d x (0, 0, 1)
+    equal[3, -2], equal[4, -3] = -1.0, 1.0
+    right = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    rows, limits = _build_inequalities(stance)
+    cost = np.zeros(size)
+    cost[3 * n], cost[-1] = 1.0, _SHIFT_COST
+    bounds = [
+        *[(None, None)] * (3 * n),
+        (0.0, None),
+        *zip(low, high, strict=True),
+        (0.0, stance.max_shift),
+    ]
+    solution = linprog(cost, rows, limits, equal, right, bounds)
+    if solution.status != 0:
+        return None
+    x = np.asarray(solution.x)
+    return _ForceDistribution(float(x[3 * n]), float(x[-1]), x[: 3 * n], x[3 * n + 1 : 3 * n + 3])
+
+
+def _build_inequalities(stance: BracedStance) -> tuple[Array, Array]:
+    """Return rows and right-hand sides of friction, contact, torque and shift constraints."""
+    n = len(stance.toes)
+    size = 3 * n + 4
+    rows: list[Array] = []
+    limits: list[Array] = []
+    angle = 2 * np.pi * np.arange(_FACETS) / _FACETS
+    inner = stance.friction * np.cos(np.pi / _FACETS)
+    for i in range(n):
+        columns, normal = slice(3 * i, 3 * i + 3), stance.normal[i]
+        first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+        first /= np.linalg.norm(first)
+        second = np.cross(normal, first)
+        tangents = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
+        pyramid = np.zeros((_FACETS, size))
+        pyramid[:, columns] = tangents - inner * normal
+        contact = np.zeros((1, size))
+        contact[0, columns] = -normal
+        torque = np.zeros((2 * stance.jacobian.shape[2], size))
+        fraction = stance.weight * stance.jacobian[i].T / stance.torque[i][:, None]
+        torque[:, columns] = np.concatenate([fraction, -fraction])
+        torque[:, 3 * n] = -1.0
+        rows += [pyramid, contact, torque]
+        limits += [np.zeros(_FACETS), np.array([-_MIN_NORMAL_FORCE]), np.zeros(len(torque))]
+    for column, sign in itertools.product((-3, -2), (1.0, -1.0)):
+        row = np.zeros((1, size))
+        row[0, column], row[0, -1] = sign, -1.0
+        rows.append(row)
+        limits.append(np.zeros(1))
+    return np.vstack(rows), np.concatenate(limits)

@@ -9,7 +9,7 @@ from typing import TextIO
 from benchmarks.climb.shipped import planned_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.promise import interval_of
-from climbplan.climb.simulation.risk.judging import Judged, judge_plan
+from climbplan.climb.simulation.risk.estimation import RiskEstimate, estimate_risk
 from climbplan.simulation.asked import Engine
 from climbplan.simulation.conditions import Conditions
 
@@ -45,7 +45,7 @@ def bench_judge(seed: int, quick: bool, out: TextIO, count: int | None = None) -
     spent = {"mujoco": 0.0, "statics": 0.0}
     for name in _QUICK_SCENES if quick else SCENES:
         plan = planned_scene(name, []).plan
-        judge_plan(plan, Conditions(), "statics", 1, seed)  # compiles
+        estimate_risk(plan, Conditions(), "statics", 1, seed)  # compiles
         by, took = {}, {}
         for engine in ("mujoco", "statics"):
             by[engine], took[engine] = _timed(plan, engine, worlds, seed)
@@ -68,9 +68,9 @@ def bench_judge(seed: int, quick: bool, out: TextIO, count: int | None = None) -
     )
 
 
-def _timed(plan: ClimbPlan, engine: Engine, worlds: int, seed: int) -> tuple[Judged, float]:
+def _timed(plan: ClimbPlan, engine: Engine, worlds: int, seed: int) -> tuple[RiskEstimate, float]:
     start = time.process_time()
-    found = judge_plan(plan, Conditions(), engine, worlds, seed)
+    found = estimate_risk(plan, Conditions(), engine, worlds, seed)
     return found, time.process_time() - start
 
 

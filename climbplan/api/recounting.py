@@ -41,7 +41,7 @@ def recount_worlds(path: Path, verification: Verification) -> Verification:
     if verification.unsound is not None:
         return verification
     from climbplan.climb.plan.file import read_climb
-    from climbplan.climb.simulation.risk.judging import judge_plan
+    from climbplan.climb.simulation.risk.estimation import estimate_risk
     from climbplan.simulation.conditions import Conditions
 
     plan = read_climb(path)
@@ -49,7 +49,7 @@ def recount_worlds(path: Path, verification: Verification) -> Verification:
     if stored is None:
         raise UsageError(f"--worlds: {path} {_NO_WORLDS}")
     engine: Literal["mujoco", "statics"] = "statics" if stored.engine == "statics" else "mujoco"
-    judged = judge_plan(plan, Conditions(), engine, stored.worlds, stored.seed)
+    judged = estimate_risk(plan, Conditions(), engine, stored.worlds, stored.seed)
     off = abs(judged.falls - stored.falls) / stored.worlds
     words = f"{judged.falls} of {stored.worlds} fall, stored {stored.falls}"
     check = judge("robust.recount", off, margin=words)

@@ -11,8 +11,8 @@ from climbplan.progress import Progress
 from climbplan.store.plan_format import plan_format
 
 if TYPE_CHECKING:
-    from climbplan.simulation.asked import Asked
-    from climbplan.simulation.report_files import Told
+    from climbplan.simulation.asked import SimulationRequest
+    from climbplan.simulation.report_files import SimulationRecord
     from climbplan.simulation.trials import Trial
 
 Simulate = Callable[["Asked", Progress], tuple["Told", list[str]]]
@@ -38,10 +38,10 @@ def _climb(path: Path) -> tuple[str, Simulate]:
 
     plan = read_climb(path)
 
-    def run(asked: Asked, report: Progress) -> tuple[Told, list[str]]:
-        from climbplan.climb.simulation.report import tell
-        from climbplan.climb.simulation.risk.judging import told
-        from climbplan.climb.simulation.risk.rare import rare_told
+    def run(asked: SimulationRequest, report: Progress) -> tuple[SimulationRecord, list[str]]:
+        from climbplan.climb.simulation.report import build_report
+        from climbplan.climb.simulation.risk.estimation import format_risk
+        from climbplan.climb.simulation.risk.multilevel_splitting import format_rare_event
         from climbplan.climb.simulation.study import simulate_plan
 
         _not_pushed(asked)
@@ -51,11 +51,11 @@ def _climb(path: Path) -> tuple[str, Simulate]:
             + (point.no_plan or f"{point.share.fallen} of {point.share.runs} runs fall")
             for point in found.points
         ]
-        if found.judged is not None:
-            lines += told(found.judged, plan.robot.limb_names, plan)
+        if found.risk is not None:
+            lines += format_risk(found.risk, plan.robot.limb_names, plan)
         if found.rare is not None:
-            lines += rare_told(found.rare)
-        return tell(found), [*lines, *_falls(found.trials)]
+            lines += format_rare_event(found.rare)
+        return build_report(found), [*lines, *_falls(found.trials)]
 
     return plan.name, run
 
@@ -65,18 +65,18 @@ def _walk(path: Path) -> tuple[str, Simulate]:
 
     plan = read_walk_plan(path)
 
-    def run(asked: Asked, report: Progress) -> tuple[Told, list[str]]:
+    def run(asked: SimulationRequest, report: Progress) -> tuple[SimulationRecord, list[str]]:
         if asked.rare:
             raise UsageError("--rare: walks have no worlds of an uncertainty")
         if plan.task.legs is not None:
-            from climbplan.walking.simulation import whole_study
+            from climbplan.walking.simulation import whole_body_study
 
-            whole = whole_study.simulate_whole_plan(plan, asked, report)
-            return whole_study.tell(whole), _falls(whole.trials)
-        from climbplan.walking.simulation.study import simulate_walk_plan, tell
+            whole = whole_body_study.simulate_whole_body_plan(plan, asked, report)
+            return whole_body_study.build_report(whole), _falls(whole.trials)
+        from climbplan.walking.simulation.rigid_body_study import build_report, simulate_walk_plan
 
         found = simulate_walk_plan(plan, asked, report)
-        return tell(found), _falls(found.trials)
+        return build_report(found), _falls(found.trials)
 
     return plan.name, run
 
@@ -86,19 +86,19 @@ def _modules(path: Path) -> tuple[str, Simulate]:
 
     plan = read_limms_plan(path)
 
-    def run(asked: Asked, report: Progress) -> tuple[Told, list[str]]:
-        from climbplan.limms.simulation.study import simulate_module_plan, tell
+    def run(asked: SimulationRequest, report: Progress) -> tuple[SimulationRecord, list[str]]:
+        from climbplan.limms.simulation.study import build_report, simulate_module_plan
 
         _not_pushed(asked)
         found = simulate_module_plan(plan, asked, report)
-        return tell(found), [
+        return build_report(found), [
             f"{broken.time:.2f} s  {broken.words}" for broken in found.run.broken[1:]
         ]
 
     return plan.name, run
 
 
-def _not_pushed(asked: Asked) -> None:
+def _not_pushed(asked: SimulationRequest) -> None:
     if asked.pushes:
         raise UsageError("--push: only walks of robots from URDFs are pushed")
 

@@ -19,15 +19,19 @@ from climbplan.climb.exports.table import export_csv
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found, read_climb, write_climb
 from climbplan.climb.planner.planner import plan_climb
-from climbplan.climb.planner.summary import least_safety
+from climbplan.climb.planner.summary import describe_min_safety
 from climbplan.climb.schema.loading import load_climb
-from climbplan.climb.simulation.control.feedforward import limb_weight_torques
-from climbplan.climb.simulation.control.regulator import regulator_tables
-from climbplan.climb.simulation.model.chain_limb import drive_of, followers, motor_names
-from climbplan.climb.simulation.model.mjcf import build_mjcf, link_mass
+from climbplan.climb.simulation.control.feedforward import compute_gravity_torques
+from climbplan.climb.simulation.control.regulator import build_regulator_tables
+from climbplan.climb.simulation.model.chain_limb import (
+    compute_drive,
+    find_mimic_joints,
+    name_motors,
+)
+from climbplan.climb.simulation.model.mjcf import build_mjcf, compute_link_mass
 from climbplan.climb.simulation.replay import simulate
-from climbplan.climb.simulation.statics.outcome import FELL
-from climbplan.climb.simulation.statics.playback import played, prepare
+from climbplan.climb.simulation.statics.engine import prepare_steps, simulate_steps
+from climbplan.climb.simulation.statics.outcome import HAS_FALLEN
 from climbplan.control.joint_regulator import chains_of
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.exports.gains import read_gains
@@ -116,15 +120,15 @@ def test_the_model_is_the_robot(plan: ClimbPlan) -> None:
     robot = plan.robot
     model = mujoco.MjModel.from_xml_string(build_mjcf(plan, Conditions(backlash=0.01)))
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
-    names = [name for limb in range(4) for name in motor_names(robot, limb)]
+    names = [name for limb in range(4) for name in name_motors(robot, limb)]
     address = [model.joint(name).qposadr[0] for name in names]
     kinds = np.array([model.joint(name).type[0] for name in names]).reshape(robot.slides.shape)
     assert ((kinds == mujoco.mjtJoint.mjJNT_SLIDE) == robot.slides).all()
-    chains = chains_of(regulator_tables(plan))
+    chains = chains_of(build_regulator_tables(plan))
     for _ in range(5):
         angles = rng.uniform(robot.joint_lower, robot.joint_upper) * robot.has_joint
         data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
-        data.qpos[address] = (drive_of(robot) @ angles[..., None]).ravel()
+        data.qpos[address] = (compute_drive(robot) @ angles[..., None]).ravel()
         mujoco.mj_kinematics(model, data)
         toes = np.array([data.geom(f"toe{limb}").xpos for limb in range(4)])
         np.testing.assert_allclose(toes, toe_body(robot, angles), atol=1e-9)
@@ -134,9 +138,9 @@ def test_the_model_is_the_robot(plan: ClimbPlan) -> None:
 def test_weights_of_links_by_virtual_work(plan: ClimbPlan) -> None:
     """Torques and forces are the slope of the links' potential energy by the angles."""
     robot, conditions = plan.robot, Conditions(limb_mass_share=0.3)
-    found = limb_weight_torques(plan, conditions)[0]
+    found = compute_gravity_torques(plan, conditions)[0]
     rotation = rotation_world_body(plan.instants.rpy[0])
-    weight = link_mass(robot, conditions) * robot.gravity
+    weight = compute_link_mass(robot, conditions) * robot.gravity
     chain = robot.mechanism
     assert isinstance(chain, SerialChain)
 
@@ -180,7 +184,7 @@ def test_units_are_told(plan: ClimbPlan, stored: Path, tmp_path: Path) -> None:
         read_gains("150", motion.joints.names, motion.joints.slides)
     strong = np.where(plan.robot.slides, plan.robot.max_torque, 1e6)
     forces = replace(plan.forces, safety_torque=plan.forces.safety_torque)
-    told = least_safety(replace(plan, robot=replace(plan.robot, max_torque=strong), forces=forces))
+    told = describe_min_safety(replace(plan, robot=replace(plan.robot, max_torque=strong), forces=forces))
     assert re.search(r"_extend [\d.]+ N$", told)
 
 
@@ -191,12 +195,12 @@ def test_climbs_stand_in_simulation(plan: ClimbPlan, regulator: str) -> None:
     run = simulate(plan, conditions)
     assert not run.fallen
     assert np.linalg.norm(run.com[-1] - plan.trajectory.com[-1]) < 0.01
-    if followers(plan.robot).any():
+    if find_mimic_joints(plan.robot).any():
         with pytest.raises(UsageError, match="mimic others"):
-            prepare(plan, conditions)
+            prepare_steps(plan, conditions)
         return
-    steps = prepare(plan, conditions)
+    steps = prepare_steps(plan, conditions)
     path = np.zeros((len(steps.sample), 3 + 6 * 4))
-    assert not played(plan, steps, conditions, path)[FELL]
+    assert not simulate_steps(plan, steps, conditions, path)[HAS_FALLEN]
     off = np.linalg.norm(path[:, :3] - run.com[steps.sample], axis=1)
     assert np.median(off) < 2e-3

@@ -161,14 +161,14 @@ def shared_mesh(name: str) -> Path:
 
 def test_the_simulated_toes_stand_on_raw_triangles(made) -> None:
     pytest.importorskip("mujoco", reason="mujoco is missing: pip install '.[simulate]'")
-    from climbplan.climb.simulation.model.terrain_geoms import raw_geoms
+    from climbplan.climb.simulation.model.terrain_geoms import build_scan_geoms
     from climbplan.climb.simulation.model.toe import TOE_RADIUS
     from climbplan.simulation.conditions import Conditions
 
     plan, assets = made[1], []
     scan = plan.terrain.scan
     assert scan is not None
-    geoms = raw_geoms(scan, plan.rounds.toes, 0.5, assets, TOE_RADIUS)
+    geoms = build_scan_geoms(scan, plan.rounds.toes, 0.5, assets, TOE_RADIUS)
     assert len(geoms) == len(assets) >= 4
     assert Conditions().friction == 1.0
     first = assets[0].split('vertex="')[1].split('"')[0]
@@ -176,7 +176,7 @@ def test_the_simulated_toes_stand_on_raw_triangles(made) -> None:
     np.testing.assert_allclose(prism[:3].mean(axis=0), 0, atol=1e-9)
     assert TOE_RADIUS < 1e-3
     # The replay of the whole plan on them
-    found = climbplan.read(made[0]).simulate()
+    found = climbplan.load_plan(made[0]).simulate()
     assert found is not None
 
 

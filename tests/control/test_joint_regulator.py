@@ -16,14 +16,14 @@ from climbplan.arrays import Array
 from climbplan.climb.exports.regulator_files import write_regulator
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.simulation.control.regulator import (
-    STRETCHED,
+    MIN_SINGULAR_RATIO,
     JointOdometry,
     Regulator,
-    regulator_tables,
-    turning_of,
-    zero_angles,
+    build_regulator_tables,
+    compute_zero_pose,
+    invert_jacobian,
 )
-from climbplan.climb.simulation.control.steady_rate import steady_rates
+from climbplan.climb.simulation.control.steady_rate import compute_stable_rates
 from climbplan.control import joint_regulator
 from climbplan.control.joint_regulator import RATE, Chains, JointRegulator, Pose, RegulatorTables
 from climbplan.robots.kinematics import toe_body
@@ -40,9 +40,9 @@ def seen(tables: RegulatorTables) -> Array:
 def test_limbs_at_full_stretch_are_not_turned_through_it() -> None:
     rng = np.random.default_rng(3)
     bent = rng.normal(size=(30, 3, 4))
-    bent = bent[np.linalg.cond(bent) < 1 / STRETCHED]
+    bent = bent[np.linalg.cond(bent) < 1 / MIN_SINGULAR_RATIO]
     assert len(bent) > 20
-    np.testing.assert_allclose(turning_of(bent), np.linalg.pinv(bent), atol=1e-12)
+    np.testing.assert_allclose(invert_jacobian(bent), np.linalg.pinv(bent), atol=1e-12)
     # Two links of 0.3 m in a plane: the knee straightens
     knee = np.concatenate([np.geomspace(0.5, 1e-6, 400), [0.0]])
     zero, one = np.zeros_like(knee), np.ones_like(knee)
@@ -50,8 +50,8 @@ def test_limbs_at_full_stretch_are_not_turned_through_it() -> None:
     aside = np.stack([0.3 + 0.3 * np.cos(knee), 0.3 * np.cos(knee), zero], axis=-1)
     out = np.stack([zero, zero, 0.6 * one], axis=-1)
     jacobian = np.stack([far, aside, out], axis=1)
-    turn = turning_of(jacobian)
-    most = 1 / (STRETCHED * np.linalg.norm(jacobian[0], ord=2))
+    turn = invert_jacobian(jacobian)
+    most = 1 / (MIN_SINGULAR_RATIO * np.linalg.norm(jacobian[0], ord=2))
     size = np.linalg.norm(turn, ord=2, axis=(1, 2))
     assert size.max() < 1.05 * most
     assert np.abs(np.diff(size)).max() < 0.05 * most  # without a jump
@@ -64,7 +64,7 @@ def test_limbs_at_full_stretch_are_not_turned_through_it() -> None:
 
 def test_chains_place_toes_where_the_robot_does(planned: Planned) -> None:
     robot = planned().robot
-    zero = zero_angles(robot)
+    zero = compute_zero_pose(robot)
     assert zero is not None
     none = np.zeros_like(zero.axes)
     alone = np.tile(np.eye(zero.axes.shape[1]), (len(zero.toe), 1, 1))
@@ -84,7 +84,7 @@ def kabsch(points: Array, places: Array) -> tuple[Array, Array]:
 
 def test_the_pose_is_the_least_squares_one(planned: Planned) -> None:
     plan = planned()
-    tables = regulator_tables(plan)
+    tables = build_regulator_tables(plan)
     pose, rng = Pose(tables), np.random.default_rng(1)
     turn = rotation_world_body(np.array([0.2, -0.1, 0.3]))
     body = (tables.toes - [0.1, 0.0, 0.05]) @ turn + rng.normal(0, 5e-3, tables.toes.shape)
@@ -97,16 +97,17 @@ def test_the_pose_is_the_least_squares_one(planned: Planned) -> None:
 
 def test_it_ticks_as_simulations_do(planned: Planned) -> None:
     plan = planned()
-    tables = regulator_tables(plan)
+    tables = build_regulator_tables(plan)
     np.testing.assert_allclose(tables.command, plan.trajectory.joint_command, atol=1e-12)
     angles = seen(tables) + np.random.default_rng(2).normal(0, 1e-3, tables.command.shape)
     ticking = JointRegulator(tables)
-    regulator, odometry = Regulator(plan, place=True), JointOdometry(plan)
+    regulator, odometry = Regulator(plan, correct_position=True), JointOdometry(plan)
     before, last = float(tables.time[0]), tables.command[0]
     for sample, moment in enumerate(tables.time.tolist()):
         lag = (angles[sample] - last) * tables.give
         pose = odometry.pose(sample, last + lag)
-        last = tables.command[sample] + regulator.correction(sample, moment - before, pose, lag)
+        added = regulator.compute_correction(sample, moment - before, pose, lag)
+        last = tables.command[sample] + added
         before = moment
         np.testing.assert_allclose(ticking.tick(moment, angles[sample]), last, atol=1e-9)
     assert np.abs(last - tables.command[-1]).max() > 1e-3  # it did correct
@@ -114,8 +115,8 @@ def test_it_ticks_as_simulations_do(planned: Planned) -> None:
 
 def test_stiffer_controllers_are_told_less(planned: Planned) -> None:
     plan = planned()
-    own = regulator_tables(plan)
-    stiff = regulator_tables(plan, 2.0 * plan.robot.joint_stiffness)
+    own = build_regulator_tables(plan)
+    stiff = build_regulator_tables(plan, 2.0 * plan.robot.joint_stiffness)
     torque = own.bent / own.give * plan.robot.joint_stiffness
     np.testing.assert_allclose(
         stiff.bent / stiff.give * 2.0 * plan.robot.joint_stiffness, torque, atol=1e-9
@@ -123,7 +124,7 @@ def test_stiffer_controllers_are_told_less(planned: Planned) -> None:
 
 
 def test_no_memory_is_taken_while_it_ticks(planned: Planned) -> None:
-    tables = regulator_tables(planned())
+    tables = build_regulator_tables(planned())
     regulator, angles = JointRegulator(tables), seen(tables)
     moments = tables.time.tolist()
     for moment, angle in zip(moments[:20], angles[:20], strict=True):
@@ -142,7 +143,7 @@ def test_no_memory_is_taken_while_it_ticks(planned: Planned) -> None:
 
 
 def test_time_does_not_go_back_and_angles_are_numbers(planned: Planned) -> None:
-    tables = regulator_tables(planned())
+    tables = build_regulator_tables(planned())
     regulator = JointRegulator(tables)
     regulator.tick(1.0, seen(tables)[20])
     with pytest.raises(ValueError, match="goes back"):
@@ -181,7 +182,7 @@ def test_the_written_file_runs_alone_and_says_the_same(
 
 
 def test_feet_that_roll_carry_the_body_on(planned: Planned) -> None:
-    tables = regulator_tables(planned())
+    tables = build_regulator_tables(planned())
     rolled = np.zeros_like(tables.arms)
     rolled[1:] = [0.0, 0.01, 0.0]
     still, rolling = Pose(tables), Pose(replace(tables, rolled=rolled))
@@ -195,13 +196,13 @@ def test_feet_that_roll_carry_the_body_on(planned: Planned) -> None:
 def test_a_heavy_body_is_corrected_slowly(planned: Planned) -> None:
     """On the same springs twice the mass swings at half the square of the frequency."""
     plan = planned()
-    assert (steady_rates(plan) == RATE).all()
+    assert (compute_stable_rates(plan) == RATE).all()
     slow, slower = (
-        steady_rates(replace(plan, robot=replace(plan.robot, mass=times * plan.robot.mass)))
+        compute_stable_rates(replace(plan, robot=replace(plan.robot, mass=times * plan.robot.mass)))
         for times in (20.0, 40.0)
     )
     assert 0 < slow.max() < RATE
     np.testing.assert_allclose(slower, slow / 2)
     # No rate is slow enough for a body whose forces take all of its stiffness
     soft = replace(plan.robot, joint_stiffness=0.2 * plan.robot.joint_stiffness)
-    assert not steady_rates(replace(plan, robot=soft)).any()
+    assert not compute_stable_rates(replace(plan, robot=soft)).any()

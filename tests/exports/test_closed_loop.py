@@ -23,10 +23,10 @@ from climbplan.arrays import Array
 from climbplan.cli.app import run
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
-from climbplan.climb.simulation.model.chain_limb import motor_names
+from climbplan.climb.simulation.model.chain_limb import name_motors
 from climbplan.climb.simulation.model.mjcf import TIME_STEP, build_mjcf
 from climbplan.climb.simulation.replay import Run, simulate
-from climbplan.climb.simulation.start import set_up
+from climbplan.climb.simulation.initial_posture import place_robot
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import NOMINAL, Conditions
@@ -46,7 +46,7 @@ class Machine:
         robot, n = plan.robot, plan.robot.limb_count
         self.model = self.mujoco.MjModel.from_xml_string(build_mjcf(plan, Conditions()))
         self.data = self.mujoco.MjData(self.model)
-        self.names = [name for limb in range(n) for name in motor_names(robot, limb)]
+        self.names = [name for limb in range(n) for name in name_motors(robot, limb)]
         joints = [self.model.joint(name) for name in self.names]
         self.position = np.array([joint.qposadr[0] for joint in joints])
         self.velocity = np.array([joint.dofadr[0] for joint in joints])
@@ -54,7 +54,7 @@ class Machine:
         self.shape = (n, robot.joint_count)
         # All that a limb gives for what its motor alone does
         self.give = np.broadcast_to(joint_softness(robot) * robot.joint_stiffness, self.shape)
-        start = set_up(plan, plan.terrain)
+        start = place_robot(plan, plan.terrain)
         self.data.qpos[:3] = plan.rounds.com[0]
         turned = np.empty(4)
         self.mujoco.mju_mat2Quat(turned, rotation_world_body(plan.rounds.rpy[0]).ravel())

@@ -18,20 +18,20 @@ from climbplan.bookshelf.scene.scene_source import shelf_of
 from climbplan.bookshelf.schema.dataset import BookshelfProblemSpec
 from climbplan.bookshelf.schema.loading import load_shelf
 from climbplan.climb.envelopes import run
-from climbplan.climb.postures.statement import posture_program
+from climbplan.climb.postures.statement import build_posture_program
 from climbplan.climb.scene.climb_scene import build_scene
 from climbplan.climb.schema.envelopes_loading import load_envelopes
 from climbplan.climb.schema.loading import load_climb
-from climbplan.climb.simulation.worlds.stated import uncertainty_of
-from climbplan.climb.simulation.worlds.uncertainty import Spread
+from climbplan.climb.simulation.worlds.uncertainty import Distribution
+from climbplan.climb.simulation.worlds.uncertainty_spec import read_uncertainty
 from climbplan.datasets.schema.loading import load_dataset
-from climbplan.limms.legs.gaits import gaits
+from climbplan.limms.legs.gaits import generate_gaits
 from climbplan.limms.schema.loading import load_limms
 from climbplan.schema.robots.stored import RobotTexts
-from climbplan.walking.micp.limits import limits_of
-from climbplan.walking.online.admittance import AdmittanceGains, AdmittanceLegs
+from climbplan.walking.micp.limits import read_limits
+from climbplan.walking.online.admittance import AdmittanceController, AdmittanceGains
 from climbplan.walking.online.estimation import SensorQuality
-from climbplan.walking.online.perception import SimulatedSensors
+from climbplan.walking.online.state_feedback import SimulatedSensors
 from climbplan.walking.schema.loading import load_mpc
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -73,17 +73,17 @@ def test_datasets_draw_upright_books_and_wait_for_rows() -> None:
 
 
 def test_walks_begin_with_more_pieces_and_softer_legs() -> None:
-    overrides = ["solver.arm_pieces=3", "solver.height_pieces=5", "solver.method=micp"]
-    limits = limits_of(load_mpc(SPECS / "mpc_forward.yaml", overrides).spec.solver)
+    overrides = ["solver.moment_arm_partitions=3", "solver.height_pieces=5", "solver.method=micp"]
+    limits = read_limits(load_mpc(SPECS / "mpc_forward.yaml", overrides).spec.solver)
     assert (limits.arm_pieces, limits.height_pieces) == (3, 5)
     gains = ["leg_stiffness=1000", "leg_damping=7"]
     stated = load_mpc(
         SPECS / "mpc_forward.yaml",
         ["solver.method=online", *(f"loop.admittance.{gain}" for gain in gains)],
     ).spec.loop.admittance
-    legs = AdmittanceLegs(AdmittanceGains(**stated.model_dump()), 1)
+    legs = AdmittanceController(AdmittanceGains(**stated.model_dump()), 1)
     ahead, rate = np.array([[0.0, 0.0, 0.01]]), np.array([[0.0, 0.0, 0.1]])
-    assert np.allclose(legs.force(np.zeros((1, 3)), ahead, rate), [[0.0, 0.0, 10.0 + 0.7]])
+    assert np.allclose(legs.compute_forces(np.zeros((1, 3)), ahead, rate), [[0.0, 0.0, 10.0 + 0.7]])
 
 
 def test_a_gyroscope_is_as_noisy_as_stated() -> None:
@@ -97,19 +97,21 @@ def test_a_gyroscope_is_as_noisy_as_stated() -> None:
 
 
 def test_quadrupeds_of_modules_take_no_more_steps_than_allowed() -> None:
-    most = load_limms(SPECS / "limms_lift_heavy.yaml", ["solver.most_steps=4"]).spec.solver
+    most = load_limms(SPECS / "limms_lift_heavy.yaml", ["solver.max_steps=4"]).spec.solver
     shift = np.array([0.3, 0.0, 0.0])
-    few = list(gaits(4, 1, shift, 0.1, most.most_steps))
+    few = list(generate_gaits(4, 1, shift, 0.1, most.max_steps))
     assert few
-    assert len(few) < len(list(gaits(4, 1, shift, 0.1, 16)))
+    assert len(few) < len(list(generate_gaits(4, 1, shift, 0.1, 16)))
 
 
 def test_postures_are_held_within_reach_on_the_way_or_not() -> None:
     rows = []
     for value in ("true", "false"):
-        loaded = load_climb(SPECS / "climb_obstacle.yaml", [f"posture.intermediate_reach={value}"])
+        loaded = load_climb(
+            SPECS / "climb_obstacle.yaml", [f"posture.check_reach_during_round={value}"]
+        )
         scene = build_scene(loaded.spec, loaded.robot)
-        rows.append({block.name for block in posture_program(scene).blocks.balls})
+        rows.append({block.name for block in build_posture_program(scene).blocks.balls})
     assert rows[0] - rows[1] == {
         "workspace.stance_lift",
         "workspace.stance_place",
@@ -121,7 +123,7 @@ def test_postures_are_held_within_reach_on_the_way_or_not() -> None:
 def test_motors_of_worlds_are_as_weak_as_stated() -> None:
     loaded = load_climb(SPECS / "climb_obstacle.yaml", ["uncertainty.motor_gain=0.2"])
     plan: Any = SimpleNamespace(spec_text=loaded.text, name="plan", robot_texts=RobotTexts())
-    assert uncertainty_of(plan).gain == Spread("normal", 0.0, 0.2)
+    assert read_uncertainty(plan).gain == Distribution("normal", 0.0, 0.2)
 
 
 def test_envelopes_are_grown_until_enough_is_feasible(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,9 +14,9 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.simulation.comparison import compare, find_slips
-from climbplan.climb.simulation.control.feedforward import limb_weight_torques
-from climbplan.climb.simulation.model.chain_limb import motor_names
-from climbplan.climb.simulation.model.mjcf import build_mjcf, link_mass
+from climbplan.climb.simulation.control.feedforward import compute_gravity_torques
+from climbplan.climb.simulation.model.chain_limb import name_motors
+from climbplan.climb.simulation.model.mjcf import build_mjcf, compute_link_mass
 from climbplan.climb.simulation.replay import simulate
 from climbplan.robots.kinematics import joint_points_body, toe_world
 from climbplan.robots.rotations import rotation_world_body
@@ -46,7 +46,7 @@ def test_model_is_the_robot_of_the_plan(plan: ClimbPlan) -> None:
         gain = model.actuator_gainprm[:, 0].reshape(4, 4)
         assert gain == pytest.approx(motor_stiffness(robot, own))
         assert model.actuator_forcerange[:, 1].reshape(4, 4) == pytest.approx(robot.max_torque)
-        names = [name for limb in range(4) for name in motor_names(robot, limb)]
+        names = [name for limb in range(4) for name in name_motors(robot, limb)]
         address = [model.joint(name).qposadr[0] for name in names]
         rng = np.random.default_rng(0)
         for _ in range(5):
@@ -77,14 +77,14 @@ def test_the_body_is_where_it_is(plan: ClimbPlan) -> None:
 def test_weights_of_links_by_virtual_work(plan: ClimbPlan) -> None:
     """The torques are the slope of the links' potential energy by the joint angles."""
     robot, conditions = plan.robot, Conditions(limb_mass_share=0.3)
-    found = limb_weight_torques(plan, conditions)
+    found = compute_gravity_torques(plan, conditions)
     rest = replace(
         plan,
         forces=replace(plan.forces, force=np.zeros_like(plan.forces.force)),
     )
     angles = plan.instants.joint_angles[0]
     rotation = rotation_world_body(plan.instants.rpy[0])
-    weight = link_mass(robot, conditions) * robot.gravity
+    weight = compute_link_mass(robot, conditions) * robot.gravity
 
     def energy(turned: np.ndarray) -> float:
         points = joint_points_body(robot, turned) @ rotation.T

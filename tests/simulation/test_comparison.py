@@ -10,7 +10,7 @@ import pytest
 
 from climbplan.arrays import Array
 from climbplan.climb.simulation.comparison import Comparison
-from climbplan.climb.simulation.study import Simulated, headline
+from climbplan.climb.simulation.study import SimulationStudy, format_headline
 
 
 def comparison(torque: Array, planned: Array) -> Comparison:
@@ -28,14 +28,14 @@ def comparison(torque: Array, planned: Array) -> Comparison:
 def told(compared: Comparison) -> str:
     run = SimpleNamespace(fallen=False, time=np.ones(1))
     found: Any = SimpleNamespace(run=run, compared=compared)
-    return headline(cast("Simulated", found))
+    return format_headline(cast("SimulationStudy", found))
 
 
 def test_torques_of_a_small_robot_are_compared() -> None:
     """All are under 1 N m; those far under the largest stay out."""
     planned = np.array([[0.5, 0.1], [0.2, 0.4], [0.01, 0.02]])
     small = comparison(planned * [[1.1], [1.1], [5.0]], planned)
-    assert small.least_torque == pytest.approx(0.1)
+    assert small.min_torque == pytest.approx(0.1)
     np.testing.assert_allclose(small.torque_error, [0.1, 0.1])
     assert "torque 10.0% off (median)" in told(small)
 
@@ -43,7 +43,7 @@ def test_torques_of_a_small_robot_are_compared() -> None:
 def test_torques_of_a_large_robot_are_compared_from_one_newton_metre_on() -> None:
     planned = np.array([[40.0, 3.0], [1.5, 0.5], [0.9, 0.4]])
     large = comparison(planned * 1.2, planned)
-    assert large.least_torque == 1.0
+    assert large.min_torque == 1.0
     np.testing.assert_allclose(large.torque_error, [0.2, 0.2])
 
 

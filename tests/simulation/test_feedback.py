@@ -11,10 +11,10 @@ import pytest
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.played import sample_instants, true_angles
-from climbplan.climb.simulation.control.odometry import standing
-from climbplan.climb.simulation.control.regulator import Regulator, between_toes
+from climbplan.climb.simulation.control.odometry import find_trusted_toes
+from climbplan.climb.simulation.control.regulator import Regulator, build_internal_projector
 from climbplan.climb.simulation.replay import simulate
-from climbplan.climb.simulation.worlds.world import nominal_world
+from climbplan.climb.simulation.worlds.nominal_world import build_nominal_world
 from climbplan.mechanics.stiffness import limb_compliance
 from climbplan.robots.kinematics import rigid_motion
 from climbplan.robots.rotations import rotation_world_body
@@ -30,7 +30,7 @@ def test_joints_are_the_default(planned: Planned) -> None:
 
 def test_nothing_new_is_corrected_while_a_toe_takes_load(planned: Planned) -> None:
     plan = planned()
-    loading = (standing(plan) != plan.trajectory.contact).any(axis=1)
+    loading = (find_trusted_toes(plan) != plan.trajectory.contact).any(axis=1)
     assert 0.05 < loading.mean() < 0.95
     low = plan.trajectory.com - [0.0, 0.0, 0.01]  # a body that hangs a centimetre low
     for sample, moves in (
@@ -39,7 +39,7 @@ def test_nothing_new_is_corrected_while_a_toe_takes_load(planned: Planned) -> No
     ):
         regulator = Regulator(plan, place=True)
         lag = bent(plan)[sample]
-        regulator.correction(sample, 0.1, (low[sample], np.eye(3)), lag)
+        regulator.compute_correction(sample, 0.1, (low[sample], np.eye(3)), lag)
         standing_toes = plan.trajectory.contact[sample]
         assert (regulator.offset[standing_toes, 2] < -1e-4).all() == moves
 
@@ -56,11 +56,11 @@ def test_a_toe_that_presses_too_little_is_moved_on_and_its_own_offset_ends_in_th
     moving = plan.trajectory
     regulator = Regulator(plan, place=True)
     pose = moving.com[0], rotation_world_body(moving.rpy[0])
-    as_planned = regulator.correction(0, 0.1, pose, bent(plan)[0])
+    as_planned = regulator.compute_correction(0, 0.1, pose, bent(plan)[0])
     np.testing.assert_allclose(as_planned, 0.0, atol=1e-9)
     lag = bent(plan)[0].copy()
     lag[0] = 0.0  # nothing there to press on
-    regulator.correction(0, 0.1, pose, lag)
+    regulator.compute_correction(0, 0.1, pose, lag)
     into = -np.einsum("ni,ni->n", regulator.offset, plan.instants.normal[0])
     assert into.argmax() == 0
     assert into[0] > 1e-4
@@ -68,7 +68,7 @@ def test_a_toe_that_presses_too_little_is_moved_on_and_its_own_offset_ends_in_th
     limb = int(np.flatnonzero(~moving.contact[flying])[0])
     regulator.offset[:] = 0.01
     here = moving.com[flying], rotation_world_body(moving.rpy[flying])
-    regulator.correction(flying, 0.1, here, bent(plan)[flying])
+    regulator.compute_correction(flying, 0.1, here, bent(plan)[flying])
     length = np.linalg.norm(regulator.offset, axis=1)
     assert length[limb] < 0.8 * 0.01 * np.sqrt(3)
     assert (np.delete(length, limb) > 0.9 * 0.01 * np.sqrt(3)).all()
@@ -79,7 +79,7 @@ def test_what_a_motion_of_the_body_explains_is_no_force_between_toes(planned: Pl
     regulator = Regulator(plan, place=True)
     arms, stands = regulator.tables.arms[0], np.array([True, True, False, True, True, True])
     compliance = limb_compliance(plan.robot, regulator.tables.jacobian[0])
-    sharing = between_toes(compliance, arms, stands)
+    sharing = build_internal_projector(compliance, arms, stands)
     motion = (rigid_motion(arms) @ np.arange(1.0, 7.0)) * stands[:, None]
     np.testing.assert_allclose(sharing @ motion.ravel(), 0.0, atol=1e-9)
     assert not sharing[6:9].any()
@@ -94,7 +94,7 @@ def test_walls_that_lie_elsewhere_do_not_fell_a_regulated_climb(
     pytest.importorskip("mujoco")
     plan = planned()
     count = len(plan.terrain.surfaces)
-    world = replace(nominal_world(plan), surface=np.full(count, off))
+    world = replace(build_nominal_world(plan), surface=np.full(count, off))
     run = simulate(plan, Conditions(world=world, speed=2.0))
     assert not run.fallen
     assert np.abs(run.com - plan.trajectory.com).max() < 20e-3

@@ -16,11 +16,14 @@ from climbplan.climb.plan.played import sample_instants, true_angles
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.simulation.comparison import compare
-from climbplan.climb.simulation.control.feedforward import _by_differences, limb_weight_torques
-from climbplan.climb.simulation.grips.gripping import shared_at_best
-from climbplan.climb.simulation.model.chain_limb import motor_names
-from climbplan.climb.simulation.model.linkage_limb import elbow_angles
-from climbplan.climb.simulation.model.mjcf import build_mjcf, link_mass
+from climbplan.climb.simulation.control.feedforward import (
+    _differentiate_potential,
+    compute_gravity_torques,
+)
+from climbplan.climb.simulation.grips.gripping import distribute_grip_force
+from climbplan.climb.simulation.model.chain_limb import name_motors
+from climbplan.climb.simulation.model.linkage_limb import compute_elbow_angles
+from climbplan.climb.simulation.model.mjcf import build_mjcf, compute_link_mass
 from climbplan.climb.simulation.replay import simulate
 from climbplan.mechanics.grip import grip_cones
 from climbplan.robots.five_bar import FiveBar
@@ -46,8 +49,8 @@ def test_the_linkage_is_the_robots(plan: ClimbPlan) -> None:
     for sample in range(0, len(moving.time), 40):
         data.qpos[:3] = moving.com[sample]
         mujoco.mju_mat2Quat(data.qpos[3:7], rotation_world_body(moving.rpy[sample]).ravel())
-        for limb, elbow in enumerate(elbow_angles(robot, angles[sample])):
-            for joint, name in enumerate(motor_names(robot, limb)):
+        for limb, elbow in enumerate(compute_elbow_angles(robot, angles[sample])):
+            for joint, name in enumerate(name_motors(robot, limb)):
                 data.qpos[model.joint(name).qposadr[0]] = angles[sample, limb, joint]
             data.qpos[model.joint(f"elbow{limb}").qposadr[0]] = elbow
         mujoco.mj_forward(model, data)
@@ -61,8 +64,10 @@ def test_links_weights_by_differences_are_those_by_axes() -> None:
     plan = plan_climb(load_climb(SPECS / "climb_steps.yaml", ["task.rounds=6"]))
     angles = true_angles(plan, sample_instants(plan))
     rotation = rotation_world_body(plan.trajectory.rpy)
-    found = _by_differences(plan.robot, rotation, angles, link_mass(plan.robot, NOMINAL))
-    assert found == pytest.approx(limb_weight_torques(plan, NOMINAL), abs=1e-7)
+    found = _differentiate_potential(
+        plan.robot, rotation, angles, compute_link_mass(plan.robot, NOMINAL)
+    )
+    assert found == pytest.approx(compute_gravity_torques(plan, NOMINAL), abs=1e-7)
 
 
 def test_a_wall_is_climbed_and_bears_what_was_planned(plan: ClimbPlan) -> None:
@@ -70,8 +75,8 @@ def test_a_wall_is_climbed_and_bears_what_was_planned(plan: ClimbPlan) -> None:
     compared = compare(plan, run)
     assert not run.fallen
     assert run.grips is not None
-    assert run.grips.let_go == ()
-    assert compared.losses == ()
+    assert run.grips.failures == ()
+    assert compared.lost_contacts == ()
     assert np.median(compared.torque_error) < 0.02
     # At rest, with all grippers closed, grips carry the weight
     still = np.flatnonzero(run.touching.all(axis=1))[5]
@@ -110,7 +115,7 @@ def test_what_a_grip_lacks(pull: float) -> None:
     cones = grip_cones(normal, axis, np.array(0.0), np.array(mu), np.array(spines))
     force = -pull * normal  # on the gripper, off the wall: what holds it points to the wall
     parts = np.stack([np.zeros(3), force / 2 + gripping * axis, force / 2 - gripping * axis])
-    lacking, palm = shared_at_best(cones, parts)
+    lacking, palm = distribute_grip_force(cones, parts)
     # With e to spare everywhere the palm may pull by e as well
     expected = max((pull / 2 - mu * gripping - spines / 2) / 1.5, 0.0)
     assert lacking == pytest.approx(expected, abs=1e-5)

@@ -26,7 +26,7 @@ from climbplan.limms.simulation.study import (
     headline,
     simulate_module_plan,
 )
-from climbplan.simulation.asked import Asked
+from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import Conditions
 
 pytest.importorskip("mujoco")
@@ -110,8 +110,8 @@ def test_a_heavier_box_than_planned_is_not_where_it_should_be(heavy: LimmsPlan) 
 
 def test_what_modules_are_not_simulated_with_is_refused(light: LimmsPlan) -> None:
     for asked, flag in (
-        (Asked(Conditions(), runs=3), "--runs"),
-        (Asked(Conditions(speed=2.0)), "--speed"),
+        (SimulationRequest(Conditions(), runs=3), "--runs"),
+        (SimulationRequest(Conditions(speed=2.0)), "--speed"),
     ):
         with pytest.raises(UsageError, match=flag):
             simulate_module_plan(light, asked)

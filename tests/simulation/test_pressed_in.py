@@ -27,7 +27,7 @@ def test_over_the_bricks_toes_hold_that_are_commanded_inside() -> None:
     assert (depth[plan.instants.contact] > 0).all()
     found = compare(plan, simulate(plan, Conditions(speed=2.0, regulator="nothing")))
     assert not found.slips
-    assert not found.losses
+    assert not found.lost_contacts
     assert np.median(found.torque_error) < 0.02
 
 

@@ -15,7 +15,7 @@ from climbplan.cli.simulate import Scaled, scaled
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.simulation.model.mjcf import build_mjcf
-from climbplan.climb.simulation.statics.playback import machine_of, prepare
+from climbplan.climb.simulation.statics.engine import build_robot, prepare_steps
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.robots.model import dynamics_of
 from climbplan.simulation.conditions import NOMINAL, Conditions
@@ -63,7 +63,7 @@ def test_damping_scales_gains_and_viscous_friction(plan: ClimbPlan) -> None:
 
 def test_quasi_static_steps_have_the_same(plan: ClimbPlan) -> None:
     conditions = Conditions(armature=0.5, damping=2.0)
-    machine = machine_of(plan, plan.terrain, prepare(plan, conditions), conditions)
+    machine = build_robot(plan, plan.terrain, prepare_steps(plan, conditions), conditions)
     assert machine.armature == pytest.approx(rotor_inertia(plan.robot, conditions))
     assert machine.damping == pytest.approx(joint_damping(plan.robot, conditions))
 

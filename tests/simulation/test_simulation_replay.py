@@ -12,7 +12,7 @@ import pytest
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.simulation.comparison import compare, find_losses, find_slips
-from climbplan.climb.simulation.instants import instant_samples
+from climbplan.climb.simulation.instant_samples import find_instant_samples
 from climbplan.climb.simulation.model.mjcf import build_mjcf
 from climbplan.climb.simulation.replay import simulate
 from climbplan.climb.transition.planner import plan_transition
@@ -73,7 +73,7 @@ def test_nominal_climb_is_as_planned(planned: Planned) -> None:
 
 def test_instants_are_found_in_the_motion(planned: Planned) -> None:
     plan = planned()
-    at = instant_samples(plan)
+    at = find_instant_samples(plan)
     assert (np.diff(at) > 0).all()
     for k, sample in enumerate(at):
         np.testing.assert_array_equal(plan.trajectory.contact[sample], plan.instants.contact[k])
@@ -102,7 +102,7 @@ def test_heavy_limbs_come_down_low_unless_their_weight_is_fed_forward(planned: P
     off = []
     for conditions in (heavy, replace(heavy, limb_weights=False)):
         run = simulate(plan, conditions)
-        sample = instant_samples(plan)[1]  # the first limb has been placed
+        sample = find_instant_samples(plan)[1]  # the first limb has been placed
         limb = int(np.flatnonzero(plan.instants.lifted[0])[0])
         off.append(float((plan.instants.toes[1] - run.toes[sample])[limb, 2]))
     assert abs(off[0]) < 0.006
@@ -112,7 +112,7 @@ def test_heavy_limbs_come_down_low_unless_their_weight_is_fed_forward(planned: P
 def test_a_lost_contact_slips(planned: Planned) -> None:
     plan = planned()
     k = 1
-    start = float(plan.trajectory.time[instant_samples(plan)[k]])
+    start = float(plan.trajectory.time[find_instant_samples(plan)[k]])
     run = simulate(plan, Conditions(losses=(ContactLoss(3, start - 0.5, 0.6),)))
     slipped = {slip.limb for slip in compare(plan, run).slips}
     assert 3 in slipped
@@ -155,7 +155,7 @@ def test_transition_from_the_ground_to_the_walls(mujoco: object) -> None:
     found = compare(plan, run)
     assert not run.fallen
     assert found.slips == ()
-    assert found.losses == ()
+    assert found.lost_contacts == ()
     assert len(found.instant) == plan.instants.count
     assert np.median(found.torque_error) < 0.05
     icy = simulate(plan, Conditions(friction=0.6, speed=4.0))

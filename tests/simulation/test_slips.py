@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.simulation.comparison import LEAST_HELD, find_slips
-from climbplan.climb.simulation.control.planned_pressure import planned_pressure
-from climbplan.climb.simulation.instants import instant_samples
+from climbplan.climb.simulation.comparison import MIN_STANCE_PRESSURE, find_slips
+from climbplan.climb.simulation.control.planned_pressure import compute_planned_pressure
+from climbplan.climb.simulation.instant_samples import find_instant_samples
 from climbplan.climb.simulation.replay import Run, simulate
 from climbplan.simulation.conditions import NOMINAL
 
@@ -33,16 +33,16 @@ def slid_from(run: Run, first: int, last: int) -> Run:
 
 def test_planned_pressure_is_that_of_the_instants(planned: Planned) -> None:
     plan = planned()
-    at = instant_samples(plan)
+    at = find_instant_samples(plan)
     expected = np.einsum("kni,kni->kn", plan.forces.force, plan.instants.normal)
-    np.testing.assert_allclose(planned_pressure(plan)[at], expected, atol=1e-6)
+    np.testing.assert_allclose(compute_planned_pressure(plan)[at], expected, atol=1e-6)
 
 
 def test_a_toe_may_slide_once_it_is_let_go_of(planned: Planned, run: Run) -> None:
     plan = planned()
     lift = int(np.flatnonzero(~plan.trajectory.contact[:, LIMB])[0])
-    pressed = planned_pressure(plan)[:lift, LIMB]
-    released = int(np.flatnonzero(pressed >= LEAST_HELD)[-1]) + 1
+    pressed = compute_planned_pressure(plan)[:lift, LIMB]
+    released = int(np.flatnonzero(pressed >= MIN_STANCE_PRESSURE)[-1]) + 1
     assert 0 < lift - released < 20  # samples, a second
     assert find_slips(plan, run) == ()
     assert find_slips(plan, slid_from(run, released, lift)) == ()

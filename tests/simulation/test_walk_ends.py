@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from climbplan.simulation.report_files import MAX_SPEED_SHARE, End
+from climbplan.simulation.report_files import MAX_SPEED_SHARE, SimulationEnd
 
-STANDS = End(fall_time=None, slips=0, lost_contacts=0, allowed=4, joint_speed=MAX_SPEED_SHARE)
+STANDS = SimulationEnd(
+    fall_time=None, slips=0, lost_contacts=0, allowed=4, joint_speed=MAX_SPEED_SHARE
+)
 
 
 def test_joints_within_their_speed_limits_stand() -> None:

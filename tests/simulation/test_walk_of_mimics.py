@@ -15,7 +15,7 @@ from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.planner.planner import plan_walk
 from climbplan.walking.schema.loading import load_mpc
-from climbplan.walking.simulation.whole_replay import simulate_whole
+from climbplan.walking.simulation.whole_body_replay import simulate_whole_body
 
 
 @pytest.fixture(scope="module", name="plan")
@@ -43,9 +43,9 @@ def test_it_walks_as_planned(plan: WalkPlan, tmp_path: Path) -> None:
     stored = read_walk_plan(tmp_path / "plan.h5").task.legs
     assert stored is not None
     np.testing.assert_array_equal(stored.chain.drives, legs.chain.drives)
-    run = simulate_whole(plan, NOMINAL)
+    run = simulate_whole_body(plan, NOMINAL)
     assert not run.fallen
-    assert run.unanswered == 0
+    assert run.num_unsolved == 0
     off = np.linalg.norm(run.com - plan.trajectory.state[: len(run.com), :3], axis=1)
     assert off.max() < 0.08  # legs that weigh lag behind where the plan speeds up at 2.3 m/s^2
     assert (run.torque[:, ~legs.there] == 0).all()

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from climbplan.arrays import BoolArray
 from climbplan.climb.exports.motion import motion_of_climb
 from climbplan.climb.plan.file import read_climb
-from climbplan.climb.simulation.control.regulator import regulator_tables, zero_angles
+from climbplan.climb.simulation.control.regulator import build_regulator_tables, compute_zero_pose
 from climbplan.control import joint_regulator
 from climbplan.control.joint_regulator import JointRegulator, RegulatorTables
 from climbplan.errors import UsageError
-from climbplan.exports.formats import FACTS, Told, told
+from climbplan.exports.formats import FACTS, ControllerOptions, adapt_motion
 from climbplan.exports.gains import RIGID
 from climbplan.exports.sidecar import write_facts
 
@@ -41,13 +41,13 @@ def write_regulator(path: Path, gains: str | None, directory: Path) -> TickTime:
     """
     plan = read_climb(path)
     robot = plan.robot
-    if robot.gripper is not None or robot.sole is not None or zero_angles(robot) is None:
+    if robot.gripper is not None or robot.sole is not None or compute_zero_pose(robot) is None:
         raise UsageError(
             f"--format regulator: {robot.name} has five-bar legs, grippers or flat feet; the "
             "regulator knows "
             "limbs whose joints move one after the other and toes that press"
         )
-    motion = told(motion_of_climb(plan), Told(gains=gains))
+    motion = adapt_motion(motion_of_climb(plan), ControllerOptions(gains=gains))
     joints = motion.joints
     assert joints is not None
     there, gain = robot.has_joint, None
@@ -57,7 +57,7 @@ def write_regulator(path: Path, gains: str | None, directory: Path) -> TickTime:
         plan = replace(plan, robot=own)
     elif gains is not None:
         gain = _placed(joints.gain, there, robot.joint_stiffness)
-    tables = regulator_tables(plan, gain)
+    tables = build_regulator_tables(plan, gain)
     table = {f.name: getattr(tables, f.name) for f in fields(RegulatorTables)}
     names = np.array(joints.names)
     more = {

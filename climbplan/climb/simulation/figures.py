@@ -1,4 +1,4 @@
-"""Figures of a simulated run: each leg beside its plan, sag, falls over a key, pictures."""
+"""Figures of a simulated run: each leg compared with its plan, sag, and falls over a key."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from climbplan.climb.pages.series import spans
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.simulation.comparison import Comparison
-from climbplan.climb.simulation.instants import instant_samples
+from climbplan.climb.simulation.instant_samples import find_instant_samples
 from climbplan.climb.simulation.replay import Run
 from climbplan.climb.simulation.sweep import SweepPoint
 from climbplan.reports import palette
@@ -26,19 +26,19 @@ from climbplan.reports.sheet import (
     style_axes,
 )
 
-_SHOWN_MU = 1.6  # friction axis, in units of the terrain's coefficient
+_MAX_SHOWN_MU = 1.6  # friction axis, in units of the terrain's coefficient
 
 
-def leg(plan: ClimbPlan, run: Run, limb: int) -> Figure:
-    """Worst motor torque and critical friction of one leg: planned, simulated, limits."""
+def plot_leg(plan: ClimbPlan, run: Run, limb: int) -> Figure:
+    """Plot worst motor torque and critical friction of one leg: planned, simulated, limits."""
     figure = new_figure(4.6, entries=4)
     top, bottom = figure.subplots(2, 1, sharex=True)
-    at = instant_samples(plan)
+    instant_samples = find_instant_samples(plan)
     time = plan.trajectory.time
     unit = plan.robot.joint_unit[limb]  # forces of joints that slide act at that arm
     planned = np.abs(plan.forces.motor_torques[:, limb] * unit).max(axis=1)
     top.plot(run.time, np.abs(run.torque[:, limb] * unit).max(axis=1), color=palette.INK, lw=0.8)
-    top.plot(time[at], planned, "o-", color=palette.LIMBS[0], ms=2.5, lw=1.2)
+    top.plot(time[instant_samples], planned, "o-", color=palette.LIMBS[0], ms=2.5, lw=1.2)
     limit = float((plan.robot.max_torque[limb] * unit)[plan.robot.has_joint[limb]].min())
     top.axhline(limit, color=palette.FAILURE, lw=1.4, ls=(0, (5, 2)))
     top.set_ylabel("|torque| [N m]")
@@ -50,11 +50,18 @@ def leg(plan: ClimbPlan, run: Run, limb: int) -> Figure:
     mu = plan.instants.mu[:, limb] * run.conditions.friction
     bottom.plot(run.time, critical, color=palette.INK, lw=0.8)
     bottom.plot(
-        time[at], plan.forces.mu_critical[:, limb], "o-", color=palette.LIMBS[0], ms=2.5, lw=1.2
+        time[instant_samples],
+        plan.forces.mu_critical[:, limb],
+        "o-",
+        color=palette.LIMBS[0],
+        ms=2.5,
+        lw=1.2,
     )
-    bottom.step(time[at], mu, where="mid", color=palette.FAILURE, lw=1.4, ls=(0, (5, 2)))
+    bottom.step(
+        time[instant_samples], mu, where="mid", color=palette.FAILURE, lw=1.4, ls=(0, (5, 2))
+    )
     bottom.set_ylabel(r"critical friction $\mu_c$")
-    bottom.set_ylim(0, _SHOWN_MU * float(mu.max()))
+    bottom.set_ylim(0, _MAX_SHOWN_MU * float(mu.max()))
     bottom.set_xlabel("time of the plan [s]")
     for ax in (top, bottom):
         for span in spans(~plan.trajectory.contact[:, limb]):
@@ -76,16 +83,22 @@ def leg(plan: ClimbPlan, run: Run, limb: int) -> Figure:
     return figure
 
 
-def sag(plan: ClimbPlan, run: Run, compared: Comparison) -> Figure:
-    """How far the body is from its planned path, simulated and predicted."""
+def plot_sag(plan: ClimbPlan, run: Run, comparison: Comparison) -> Figure:
+    """Plot the deviation of the body from its planned path, simulated and predicted."""
     figure = new_figure(3.4, entries=3)
     ax = figure.subplots()
-    off = 1e3 * (plan.trajectory.com[: run.samples] - run.com)
+    deviation = 1e3 * (plan.trajectory.com[: run.samples] - run.com)
     for axis, name in enumerate("xyz"):
-        ax.plot(run.time, off[:, axis], lw=1.0, color=palette.LIMBS[axis], label=name)
-    at = run.time[compared.sample]
+        ax.plot(run.time, deviation[:, axis], lw=1.0, color=palette.LIMBS[axis], label=name)
+    sample_times = run.time[comparison.sample]
     for axis in range(3):
-        ax.plot(at, 1e3 * compared.sag_predicted[:, axis], ".", color=palette.LIMBS[axis], ms=3.5)
+        ax.plot(
+            sample_times,
+            1e3 * comparison.sag_predicted[:, axis],
+            ".",
+            color=palette.LIMBS[axis],
+            ms=3.5,
+        )
     ax.axhline(0, color=palette.MUTED, lw=0.6)
     ax.set_xlabel("time of the plan [s]")
     ax.set_ylabel("planned less simulated [mm]")
@@ -97,14 +110,14 @@ def sag(plan: ClimbPlan, run: Run, compared: Comparison) -> Figure:
     return figure
 
 
-def falls(points: Sequence[SweepPoint], key: str, name: str) -> Figure:
-    """Share of falls in random worlds over a value of the spec."""
+def plot_falls(points: Sequence[SweepPoint], key: str, name: str) -> Figure:
+    """Plot the fraction of falls in random worlds over a value of the spec."""
     figure = new_figure(3.6, entries=2)
     ax = figure.subplots()
-    there = [p for p in points if p.trials]
-    x = [p.value for p in there]
-    y = np.array([p.share.value for p in there])
-    low, high = np.array([p.share.interval for p in there]).reshape(-1, 2).T
+    planned = [p for p in points if p.trials]
+    x = [p.value for p in planned]
+    y = np.array([p.fall_share.value for p in planned])
+    low, high = np.array([p.fall_share.interval for p in planned]).reshape(-1, 2).T
     bars = ax.errorbar(
         x, 100 * y, 100 * np.abs(np.stack([y - low, high - y])), fmt="o-", color=palette.FORCE,
         lw=1.3, ms=4, capsize=3,
@@ -116,8 +129,8 @@ def falls(points: Sequence[SweepPoint], key: str, name: str) -> Figure:
     ax.set_ylabel("runs that fall [%]")
     ax.set_ylim(-3, 103)
     style_axes(ax)
-    none = Line2D([], [], color=palette.MUTED, lw=0.8, ls=":")
-    foot_legend(figure, [bars.lines[0], none], ["share of falls, 95 % interval", "no plan"])
+    no_plan_line = Line2D([], [], color=palette.MUTED, lw=0.8, ls=":")
+    foot_legend(figure, [bars.lines[0], no_plan_line], ["share of falls, 95 % interval", "no plan"])
     runs = max((len(p.trials) for p in points), default=0)
     heading(figure, "Falls in random worlds", plain(f"{name}, {runs} runs a value"))
     return figure

@@ -1,4 +1,4 @@
-"""A simulated climb or transition told: report.json, table, figures and page."""
+"""Report of a simulated climb or transition: report.json, table, figures and page."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from climbplan.climb.simulation.comparison import LEAST_SAG
-from climbplan.climb.simulation.figures import falls, leg, sag
-from climbplan.climb.simulation.grips.gripping import Gripped
+from climbplan.climb.simulation.comparison import MIN_SAG
+from climbplan.climb.simulation.figures import plot_falls, plot_leg, plot_sag
+from climbplan.climb.simulation.grips.gripping import GripReport
 from climbplan.climb.simulation.model.mjcf import TIME_STEP
-from climbplan.climb.simulation.risk.figure import first_causes
-from climbplan.climb.simulation.risk.judging import judged_dict
-from climbplan.climb.simulation.risk.rare import rare_dict
-from climbplan.climb.simulation.study import Simulated, WorstWorld, headline
+from climbplan.climb.simulation.risk.estimation import build_risk_dict
+from climbplan.climb.simulation.risk.figure import plot_causes
+from climbplan.climb.simulation.risk.multilevel_splitting import build_rare_dict
+from climbplan.climb.simulation.study import SimulationStudy, WorstWorld, format_headline
 from climbplan.climb.simulation.sweep import SweepPoint
 from climbplan.reports.page_parts import Card
 from climbplan.simulation.mujoco_loading import load_mujoco
 from climbplan.simulation.pictures import Camera
 from climbplan.simulation.report_files import (
     WORST_FILM,
-    End,
-    Told,
-    conditions_dict,
-    spread,
-    strip,
-    trial_dict,
+    SimulationEnd,
+    SimulationRecord,
+    convert_conditions,
+    convert_trial,
+    plot_film_strip,
+    summarise_values,
 )
 from climbplan.store.csv_file import SafeWriter
 
@@ -43,36 +43,36 @@ UNITS = {
 }  # fmt: skip
 
 
-def tell(found: Simulated) -> Told:
-    """What stands in the files of a simulated climb."""
-    plan = found.plan
-    camera = found.camera if isinstance(found.camera, Camera) else None
+def build_report(study: SimulationStudy) -> SimulationRecord:
+    """Build the contents of a simulation's files."""
+    plan = study.plan
+    camera = study.camera if isinstance(study.camera, Camera) else None
     film = camera.film() if camera is not None and camera.pictures else None
-    return Told(
+    return SimulationRecord(
         title=f"{plan.name}: simulated",
-        headline=headline(found),
-        end=end_of(found),
-        report=report_dict(found),
-        table=_table(found),
-        figures=_figures(found),
+        headline=format_headline(study),
+        end=compute_end(study),
+        report=build_report_dict(study),
+        table=_format_table(study),
+        figures=_build_figures(study),
         film=film,
-        cards=_cards(found),
-        events=_events(found),
-        notes=(_MODEL, _JUDGES) if found.run.grips is None else (_MODEL, _GRIPS, _JUDGES),
-        worlds="" if found.judged is None else found.judged.stands,
-        worst=None if found.worst is None else (_worst_words(found.worst), found.worst.film),
+        cards=_build_cards(study),
+        events=_list_events(study),
+        notes=(_MODEL, _JUDGES) if study.run.grips is None else (_MODEL, _GRIPS, _JUDGES),
+        worlds="" if study.risk is None else study.risk.stands,
+        worst=None if study.worst is None else (_describe_worst(study.worst), study.worst.film),
     )
 
 
-def _worst_words(worst: WorstWorld) -> str:
-    return f"World {worst.number}, the worst of those drawn, in MuJoCo: the robot {worst.words}"
+def _describe_worst(worst: WorstWorld) -> str:
+    return f"World {worst.number}, the worst of those drawn, in MuJoCo: the robot {worst.summary}"
 
 
-def end_of(found: Simulated) -> End:
-    """How the nominal run ended; a toe that slides or comes off is not what was planned."""
-    run, compared = found.run, found.compared
+def compute_end(study: SimulationStudy) -> SimulationEnd:
+    """Compute how the nominal run ended; sliding or separating toes are not planned."""
+    run, comparison = study.run, study.comparison
     fall = float(run.time[-1]) if run.fallen else None
-    return End(fall, len(compared.slips), len(compared.losses), allowed=0)
+    return SimulationEnd(fall, len(comparison.slips), len(comparison.lost_contacts), allowed=0)
 
 
 _MODEL = (
@@ -93,100 +93,108 @@ _JUDGES = (
 )
 
 
-def _cards(found: Simulated) -> list[Card]:
-    compared = found.compared
-    torque, sagged = compared.torque_error, compared.sag_error
-    friction = compared.friction[np.isfinite(compared.friction)]
-    many = f"{len(compared.instant)} of {found.plan.instants.count} instants reached"
+def _build_cards(study: SimulationStudy) -> list[Card]:
+    comparison = study.comparison
+    torque_error, sag_error = comparison.torque_error, comparison.sag_error
+    friction = comparison.friction[np.isfinite(comparison.friction)]
+    reached_text = f"{len(comparison.instant)} of {study.plan.instants.count} instants reached"
     cards = [
-        Card("End", f"falls at {found.run.time[-1]:.1f} s" if found.run.fallen else "no fall", many)
+        Card(
+            "End",
+            f"falls at {study.run.time[-1]:.1f} s" if study.run.fallen else "no fall",
+            reached_text,
+        )
     ]
-    if torque.size:
-        cards.append(Card("Worst motor's torque", f"{np.median(torque):.1%} off", "median"))
+    if torque_error.size:
+        cards.append(Card("Worst motor's torque", f"{np.median(torque_error):.1%} off", "median"))
     if friction.size:
-        used = f"{friction.max():.2f}"
-        planned = f"planned {compared.friction_planned.max():.2f}"
-        cards.append(Card("Largest critical friction", used, planned))
-    if sagged.size:
+        friction_text = f"{friction.max():.2f}"
+        planned = f"planned {comparison.friction_planned.max():.2f}"
+        cards.append(Card("Largest critical friction", friction_text, planned))
+    if sag_error.size:
         off = 1e3 * float(
-            np.nanmedian(np.linalg.norm(compared.sag - compared.sag_predicted, axis=1))
+            np.nanmedian(np.linalg.norm(comparison.sag - comparison.sag_predicted, axis=1))
         )
         detail = (
-            f"median distance to the static equilibrium; {np.median(sagged):.0%} of its sag where "
-            f"that is over a millimetre ({sagged.size} instants)"
+            f"median distance to the static equilibrium; {np.median(sag_error):.0%} of its sag "
+            f"where that is over a millimetre ({sag_error.size} instants)"
         )
         cards.append(Card("Sag", f"{off:.1f} mm off", detail))
-    if found.run.grips is not None and found.run.grips.missed.size:
-        gone, missed = len(found.run.grips.let_go), found.run.grips.missed.max()
-        beside = f"holds at most {1e3 * missed:.0f} mm beside them when they close"
-        cards.append(Card("Grips that let go", str(gone) if gone else "none", beside))
-    if found.judged is not None:
-        low, high = found.judged.interval
-        fallen = f"{found.judged.falls} of {len(found.judged.outcomes)}"
-        detail = f"{found.judged.engine}, 95 % interval {low:.1%} to {high:.1%}"
+    if study.run.grips is not None and study.run.grips.misses.size:
+        num_lost, largest_miss = len(study.run.grips.failures), study.run.grips.misses.max()
+        detail = f"holds at most {1e3 * largest_miss:.0f} mm beside them when they close"
+        cards.append(Card("Grips that let go", str(num_lost) if num_lost else "none", detail))
+    if study.risk is not None:
+        low, high = study.risk.interval
+        fallen = f"{study.risk.falls} of {len(study.risk.outcomes)}"
+        detail = f"{study.risk.engine}, 95 % interval {low:.1%} to {high:.1%}"
         cards.append(Card("Worlds that fall", fallen, detail))
-    if found.rare is not None:
-        low, high = found.rare.interval
+    if study.rare is not None:
+        low, high = study.rare.interval
         detail = f"statics, splitting, 95 % interval {low:.1e} to {high:.1e}"
-        cards.append(Card("Probability of a fall", f"{found.rare.probability:.1e}", detail))
+        cards.append(Card("Probability of a fall", f"{study.rare.probability:.1e}", detail))
     return cards
 
 
-def _events(found: Simulated) -> list[tuple[str, str]]:
-    plan, compared = found.plan, found.compared
+def _list_events(study: SimulationStudy) -> list[tuple[str, str]]:
+    plan, comparison = study.plan, study.comparison
     names = plan.robot.limb_names
     events = [
         (slip.time, f"{names[slip.limb]} slides, {1e3 * slip.distance:.0f} mm in all")
-        for slip in compared.slips
+        for slip in comparison.slips
     ] + [
         (lost.time, f"{names[lost.limb]} does not touch for {lost.duration:.1f} s")
-        for lost in compared.losses
+        for lost in comparison.lost_contacts
     ]
-    if found.run.grips is not None:
-        events += [(x.time, f"{names[x.limb]} {x.words}") for x in found.run.grips.let_go]
-    if found.run.fallen:
-        events.append((float(found.run.time[-1]), "the robot falls"))
-    return [(f"{time:.1f} s", words) for time, words in sorted(events)]
+    if study.run.grips is not None:
+        events += [(x.time, f"{names[x.limb]} {x.message}") for x in study.run.grips.failures]
+    if study.run.fallen:
+        events.append((float(study.run.time[-1]), "the robot falls"))
+    return [(f"{time:.1f} s", message) for time, message in sorted(events)]
 
 
-def report_dict(found: Simulated) -> dict[str, Any]:
-    """Key figures as JSON-ready values, SI units."""
-    plan, run, compared = found.plan, found.run, found.compared
+def build_report_dict(study: SimulationStudy) -> dict[str, Any]:
+    """Build the key figures as JSON-ready values, SI units."""
+    plan, run, comparison = study.plan, study.run, study.comparison
     names = plan.robot.limb_names
-    finite = np.isfinite(compared.sag_predicted).all(axis=1)
+    finite = np.isfinite(comparison.sag_predicted).all(axis=1)
     return {
         "name": plan.name,
         "spec_sha256": plan.spec_sha256,
         "simulator": f"MuJoCo {load_mujoco().__version__}",
         "time_step": TIME_STEP,
-        "conditions": conditions_dict(run.conditions),
+        "conditions": convert_conditions(run.conditions),
         "fallen": run.fallen,
         "fell": run.fallen,
         "fall_time": float(run.time[-1]) if run.fallen else None,
         "time": float(run.time[-1]),
         "planned_time": float(plan.trajectory.time[-1]),
-        "instants": {"planned": plan.instants.count, "reached": len(compared.instant)},
+        "instants": {"planned": plan.instants.count, "reached": len(comparison.instant)},
         "torque": {
-            "relative_error": spread(compared.torque_error),
-            "least_compared": compared.least_torque,
+            "relative_error": summarise_values(comparison.torque_error),
+            "least_compared": comparison.min_torque,
             "largest": float(np.abs(run.torque).max()),
             "largest_planned": float(np.abs(plan.forces.motor_torques).max()),
         },
         "friction": {
-            "critical": spread(compared.friction[compared.friction > 0]),
-            "planned": spread(compared.friction_planned[compared.friction_planned > 0]),
-            "below_mu": float((compared.friction < compared.mu).mean())
-            if compared.friction.size
+            "critical": summarise_values(comparison.friction[comparison.friction > 0]),
+            "planned": summarise_values(
+                comparison.friction_planned[comparison.friction_planned > 0]
+            ),
+            "below_mu": float((comparison.friction < comparison.mu).mean())
+            if comparison.friction.size
             else None,
         },
         "sag": {
-            "simulated": spread(np.linalg.norm(compared.sag, axis=1)),
-            "predicted": spread(np.linalg.norm(compared.sag_predicted[finite], axis=1)),
-            "relative_error": spread(compared.sag_error),
-            "absolute_error": spread(np.linalg.norm(compared.sag - compared.sag_predicted, axis=1)),
-            "compared_above": LEAST_SAG,
-            "compared": len(compared.sag_error),
-            "lag": spread(np.linalg.norm(compared.lag, axis=1)),
+            "simulated": summarise_values(np.linalg.norm(comparison.sag, axis=1)),
+            "predicted": summarise_values(np.linalg.norm(comparison.sag_predicted[finite], axis=1)),
+            "relative_error": summarise_values(comparison.sag_error),
+            "absolute_error": summarise_values(
+                np.linalg.norm(comparison.sag - comparison.sag_predicted, axis=1)
+            ),
+            "compared_above": MIN_SAG,
+            "compared": len(comparison.sag_error),
+            "lag": summarise_values(np.linalg.norm(comparison.lag, axis=1)),
         },
         "final_offset": (run.com[-1] - plan.trajectory.com[run.samples - 1]).tolist(),
         "bumps": float(run.bumped.mean()),
@@ -197,7 +205,7 @@ def report_dict(found: Simulated) -> dict[str, Any]:
                 "where": "start" if s.instant < 0 else plan.instants.label(s.instant, names),
                 "distance": s.distance,
             }
-            for s in compared.slips
+            for s in comparison.slips
         ],
         "lost_contacts": [
             {
@@ -206,23 +214,23 @@ def report_dict(found: Simulated) -> dict[str, Any]:
                 "where": plan.instants.label(s.instant, names),
                 "duration": s.duration,
             }
-            for s in compared.losses
+            for s in comparison.lost_contacts
         ],
-        "grips": None if run.grips is None else _grips(run.grips, names),
-        "worlds": None if found.judged is None else judged_dict(found.judged, names, plan),
-        "worst_world": None if found.worst is None else _worst_world(found.worst),
-        "rare": None if found.rare is None else rare_dict(found.rare),
-        "runs": [trial_dict(trial) for trial in found.trials],
+        "grips": None if run.grips is None else _build_grips_dict(run.grips, names),
+        "worlds": None if study.risk is None else build_risk_dict(study.risk, names, plan),
+        "worst_world": None if study.worst is None else _build_worst_dict(study.worst),
+        "rare": None if study.rare is None else build_rare_dict(study.rare),
+        "runs": [convert_trial(trial) for trial in study.trials],
         "sweep": {
-            "key": found.sweep_key,
-            "points": [_point(point) for point in found.points],
+            "key": study.sweep_key,
+            "points": [_build_point_dict(point) for point in study.points],
         },
-        "pictures": found.camera if isinstance(found.camera, str) else "figures/climb.png",
+        "pictures": study.camera if isinstance(study.camera, str) else "figures/climb.png",
         "units": UNITS,
     }
 
 
-def _worst_world(worst: WorstWorld) -> dict[str, Any]:
+def _build_worst_dict(worst: WorstWorld) -> dict[str, Any]:
     return {
         "world": worst.number,
         "fallen": worst.run.fallen,
@@ -231,59 +239,63 @@ def _worst_world(worst: WorstWorld) -> dict[str, Any]:
     }
 
 
-def _grips(grips: Gripped, names: Sequence[str]) -> dict[str, Any]:
+def _build_grips_dict(grips: GripReport, names: Sequence[str]) -> dict[str, Any]:
     return {
-        "closed": int(grips.missed.size),
-        "missed": spread(grips.missed),
-        "let_go": [{"limb": names[x.limb], "time": x.time, "words": x.words} for x in grips.let_go],
+        "closed": int(grips.misses.size),
+        "missed": summarise_values(grips.misses),
+        "let_go": [
+            {"limb": names[x.limb], "time": x.time, "words": x.message} for x in grips.failures
+        ],
     }
 
 
-def _figures(found: Simulated) -> dict[str, Figure]:
-    plan = found.plan
-    out = {f"leg_{limb + 1}": leg(plan, found.run, limb) for limb in range(plan.robot.limb_count)}
-    out["sag"] = sag(plan, found.run, found.compared)
-    if found.points:
-        out["falls"] = falls(found.points, found.sweep_key, plan.name)
-    if found.judged is not None and found.judged.falls:
-        out["worlds"] = first_causes(found.judged, plan)
-    if isinstance(found.camera, Camera) and found.camera.pictures:
-        out["climb"] = strip(found.camera.strip, plan.trajectory.time.tolist(), plan.name)
+def _build_figures(study: SimulationStudy) -> dict[str, Figure]:
+    plan = study.plan
+    out = {
+        f"leg_{limb + 1}": plot_leg(plan, study.run, limb) for limb in range(plan.robot.limb_count)
+    }
+    out["sag"] = plot_sag(plan, study.run, study.comparison)
+    if study.points:
+        out["falls"] = plot_falls(study.points, study.sweep_key, plan.name)
+    if study.risk is not None and study.risk.falls:
+        out["worlds"] = plot_causes(study.risk, plan)
+    if isinstance(study.camera, Camera) and study.camera.pictures:
+        out["climb"] = plot_film_strip(study.camera.strip, plan.trajectory.time.tolist(), plan.name)
     return out
 
 
-def _table(found: Simulated) -> str:
-    """One row a standing limb at each instant reached."""
-    plan, compared = found.plan, found.compared
+def _format_table(study: SimulationStudy) -> str:
+    """Format a table with a row for each standing limb at each instant that was reached."""
+    plan, comparison = study.plan, study.comparison
     stream = io.StringIO()
     table = SafeWriter(stream)
     table.writerow(
         ["instant", "time_s", "limb", "torque_planned_Nm", "torque_Nm", "mu_critical_planned",
          "mu_critical", "mu"]
     )  # fmt: skip
-    for row, k in enumerate(compared.instant):
+    for row, k in enumerate(comparison.instant):
         for limb, name in enumerate(plan.robot.limb_names):
             if plan.instants.contact[k, limb]:
                 values = (
-                    compared.torque_planned, compared.torque, compared.friction_planned,
-                    compared.friction, compared.mu,
+                    comparison.torque_planned, comparison.torque, comparison.friction_planned,
+                    comparison.friction, comparison.mu,
                 )  # fmt: skip
                 cells = [f"{v[row, limb]:.6g}" for v in values]
                 table.writerow(
-                    [int(k), f"{found.run.time[compared.sample[row]]:.3f}", name, *cells]
+                    [int(k), f"{study.run.time[comparison.sample[row]]:.3f}", name, *cells]
                 )
     return stream.getvalue()
 
 
-def _point(point: SweepPoint) -> dict[str, Any]:
-    low, high = point.share.interval
+def _build_point_dict(point: SweepPoint) -> dict[str, Any]:
+    low, high = point.fall_share.interval
     return {
         "value": point.value,
         "no_plan": point.no_plan,
-        "fallen": point.share.fallen,
-        "runs": point.share.runs,
-        "share": point.share.value,
+        "fallen": point.fall_share.fallen,
+        "runs": point.fall_share.runs,
+        "share": point.fall_share.value,
         "lower": low,
         "upper": high,
-        "trials": [trial_dict(trial) for trial in point.trials],
+        "trials": [convert_trial(trial) for trial in point.trials],
     }

@@ -1,4 +1,4 @@
-"""A climb or transition simulated: the nominal run, and random worlds."""
+"""Simulate a climb or transition: the nominal run, and random worlds."""
 
 from __future__ import annotations
 
@@ -11,13 +11,20 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.simulation.comparison import Comparison, compare
-from climbplan.climb.simulation.model.link_masses import link_masses
+from climbplan.climb.simulation.model.link_masses import select_link_masses
 from climbplan.climb.simulation.replay import Run, simulate
-from climbplan.climb.simulation.risk.judging import Judged, judge_plan, world_conditions
-from climbplan.climb.simulation.risk.rare import Rare, rare_falls
-from climbplan.climb.simulation.sweep import Sweep, SweepPoint, sweep
-from climbplan.climb.simulation.variations import climb_trial, drawn_conditions
-from climbplan.simulation.asked import Asked
+from climbplan.climb.simulation.risk.estimation import (
+    RiskEstimate,
+    build_world_conditions,
+    estimate_risk,
+)
+from climbplan.climb.simulation.risk.multilevel_splitting import (
+    RareEventEstimate,
+    estimate_fall_probability,
+)
+from climbplan.climb.simulation.sweep import SweepPoint, SweepSettings, sweep
+from climbplan.climb.simulation.variations import draw_conditions, run_climb_trial
+from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import LIMB_MASS_SHARE, Conditions, require_possible
 from climbplan.simulation.mujoco_loading import load_mujoco
 from climbplan.simulation.pictures import Camera, open_camera
@@ -28,46 +35,49 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class WorstWorld:
-    """The world in which a plan fares worst, replayed in MuJoCo."""
+    """The world with the earliest fall or largest deviation, simulated in MuJoCo."""
 
     number: int
     run: Run
     film: bytes  # animated GIF
 
     @property
-    def words(self) -> str:
-        """What becomes of the robot there."""
+    def summary(self) -> str:
+        """Text of how the robot ends."""
         return f"falls at {self.run.time[-1]:.1f} s" if self.run.fallen else "stands"
 
 
 @dataclass(frozen=True)
-class Simulated:
-    """Everything one call of the command found."""
+class SimulationStudy:
+    """All results of one call of the command."""
 
     plan: ClimbPlan
     run: Run
-    compared: Comparison
+    comparison: Comparison
     trials: tuple[Trial, ...]
     sweep_key: str
     points: tuple[SweepPoint, ...]
     camera: Camera | str  # with its pictures, or why there are none
-    judged: Judged | None = None  # in worlds of the plan's uncertainty
-    rare: Rare | None = None  # likewise, where falls are too few to count
+    risk: RiskEstimate | None = None  # in worlds of the plan's uncertainty
+    rare: RareEventEstimate | None = None  # likewise, where falls are too few to count
     worst: WorstWorld | None = None  # of those judged, where there are pictures
 
 
 def simulate_plan(
     plan: ClimbPlan,
-    asked: Asked,
+    request: SimulationRequest,
     progress: Callable[[str, float], None] = lambda stage, part: None,
-) -> Simulated:
-    """The nominal run and, with runs, random ones of this plan or of plans at swept values.
+) -> SimulationStudy:
+    """Simulate the nominal run and, if requested, random worlds or a sweep of a spec's key.
 
-    Results do not depend on `jobs`. Raises UsageError for a world that cannot be, MissingSolver
-    without MuJoCo.
+    Results do not depend on the number of jobs.
+
+    Raises:
+        UsageError: The conditions are impossible.
+        MissingSolver: MuJoCo is not installed.
     """
-    weights = link_masses(plan, asked.conditions)
-    if weights is None and plan.robot_texts.urdf and asked.conditions.limb_mass_share is None:
+    weights = select_link_masses(plan, request.conditions)
+    if weights is None and plan.robot_texts.urdf and request.conditions.limb_mass_share is None:
         _log.warning(
             "%s does not say what the links of its URDF weigh, as plans of before: they have %g %% "
             "of the mass together; plan it again, or give --limb-mass-share",
@@ -75,69 +85,79 @@ def simulate_plan(
             100 * LIMB_MASS_SHARE,
         )
     links = None if weights is None else float(weights.mass.sum())
-    require_possible(asked.conditions, plan.robot.mass, links)
+    require_possible(request.conditions, plan.robot.mass, links)
     load_mujoco()
-    camera = open_camera(plan.trajectory.com) if asked.pictures else "no pictures asked for"
-    watch = camera.watch if isinstance(camera, Camera) else None
-    conditions = asked.conditions
-    run = simulate(plan, conditions, lambda part: progress("simulate", part), watch, rests=True)
+    camera = open_camera(plan.trajectory.com) if request.pictures else "no pictures asked for"
+    watch_sample = camera.watch if isinstance(camera, Camera) else None
+    conditions = request.conditions
+    run = simulate(
+        plan, conditions, lambda part: progress("simulate", part), watch_sample, rests=True
+    )
     if isinstance(camera, Camera):
         camera.close()
-    compared = compare(plan, run)
+    comparison = compare(plan, run)
     trials: tuple[Trial, ...] = ()
     points: tuple[SweepPoint, ...] = ()
-    if asked.sweep_key:
-        what = Sweep(
-            asked.sweep_key, asked.sweep_values, conditions, max(asked.runs, 1), asked.seed,
-            asked.jobs, asked.most_backlash,
+    if request.sweep_key:
+        sweep_settings = SweepSettings(
+            request.sweep_key, request.sweep_values, conditions, max(request.runs, 1), request.seed,
+            request.jobs, request.max_backlash,
         )  # fmt: skip
-        points = sweep(plan, what, lambda part: progress("sweep", part))
-    elif asked.runs:
-        worlds = drawn_conditions(plan, conditions, asked.runs, asked.seed, asked.most_backlash)
+        points = sweep(plan, sweep_settings, lambda part: progress("sweep", part))
+    elif request.runs:
+        worlds = draw_conditions(plan, conditions, request.runs, request.seed, request.max_backlash)
         trials = run_trials(
-            partial(climb_trial, plan), worlds, asked.jobs, lambda part: progress("runs", part)
+            partial(run_climb_trial, plan),
+            worlds,
+            request.jobs,
+            lambda part: progress("runs", part),
         )
-    judged, rare, worst = None, None, None
-    if asked.worlds and asked.rare:
-        rare = rare_falls(
-            plan, conditions, asked.worlds, asked.seed, asked.jobs,
+    risk, rare, worst = None, None, None
+    if request.worlds and request.rare:
+        rare = estimate_fall_probability(
+            plan, conditions, request.worlds, request.seed, request.jobs,
             lambda part: progress("worlds", part),
         )  # fmt: skip
-    elif asked.worlds:
-        judged = judge_plan(
-            plan, conditions, asked.engine, asked.worlds, asked.seed, asked.jobs,
+    elif request.worlds:
+        risk = estimate_risk(
+            plan, conditions, request.engine, request.worlds, request.seed, request.jobs,
             lambda part: progress("worlds", part),
         )  # fmt: skip
         if isinstance(camera, Camera):
-            worst = _worst(plan, judged, conditions)
-    return Simulated(
-        plan, run, compared, trials, asked.sweep_key, points, camera, judged, rare, worst
+            worst = _film_worst(plan, risk, conditions)
+    return SimulationStudy(
+        plan, run, comparison, trials, request.sweep_key, points, camera, risk, rare, worst
     )
 
 
-def _worst(plan: ClimbPlan, judged: Judged, base: Conditions) -> WorstWorld | None:
-    """The worst of the worlds as a film; None where it cannot be drawn."""
+def _film_worst(plan: ClimbPlan, risk: RiskEstimate, base: Conditions) -> WorstWorld | None:
+    """Simulate and film the worst of the worlds; None without pictures."""
     camera = open_camera(plan.trajectory.com)
     if not isinstance(camera, Camera):
         return None
-    number = judged.worst
-    run = simulate(plan, world_conditions(judged, base, number), watch=camera.watch)
+    number = risk.worst
+    run = simulate(plan, build_world_conditions(risk, base, number), watch=camera.watch)
     camera.close()
     return WorstWorld(number, run, camera.film())
 
 
-def headline(found: Simulated) -> str:
-    """The run in one line."""
-    run, compared = found.run, found.compared
-    end = f"falls at {run.time[-1]:.1f} s" if run.fallen else "no fall"
-    error = compared.torque_error
-    if not len(compared.instant):
-        torque = "no instant reached"
+def format_headline(study: SimulationStudy) -> str:
+    """Format the run in one line."""
+    run, comparison = study.run, study.comparison
+    end_text = f"falls at {run.time[-1]:.1f} s" if run.fallen else "no fall"
+    error = comparison.torque_error
+    if not len(comparison.instant):
+        torque_text = "no instant reached"
     elif not error.size:
-        torque = "no torque planned"
+        torque_text = "no torque planned"
     else:
-        torque = f"torque {np.median(error):.1%} off (median)"
-    lost = f"{len(compared.losses)} contacts lost, " if compared.losses else ""
-    held = compared.friction < compared.mu
-    words = f"below mu at {held.mean():.1%} of contacts" if held.size else "unknown"
-    return f"{end}, {len(compared.slips)} slips, {lost}{torque}, friction {words}"
+        torque_text = f"torque {np.median(error):.1%} off (median)"
+    lost_text = (
+        f"{len(comparison.lost_contacts)} contacts lost, " if comparison.lost_contacts else ""
+    )
+    is_below_mu = comparison.friction < comparison.mu
+    friction_text = (
+        f"below mu at {is_below_mu.mean():.1%} of contacts" if is_below_mu.size else "unknown"
+    )
+    slips_text = f"{len(comparison.slips)} slips"
+    return f"{end_text}, {slips_text}, {lost_text}{torque_text}, friction {friction_text}"

@@ -1,4 +1,4 @@
-"""Plans made anew at several values of a key, each simulated in the same random worlds."""
+"""Plan a spec at several values of a key and simulate each plan in the same random worlds."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_text
 from climbplan.climb.schema.transition_loading import transition_of_text
-from climbplan.climb.simulation.variations import climb_trial, drawn_conditions
+from climbplan.climb.simulation.variations import draw_conditions, run_climb_trial
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NoPlanFound, ReachFailure
 from climbplan.schema.source import SourceText
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.trials import Share, Trial, run_trials
+from climbplan.simulation.trials import FallRate, Trial, run_trials
 
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """What happened at one value of a spec's key."""
+    """The trials at one value of a spec's key."""
 
     value: float
     trials: tuple[Trial, ...]
     no_plan: str  # why there is no plan at this value, "" if there is one
 
     @property
-    def share(self) -> Share:
+    def fall_share(self) -> FallRate:
         """Falls among the trials."""
-        return Share(sum(t.fallen for t in self.trials), len(self.trials))
+        return FallRate(sum(t.fallen for t in self.trials), len(self.trials))
 
 
 @dataclass(frozen=True)
-class Sweep:
-    """What is asked of a sweep."""
+class SweepSettings:
+    """Settings of a sweep."""
 
     key: str  # of the spec
     values: tuple[float, ...]
@@ -47,32 +47,42 @@ class Sweep:
 
 
 def sweep(
-    plan: ClimbPlan, asked: Sweep, progress: Callable[[float], None] | None = None
+    plan: ClimbPlan, settings: SweepSettings, progress: Callable[[float], None] | None = None
 ) -> tuple[SweepPoint, ...]:
-    """Plan the same spec anew at each value of a key and simulate it in the same random worlds.
+    """Plan the spec of a plan at each value of a key and simulate it in the same random worlds.
 
-    Raises SpecError for a key or value that the spec does not take.
+    Args:
+        plan: The plan whose spec is used.
+        settings: Key, values and worlds.
+        progress: Called with the fraction that is done.
+
+    Raises:
+        SpecError: The spec does not take the key or value.
     """
     points = []
-    for index, value in enumerate(asked.values):
+    for index, value in enumerate(settings.values):
         try:
-            other = _planned(plan, f"{asked.key}={value!r}")
+            variant = _plan_override(plan, f"{settings.key}={value!r}")
         except (NoPlanFound, ReachFailure) as error:
             points.append(SweepPoint(value, (), str(error).splitlines()[0]))
             continue
-        worlds = drawn_conditions(other, asked.base, asked.runs, asked.seed, asked.most_backlash)
+        worlds = draw_conditions(
+            variant, settings.base, settings.runs, settings.seed, settings.most_backlash
+        )
 
-        def part(share: float, done: int = index) -> None:
+        def report_fraction(fraction: float, done: int = index) -> None:
             if progress is not None:
-                progress((done + share) / len(asked.values))
+                progress((done + fraction) / len(settings.values))
 
-        trials = run_trials(partial(climb_trial, other), worlds, asked.jobs, part)
+        trials = run_trials(
+            partial(run_climb_trial, variant), worlds, settings.jobs, report_fraction
+        )
         points.append(SweepPoint(value, trials, ""))
     return tuple(points)
 
 
-def _planned(plan: ClimbPlan, override: str) -> ClimbPlan:
-    """The plan's own spec with one value changed, planned."""
+def _plan_override(plan: ClimbPlan, override: str) -> ClimbPlan:
+    """Plan the spec of a plan with an override."""
     if plan.kind == "transition":
         text = SourceText(plan.name, plan.name, Path.cwd(), plan.spec_text)
         return plan_transition(transition_of_text(text, [override]))

@@ -1,4 +1,4 @@
-"""Random worlds of a climb, and one run in each."""
+"""Draw random worlds of a climb and simulate it in one of them."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.simulation.comparison import find_slips
 from climbplan.climb.simulation.replay import simulate
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.trials import Drawn, Trial, drawn_worlds
+from climbplan.simulation.trials import ConditionsDistribution, Trial, sample_conditions
 
 
-def drawn_conditions(
+def draw_conditions(
     plan: ClimbPlan, base: Conditions, count: int, seed: int, most_backlash: float = 0.0
 ) -> tuple[Conditions, ...]:
-    """Worlds for a climb or transition."""
+    """Draw the conditions of random worlds for a climb or transition."""
     duration = float(plan.trajectory.time[-1])
-    about = Drawn(
-        base, plan.robot.limb_count, plan.robot.mass, duration, most_backlash=most_backlash
+    scenario_settings = ConditionsDistribution(
+        base, plan.robot.limb_count, plan.robot.mass, duration, max_backlash=most_backlash
     )
-    return drawn_worlds(about, count, seed)
+    return sample_conditions(scenario_settings, count, seed)
 
 
-def climb_trial(plan: ClimbPlan, conditions: Conditions) -> Trial:
-    """A climb or transition in one world."""
+def run_climb_trial(plan: ClimbPlan, conditions: Conditions) -> Trial:
+    """Simulate a climb or transition in one world."""
     run = simulate(plan, conditions)
     return Trial(conditions, run.fallen, float(run.time[-1]), len(find_slips(plan, run)))

@@ -17,11 +17,15 @@ from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import LoadedClimb, load_text
 from climbplan.climb.schema.margins import MarginsSpec
 from climbplan.climb.simulation.risk import planning
-from climbplan.climb.simulation.risk.judging import Judged, Outcome, judge_plan
-from climbplan.climb.simulation.risk.more import as_stated, gaits, more
-from climbplan.climb.simulation.risk.planning import Ways, plan_with_risk
-from climbplan.climb.simulation.worlds.stated import uncertainty_of
-from climbplan.climb.simulation.worlds.uncertainty import layout_of, numbers_of
+from climbplan.climb.simulation.risk.estimation import RiskEstimate, ScenarioOutcome, estimate_risk
+from climbplan.climb.simulation.risk.margin_increase import (
+    increase_margins,
+    list_gaits,
+    read_margins,
+)
+from climbplan.climb.simulation.risk.planning import Execution, plan_with_risk
+from climbplan.climb.simulation.worlds.uncertainty import build_layout, draw_numbers
+from climbplan.climb.simulation.worlds.uncertainty_spec import read_uncertainty
 from climbplan.errors import PlanFileError, SpecError
 from climbplan.simulation.conditions import Conditions
 
@@ -36,8 +40,8 @@ task:
   start: {com: [0, 0, 0]}
   goal: {com: [0, 0, 0.05]}
 """
-WAYS = Ways(1, lambda stage, part: None)
-SLIPPERY = ["risk=0.05", "margins.friction=0", "margins.pressure=0", "margins.slip=0"]
+WAYS = Execution(1, lambda stage, part: None)
+SLIPPERY = ["risk=0.05", "margins.friction=0", "margins.normal_force=0", "margins.slip=0"]
 SURE = ["risk=0.2", "uncertainty.surface_mm=0", "uncertainty.friction=0.01"]
 
 
@@ -55,9 +59,9 @@ def made(overrides: list[str]) -> tuple[ClimbPlan, int]:
 
 
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(planning, "LOOKED", 40)
-    monkeypatch.setattr(planning, "FEWEST", 60)
-    monkeypatch.setattr(planning, "TIMES", 2)
+    monkeypatch.setattr(planning, "NUM_SEARCH_WORLDS", 40)
+    monkeypatch.setattr(planning, "MIN_WORLDS", 60)
+    monkeypatch.setattr(planning, "MAX_REPLANS", 2)
 
 
 @pytest.mark.slow
@@ -73,7 +77,7 @@ def test_a_plan_that_stands_is_planned_once(monkeypatch: pytest.MonkeyPatch) -> 
     assert promise.upper == pytest.approx(interval_of(promise.falls, 60)[1])
     assert f"stands in {60 - promise.falls} of 60 worlds" in plan.summary[-1]
     # The same worlds again, by seed and number alone
-    again = judge_plan(plan, Conditions(), "statics", 60, promise.seed)
+    again = estimate_risk(plan, Conditions(), "statics", 60, promise.seed)
     assert again.falls == promise.falls
     assert verification_of(plan).fragile == ()
 
@@ -115,15 +119,15 @@ def test_what_fresh_worlds_fell_is_planned_again_and_judged_in_others(
 
     def judge(
         plan: ClimbPlan, base: Conditions, engine: str, worlds: int, seed: int, *rest: object
-    ) -> Judged:
+    ) -> RiskEstimate:
         """Falls in 12 of many worlds, of plans that are not asked for more than stated."""
         judged.append((worlds, seed))
-        layout = layout_of(plan, uncertainty_of(plan))
+        layout = build_layout(plan, read_uncertainty(plan))
         falls = 12 if worlds > 40 and "margins" not in plan.spec_text else 0
-        ends = [Outcome(k < falls, 1.0, "", 0, 0, 0.0) for k in range(worlds)]
-        return Judged("statics", seed, layout, tuple(ends))
+        ends = [ScenarioOutcome(k < falls, 1.0, "", 0, 0, 0.0) for k in range(worlds)]
+        return RiskEstimate("statics", seed, layout, tuple(ends))
 
-    monkeypatch.setattr(planning, "judge_plan", judge)
+    monkeypatch.setattr(planning, "estimate_risk", judge)
     plan, times = made(["risk=0.1"])
     promise = plan.promise
     assert promise is not None
@@ -142,17 +146,19 @@ def test_what_fresh_worlds_fell_is_planned_again_and_judged_in_others(
 
 def test_more_is_asked_for_by_what_tells_falls_apart() -> None:
     plan = plan_climb(load_text(SPEC, "short", []))
-    layout = layout_of(plan, uncertainty_of(plan))
-    stated = as_stated(MarginsSpec())
+    layout = build_layout(plan, read_uncertainty(plan))
+    stated = read_margins(MarginsSpec())
 
-    def fallen(name: str) -> Judged:
+    def fallen(name: str) -> RiskEstimate:
         """Worlds that fall by the first number of a quantity."""
-        part = dict(layout.parts)[name]
-        numbers = [numbers_of(0, k, layout.size)[part.start] for k in range(200)]
-        ends = [Outcome(bool(n < -1), 1.0, "", 0, 0, 0.0) for n in numbers]
-        return Judged("statics", 0, layout, tuple(ends))
+        part = dict(layout.slices)[name]
+        numbers = [draw_numbers(0, k, layout.size)[part.start] for k in range(200)]
+        ends = [ScenarioOutcome(bool(n < -1), 1.0, "", 0, 0, 0.0) for n in numbers]
+        return RiskEstimate("statics", 0, layout, tuple(ends))
 
-    slippery, elsewhere = (more(stated, fallen(n), plan) for n in ("friction", "surface"))
+    slippery, elsewhere = (
+        increase_margins(stated, fallen(n), plan) for n in ("friction", "surface")
+    )
     assert slippery.slip > stated.slip
     assert slippery.depth == stated.depth
     assert elsewhere.depth > stated.depth
@@ -170,14 +176,14 @@ def test_where_margins_do_not_help_limbs_move_in_other_orders(
 
     def judge(
         plan: ClimbPlan, base: Conditions, engine: str, worlds: int, seed: int, *rest: object
-    ) -> Judged:
+    ) -> RiskEstimate:
         """All stand whose middle limbs move first."""
         falls = 0 if "RM, LM" in plan.spec_text.replace("'", "").split("gait")[-1][:12] else worlds
-        ends = [Outcome(k < falls, 1.0, "", 0, 0, 0.0) for k in range(worlds)]
-        layout = layout_of(plan, uncertainty_of(plan))
-        return Judged("statics", seed, layout, tuple(ends))
+        ends = [ScenarioOutcome(k < falls, 1.0, "", 0, 0, 0.0) for k in range(worlds)]
+        layout = build_layout(plan, read_uncertainty(plan))
+        return RiskEstimate("statics", seed, layout, tuple(ends))
 
-    monkeypatch.setattr(planning, "judge_plan", judge)
+    monkeypatch.setattr(planning, "estimate_risk", judge)
     plan, _ = made(["risk=0.1"])
     assert plan.promise is not None
     assert any("gait RM LM RF LR RR LF" in words for words in plan.promise.tried)
@@ -186,7 +192,7 @@ def test_where_margins_do_not_help_limbs_move_in_other_orders(
 
 def test_orders_put_opposite_limbs_after_one_another() -> None:
     limbs = ("RF", "RM", "RR", "LR", "LM", "LF")
-    found = gaits(limbs, limbs)
+    found = list_gaits(limbs, limbs)
     assert ("RM", "LM", "RF", "LR", "RR", "LF") in found
     assert limbs not in found
     assert len(set(found)) == len(found) == 4
@@ -203,7 +209,7 @@ def test_files_keep_the_promise_and_verify_recomputes_its_interval(
     write_climb(plan, path)
     read = read_climb(path)
     assert read.promise == plan.promise
-    assert verification_of(read).stands == plan.promise.words  # type: ignore[union-attr]
+    assert verification_of(read).risk_summary == plan.promise.words  # type: ignore[union-attr]
     for changed in ({"upper": 0.001}, {"falls": plan.promise.falls + 9}, {"risk": 0.5}):  # type: ignore[union-attr]
         lied = replace(read, promise=replace(read.promise, **changed))  # type: ignore[arg-type,type-var]
         failed = [check.name for check in verification_of(lied).failed]

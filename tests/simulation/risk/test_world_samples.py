@@ -11,17 +11,17 @@ import h5py
 import pytest
 from short_climb import SHORT_CLIMB
 
-from climbplan.api.making import make
+from climbplan.api.making import run_planner
 from climbplan.api.recounting import recount_worlds, require_climb
 from climbplan.climb.check.verification import verification_of, verify
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.plan.world_sample import WorldSample, wilson_interval
 from climbplan.climb.schema.loading import load_text
-from climbplan.climb.simulation.risk import needs, sampling
-from climbplan.climb.simulation.risk.judging import Judged, Outcome
-from climbplan.climb.simulation.worlds.stated import uncertainty_of
-from climbplan.climb.simulation.worlds.uncertainty import Uncertainty, layout_of
+from climbplan.climb.simulation.risk import sampling, suggestions
+from climbplan.climb.simulation.risk.estimation import RiskEstimate, ScenarioOutcome
+from climbplan.climb.simulation.worlds.uncertainty import Uncertainty, build_layout
+from climbplan.climb.simulation.worlds.uncertainty_spec import read_uncertainty
 from climbplan.errors import PlanFileError, UsageError
 
 Planned = Callable[..., ClimbPlan]
@@ -33,10 +33,10 @@ def sample(falls: int, worlds: int = 100) -> WorldSample:
     return WorldSample("statics", 3, worlds, falls, lower, upper, spread, ("7: a toe slides, LR",))
 
 
-def judged(plan: ClimbPlan, falls: int, worlds: int) -> Judged:
-    layout = layout_of(plan, uncertainty_of(plan))
-    ends = [Outcome(k < falls, 1.0, "", 0, 0, 0.0) for k in range(worlds)]
-    return Judged("statics", 3, layout, tuple(ends))
+def judged(plan: ClimbPlan, falls: int, worlds: int) -> RiskEstimate:
+    layout = build_layout(plan, read_uncertainty(plan))
+    ends = [ScenarioOutcome(k < falls, 1.0, "", 0, 0, 0.0) for k in range(worlds)]
+    return RiskEstimate("statics", 3, layout, tuple(ends))
 
 
 def test_wilson_intervals() -> None:
@@ -48,7 +48,7 @@ def test_wilson_intervals() -> None:
 def test_falls_in_more_than_one_world_of_twenty_make_a_plan_fragile(planned: Planned) -> None:
     plan = planned()
     good = verification_of(replace(plan, sample=sample(5)))
-    assert good.stands == "stands in 95 of 100 worlds"
+    assert good.risk_summary == "stands in 95 of 100 worlds"
     assert good.fragile == verification_of(plan).fragile
     assert {c.name for c in good.checks if c.judged} >= {"robust.worlds"}
     bad = verification_of(replace(plan, sample=sample(37)))
@@ -77,20 +77,20 @@ def test_a_sample_is_stored_and_read(planned: Planned, tmp_path: Path) -> None:
 
 
 def test_worlds_are_judged_where_an_uncertainty_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*args: object, **kwargs: object) -> Judged:
+    def refuse(*args: object, **kwargs: object) -> RiskEstimate:
         raise AssertionError("no worlds are judged")
 
-    monkeypatch.setattr(sampling, "judge_plan", refuse)
-    assert make(load_text(SHORT_CLIMB, "short", [])).summary
+    monkeypatch.setattr(sampling, "estimate_risk", refuse)
+    assert run_planner(load_text(SHORT_CLIMB, "short", [])).summary
     seen: list[tuple[object, ...]] = []
 
-    def count(plan: ClimbPlan, *args: object) -> Judged:
+    def count(plan: ClimbPlan, *args: object) -> RiskEstimate:
         seen.append(args[1:4])
         return judged(plan, 80, 200)
 
-    monkeypatch.setattr(sampling, "judge_plan", count)
-    made = make(load_text(SHORT_CLIMB, "short", ["uncertainty.friction=0.2", "seed=4"]))
-    assert seen == [("statics", sampling.WORLDS, 4)]
+    monkeypatch.setattr(sampling, "estimate_risk", count)
+    made = run_planner(load_text(SHORT_CLIMB, "short", ["uncertainty.friction=0.2", "seed=4"]))
+    assert seen == [("statics", sampling.NUM_WORLDS, 4)]
     assert made.summary[-1].split()[:2] == ["worlds", "TOO"]
     assert "stands in 120 of 200 worlds (statics), 95 % interval 53 to 67 %" in made.summary[-1]
 
@@ -98,11 +98,11 @@ def test_worlds_are_judged_where_an_uncertainty_is_stated(monkeypatch: pytest.Mo
 def test_a_robot_that_the_engine_does_not_know_is_warned_of(
     planned: Planned, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(*args: object, **kwargs: object) -> Judged:
+    def refuse(*args: object, **kwargs: object) -> RiskEstimate:
         raise UsageError("grippers, which the statics engine does not know")
 
-    monkeypatch.setattr(sampling, "judge_plan", refuse)
-    plan = sampling.with_world_sample(planned(), 0)
+    monkeypatch.setattr(sampling, "estimate_risk", refuse)
+    plan = sampling.add_world_sample(planned(), 0)
     assert plan.sample is None
     assert plan.warnings[-1].startswith("the worlds of `uncertainty` are not judged: grippers")
 
@@ -135,13 +135,17 @@ def test_falls_are_counted_again_by_the_stored_seed(planned: Planned, tmp_path: 
 def test_what_is_needed_was_played(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = planned()
 
-    def count(plan: ClimbPlan, *args: object, uncertainty: Uncertainty | None = None) -> Judged:
+    def count(
+        plan: ClimbPlan, *args: object, uncertainty: Uncertainty | None = None
+    ) -> RiskEstimate:
         few = uncertainty is not None and uncertainty.friction.high == 0.1
         return judged(plan, 2 if few else 30, 100)
 
-    monkeypatch.setattr(needs, "judge_plan", count)
-    words = needs.needed_to_stand(plan, 0, 100)
+    monkeypatch.setattr(suggestions, "estimate_risk", count)
+    words = suggestions.suggest_knowledge(plan, 0, 100)
     assert "uncertainty.friction=0.1" in words
     assert words.endswith("(stands in 98 of 100 worlds then)")
-    monkeypatch.setattr(needs, "judge_plan", lambda plan, *a, **k: judged(plan, 30, 100))
-    assert needs.needed_to_stand(plan, 0, 100).startswith("more than knowing all that is uncertain")
+    monkeypatch.setattr(suggestions, "estimate_risk", lambda plan, *a, **k: judged(plan, 30, 100))
+    assert suggestions.suggest_knowledge(plan, 0, 100).startswith(
+        "more than knowing all that is uncertain"
+    )

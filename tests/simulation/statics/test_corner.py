@@ -8,20 +8,22 @@ import pytest
 from climbplan.arrays import Array
 from climbplan.climb.simulation.statics.compiling import compiled
 from climbplan.climb.simulation.statics.contact import SLIDES
-from climbplan.climb.simulation.statics.corner import _onto_cone, _runs_into
-from climbplan.climb.simulation.statics.tuples import Ground, Stand, Touch
+from climbplan.climb.simulation.statics.corner_contact import _find_obstacle_hit, _project_to_cone
+from climbplan.climb.simulation.statics.state import ContactSolution, ContactState, Ground
 
 
 @compiled
-def run_into(stand: Stand, ground: Ground, touch: Touch) -> tuple[int, int, float]:
+def run_into(
+    contacts: ContactState, ground: Ground, solution: ContactSolution
+) -> tuple[int, int, float]:
     """`_runs_into` of the first toe."""
-    return _runs_into(0, stand, ground, touch)
+    return _find_obstacle_hit(0, contacts, ground, solution)
 
 
 @compiled
 def onto_cone(vector: Array, normal: Array, mu: float, out: Array) -> None:
     """`_onto_cone`."""
-    _onto_cone(vector, normal, mu, out)
+    _project_to_cone(vector, normal, mu, out)
 
 
 def box(low: list[float], high: list[float]) -> Array:
@@ -30,18 +32,18 @@ def box(low: list[float], high: list[float]) -> Array:
     return np.hstack([sides, np.concatenate([high, np.negative(low)])[:, None]])
 
 
-def slid(before: list[float], now: list[float]) -> tuple[Stand, Touch]:
+def slid(before: list[float], now: list[float]) -> tuple[ContactState, ContactSolution]:
     """A toe that has slid from one place on the floor to another."""
     one, flags = np.zeros(1, np.int64), np.zeros(1, np.int64)
-    stand = Stand(
+    contacts = ContactState(
         np.ones(1, np.int64), one, one + 2, np.array([before]), flags,
         np.full((1, 2), -1), flags, flags,
     )  # fmt: skip
-    touch = Touch(
+    solution = ContactSolution(
         np.full(1, SLIDES), one, one + 2, np.array([now]), np.array([[0.0, 0.0, 1.0]]),
         np.zeros((1, 3)), np.zeros((1, 3)), flags,
     )  # fmt: skip
-    return stand, touch
+    return contacts, solution
 
 
 def test_a_toe_that_slides_into_a_wall_stops_at_it() -> None:
@@ -54,7 +56,9 @@ def test_a_toe_that_slides_into_a_wall_stops_at_it() -> None:
     assert run_into(*_with(ground, slid([0.4, 0.0, 0.0], [0.45, 0.0, 0.0])))[0] == -1
 
 
-def _with(ground: Ground, toe: tuple[Stand, Touch]) -> tuple[Stand, Ground, Touch]:
+def _with(
+    ground: Ground, toe: tuple[ContactState, ContactSolution]
+) -> tuple[ContactState, Ground, ContactSolution]:
     return toe[0], ground, toe[1]
 
 

@@ -8,9 +8,14 @@ from scipy.optimize import minimize
 
 from climbplan.arrays import Array
 from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.limb import _held
-from climbplan.climb.simulation.statics.links import SOFTEST, _chain, _softness, _volume
-from climbplan.climb.simulation.statics.tuples import Pad, Springs
+from climbplan.climb.simulation.statics.limb_equilibrium import _solve_limb
+from climbplan.climb.simulation.statics.limb_kinematics import (
+    MAX_TOE_COMPLIANCE,
+    _compute_jacobian_volume,
+    _compute_kinematics,
+    _compute_toe_compliance,
+)
+from climbplan.climb.simulation.statics.state import JointSprings, Workspace
 
 STIFF, COMMAND = 50.0, np.array([0.1, 0.2, -0.1])  # [N m/rad], [rad]
 
@@ -18,22 +23,30 @@ STIFF, COMMAND = 50.0, np.array([0.1, 0.2, -0.1])  # [N m/rad], [rad]
 @compiled
 def chain(zero: Array, angles: Array, columns: Array, axes: Array, out: Array) -> None:
     """`_chain`."""
-    _chain(zero, angles, columns, axes, out)
+    _compute_kinematics(zero, angles, columns, axes, out)
 
 
 @compiled
-def softness(zero: Array, angles: Array, pad: Pad) -> float:
+def softness(zero: Array, angles: Array, work: Workspace) -> float:
     """`_softness`."""
-    _chain(zero, angles, pad.columns, pad.axes, pad.v[0])
-    return _softness(zero, len(pad.columns), _volume(pad.columns))
+    _compute_kinematics(zero, angles, work.jacobian, work.joint_axes, work.vectors[0])
+    return _compute_toe_compliance(
+        zero, len(work.jacobian), _compute_jacobian_volume(work.jacobian)
+    )
 
 
 @compiled
 def hold(
-    zero: Array, place: Array, springs: Springs, angles: Array, force: Array, slope: Array, pad: Pad
+    zero: Array,
+    place: Array,
+    springs: JointSprings,
+    angles: Array,
+    force: Array,
+    slope: Array,
+    work: Workspace,
 ) -> bool:
     """`_held` of the first limb."""
-    return _held(zero, 0, place, springs, angles, force, slope, pad)
+    return _solve_limb(zero, 0, place, springs, angles, force, slope, work)
 
 
 def limb() -> Array:
@@ -42,8 +55,8 @@ def limb() -> Array:
     return np.array([*axes, [0, 0, 0], [0.05, 0, 0], [0.25, 0, 0], [0.5, 0, 0]], float)
 
 
-def pad(joints: int = 3) -> Pad:
-    return Pad(
+def work(joints: int = 3) -> Workspace:
+    return Workspace(
         np.zeros((12, 3)), np.zeros((8, 3, 3)), np.zeros(6), np.zeros((6, 6)), np.zeros(6),
         np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros((4, joints)),
         np.zeros((joints, joints)),
@@ -52,13 +65,13 @@ def pad(joints: int = 3) -> Pad:
 
 def held(place: Array, soft: float, start: Array) -> tuple[Array, Array]:
     """Force and slope of a toe at a place."""
-    springs = Springs(
+    springs = JointSprings(
         command=COMMAND[None].copy(), weight=np.zeros((1, 3)), stiffness=np.full((1, 3), STIFF),
         half=np.zeros((1, 3)), loose=np.full((1, 3), STIFF), volume=np.zeros(1),
         soft=np.array([soft]),
     )  # fmt: skip
     force, slope, angles = np.zeros(3), np.zeros((3, 3)), start.copy()
-    assert hold(limb(), place, springs, angles, force, slope, pad())
+    assert hold(limb(), place, springs, angles, force, slope, work())
     return force, slope
 
 
@@ -70,8 +83,8 @@ def toe(angles: Array) -> Array:
 
 def test_only_limbs_that_are_nearly_straight_give_way() -> None:
     bent, straight = np.array([0.0, 0.6, -1.2]), np.array([0.0, 0.3, 0.0])
-    assert softness(limb(), bent, pad()) == 0.0
-    assert softness(limb(), straight, pad()) == pytest.approx(SOFTEST)
+    assert softness(limb(), bent, work()) == 0.0
+    assert softness(limb(), straight, work()) == pytest.approx(MAX_TOE_COMPLIANCE)
 
 
 @pytest.mark.parametrize("knee", [-1.2, -0.6])
@@ -87,13 +100,13 @@ def test_a_toe_that_hardly_gives_way_is_held_as_one_that_does_not(knee: float) -
 def test_a_straight_limb_has_a_force_that_changes_steadily(knee: float) -> None:
     place = toe(np.array([0.08, 0.22, knee])) + np.array([1e-4, 0.0, 2e-4])
     start = np.array([0.08, 0.22, knee])
-    force, slope = held(place, SOFTEST, start)
+    force, slope = held(place, MAX_TOE_COMPLIANCE, start)
     step = 1e-7
     for a in range(3):
         moved = place + step * np.eye(3)[a]
-        change = (held(moved, SOFTEST, start)[0] - force) / step
-        np.testing.assert_allclose(change, slope[:, a], rtol=2e-2, atol=2e-3 / SOFTEST)
-    assert np.linalg.eigvalsh((slope + slope.T) / 2).max() <= 1.0001 / SOFTEST
+        change = (held(moved, MAX_TOE_COMPLIANCE, start)[0] - force) / step
+        np.testing.assert_allclose(change, slope[:, a], rtol=2e-2, atol=2e-3 / MAX_TOE_COMPLIANCE)
+    assert np.linalg.eigvalsh((slope + slope.T) / 2).max() <= 1.0001 / MAX_TOE_COMPLIANCE
 
 
 JOINTS = 5
@@ -106,11 +119,11 @@ def long_limb() -> Array:
     return np.array([*axes, *joints, [0.5, 0, 0]], float)
 
 
-def long_springs(soft: float = 0.0) -> Springs:
+def long_springs(soft: float = 0.0) -> JointSprings:
     shape = (1, JOINTS)
     command = np.array([[0.1, 0.5, -0.2, -0.9, 0.3]])
     weight = np.array([[0.0, 0.4, 0.1, 0.2, 0.0]])
-    return Springs(
+    return JointSprings(
         command=command, weight=weight, stiffness=np.full(shape, STIFF),
         half=np.full(shape, 0.002), loose=np.full(shape, 0.2 * STIFF), volume=np.zeros(1),
         soft=np.array([soft]),
@@ -121,7 +134,7 @@ def held_long(place: Array, soft: float = 0.0) -> tuple[Array, Array, Array]:
     """Force, slope and angles of the long limb with its toe at a place."""
     springs = long_springs(soft)
     angles, force, slope = springs.command[0].copy(), np.zeros(3), np.zeros((3, 3))
-    assert hold(long_limb(), place, springs, angles, force, slope, pad(JOINTS))
+    assert hold(long_limb(), place, springs, angles, force, slope, work(JOINTS))
     return force, slope, angles
 
 
@@ -133,7 +146,7 @@ def energy(angles: Array) -> float:
     most = np.minimum(bend, 0.002)
     loose = 0.2 * STIFF
     stored = loose * most**2 / 2 + loose * 0.002 * beyond + STIFF * beyond**2 / 2
-    return float(stored.sum() - springs.weight[0] @ (angles - springs.command[0]))
+    return float(stored.sum() - springs.gravity_torque[0] @ (angles - springs.command[0]))
 
 
 def long_toe(angles: Array) -> Array:
@@ -155,7 +168,7 @@ def test_a_limb_of_five_joints_bends_where_its_springs_hold_least(off: list[floa
     np.testing.assert_allclose(angles, found.x, atol=2e-3)
 
 
-@pytest.mark.parametrize("soft", [0.0, SOFTEST])
+@pytest.mark.parametrize("soft", [0.0, MAX_TOE_COMPLIANCE])
 def test_the_force_on_five_joints_is_the_slope_of_their_energy(soft: float) -> None:
     place = long_toe(long_springs().command[0]) + np.array([0.02, -0.015, 0.02])
     force, slope, angles = held_long(place, soft)
@@ -177,4 +190,4 @@ def test_a_place_out_of_reach_of_five_joints_is_told() -> None:
     springs = long_springs()
     angles = springs.command[0].copy()
     far = np.array([1.0, 0.0, 0.0])
-    assert not hold(long_limb(), far, springs, angles, np.zeros(3), np.zeros((3, 3)), pad(JOINTS))
+    assert not hold(long_limb(), far, springs, angles, np.zeros(3), np.zeros((3, 3)), work(JOINTS))

@@ -12,8 +12,8 @@ import pytest
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
-from climbplan.climb.simulation.statics.outcome import FARTHEST, FELL, SLID
-from climbplan.climb.simulation.statics.playback import Steps, played, prepare
+from climbplan.climb.simulation.statics.engine import PreparedMotion, prepare_steps, simulate_steps
+from climbplan.climb.simulation.statics.outcome import HAS_FALLEN, MAX_DEVIATION, MAX_SLIP
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.conditions import Conditions
@@ -34,38 +34,42 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> ClimbPlan:
 
 
 @pytest.fixture(scope="module")
-def steps(plan: ClimbPlan) -> Steps:
-    return prepare(plan, Conditions())
+def steps(plan: ClimbPlan) -> PreparedMotion:
+    return prepare_steps(plan, Conditions())
 
 
-def test_limbs_end_where_their_feet_touch_their_walls(plan: ClimbPlan, steps: Steps) -> None:
+def test_limbs_end_where_their_feet_touch_their_walls(
+    plan: ClimbPlan, steps: PreparedMotion
+) -> None:
     """The end at zero angles is its foot's radius from the centre, towards the wall when placed."""
-    zero = steps.playback.zero[:, 2 * plan.robot.joint_count]
-    off = np.linalg.norm(steps.playback.ends - zero, axis=-1)
+    zero = steps.motion.zero_pose[:, 2 * plan.robot.joint_count]
+    off = np.linalg.norm(steps.motion.contact_points - zero, axis=-1)
     np.testing.assert_allclose(off, RADIUS, atol=1e-12)
     chain = plan.robot.mechanism
     assert isinstance(chain, SerialChain)
-    ended = replace(plan.robot, mechanism=replace(chain, toe_zero=steps.playback.ends[0]))
+    ended = replace(plan.robot, mechanism=replace(chain, toe_zero=steps.motion.contact_points[0]))
     start = plan.rounds.com[:1], plan.rounds.rpy[:1], plan.instants.joint_angles[:1]
     touching = toe_world(ended, *start)[0] - toe_world(plan.robot, *start)[0]
     stays = plan.instants.contact[0]
     arm = -RADIUS * plan.instants.normal[0]
     np.testing.assert_allclose(touching[stays], arm[stays], atol=2e-4)
     path = np.zeros((len(steps.sample), 3 + 6 * plan.robot.limb_count))
-    row = played(plan, steps, Conditions(), path)
-    assert row[FELL] == 0
+    row = simulate_steps(plan, steps, Conditions(), path)
+    assert row[HAS_FALLEN] == 0
     toes = path[:, 3 : 3 + 3 * plan.robot.limb_count].reshape(len(path), -1, 3)
-    stands = steps.playback.stands.astype(bool)
+    stands = steps.motion.should_press.astype(bool)
     np.testing.assert_allclose(np.abs(toes[..., 0][stands]), 1.29 / 2, atol=1e-9)
 
 
-def test_a_foot_rolls_as_the_link_turns_and_slides_nowhere(plan: ClimbPlan, steps: Steps) -> None:
+def test_a_foot_rolls_as_the_link_turns_and_slides_nowhere(
+    plan: ClimbPlan, steps: PreparedMotion
+) -> None:
     path = np.zeros((len(steps.sample), 3 + 6 * plan.robot.limb_count))
-    row = played(plan, steps, Conditions(), path)
-    assert row[FARTHEST] < 3e-3
-    assert row[SLID] < 1e-3
+    row = simulate_steps(plan, steps, Conditions(), path)
+    assert row[MAX_DEVIATION] < 3e-3
+    assert row[MAX_SLIP] < 1e-3
     # Another run is given the same limbs, whatever the one before left behind
-    assert (played(plan, steps, Conditions()) == row).all()
+    assert (simulate_steps(plan, steps, Conditions()) == row).all()
     toes = path[:, 3 : 3 + 3 * plan.robot.limb_count].reshape(len(path), -1, 3)
     planned = plan.trajectory
     centres = toe_world(

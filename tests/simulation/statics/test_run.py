@@ -10,8 +10,8 @@ import pytest
 from benchmarks.climb.shipped import planned_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.simulation.replay import simulate
-from climbplan.climb.simulation.statics.outcome import FELL
-from climbplan.climb.simulation.statics.playback import played, prepare
+from climbplan.climb.simulation.statics.engine import prepare_steps, simulate_steps
+from climbplan.climb.simulation.statics.outcome import HAS_FALLEN
 from climbplan.simulation.conditions import Conditions
 
 Planned = Callable[..., ClimbPlan]
@@ -34,12 +34,12 @@ def test_legs_of_four_joints_go_where_they_go_in_mujoco(regulator: str) -> None:
 def _goes_as_mujoco(plan: ClimbPlan, regulator: str, most: float) -> None:
     """Neither falls, the body is `most` [m] apart (median), forces are the same."""
     conditions = Conditions(regulator=regulator)
-    steps = prepare(plan, conditions)
+    steps = prepare_steps(plan, conditions)
     n = plan.robot.limb_count
     path = np.zeros((len(steps.sample), 3 + 6 * n))
-    row = played(plan, steps, conditions, path)
+    row = simulate_steps(plan, steps, conditions, path)
     run = simulate(plan, conditions)
-    assert not row[FELL]
+    assert not row[HAS_FALLEN]
     assert not run.fallen
     off = np.linalg.norm(path[:, :3] - run.com[steps.sample], axis=1)
     assert np.median(off) < most
@@ -51,10 +51,10 @@ def _goes_as_mujoco(plan: ClimbPlan, regulator: str, most: float) -> None:
 
 def test_at_the_start_it_presses_as_planned(planned: Planned) -> None:
     plan = planned()
-    steps = prepare(plan, Conditions())
+    steps = prepare_steps(plan, Conditions())
     n = plan.robot.limb_count
     path = np.zeros((len(steps.sample), 3 + 6 * n))
-    played(plan, steps, Conditions(), path)
+    simulate_steps(plan, steps, Conditions(), path)
     assert path[0, :3] == pytest.approx(plan.rounds.com[0], abs=1e-4)
     total = path[0, 3 + 3 * n :].reshape(n, 3).sum(axis=0)
     assert total == pytest.approx([0.0, 0.0, plan.robot.weight], abs=0.1)
@@ -65,9 +65,9 @@ def test_a_late_regulator_goes_where_a_late_one_goes_in_mujoco(planned: Planned)
     at: dict[float, np.ndarray] = {}
     for delay in (0.0, 0.3):
         conditions = Conditions(delay=delay, payload=0.5)
-        steps = prepare(plan, conditions)
+        steps = prepare_steps(plan, conditions)
         path = np.zeros((len(steps.sample), 3 + 6 * plan.robot.limb_count))
-        assert not played(plan, steps, conditions, path)[FELL]
+        assert not simulate_steps(plan, steps, conditions, path)[HAS_FALLEN]
         off = path[:, :3] - simulate(plan, conditions).com[steps.sample]
         assert np.median(np.linalg.norm(off, axis=1)) < 1.5e-3
         times = plan.trajectory.time
@@ -77,15 +77,15 @@ def test_a_late_regulator_goes_where_a_late_one_goes_in_mujoco(planned: Planned)
 
 def test_poor_sensors_scatter_the_body_as_in_mujoco(planned: Planned) -> None:
     plan = planned()
-    steps = prepare(plan, Conditions())
+    steps = prepare_steps(plan, Conditions())
     end = plan.trajectory.time[-1]
     quasi, full = [], []
     for seed in range(4):
         conditions = Conditions(joint_noise=np.radians(0.1), noise_seed=seed)
         path = np.zeros((len(steps.sample), 3 + 6 * plan.robot.limb_count))
-        played(plan, steps, conditions, path)
+        simulate_steps(plan, steps, conditions, path)
         again = path.copy()
-        played(plan, steps, conditions, again)
+        simulate_steps(plan, steps, conditions, again)
         np.testing.assert_array_equal(again, path)
         run = simulate(plan, conditions)
         assert run.time[-1] == end

@@ -11,13 +11,13 @@ import pytest
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.promise import interval_of
 from climbplan.climb.simulation.model.mjcf import build_mjcf
-from climbplan.climb.simulation.report import tell
-from climbplan.climb.simulation.risk.judging import Judged, Outcome, judge_plan
+from climbplan.climb.simulation.report import build_report
+from climbplan.climb.simulation.risk.estimation import RiskEstimate, ScenarioOutcome, estimate_risk
 from climbplan.climb.simulation.study import simulate_plan
-from climbplan.climb.simulation.worlds.ground import moved_terrain
-from climbplan.climb.simulation.worlds.stated import uncertainty_of
-from climbplan.climb.simulation.worlds.uncertainty import layout_of, numbers_of
-from climbplan.simulation.asked import Asked
+from climbplan.climb.simulation.worlds.perturbed_terrain import perturb_terrain
+from climbplan.climb.simulation.worlds.uncertainty import build_layout, draw_numbers
+from climbplan.climb.simulation.worlds.uncertainty_spec import read_uncertainty
+from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.motors import motor_stiffness
 from climbplan.simulation.pictures import open_camera
@@ -28,9 +28,9 @@ Planned = Callable[..., ClimbPlan]
 
 def test_what_a_spec_says_is_drawn(planned: Planned) -> None:
     plan = planned("uncertainty.mass={uniform: [0.1, 0.2]}", "uncertainty.backlash_deg=0")
-    layout = layout_of(plan, uncertainty_of(plan))
-    assert dict(layout.parts).keys() == {"mass", "stiffness", "friction", "surface"}
-    worlds = [layout.world(numbers_of(3, i, layout.size)) for i in range(400)]
+    layout = build_layout(plan, read_uncertainty(plan))
+    assert dict(layout.slices).keys() == {"mass", "stiffness", "friction", "surface"}
+    worlds = [layout.world(draw_numbers(3, i, layout.size)) for i in range(400)]
     assert all(1.1 <= w.mass <= 1.2 and not w.backlash.any() for w in worlds)
     assert np.std([w.stiffness for w in worlds]) == pytest.approx(0.1, rel=0.05)
     assert np.std([w.surface for w in worlds]) == pytest.approx(0.003, rel=0.1)
@@ -38,25 +38,25 @@ def test_what_a_spec_says_is_drawn(planned: Planned) -> None:
 
 def test_a_world_is_a_function_of_seed_and_number(planned: Planned) -> None:
     plan = planned()
-    layout = layout_of(plan, uncertainty_of(plan))
-    assert layout.world(numbers_of(1, 5, layout.size)) == layout.world(
-        numbers_of(1, 5, layout.size)
+    layout = build_layout(plan, read_uncertainty(plan))
+    assert layout.world(draw_numbers(1, 5, layout.size)) == layout.world(
+        draw_numbers(1, 5, layout.size)
     )
-    assert layout.world(numbers_of(1, 5, layout.size)) != layout.world(
-        numbers_of(2, 5, layout.size)
+    assert layout.world(draw_numbers(1, 5, layout.size)) != layout.world(
+        draw_numbers(2, 5, layout.size)
     )
 
 
 def test_worlds_change_the_simulated_model(planned: Planned) -> None:
     plan = planned("uncertainty.com_mm=5", "uncertainty.surface_tilt_deg=1")
-    layout = layout_of(plan, uncertainty_of(plan))
-    conditions = Conditions(world=layout.world(numbers_of(0, 0, layout.size)))
+    layout = build_layout(plan, read_uncertainty(plan))
+    conditions = Conditions(world=layout.world(draw_numbers(0, 0, layout.size)))
     world = conditions.world
     assert world is not None
     assert motor_stiffness(plan.robot, conditions) == pytest.approx(
         motor_stiffness(plan.robot, Conditions()) * world.stiffness
     )
-    before, after = plan.terrain.surfaces[0], moved_terrain(plan.terrain, world).surfaces[0]
+    before, after = plan.terrain.surfaces[0], perturb_terrain(plan.terrain, world).surfaces[0]
     assert isinstance(before, Region)
     assert isinstance(after, Region)
     middle = after.vertices.mean(axis=0) - before.vertices.mean(axis=0)
@@ -76,9 +76,9 @@ def test_intervals_are_exact() -> None:
 
 def test_judgements_do_not_depend_on_workers(planned: Planned) -> None:
     plan = planned()
-    alone = judge_plan(plan, Conditions(), "statics", 30, 4)
-    assert alone.outcomes == judge_plan(plan, Conditions(), "statics", 30, 4, workers=2).outcomes
-    assert judge_plan(plan, Conditions(), "statics", 7, 4).outcomes == alone.outcomes[:7]
+    alone = estimate_risk(plan, Conditions(), "statics", 30, 4)
+    assert alone.outcomes == estimate_risk(plan, Conditions(), "statics", 30, 4, workers=2).outcomes
+    assert estimate_risk(plan, Conditions(), "statics", 7, 4).outcomes == alone.outcomes[:7]
 
 
 def test_engines_agree_on_what_certainly_stands_and_falls(planned: Planned) -> None:
@@ -86,13 +86,13 @@ def test_engines_agree_on_what_certainly_stands_and_falls(planned: Planned) -> N
     plan = planned(*(f"uncertainty.{key}=0" for key in keys), "uncertainty.toe_placement_mm=0.01")
     for friction, falls in ((1.0, False), (0.3, True)):
         for engine in ("statics", "mujoco"):
-            judged = judge_plan(plan, Conditions(speed=2.0, friction=friction), engine, 1, 0)
+            judged = estimate_risk(plan, Conditions(speed=2.0, friction=friction), engine, 1, 0)
             assert judged.outcomes[0].fallen is falls
             assert bool(judged.outcomes[0].cause) is falls
 
 
 def test_the_worst_world_falls_first_or_strays_farthest(planned: Planned) -> None:
-    judged = judge_plan(planned(), Conditions(), "statics", 3, 0)
+    judged = estimate_risk(planned(), Conditions(), "statics", 3, 0)
     ends = [(False, 9.0, 0.01), (False, 9.0, 0.04), (False, 9.0, 0.02)]
     assert _with(judged, ends).worst == 1
     ends = [(True, 7.0, 0.2), (False, 9.0, 0.3), (True, 5.0, 0.1)]
@@ -100,15 +100,15 @@ def test_the_worst_world_falls_first_or_strays_farthest(planned: Planned) -> Non
     assert _with(judged, ends).stands == "stands in 1 of 3 worlds"
 
 
-def _with(judged: Judged, ends: list[tuple[bool, float, float]]) -> Judged:
-    outcomes = tuple(Outcome(fell, time, "", -1, -1, far) for fell, time, far in ends)
+def _with(judged: RiskEstimate, ends: list[tuple[bool, float, float]]) -> RiskEstimate:
+    outcomes = tuple(ScenarioOutcome(fell, time, "", -1, -1, far) for fell, time, far in ends)
     return replace(judged, outcomes=outcomes)
 
 
 def test_worlds_stray_as_far_in_both_engines(planned: Planned) -> None:
     plan = planned()
     far = [
-        [o.farthest for o in judge_plan(plan, Conditions(), engine, 3, 0).outcomes]
+        [o.farthest for o in estimate_risk(plan, Conditions(), engine, 3, 0).outcomes]
         for engine in ("mujoco", "statics")
     ]
     np.testing.assert_allclose(far[0], far[1], rtol=0.5)
@@ -120,13 +120,13 @@ def test_the_worst_world_is_replayed_as_a_film(planned: Planned) -> None:
     plan = planned()
     if isinstance(open_camera(plan.trajectory.com), str):
         pytest.skip("no off-screen drawing here")
-    asked = Asked(Conditions(), worlds=2, engine="statics")
+    asked = SimulationRequest(Conditions(), worlds=2, engine="statics")
     found = simulate_plan(plan, asked)
-    assert found.judged is not None
+    assert found.risk is not None
     assert found.worst is not None
-    assert found.worst.number == found.judged.worst
-    told = tell(found)
+    assert found.worst.number == found.risk.worst
+    told = build_report(found)
     assert told.worst is not None
     assert told.worst[1][:4] == b"GIF8"
-    assert told.report["worst_world"]["world"] == found.judged.worst
+    assert told.report["worst_world"]["world"] == found.risk.worst
     assert told.worlds == "stands in 2 of 2 worlds"

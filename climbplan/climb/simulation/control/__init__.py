@@ -1,1 +1,1 @@
-"""What motors are commanded: feedforward of limbs' weight, and the regulator from joint angles."""
+"""Motor commands: gravity feedforward of the limbs, and the regulator from joint angles."""

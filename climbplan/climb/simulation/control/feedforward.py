@@ -1,7 +1,7 @@
-"""What motors must carry of the limbs' own weight, which the planner counts to the body.
+"""Gravity compensation of the limbs, whose weight the planner counts to the body.
 
-A limb in the air hangs from its joints: without this part its toe comes down lower than planned by
-weight over stiffness, for SiLVIA some 25 mm, and the robot sinks with every step.
+A limb in the air hangs from its joints. Without feedforward its toe would land lower than planned
+by weight over stiffness, and the robot would sink with every step.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.played import sample_instants, true_angles
-from climbplan.climb.simulation.model.chain_limb import chain_of
-from climbplan.climb.simulation.model.link_masses import link_masses
-from climbplan.climb.simulation.model.mjcf import link_mass
+from climbplan.climb.simulation.model.chain_limb import require_chain
+from climbplan.climb.simulation.model.link_masses import select_link_masses
+from climbplan.climb.simulation.model.mjcf import compute_link_mass
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.link_masses import weight_torques
@@ -25,78 +25,92 @@ from climbplan.simulation.conditions import Conditions
 _STEP = 1e-6  # [rad] of difference quotients
 
 
-def limb_weight_torques(plan: ClimbPlan, conditions: Conditions) -> Array:
-    """(T, N, J) torques [N m] that hold the links' weight at the planned postures.
+def compute_gravity_torques(plan: ClimbPlan, conditions: Conditions) -> Array:
+    """Compute torques (T, N, J) that support the links' weight at the planned postures [N m].
 
-    Of joints that slide forces [N].
+    Those of prismatic joints are forces [N].
     """
     robot = plan.robot
     angles = true_angles(plan, sample_instants(plan))
     rotation = rotation_world_body(plan.trajectory.rpy)
     if isinstance(robot.mechanism, FiveBar):
-        return _by_differences(robot, rotation, angles, link_mass(robot, conditions))
-    masses, middles = _links(plan, conditions, angles)
-    down = -robot.gravity * rotation[:, 2, :]  # of a kilogram, in body axes (T, 3)
-    weight = masses[..., None] * down[:, None, None]  # (T, N, link, 3)
+        return _differentiate_potential(
+            robot, rotation, angles, compute_link_mass(robot, conditions)
+        )
+    masses, middles = _locate_links(plan, conditions, angles)
+    gravity = -robot.gravity * rotation[:, 2, :]  # of a kilogram, in body axes (T, 3)
+    weight = masses[..., None] * gravity[:, None, None]  # (T, N, link, 3)
     if robot.mechanism is not None:
-        return -weight_torques(chain_of(robot).pose(angles), middles, weight)
+        return -weight_torques(require_chain(robot).pose(angles), middles, weight)
     joints = joint_points_body(robot, angles)[:, :, :-1]
     # Power of the weight of link l by joint j <= l: axis . (arm x weight), or slide . weight
     arms = middles[:, :, None] - joints[:, :, :, None]  # (T, N, joint, link, 3)
     moment = np.cross(arms, weight[:, :, None])
-    power = np.einsum("tnji,tnjli->tnjl", _axes(robot, angles), moment)
+    power = np.einsum("tnji,tnjli->tnjl", _compute_joint_axes(robot, angles), moment)
     return -np.triu(power).sum(axis=-1)  # links from the joint outward
 
 
-def limb_weight_wrench(plan: ClimbPlan, conditions: Conditions) -> Array:
-    """(T, 6) moment about the body origin of the links' weight where it acts, no force.
+def compute_links_wrench(plan: ClimbPlan, conditions: Conditions) -> Array:
+    """Compute the wrench (T, 6) about the body origin by the offset of the links' weight [N, N m].
 
-    The robot's whole mass counts to the body elsewhere.
+    The force is zero, as the robot's whole mass counts to the body elsewhere.
     """
     rotation = rotation_world_body(plan.trajectory.rpy)
     angles = true_angles(plan, sample_instants(plan))
-    moment = links_moment(plan, conditions, rotation, angles)
+    moment = compute_links_moment(plan, conditions, rotation, angles)
     return np.concatenate([np.zeros_like(moment), moment], axis=1)
 
 
-def links_moment(plan: ClimbPlan, conditions: Conditions, rotation: Array, angles: Array) -> Array:
-    """(T, 3) moment of the links' weight about the origin of bodies turned by (T, 3, 3) [N m].
+def compute_links_moment(
+    plan: ClimbPlan, conditions: Conditions, rotation: Array, angles: Array
+) -> Array:
+    """Compute the moment (T, 3) of the links' weight about the body origin, world frame [N m].
 
-    angles: (T, N, J).
+    Args:
+        plan: The plan.
+        conditions: Conditions, which state the links' mass.
+        rotation: (T, 3, 3) body to world.
+        angles: (T, N, J) joint angles.
     """
-    masses, middles = _links(plan, conditions, angles)
+    masses, middles = _locate_links(plan, conditions, angles)
     links = np.einsum("tij,tnlj->tnli", rotation, middles)
     weight = masses[..., None] * np.array([0.0, 0.0, -plan.robot.gravity])
     moment = np.cross(links, weight).sum(axis=(1, 2))
-    if (own := link_masses(plan, conditions)) is not None:  # whose body is off its origin, too
-        weight = np.array([0.0, 0.0, -own.body_mass * plan.robot.gravity])
-        moment += np.cross(rotation @ own.body_middle, weight)
+    if (
+        link_masses := select_link_masses(plan, conditions)
+    ) is not None:  # whose body is off its origin, too
+        weight = np.array([0.0, 0.0, -link_masses.body_mass * plan.robot.gravity])
+        moment += np.cross(rotation @ link_masses.body_middle, weight)
     return moment
 
 
-def _links(plan: ClimbPlan, conditions: Conditions, angles: Array) -> tuple[Array, Array]:
-    """Masses (N, J) of links [kg], and where they act (T, N, J, 3) from the body [m]."""
+def _locate_links(plan: ClimbPlan, conditions: Conditions, angles: Array) -> tuple[Array, Array]:
+    """Return masses (N, J) of links [kg] and their centers (T, N, J, 3), body frame [m]."""
     robot = plan.robot
-    if (own := link_masses(plan, conditions)) is not None:
-        return own.mass, own.middles(chain_of(robot), angles)
+    if (link_masses := select_link_masses(plan, conditions)) is not None:
+        return link_masses.mass, link_masses.middles(require_chain(robot), angles)
     shape = robot.limb_count, robot.joint_count
-    return np.full(shape, link_mass(robot, conditions)), _middles(robot, angles)
+    return np.full(shape, compute_link_mass(robot, conditions)), _compute_link_centers(
+        robot, angles
+    )
 
 
-def _by_differences(robot: Robot, rotation: Array, angles: Array, mass: float) -> Array:
-    """(T, N, 3) torques of motors whose links of a mass [kg] a linkage moves as well."""
-    down = -mass * robot.gravity * rotation[:, 2, :]  # the weight in body axes
+def _differentiate_potential(robot: Robot, rotation: Array, angles: Array, mass: float) -> Array:
+    """Compute gravity torques (T, N, 3) of linkages by differences; mass: of a link [kg]."""
+    gravity_force = -mass * robot.gravity * rotation[:, 2, :]  # the weight in body axes
     torque = np.zeros_like(angles)
     for joint in range(robot.joint_count):
         step = np.zeros(robot.joint_count)
         step[joint] = _STEP
-        ahead, behind = (_middles(robot, angles + way * step) for way in (1.0, -1.0))
-        torque[..., joint] = -np.einsum("tnli,ti->tn", (ahead - behind) / (2 * _STEP), down)
+        ahead, behind = (_compute_link_centers(robot, angles + sign * step) for sign in (1.0, -1.0))
+        torque[..., joint] = -np.einsum(
+            "tnli,ti->tn", (ahead - behind) / (2 * _STEP), gravity_force
+        )
     return torque
 
 
-def _middles(robot: Robot, angles: Array) -> Array:
-    """(T, N, J, 3) middles of the links from the body."""
+def _compute_link_centers(robot: Robot, angles: Array) -> Array:
+    """Compute the centers (T, N, J, 3) of the links, body frame [m]."""
     points = joint_points_body(robot, angles)
     begin = points[:, :, :-1]
     if isinstance(robot.mechanism, SerialChain):
@@ -104,8 +118,8 @@ def _middles(robot: Robot, angles: Array) -> Array:
     return np.asarray((begin + points[:, :, 1:]) / 2)
 
 
-def _axes(robot: Robot, angles: Array) -> Array:
-    """Axes of coxa, femur and tibia in the body frame (T, N, 3, 3)."""
+def _compute_joint_axes(robot: Robot, angles: Array) -> Array:
+    """Compute the axes (T, N, 3, 3) of coxa, femur and tibia, body frame."""
     yaw = robot.mount_yaw + angles[..., 0]  # (T, N)
     # Coxa about z, femur and tibia lift outward
     up = np.broadcast_to([0.0, 0.0, 1.0], (*yaw.shape, 3))

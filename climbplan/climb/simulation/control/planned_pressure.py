@@ -1,4 +1,4 @@
-"""With what the plan presses each toe on its surface, at every sample of its motion."""
+"""The planned normal forces of toes, at every sample of the motion."""
 
 from __future__ import annotations
 
@@ -11,19 +11,20 @@ from climbplan.mechanics.stiffness import joint_softness
 from climbplan.robots.kinematics import contact_jacobian, held_rows
 
 
-def planned_pressure(plan: ClimbPlan) -> Array:
-    """(T, N) along the surface's normal, of what commands bend joints, zero in the air [N].
+def compute_planned_pressure(plan: ClimbPlan) -> Array:
+    """Compute the normal forces (T, N) that follow from commanded joint deflections [N].
 
-    Forces are the least squares of tau = J^T f: exact but near singular postures.
+    Forces solve tau = J^T f in the least-squares sense, which is exact away from singular postures.
+    They are zero in the air.
     """
-    moving, robot = plan.trajectory, plan.robot
+    trajectory, robot = plan.trajectory, plan.robot
     instant = sample_instants(plan)
     angles = true_angles(plan, instant)
-    torque = (angles - moving.joint_command) / joint_softness(robot)
+    torque = (angles - trajectory.joint_command) / joint_softness(robot)
     normal = plan.instants.normal[np.maximum(instant, 0)]
-    jacobian = contact_jacobian(robot, moving.rpy, angles, normal)
-    jacobian = held_rows(robot, moving.rpy, angles, normal, jacobian)  # (T, N, 3 or 6, J)
+    jacobian = contact_jacobian(robot, trajectory.rpy, angles, normal)
+    jacobian = held_rows(robot, trajectory.rpy, angles, normal, jacobian)  # (T, N, 3 or 6, J)
     inverse = np.linalg.pinv(np.swapaxes(jacobian, -1, -2), rcond=1e-6)
     force = (inverse @ torque[..., None])[..., :3, 0]
-    pressure: Array = np.einsum("tni,tni->tn", force, normal) * moving.contact
+    pressure: Array = np.einsum("tni,tni->tn", force, normal) * trajectory.contact
     return pressure

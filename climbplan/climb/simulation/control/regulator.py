@@ -1,7 +1,7 @@
 """A plan's tables for the regulator from joint angles, `control/joint_regulator.py`.
 
-Where toes are found by the angles of serial limbs the regulator's own chains place them, those of
-five-bar legs the robot's kinematics.
+The regulator computes toes of serial limbs by its own kinematics. For five-bar legs those of the
+robot are used.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, spans_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.played import sample_instants, true_angles
-from climbplan.climb.simulation.control.odometry import standing
-from climbplan.climb.simulation.control.steady_rate import steady_rates
+from climbplan.climb.simulation.control.odometry import find_trusted_toes
+from climbplan.climb.simulation.control.steady_rate import compute_stable_rates
 from climbplan.control.joint_regulator import Corrections, Pose, RegulatorTables, chains_of
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.robots.chain_pose import ChainZero
@@ -24,108 +24,127 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.measures import rolled
 
-# Of a Jacobian's largest singular value: along limbs that are stretched farther toes move on arcs
-STRETCHED = 0.05
-STIFFEST = 1e5  # [N/m] that a limb counts for at most
+# By the largest singular value: smaller singular values are damped, as toes of limbs that are
+# nearly straight move on arcs
+MIN_SINGULAR_RATIO = 0.05
+MAX_STIFFNESS = 1e5  # [N/m] of a limb at most
 
 
-def regulator_tables(plan: ClimbPlan, gain: Array | None = None) -> RegulatorTables:
-    """What the regulator reads of a plan.
+def build_regulator_tables(plan: ClimbPlan, gain: Array | None = None) -> RegulatorTables:
+    """Build the tables of a plan that the regulator reads.
 
-    gain: (N, J) P gains of the controller [N m/rad], for which commands are made anew so that
-    joints bring the same torques at the same angles; those of the robot if left out.
+    Args:
+        plan: The plan.
+        gain: (N, J) proportional gains of the controller [N m/rad]. Commands are scaled for them,
+            so that joints exert the same torques at the same angles. None takes those of the robot.
     """
-    moving, robot = plan.trajectory, plan.robot
+    trajectory, robot = plan.trajectory, plan.robot
     angles = true_angles(plan, sample_instants(plan))
-    soft = joint_softness(robot)
-    structure = soft - 1 / robot.joint_stiffness
+    total_compliance = joint_softness(robot)
+    structural_compliance = total_compliance - 1 / robot.joint_stiffness
     gain = robot.joint_stiffness if gain is None else gain
-    softness = structure + 1 / gain
-    most = softness * robot.max_torque
-    command = angles + (moving.joint_command - angles) * (softness / soft)
-    jacobian = jacobian_world(robot, moving.rpy, angles)
-    compliance = (jacobian * softness[:, None, :]) @ np.swapaxes(jacobian, -1, -2)
-    arms = toe_world(robot, moving.com, moving.rpy, angles) - moving.com[:, None]
-    trusted = standing(plan)
-    zero = zero_angles(robot)
+    compliance_with_gain = structural_compliance + 1 / gain
+    max_deflection = compliance_with_gain * robot.max_torque
+    command = angles + (trajectory.joint_command - angles) * (
+        compliance_with_gain / total_compliance
+    )
+    jacobian = jacobian_world(robot, trajectory.rpy, angles)
+    compliance = (jacobian * compliance_with_gain[:, None, :]) @ np.swapaxes(jacobian, -1, -2)
+    arms = toe_world(robot, trajectory.com, trajectory.rpy, angles) - trajectory.com[:, None]
+    trusted = find_trusted_toes(plan)
+    zero_pose = compute_zero_pose(robot)
     n, joints = robot.limb_count, robot.joint_count
     return RegulatorTables(
-        time=moving.time,
+        time=trajectory.time,
         command=command,
-        com=moving.com,
-        rotation=rotation_world_body(moving.rpy),
-        contact=moving.contact.astype(float),
+        com=trajectory.com,
+        rotation=rotation_world_body(trajectory.rpy),
+        contact=trajectory.contact.astype(float),
         trusted=trusted.astype(float),
-        settled=(trusted == moving.contact).all(axis=1).astype(float),
+        settled=(trusted == trajectory.contact).all(axis=1).astype(float),
         jacobian=np.ascontiguousarray(jacobian),
-        turning=turning_of(jacobian),
+        turning=invert_jacobian(jacobian),
         arms=np.ascontiguousarray(arms),
-        sharing=np.ascontiguousarray(between_toes(compliance, arms, moving.contact)),
-        bent=np.clip(angles - command, -most, most),
-        most=np.broadcast_to(most, (n, joints)).copy(),
-        give=np.broadcast_to(softness * gain, (n, joints)).copy(),
-        rate=steady_rates(plan),
+        sharing=np.ascontiguousarray(
+            build_internal_projector(compliance, arms, trajectory.contact)
+        ),
+        bent=np.clip(angles - command, -max_deflection, max_deflection),
+        most=np.broadcast_to(max_deflection, (n, joints)).copy(),
+        give=np.broadcast_to(compliance_with_gain * gain, (n, joints)).copy(),
+        rate=compute_stable_rates(plan),
         toes=plan.rounds.toes[0].copy(),
-        rolled=_rolled(plan, angles),
-        axis_zero=np.zeros((n, joints, 3)) if zero is None else zero.axes,
-        joint_zero=np.zeros((n, joints, 3)) if zero is None else zero.joints,
-        toe_zero=np.zeros((n, 3)) if zero is None else zero.toe,
-        slide_zero=_or(None if zero is None else zero.slides, np.zeros((n, joints, 3))),
-        drive=_or(None if zero is None else zero.drive, np.tile(np.eye(joints), (n, 1, 1))),
+        rolled=_compute_rolling(plan, angles),
+        axis_zero=np.zeros((n, joints, 3)) if zero_pose is None else zero_pose.axes,
+        joint_zero=np.zeros((n, joints, 3)) if zero_pose is None else zero_pose.joints,
+        toe_zero=np.zeros((n, 3)) if zero_pose is None else zero_pose.toe,
+        slide_zero=_use_default(
+            None if zero_pose is None else zero_pose.slides, np.zeros((n, joints, 3))
+        ),
+        drive=_use_default(
+            None if zero_pose is None else zero_pose.drive, np.tile(np.eye(joints), (n, 1, 1))
+        ),
     )
 
 
-def turning_of(jacobian: Array) -> Array:
-    """(..., J, 3) joint turns [rad/m] that move toes, of Jacobians (..., 3, J).
+def invert_jacobian(jacobian: Array) -> Array:
+    """Compute damped pseudoinverses (..., J, 3) of Jacobians (..., 3, J) [rad/m].
 
-    The inverse of least turns; in directions in which a limb is nearly at full stretch damped
-    (numerical filtering: Maciejewski and Klein 1988), and without a jump: singular values s below e
-    turn joints by s / e^2 and not by 1 / s. There a millimetre would ask for half a radian, which
-    brings the knee through its stretch and the toe off its wall.
+    Singular values s below a limit e are inverted to s / e^2 instead of 1 / s (numerical filtering,
+    Maciejewski and Klein 1988), which is continuous. Without damping a millimetre in the direction
+    of a nearly straight limb would need half a radian and bring the toe off its wall.
     """
     left, value, right = np.linalg.svd(jacobian, full_matrices=False)
-    least = STRETCHED * value[..., :1]
-    gain = value / np.maximum(np.maximum(value, least) ** 2, np.finfo(float).tiny)
+    min_value = MIN_SINGULAR_RATIO * value[..., :1]
+    gain = value / np.maximum(np.maximum(value, min_value) ** 2, np.finfo(float).tiny)
     return np.ascontiguousarray(
         np.swapaxes(right, -1, -2) * gain[..., None, :] @ np.swapaxes(left, -1, -2)
     )
 
 
-def _rolled(plan: ClimbPlan, angles: Array) -> Array:
-    """(T, N, 3) how far centres of spherical feet roll on that stand [m], at angles (T, N, J).
+def _compute_rolling(plan: ClimbPlan, angles: Array) -> Array:
+    """Compute how far centers (T, N, 3) of standing spherical feet roll [m], at angles (T, N, J).
 
-    Plans hold them where they are: left out there, it adds up over the steps of a walk.
+    Plans keep the centers fixed, so the displacement accumulates over the steps of a walk.
     """
-    robot, moving = plan.robot, plan.trajectory
-    out = np.zeros((len(angles), robot.limb_count, 3))
+    robot, trajectory = plan.robot, plan.trajectory
+    rolling = np.zeros((len(angles), robot.limb_count, 3))
     if robot.foot is None or robot.sole is not None:
-        return out
+        return rolling
     instant = np.maximum(sample_instants(plan), 0)
     normal = plan.instants.normal[instant]  # (T, N, 3)
-    rotation = rotation_world_body(moving.rpy)[:, None]
+    rotation = rotation_world_body(trajectory.rpy)[:, None]
     links = rotation @ np.swapaxes(last_link_body(robot, angles), -1, -2)
     for limb in range(robot.limb_count):
-        for first, last in spans_of(moving.contact[:, limb]):
-            moved = rolled(robot.foot.radius, links[first:last, limb], normal[last - 1, limb])
-            out[first:last, limb] = out[max(first - 1, 0), limb] + moved
-            out[last:, limb] = out[last - 1, limb]
-    return out
+        for first, last in spans_of(trajectory.contact[:, limb]):
+            displacement = rolled(
+                robot.foot.radius, links[first:last, limb], normal[last - 1, limb]
+            )
+            rolling[first:last, limb] = rolling[max(first - 1, 0), limb] + displacement
+            rolling[last:, limb] = rolling[last - 1, limb]
+    return rolling
 
 
-def _or(given: Array | None, otherwise: Array) -> Array:
-    return otherwise if given is None else given
+def _use_default(value: Array | None, default: Array) -> Array:
+    return default if value is None else value
 
 
 class Regulator(Corrections):
     """Corrections of a plan's commands by poses and joints of a simulation."""
 
-    def __init__(self, plan: ClimbPlan, place: bool) -> None:
-        super().__init__(regulator_tables(plan), place)
+    def __init__(self, plan: ClimbPlan, correct_position: bool) -> None:
+        super().__init__(build_regulator_tables(plan), correct_position)
 
-    def correction(
+    def compute_correction(
         self, sample: float, seconds: float, pose: tuple[Array, Array], lag: Array
     ) -> Array:
-        """(N, J) what to add to the joint commands [rad], as `update`, to keep."""
+        """Compute corrections (N, J) of the joint commands [rad]; a copy of what `update` returns.
+
+        Args:
+            sample: Sample of the trajectory, with a fraction.
+            seconds: Time since the last call [s].
+            pose: Position (3,) and rotation (3, 3) of the body to the world.
+            lag: (N, J) joint angles less commands, without gravity feedforward [rad].
+        """
         return self.update(sample, seconds, *pose, lag).copy()
 
 
@@ -135,23 +154,29 @@ class JointOdometry:
     def __init__(
         self, plan: ClimbPlan, toes: Array | None = None, tables: RegulatorTables | None = None
     ) -> None:
-        """toes: (N, 3) where they stand at the start, as far as the robot knows; as planned."""
-        tables = regulator_tables(plan) if tables is None else tables
+        """Initialise the pose estimate.
+
+        Args:
+            plan: The plan.
+            toes: (N, 3) estimated places of toes at the start; None takes the planned ones.
+            tables: The regulator's tables; None builds them.
+        """
+        tables = build_regulator_tables(plan) if tables is None else tables
         self._robot = plan.robot
-        own = isinstance(plan.robot.mechanism, FiveBar)
-        self._chains = None if own else chains_of(tables)
+        has_linkage = isinstance(plan.robot.mechanism, FiveBar)
+        self._chains = None if has_linkage else chains_of(tables)
         self._pose = Pose(tables, toes)
 
     def pose(self, sample: int, angles: Array) -> tuple[Array, Array]:
-        """Position and rotation to the world, by angles (N, J) at a sample of the trajectory."""
+        """Estimate position and rotation to the world from angles (N, J) at a sample."""
         chains = self._chains
         toes = toe_body(self._robot, angles) if chains is None else chains.place(angles)
         self._pose.update(sample, toes)
         return self._pose.com, self._pose.rotation
 
 
-def zero_angles(robot: Robot) -> ChainZero | None:
-    """Axes, joints and toes of all limbs at zero angles; None for five-bar legs."""
+def compute_zero_pose(robot: Robot) -> ChainZero | None:
+    """Compute axes, joints and toes of all limbs at zero angles; None for five-bar legs."""
     if isinstance(robot.mechanism, FiveBar):
         return None
     if isinstance(robot.mechanism, SerialChain):
@@ -159,11 +184,11 @@ def zero_angles(robot: Robot) -> ChainZero | None:
     # The femur outward, the tibia straight down
     yaw = robot.mount_yaw
     up = np.broadcast_to([0.0, 0.0, 1.0], (len(yaw), 3))
-    out = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
+    outward = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
     lift = np.stack([np.sin(yaw), -np.cos(yaw), np.zeros_like(yaw)], axis=-1)
     first, second, third = (robot.link_lengths[:, j : j + 1] for j in range(3))
-    femur = robot.shoulder_body + first * out
-    knee = femur + second * out
+    femur = robot.shoulder_body + first * outward
+    knee = femur + second * outward
     return ChainZero(
         np.stack([robot.shoulder_body, femur, knee], axis=1),
         np.stack([up, lift, lift], axis=1),
@@ -171,19 +196,26 @@ def zero_angles(robot: Robot) -> ChainZero | None:
     )
 
 
-def between_toes(compliance: Array, arms: Array, stands: BoolArray) -> Array:
-    """(..., 3N, 3N) of toe deflections (..., 3N) the part that no motion of the body explains.
+def build_internal_projector(compliance: Array, arms: Array, contact: BoolArray) -> Array:
+    """Build the projector (..., 3N, 3N) of toe deflections onto those without body motion.
 
-    I - B A^-1 B^T K: the motion that balances the forces K d is taken out. compliance: (..., N, 3,
-    3) [m/N]; arms: (..., N, 3) from body to toes; stands: (..., N). Of the motions that toes in a
-    line leave open the least counts. Toes in the air have no part in it.
+    It is I - B A^-1 B^T K with toe motion B of the body, limb stiffness K and A = B^T K B: the body
+    motion that balances the forces K d is removed. Of motions that toes in a line leave
+    undetermined the smallest counts.
+
+    Args:
+        compliance: (..., N, 3, 3) of the limbs [m/N].
+        arms: (..., N, 3) from body to toes [m].
+        contact: (..., N) bool, toe is in contact; others have no part in it.
     """
-    there = stands[..., None, None]
-    stiffness = np.linalg.inv(compliance + np.eye(3) / STIFFEST) * there
-    motion = rigid_motion(arms) * there
-    pulls = np.swapaxes(motion, -1, -2) @ stiffness  # (..., N, 6, 3)
-    body = np.linalg.pinv((pulls @ motion).sum(axis=-3), rcond=1e-6, hermitian=True)
+    in_contact = contact[..., None, None]
+    stiffness = np.linalg.inv(compliance + np.eye(3) / MAX_STIFFNESS) * in_contact
+    motion = rigid_motion(arms) * in_contact
+    weighted = np.swapaxes(motion, -1, -2) @ stiffness  # (..., N, 6, 3)
+    body = np.linalg.pinv((weighted @ motion).sum(axis=-3), rcond=1e-6, hermitian=True)
     size = 3 * arms.shape[-2]
-    taken = np.einsum("...iax,...xy,...jyb->...iajb", motion, body, pulls)
-    standing = np.repeat(stands, 3, axis=-1)[..., None]
-    return np.asarray(np.eye(size) * standing - taken.reshape(*arms.shape[:-2], size, size))
+    body_part = np.einsum("...iax,...xy,...jyb->...iajb", motion, body, weighted)
+    standing_rows = np.repeat(contact, 3, axis=-1)[..., None]
+    return np.asarray(
+        np.eye(size) * standing_rows - body_part.reshape(*arms.shape[:-2], size, size)
+    )

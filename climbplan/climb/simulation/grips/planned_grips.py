@@ -1,4 +1,4 @@
-"""What a plan says its grippers do: which holds they are on, how wrists turn, how fingers grip."""
+"""The planned actions of grippers: their holds, wrist angles and gripping forces."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.holds import flat_hold
 from climbplan.terrain.surfaces import Region
 
-_AHEAD = 0.5  # [s] that fingers grip before load comes and after it has gone
+_GRIP_LEAD = 0.5  # [s] that fingers grip before load comes and after it has gone
 
 
-def planned_regions(plan: ClimbPlan) -> IntArray:
-    """(T, N) surface that each limb is on, of one in the air the one that it goes to."""
+def find_planned_regions(plan: ClimbPlan) -> IntArray:
+    """Find the surface (T, N) that each limb is on; in the air the one of its next contact."""
     instant = sample_instants(plan)
-    every = np.concatenate([plan.rounds.region[:1], plan.instants.region])[instant + 1]
-    stands = np.concatenate([np.ones_like(plan.instants.contact[:1]), plan.instants.contact])
-    stands = stands[instant + 1]
-    out = every.copy()
+    region_at_sample = np.concatenate([plan.rounds.region[:1], plan.instants.region])[instant + 1]
+    in_contact = np.concatenate([np.ones_like(plan.instants.contact[:1]), plan.instants.contact])
+    in_contact = in_contact[instant + 1]
+    regions = region_at_sample.copy()
     contact = plan.trajectory.contact
     for limb in range(contact.shape[1]):
-        following = int(every[-1, limb])
+        following = int(region_at_sample[-1, limb])
         pieces = np.flatnonzero(np.diff(contact[:, limb].astype(int))) + 1
         edges = [0, *pieces.tolist(), len(contact)]
         for first, last in reversed(list(itertools.pairwise(edges))):
             if contact[first, limb]:
-                known = np.flatnonzero(stands[first:last, limb])
-                if len(known):
-                    following = int(every[first + int(known[0]), limb])
-            out[first:last, limb] = following
-    return out
+                standing = np.flatnonzero(in_contact[first:last, limb])
+                if len(standing):
+                    following = int(region_at_sample[first + int(standing[0]), limb])
+            regions[first:last, limb] = following
+    return regions
 
 
-def planned_toe(plan: ClimbPlan, sample: int, limb: int) -> Array:
-    """(3,) where the plan has a limb stand in the span of contact that a sample begins."""
+def find_planned_toe(plan: ClimbPlan, sample: int, limb: int) -> Array:
+    """Find the planned toe (3,) of a limb in the contact phase that begins at a sample [m]."""
     instant = sample_instants(plan)
     contact = plan.trajectory.contact[:, limb]
     for s in range(sample, len(contact)):
@@ -54,52 +54,56 @@ def planned_toe(plan: ClimbPlan, sample: int, limb: int) -> Array:
     return np.asarray(plan.instants.toes[instant[sample], limb])
 
 
-def planned_wrists(plan: ClimbPlan, region: IntArray) -> tuple[Array, Array]:
-    """(T, N, 3) angles of wrists [rad], between two holds on the way from one to the other.
+def plan_wrists(plan: ClimbPlan, region: IntArray) -> tuple[Array, Array]:
+    """Plan wrist angles (T, N, 3) [rad] and motor torques (T, N, 3) [N m].
 
-    And the torques that their motors bring [N m].
+    During a swing the angles are interpolated between those at the two holds.
     """
     assert plan.robot.gripper is not None
     assert plan.grips is not None
-    moving, grips = plan.trajectory, plan.grips
+    trajectory, grips = plan.trajectory, plan.grips
     surfaces = plan.terrain.surfaces
     normals = np.array([s.normal if isinstance(s, Region) else np.zeros(3) for s in surfaces])
-    axes = np.array([_axis(s) for s in surfaces])
+    axes = np.array([_get_closing_axis(s) for s in surfaces])
     angles = true_angles(plan, sample_instants(plan))
-    rotation = rotation_world_body(moving.rpy)
+    rotation = rotation_world_body(trajectory.rpy)
     link = np.einsum("tab,tnib->tnia", rotation, last_link_body(plan.robot, angles))
-    found = wrists_at(link, -normals[region], axes[region])
-    aim = found.angles.copy()
-    time = moving.time
+    wrists = wrists_at(link, -normals[region], axes[region])
+    angles_out = wrists.angles.copy()
+    time = trajectory.time
     for limb in range(region.shape[1]):
-        for first, last in spans_of(~moving.contact[:, limb]):
+        for first, last in spans_of(~trajectory.contact[:, limb]):
             if first == 0:
                 continue
-            old = region[first - 1, limb]
+            previous_region = region[first - 1, limb]
             rows = slice(first, last)
-            there = link[rows, limb]
-            away, across = (np.broadcast_to(x[old], there[:, 0].shape) for x in (-normals, axes))
-            from_there = wrists_at(there, away, across).angles
+            last_link = link[rows, limb]
+            approach, closing = (
+                np.broadcast_to(x[previous_region], last_link[:, 0].shape) for x in (-normals, axes)
+            )
+            angles_at_previous = wrists_at(last_link, approach, closing).angles
             end = min(last, len(time) - 1)
-            share = (time[rows] - time[first]) / max(time[end] - time[first], 1e-9)
-            aim[rows, limb] += (1 - share[:, None]) * (from_there - aim[rows, limb])
+            fraction = (time[rows] - time[first]) / max(time[end] - time[first], 1e-9)
+            angles_out[rows, limb] += (1 - fraction[:, None]) * (
+                angles_at_previous - angles_out[rows, limb]
+            )
     arm = -plan.robot.gripper.length * normals[region]
     moment = grips.trajectory.moment + np.cross(arm, grips.trajectory_force)
-    # Against what the surface brings
-    torque = -np.einsum("tnji,tni->tnj", found.axes, moment)
-    return aim, torque
+    # Opposite to the moment that the surface exerts
+    torque = -np.einsum("tnji,tni->tnj", wrists.axes, moment)
+    return angles_out, torque
 
 
-def _axis(surface: Any) -> Array:
+def _get_closing_axis(surface: Any) -> Array:
     if not isinstance(surface, Region):
         return np.zeros(3)
     return (surface.hold or flat_hold(surface.normal)).axis
 
 
-def planned_gripping(plan: ClimbPlan, speed: float) -> Array:
-    """(T, N) gripping force: the most that is planned within a moment of each sample [N]."""
+def compute_gripping_force(plan: ClimbPlan, speed: float) -> Array:
+    """Compute gripping forces (T, N): the largest planned within _GRIP_LEAD of a sample [N]."""
     assert plan.grips is not None
-    moving, grip = plan.trajectory, plan.grips.trajectory.grip
-    first = np.searchsorted(moving.time, moving.time - _AHEAD * speed)
-    last = np.searchsorted(moving.time, moving.time + _AHEAD * speed, side="right")
+    trajectory, grip = plan.trajectory, plan.grips.trajectory.grip
+    first = np.searchsorted(trajectory.time, trajectory.time - _GRIP_LEAD * speed)
+    last = np.searchsorted(trajectory.time, trajectory.time + _GRIP_LEAD * speed, side="right")
     return np.array([grip[a:b].max(axis=0) for a, b in zip(first, last, strict=True)])

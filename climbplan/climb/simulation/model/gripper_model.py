@@ -1,7 +1,7 @@
-"""Grippers on spherical wrists as MuJoCo bodies, which welds hold on to their holds.
+"""Build grippers on spherical wrists as MuJoCo bodies, which welds attach to their holds.
 
-The wrist's joints turn as `robots/gripper.py` has them: about y of the last link, about z carried
-along, about the approach. A gripper is seen but bumps into nothing.
+The wrist's joints are those of `robots/gripper.py`: about y of the last link, then about the moved
+z, then about the approach direction. A gripper is visible but collides with nothing.
 """
 
 from __future__ import annotations
@@ -12,17 +12,19 @@ from climbplan.robots.gripper import Gripper
 from climbplan.robots.joint_dynamics import default_damping
 from climbplan.simulation.conditions import Conditions
 
-STIFF = 20.0  # [N m/rad] of a wrist's servo, which makes its torque by how far it is commanded on
+WRIST_STIFFNESS = (
+    20.0  # [N m/rad] of a wrist's servo, which makes its torque by how far it is commanded on
+)
 _ROTOR = 0.002  # [kg m^2] rotor inertia of a wrist's joint, assumed
-_DAMPING = float(default_damping(np.array(STIFF), np.array(_ROTOR)))  # [N m s/rad]
-_LIGHT = 1e-3  # [kg] of each of its bodies: grippers are counted to the body
+_DAMPING = float(default_damping(np.array(WRIST_STIFFNESS), np.array(_ROTOR)))  # [N m s/rad]
+_BODY_MASS = 1e-3  # [kg] of each of its bodies: grippers are counted to the body
 _INERTIA = 1e-6  # [kg m^2]
 _WELD = 'solref="0.004 1" solimp="0.999 0.9999 0.001"'
 _AXES = ("1 0 0", "0 -1 0", "0 0 -1")  # where the last link points straight down
 
 
-def gripper_end(gripper: Gripper, limb: int, radius: float, conditions: Conditions) -> str:
-    """A wrist and a gripper with {place} of the wrist's centre; radius: of what is seen [m]."""
+def build_gripper(gripper: Gripper, limb: int, radius: float, conditions: Conditions) -> str:
+    """Build a wrist and a gripper, with {place} of the wrist's center; radius: visual [m]."""
     rotor = conditions.armature * _ROTOR
     if conditions.armature_value is not None:
         rotor = conditions.armature_value
@@ -32,57 +34,57 @@ def gripper_end(gripper: Gripper, limb: int, radius: float, conditions: Conditio
         name = f"gripper{limb}" if joint == 2 else f"wrist{joint}limb{limb}"
         low, high = gripper.wrist_lower[joint], gripper.wrist_upper[joint]
         lines.append(
-            f'<body name="{name}" pos="{place}"><inertial pos="0 0 0" mass="{_LIGHT}"'
+            f'<body name="{name}" pos="{place}"><inertial pos="0 0 0" mass="{_BODY_MASS}"'
             f' diaginertia="{_INERTIA} {_INERTIA} {_INERTIA}"/>'
-            f'<joint name="{wrist_joint(limb, joint)}" axis="{axis}" armature="{rotor:.9g}"'
+            f'<joint name="{name_wrist_joint(limb, joint)}" axis="{axis}" armature="{rotor:.9g}"'
             f' range="{low:.6g} {high:.6g}"/>'
         )
-    seen = 'mass="0" contype="0" conaffinity="0"'
-    length, half = gripper.length, gripper.finger_span / 2
+    visual = 'mass="0" contype="0" conaffinity="0"'
+    length, half_span = gripper.length, gripper.finger_span / 2
     palm = max(length - radius, 0.5 * length)
     lines.append(
-        f'<geom name="toe{limb}" type="sphere" size="{radius:.6g}" material="link" {seen}/>'
+        f'<geom name="toe{limb}" type="sphere" size="{radius:.6g}" material="link" {visual}/>'
         f'<geom type="capsule" fromto="0 0 0 0 0 {-palm:.6g}" size="{radius / 2:.6g}"'
-        f' material="link" {seen}/>'
+        f' material="link" {visual}/>'
         f'<site name="toe{limb}" pos="0 0 0" size="0.001"/>'
     )
     for side in (1, -1):
         lines.append(
-            f'<geom type="capsule" fromto="0 0 {-palm:.6g} {side * half:.6g} 0 {-length:.6g}"'
-            f' size="{radius / 3:.6g}" material="toe" {seen}/>'
+            f'<geom type="capsule" fromto="0 0 {-palm:.6g} {side * half_span:.6g} 0 {-length:.6g}"'
+            f' size="{radius / 3:.6g}" material="toe" {visual}/>'
         )
     return "".join([*lines, "</body></body></body>"])
 
 
-def wrist_joint(limb: int, joint: int) -> str:
-    """Name of a wrist's joint and motor."""
+def name_wrist_joint(limb: int, joint: int) -> str:
+    """Return the name of a wrist's joint and motor."""
     return f"wrist{joint + 1}.{limb}"
 
 
-def wrist_motors(gripper: Gripper, limbs: int, conditions: Conditions) -> list[str]:
-    """Servos of all wrists, limb by limb."""
-    gain, out = conditions.damping * _DAMPING, []
+def build_wrist_motors(gripper: Gripper, limbs: int, conditions: Conditions) -> list[str]:
+    """Build the servos of all wrists, limb by limb."""
+    gain, lines = conditions.damping * _DAMPING, []
     if conditions.damping_value is not None:
         gain = conditions.damping_value
     for limb in range(limbs):
-        for joint, most in enumerate(np.asarray(gripper.wrist_max_torque)):
-            name = wrist_joint(limb, joint)
-            out.append(
-                f'<position name="{name}" joint="{name}" kp="{STIFF}" kv="{gain:.9g}"'
-                f' forcerange="{-most:.9g} {most:.9g}"/>'
+        for joint, max_torque in enumerate(np.asarray(gripper.wrist_max_torque)):
+            name = name_wrist_joint(limb, joint)
+            lines.append(
+                f'<position name="{name}" joint="{name}" kp="{WRIST_STIFFNESS}" kv="{gain:.9g}"'
+                f' forcerange="{-max_torque:.9g} {max_torque:.9g}"/>'
             )
-    return out
+    return lines
 
 
-def weld_name(limb: int) -> str:
-    """Of what holds a limb's gripper."""
+def name_weld(limb: int) -> str:
+    """Return the name of the weld of a limb's gripper."""
     return f"grip{limb}"
 
 
-def welds(limbs: int) -> list[str]:
-    """Between the world and each gripper, open."""
+def build_welds(limbs: int) -> list[str]:
+    """Build inactive welds between the world and each gripper."""
     return [
-        f'<weld name="{weld_name(limb)}" body1="world" body2="gripper{limb}" active="false"'
+        f'<weld name="{name_weld(limb)}" body1="world" body2="gripper{limb}" active="false"'
         f" {_WELD}/>"
         for limb in range(limbs)
     ]

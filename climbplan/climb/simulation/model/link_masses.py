@@ -1,7 +1,7 @@
-"""What each link of a climbing robot weighs in a simulation, and where.
+"""Masses and inertias of a robot's links in a simulation.
 
-Links of robots from URDFs weigh what the plan says of them. Those of other robots weigh a share of
-the whole, spread evenly: their plans count all mass to the body.
+Links of robots from URDFs have the masses that the plan contains. Those of other robots share a
+fraction of the total evenly, as their plans count all mass to the body.
 """
 
 from __future__ import annotations
@@ -15,30 +15,30 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.robots.link_masses import LinkMasses
 from climbplan.simulation.conditions import Conditions
 
-_LEAST = 1e-4  # [kg] of a body, for MuJoCo
-_LEAST_INERTIA = 1e-7  # [kg m^2] about any axis
+_MIN_MASS = 1e-4  # [kg] of a body, for MuJoCo
+_MIN_INERTIA = 1e-7  # [kg m^2] about any axis
 
 
-def link_masses(plan: ClimbPlan, conditions: Conditions) -> LinkMasses | None:
-    """Of the links that a plan carries, as bodies that can be simulated.
+def select_link_masses(plan: ClimbPlan, conditions: Conditions) -> LinkMasses | None:
+    """Select the link masses of a plan, bounded to what MuJoCo can integrate.
 
-    None where it carries none, and where a share is given.
+    None if the plan has none, or if the conditions state a fraction for the limbs.
     """
     links = plan.robot.links
     if conditions.limb_mass_share is not None or links is None:
         return None
-    mass = np.maximum(links.mass, _LEAST)
+    mass = np.maximum(links.mass, _MIN_MASS)
     return replace(
         links,
         mass=mass,
-        inertia=_thick(links.inertia),
+        inertia=_bound_inertia(links.inertia),
         body_mass=plan.robot.mass - float(mass.sum()),
-        body_inertia=_thick(links.body_inertia),
+        body_inertia=_bound_inertia(links.body_inertia),
     )
 
 
-def _thick(inertia: Array) -> Array:
-    """Inertias whose principal moments are no less than MuJoCo integrates well."""
+def _bound_inertia(inertia: Array) -> Array:
+    """Bound the principal moments of inertias (..., 3, 3) from below, for MuJoCo's integration."""
     value, vector = np.linalg.eigh((inertia + np.swapaxes(inertia, -1, -2)) / 2)
-    value = np.maximum(value, _LEAST_INERTIA)
+    value = np.maximum(value, _MIN_INERTIA)
     return np.asarray((vector * value[..., None, :]) @ np.swapaxes(vector, -1, -2))

@@ -1,14 +1,15 @@
-"""`risk:` of a spec: plans are judged in uncertain worlds and planned again where they fell.
+"""Plan subject to a bound on the probability of a fall: `risk` of a spec.
 
-A plan is played by the quasi-static engine in LOOKED worlds, the same for all plans of a search.
-What fell it is asked for more (`more.py`), and the climb is planned again, at most TIMES times and
-as long as that helps; where that does not suffice, limbs move in other orders. The plan that fell
-least is then judged in fresh worlds, which nothing was chosen by: in as many as it takes to show
-the promise, or in LOOKED where it is out of reach. Where these show that it falls too often, they
-become the worlds of another search, and what that finds is judged in fresh ones again, JUDGED times
-at most: the interval of each says how sure one judgement is, and a plan passes by chance in any of
-JUDGED with JUDGED times that probability at most. All counts are of work: the same spec and seed
-give the same plan.
+1. Simulate the plan in NUM_SEARCH_WORLDS sampled worlds, the same for all plans of a search.
+2. Increase the margins where it fell (`margin_increase.py`) and plan again, at most MAX_REPLANS
+   times and while the number of falls decreases. If that is not enough, try other gaits.
+3. Validate the best plan in fresh worlds, which no plan was chosen by: in as many as the bound
+   takes to show, or in NUM_SEARCH_WORLDS if the bound is out of reach.
+4. If it falls too often there, these worlds become those of another search.
+
+There are at most MAX_VALIDATIONS validations. The confidence interval of each holds for one
+validation; a plan passes one of them by chance with at most MAX_VALIDATIONS times that probability.
+All limits count work, so the same spec and seed give the same plan.
 """
 
 from __future__ import annotations
@@ -21,8 +22,13 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.promise import Promise, interval_of
 from climbplan.climb.schema.margins import MarginsSpec
 from climbplan.climb.schema.model import TaskSpec
-from climbplan.climb.simulation.risk.judging import Judged, causes, judge_plan
-from climbplan.climb.simulation.risk.more import More, as_stated, gaits, more
+from climbplan.climb.simulation.risk.estimation import RiskEstimate, count_causes, estimate_risk
+from climbplan.climb.simulation.risk.margin_increase import (
+    RequestedMargins,
+    increase_margins,
+    list_gaits,
+    read_margins,
+)
 from climbplan.errors import NoPlanFound
 from climbplan.progress import Progress
 from climbplan.robots.joint_units import torque_unit
@@ -31,16 +37,16 @@ from climbplan.simulation.asked import Engine
 from climbplan.simulation.conditions import Conditions
 
 ENGINE: Engine = "statics"
-LOOKED = 300  # worlds in which plans are compared
-TIMES = 5  # plans are made again
-JUDGED = 3  # times that fresh worlds are played at most
-PATIENCE = 2  # plans in a row that fall no less
-SHOWN = 10.0  # worlds in one over the risk that the last judgement plays
-FEWEST, MOST = 300, 30_000
-_SURE = 0.5  # times the risk that falls may be for nothing more to be asked for
-_HOPE = 2.0  # times the risk that falls may be among those looked at, for the long judgement
-_FRESH = 1_000_003  # between seeds of worlds looked at and of those judged by
-_CAUSES = 5
+NUM_SEARCH_WORLDS = 300  # worlds in which the plans of a search are compared
+MAX_REPLANS = 5  # plans of one search
+MAX_VALIDATIONS = 3  # in fresh worlds
+PATIENCE = 2  # plans in a row without fewer falls, after which a search ends
+VALIDATION_WORLDS_FACTOR = 10.0  # by 1 / risk, worlds of a validation
+MIN_WORLDS, MAX_WORLDS = 300, 30_000
+_TARGET_FRACTION = 0.5  # of the bound, falls at which a search ends
+_HOPELESS_FACTOR = 2.0  # by the bound, falls above which a long validation is pointless
+_SEED_STRIDE = 1_000_003  # between the seeds of searches and validations
+_NUM_CAUSES = 5
 
 
 class _RiskSpec(Protocol):
@@ -65,8 +71,8 @@ L = TypeVar("L", bound=_Loaded)
 
 
 @dataclass(frozen=True)
-class Ways:
-    """How plans are made and asked for anew."""
+class Execution:
+    """Number of worker processes, and the callback for progress."""
 
     workers: int
     report: Progress
@@ -75,183 +81,204 @@ class Ways:
 def plan_with_risk(
     loaded: L,
     plan: Callable[[L], ClimbPlan],
-    again: Callable[[L, list[str]], L],
-    ways: Ways,
+    override: Callable[[L, list[str]], L],
+    execution: Execution,
 ) -> ClimbPlan:
-    """The plan of a spec, with its promise where it asks for one (`risk`).
+    """Plan a spec, subject to its bound on the probability of a fall if it has one (`risk`).
 
-    again: the same spec with overrides. Raises what planning raises of the spec as it is, and
-    UsageError for robots that the engine does not know.
+    Args:
+        loaded: The spec.
+        plan: Plans a loaded spec.
+        override: Returns the loaded spec with overrides of its keys ("key=value").
+        execution: Workers and progress.
+
+    Raises:
+        NoPlanFound: There is no plan of the spec as it is.
+        UsageError: The quasi-static engine has no model of the robot.
     """
-    risk = loaded.spec.risk
+    max_risk = loaded.spec.risk
     first = plan(loaded)
-    if risk is None:
+    if max_risk is None:
         return first
     seed = loaded.spec.seed
-    search = _Search(loaded, plan, again, ways, risk)
-    found = _Tried(first, as_stated(loaded.spec.margins), _judged(first, LOOKED, seed, ways))
-    search.note(found)
-    fresh = found.judged
-    for time in range(1, JUDGED + 1):
-        enough = int(_SURE * risk * LOOKED) if time == 1 else _allowed(risk, fresh)
-        best = search.less(found, enough)
-        hopeless = len(best.judged.outcomes) * _HOPE * risk < best.judged.falls
-        if time > 1 and (best.plan is found.plan or hopeless):
-            break  # nothing falls less; its judgement stands
-        worlds = LOOKED
+    search = _Search(loaded, plan, override, execution, max_risk)
+    candidate = _Candidate(
+        first,
+        read_margins(loaded.spec.margins),
+        _estimate(first, NUM_SEARCH_WORLDS, seed, execution),
+    )
+    search.log_candidate(candidate)
+    validation = candidate.risk
+    for time in range(1, MAX_VALIDATIONS + 1):
+        max_falls = (
+            int(_TARGET_FRACTION * max_risk * NUM_SEARCH_WORLDS)
+            if time == 1
+            else _compute_allowed_falls(max_risk, validation)
+        )
+        best = search.find_better(candidate, max_falls)
+        hopeless = len(best.risk.outcomes) * _HOPELESS_FACTOR * max_risk < best.risk.falls
+        if time > 1 and (best.plan is candidate.plan or hopeless):
+            break  # no plan falls less often: the last validation is final
+        worlds = NUM_SEARCH_WORLDS
         if not hopeless:
-            worlds = min(max(FEWEST, round(SHOWN / risk)), MOST)
-        fresh = _judged(best.plan, worlds, (seed + time * _FRESH) % 2**32, ways)
-        found = replace(best, judged=fresh)
-        search.note(found, judged=True)
-        if hopeless or interval_of(fresh.falls, worlds)[1] <= risk:
+            worlds = min(max(MIN_WORLDS, round(VALIDATION_WORLDS_FACTOR / max_risk)), MAX_WORLDS)
+        validation = _estimate(best.plan, worlds, (seed + time * _SEED_STRIDE) % 2**32, execution)
+        candidate = replace(best, risk=validation)
+        search.log_candidate(candidate, is_validation=True)
+        if hopeless or interval_of(validation.falls, worlds)[1] <= max_risk:
             break
-    promise = _promise(found.plan, risk, fresh, tuple(search.tried))
-    return replace(found.plan, promise=promise, summary=(*found.plan.summary, _line(promise)))
+    promise = _build_promise(candidate.plan, max_risk, validation, tuple(search.log))
+    return replace(
+        candidate.plan, promise=promise, summary=(*candidate.plan.summary, _format_promise(promise))
+    )
 
 
 @dataclass(frozen=True)
-class _Tried:
-    """A plan, the margins that it was asked for, and how it did."""
+class _Candidate:
+    """A plan, the margins that it was planned with, and the estimate of its risk."""
 
     plan: ClimbPlan
-    asked: More
-    judged: Judged
+    margins: RequestedMargins
+    risk: RiskEstimate
 
 
 class _Search(Generic[L]):
-    """Plans made again, with what is said of each."""
+    """A search for plans that fall less often, with a log of all candidates."""
 
     def __init__(
         self,
         loaded: L,
         plan: Callable[[L], ClimbPlan],
-        again: Callable[[L, list[str]], L],
-        ways: Ways,
-        risk: float,
+        override: Callable[[L, list[str]], L],
+        execution: Execution,
+        max_risk: float,
     ) -> None:
-        self._loaded, self._plan, self._again = loaded, plan, again
-        self._ways, self._risk = ways, risk
-        self.tried: list[str] = []
+        self._loaded, self._plan, self._override = loaded, plan, override
+        self._execution, self._max_risk = execution, max_risk
+        self.log: list[str] = []
 
-    def note(self, found: _Tried, judged: bool = False) -> None:
-        """Say how a plan did."""
-        word = "judged in fresh worlds: " if judged else ""
-        fell = f"{found.judged.falls} of {len(found.judged.outcomes)} worlds fall"
-        self.tried.append(f"{word}margins {found.asked.words}: {fell}")
+    def log_candidate(self, candidate: _Candidate, is_validation: bool = False) -> None:
+        """Append a candidate and its falls to the log."""
+        prefix = "judged in fresh worlds: " if is_validation else ""
+        falls_text = f"{candidate.risk.falls} of {len(candidate.risk.outcomes)} worlds fall"
+        self.log.append(f"{prefix}margins {candidate.margins.text}: {falls_text}")
 
-    def less(self, start: _Tried, enough: int) -> _Tried:
-        """The plan that falls least in the worlds of one to start with, at most `enough` times."""
-        best, now, idle = start, start, 0
+    def find_better(self, start: _Candidate, max_falls: int) -> _Candidate:
+        """Find a plan with at most `max_falls` falls in the worlds of the first, or the best."""
+        best, candidate, num_stalled = start, start, 0
         if not self._loaded.spec.margins.asked:
             return start
-        for _ in range(TIMES):
-            if best.judged.falls <= enough:
+        for _ in range(MAX_REPLANS):
+            if best.risk.falls <= max_falls:
                 break
-            asked = more(now.asked, now.judged, now.plan)
+            margins = increase_margins(candidate.margins, candidate.risk, candidate.plan)
             try:
-                found = self._plan(self._again(self._loaded, asked.overrides))
+                plan = self._plan(self._override(self._loaded, margins.overrides))
             except NoPlanFound as error:
                 line = error.message.splitlines()[0]
-                self.tried.append(f"margins {asked.words}: {line}")
+                self.log.append(f"margins {margins.text}: {line}")
                 break
-            worlds, seed = len(start.judged.outcomes), start.judged.seed
-            now = _Tried(found, asked, _judged(found, worlds, seed, self._ways))
-            self.note(now)
-            idle = 0 if now.judged.falls < best.judged.falls else idle + 1
-            if now.judged.falls < best.judged.falls:
-                best = now
-            if idle == PATIENCE:
+            worlds, seed = len(start.risk.outcomes), start.risk.seed
+            candidate = _Candidate(plan, margins, _estimate(plan, worlds, seed, self._execution))
+            self.log_candidate(candidate)
+            num_stalled = 0 if candidate.risk.falls < best.risk.falls else num_stalled + 1
+            if candidate.risk.falls < best.risk.falls:
+                best = candidate
+            if num_stalled == PATIENCE:
                 break
-        return self._in_other_orders(best, enough)
+        return self._try_gaits(best, max_falls)
 
-    def _in_other_orders(self, best: _Tried, enough: int) -> _Tried:
-        """That, or the plan of another gait which falls less, where a climb leaves it open."""
+    def _try_gaits(self, best: _Candidate, max_falls: int) -> _Candidate:
+        """Try other gaits if the climb leaves its gait open; return the best candidate."""
         task = self._loaded.spec.task
         limbs = best.plan.robot.limb_names
-        left_open = isinstance(task, TaskSpec) and task.gait is None and not best.asked.gait
-        for gait in gaits(tuple(limbs), tuple(limbs)) if left_open else ():
-            if best.judged.falls <= enough:
+        is_gait_open = isinstance(task, TaskSpec) and task.gait is None and not best.margins.gait
+        for gait in list_gaits(tuple(limbs), tuple(limbs)) if is_gait_open else ():
+            if best.risk.falls <= max_falls:
                 break
-            asked = replace(as_stated(self._loaded.spec.margins), gait=gait)
+            margins = replace(read_margins(self._loaded.spec.margins), gait=gait)
             try:
-                found = self._plan(self._again(self._loaded, asked.overrides))
+                plan = self._plan(self._override(self._loaded, margins.overrides))
             except NoPlanFound as error:
                 line = error.message.splitlines()[0]
-                self.tried.append(f"margins {asked.words}: {line}")
+                self.log.append(f"margins {margins.text}: {line}")
                 continue
-            worlds, seed = len(best.judged.outcomes), best.judged.seed
-            now = _Tried(found, asked, _judged(found, worlds, seed, self._ways))
-            self.note(now)
-            if now.judged.falls < best.judged.falls:
-                best = now
+            worlds, seed = len(best.risk.outcomes), best.risk.seed
+            candidate = _Candidate(plan, margins, _estimate(plan, worlds, seed, self._execution))
+            self.log_candidate(candidate)
+            if candidate.risk.falls < best.risk.falls:
+                best = candidate
         return best
 
 
-def _allowed(risk: float, judged: Judged) -> int:
-    """The most falls in as many worlds as were judged that a promise can have, less a margin.
+def _compute_allowed_falls(max_risk: float, risk: RiskEstimate) -> int:
+    """Compute the falls in the worlds of an estimate at which a search may end.
 
-    Half of the most, for as many in fresh worlds are less than the most nearly always.
+    Half of the largest number that meets the bound: fresh worlds then nearly always meet it, too.
     """
-    worlds, most = len(judged.outcomes), 0
-    while interval_of(most + 1, worlds)[1] <= risk:
-        most += 1
-    return most // 2
+    worlds, max_falls = len(risk.outcomes), 0
+    while interval_of(max_falls + 1, worlds)[1] <= max_risk:
+        max_falls += 1
+    return max_falls // 2
 
 
-def _judged(plan: ClimbPlan, worlds: int, seed: int, ways: Ways) -> Judged:
-    return judge_plan(
-        plan, Conditions(), ENGINE, worlds, seed, ways.workers,
-        lambda part: ways.report("risk", part),
+def _estimate(plan: ClimbPlan, worlds: int, seed: int, execution: Execution) -> RiskEstimate:
+    return estimate_risk(
+        plan, Conditions(), ENGINE, worlds, seed, execution.workers,
+        lambda fraction: execution.report("risk", fraction),
     )  # fmt: skip
 
 
-def _promise(plan: ClimbPlan, risk: float, judged: Judged, tried: tuple[str, ...]) -> Promise:
-    low, high = interval_of(judged.falls, len(judged.outcomes))
+def _build_promise(
+    plan: ClimbPlan, max_risk: float, risk: RiskEstimate, log: tuple[str, ...]
+) -> Promise:
+    low, high = interval_of(risk.falls, len(risk.outcomes))
     names = plan.robot.limb_names
-    fells = tuple(
-        f"{many}: {cause}{f', {limb}' if limb else ''}, round {number}"
-        for (cause, limb, number), many in causes(judged, names, plan)[:_CAUSES]
+    causes = tuple(
+        f"{frequency}: {cause}{f', {limb}' if limb else ''}, round {number}"
+        for (cause, limb, number), frequency in count_causes(risk, names, plan)[:_NUM_CAUSES]
     )
     spreads = {
         f.name: [s.kind, s.low, s.high]
-        for f in fields(judged.layout.uncertainty)
-        if not (s := getattr(judged.layout.uncertainty, f.name)).exact
+        for f in fields(risk.layout.uncertainty)
+        if not (s := getattr(risk.layout.uncertainty, f.name)).exact
     }
-    met = high <= risk
+    is_met = high <= max_risk
     return Promise(
-        risk, ENGINE, judged.seed, len(judged.outcomes), judged.falls, low, high, spreads, fells,
-        () if met else _helps(plan, judged), tried,
+        max_risk, ENGINE, risk.seed, len(risk.outcomes), risk.falls, low, high, spreads, causes,
+        () if is_met else _list_remedies(plan, risk), log,
     )  # fmt: skip
 
 
-def _helps(plan: ClimbPlan, judged: Judged) -> tuple[str, ...]:
-    """What the falls ask for: a quantity known better, stronger motors, terrain for the margins."""
-    out = []
-    if judged.falls == 0:
-        out.append("more worlds: none of these fell")
-    for key, off in judged.parameters[:2]:
-        out.append(f"knowing uncertainty.{key} better: falls differ by {off:+.1f} standard errors")
+def _list_remedies(plan: ClimbPlan, risk: RiskEstimate) -> tuple[str, ...]:
+    """List what would reduce the falls: better known quantities, stronger motors, terrain."""
+    remedies = []
+    if risk.falls == 0:
+        remedies.append("more worlds: none of these fell")
+    for key, difference in risk.parameters[:2]:
+        remedies.append(
+            f"knowing uncertainty.{key} better: falls differ by {difference:+.1f} standard errors"
+        )
     forces = plan.forces
     worst = float(forces.safety_torque.min())
-    asked = plan.limits.safety_torque
-    if worst < _SPENT * asked:
+    required = plan.limits.safety_torque
+    if worst < _TORQUE_MARGIN * required:
         limb, joint = divmod(
             int(abs(forces.motor_torques).max(axis=0).argmax()), plan.robot.joint_count
         )
-        used = float(abs(forces.motor_torques[:, limb, joint]).max())
-        most = float(plan.robot.max_torque[limb, joint])
+        used_torque = float(abs(forces.motor_torques[:, limb, joint]).max())
+        max_torque = float(plan.robot.max_torque[limb, joint])
         name = f"{plan.robot.limb_names[limb]} {plan.robot.joint_name(limb, joint)}"
         unit = torque_unit(plan.robot, limb, joint)
-        given = f"{name} gives {used:.1f} of {most:.1f} {unit}"
-        out.append(f"stronger motors: {given} (S_tau {worst:.2f})")
-    return (*out, *forces.notes)
+        use_text = f"{name} gives {used_torque:.1f} of {max_torque:.1f} {unit}"
+        remedies.append(f"stronger motors: {use_text} (S_tau {worst:.2f})")
+    return (*remedies, *forces.notes)
 
 
-_SPENT = 1.1  # times the least S_tau, below which motors have nothing left to press with
+_TORQUE_MARGIN = 1.1  # by the required S_tau, below which motors limit the margins
 
 
-def _line(promise: Promise) -> str:
-    word = "met" if promise.met else "NOT MET"
-    upper = f"{promise.lower:.2%} to {promise.upper:.2%} fall, asked {promise.risk:.2%}"
-    return f"{'risk':<9} {word:<9} {promise.words} ({promise.engine}): {upper}"
+def _format_promise(promise: Promise) -> str:
+    verdict = "met" if promise.met else "NOT MET"
+    interval_text = f"{promise.lower:.2%} to {promise.upper:.2%} fall, asked {promise.risk:.2%}"
+    return f"{'risk':<9} {verdict:<9} {promise.words} ({promise.engine}): {interval_text}"

@@ -1,13 +1,13 @@
-"""A toe on terrain: whether it sticks, slides or comes off.
+"""Solve the contact of one toe with a surface: it sticks, slides or separates (Coulomb friction).
 
-A toe in contact is tried where it last stood (the anchor): it comes off if it would have to
-be pulled, and slides against its friction until that holds it, as stresses return to the yield
-surface in plasticity.
+A toe in contact is first placed where it stood last, its anchor. It separates if the surface would
+have to pull. If its force leaves the friction cone it slides until the force is on the cone, which
+is the return mapping of plasticity.
 
-Where pressure grows as a toe slides Coulomb's law has several answers or none. Short steps
-(`swift`) therefore take the point of the cone that is nearest in the metric of the limb's
-compliance, which is unique and changes steadily: the toe is lifted by mu times the little that it
-slides in such a step, and put back on its surface at its end. MuJoCo's contacts do the same.
+Coulomb's law has several solutions or none where pressure grows as a toe slides. Short steps
+therefore project the force to the cone, in the metric of the limb's compliance. The projection is
+unique and continuous. It lifts the toe by mu times its slip in the step; the toe is put back on its
+surface at the end of the step. MuJoCo's convex contact model does the same (Todorov 2014).
 """
 
 from __future__ import annotations
@@ -16,177 +16,230 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.friction_cone import _nearest_edge
-from climbplan.climb.simulation.statics.limb import _held
-from climbplan.climb.simulation.statics.small_algebra import (
-    _both_sides,
+from climbplan.climb.simulation.statics.friction_cone import _project_to_cone_surface
+from climbplan.climb.simulation.statics.limb_equilibrium import _solve_limb
+from climbplan.climb.simulation.statics.linear_algebra import (
+    _apply_matrix,
+    _apply_transpose,
     _dot,
-    _inverse,
-    _times,
-    _transposed_times,
+    _invert,
+    _transform_matrix,
 )
-from climbplan.climb.simulation.statics.surfaces import _onto
-from climbplan.climb.simulation.statics.tuples import Body, Ground, Pad, Springs, Touch
+from climbplan.climb.simulation.statics.state import (
+    BodyState,
+    ContactSolution,
+    Ground,
+    JointSprings,
+    StepSettings,
+    Workspace,
+)
+from climbplan.climb.simulation.statics.surfaces import _project_to_surface
 
 AIR, STICKS, SLIDES, FAILED = 0, 1, 2, 3
-_SLIDES = 4  # tries to find where friction holds a toe again
-_FARTHEST = 0.03  # [m] of one of them
-_STRAIGHT = 0.02  # shear by pull of a toe that comes off without sliding
-_JAMS = 0.3  # least resistance against sliding, of that without a change of pressure
-_SETTLED = 1e-7  # [m] to which a sliding toe of a short step is found
-_ENOUGH = 1e-3  # of the friction, to which it is found
+_MAX_SLIDE_STEPS = 4  # Newton steps along the direction of sliding
+_MAX_SLIDE_STEP = 0.03  # [m] longest of these steps
+_STRAIGHT_VOLUME = 0.02  # shear by pull, below which a toe separates without sliding
+_MIN_SLIDE_STIFFNESS = 0.3  # smallest stiffness against sliding, by that at constant pressure
+_POSITION_TOLERANCE = 1e-7  # [m] of a projected contact
+_FRICTION_TOLERANCE = 1e-3  # relative, of a sliding toe's friction
 
 
 @compiled
-def _pushed(body: Body, zero: Array, limb: int, springs: Springs, touch: Touch, pad: Pad) -> bool:
-    """Force on a toe held at its place, left in `touch`, and the limb's stiffness in pad.m[7].
+def _compute_toe_force(
+    body: BodyState,
+    zero: Array,
+    limb: int,
+    springs: JointSprings,
+    solution: ContactSolution,
+    work: Workspace,
+) -> bool:
+    """Compute the force on a toe at its place, and `work.contact_stiffness` G = R K R^T.
 
-    The stiffness is the world's, G = R K R^T. False if the limb does not reach there.
+    Returns False if the limb does not reach that place.
     """
-    away, local, own, slope = pad.v[6], pad.v[7], pad.v[8], pad.m[5]
+    offset, toe_body, force_body = work.vectors[6], work.vectors[7], work.vectors[8]
+    stiffness_body = work.matrices[5]
     for i in range(3):
-        away[i] = touch.place[limb, i] - body.com[i]
-    _transposed_times(body.rotation, away, local)
-    if not _held(zero, limb, local, springs, touch.angles[limb], own, slope, pad):
+        offset[i] = solution.position[limb, i] - body.com[i]
+    _apply_transpose(body.rotation, offset, toe_body)
+    if not _solve_limb(
+        zero, limb, toe_body, springs, solution.angles[limb], force_body, stiffness_body, work
+    ):
         return False
-    _times(body.rotation, own, touch.force[limb])
-    _both_sides(body.rotation, slope, pad.m[0], pad.m[7])
+    _apply_matrix(body.rotation, force_body, solution.force[limb])
+    _transform_matrix(body.rotation, stiffness_body, work.matrices[0], work.contact_stiffness)
     return True
 
 
 @compiled
-def _swift_touch(
-    body: Body, zero: Array, limb: int, mu: float, springs: Springs, touch: Touch, pad: Pad
+def _project_contact(
+    body: BodyState,
+    zero: Array,
+    limb: int,
+    mu: float,
+    springs: JointSprings,
+    solution: ContactSolution,
+    work: Workspace,
 ) -> int:
-    """As `_touch`, in a short step: the cone's point that is nearest in the limb's compliance."""
-    place, normal, force = touch.place[limb], touch.normal[limb], touch.force[limb]
-    follow, firm, soft = pad.m[6], pad.m[7], pad.m[0]
-    away, own, tried, edge = pad.v[6], pad.v[8], pad.v[9], pad.v[10]
-    first, second, free = pad.v[0], pad.v[1], pad.v[2]
-    s0, s1, s2 = place[0], place[1], place[2]
-    for attempt in range(_SLIDES + 1):
-        if not _pushed(body, zero, limb, springs, touch, pad):
+    """Project the force to the friction cone, in the metric of the limb's compliance.
+
+    Arguments and results are those of `_solve_contact`.
+    """
+    position, normal, force = solution.position[limb], solution.normal[limb], solution.force[limb]
+    projection, stiffness = work.force_projection, work.contact_stiffness
+    compliance = work.matrices[0]
+    offset, stiffness_normal, trial_force, cone_force = (
+        work.vectors[6],
+        work.vectors[8],
+        work.vectors[9],
+        work.vectors[10],
+    )
+    tangent, binormal, free_motion = work.vectors[0], work.vectors[1], work.vectors[2]
+    s0, s1, s2 = position[0], position[1], position[2]
+    for attempt in range(_MAX_SLIDE_STEPS + 1):
+        if not _compute_toe_force(body, zero, limb, springs, solution, work):
             return FAILED
-        if not _inverse(firm, soft) > 0.0:
+        if not _invert(stiffness, compliance) > 0.0:
             return FAILED
-        # The force with the toe at its anchor, and where it would go if nothing held it
-        away[0], away[1], away[2] = s0 - place[0], s1 - place[1], s2 - place[2]
-        _times(firm, away, tried)
+        # The force with the toe at its anchor, and where the toe would move without contact
+        offset[0], offset[1], offset[2] = s0 - position[0], s1 - position[1], s2 - position[2]
+        _apply_matrix(stiffness, offset, trial_force)
         for i in range(3):
-            tried[i] += force[i]
-        _times(soft, tried, free)
-        lifts = -_dot(free, normal)
-        slid = 0.0
+            trial_force[i] += force[i]
+        _apply_matrix(compliance, trial_force, free_motion)
+        lift_off = -_dot(free_motion, normal)
+        sliding = 0.0
         for i in range(3):
-            slid += (free[i] + lifts * normal[i]) ** 2
-        if lifts >= mu * np.sqrt(slid):
+            sliding += (free_motion[i] + lift_off * normal[i]) ** 2
+        if lift_off >= mu * np.sqrt(sliding):
             return AIR
-        press = _dot(tried, normal)
-        shear = np.sqrt(max(_dot(tried, tried) - press * press, 0.0))
+        press = _dot(trial_force, normal)
+        shear = np.sqrt(max(_dot(trial_force, trial_force) - press * press, 0.0))
         if shear <= mu * press:
-            if (away[0] == 0.0 and away[1] == 0.0 and away[2] == 0.0) or attempt == _SLIDES:
+            if (
+                offset[0] == 0.0 and offset[1] == 0.0 and offset[2] == 0.0
+            ) or attempt == _MAX_SLIDE_STEPS:
                 for i in range(3):
-                    force[i] = tried[i]
+                    force[i] = trial_force[i]
                     for j in range(3):
-                        follow[i, j] = 1.0 if i == j else 0.0
+                        projection[i, j] = 1.0 if i == j else 0.0
                 return STICKS
-            place[0], place[1], place[2] = s0, s1, s2
+            position[0], position[1], position[2] = s0, s1, s2
             continue
-        _nearest_edge(tried, normal, mu, soft, first, second, edge, free)
-        # Where the toe is then
-        for i in range(3):
-            away[i] = edge[i] - tried[i]
-        _times(soft, away, free)
-        moved = max(
-            abs(s0 + free[0] - place[0]), abs(s1 + free[1] - place[1]), abs(s2 + free[2] - place[2])
+        _project_to_cone_surface(
+            trial_force, normal, mu, compliance, tangent, binormal, cone_force, free_motion
         )
-        if moved < _SETTLED or attempt == _SLIDES:
+        # Where the toe is under the projected force
+        for i in range(3):
+            offset[i] = cone_force[i] - trial_force[i]
+        _apply_matrix(compliance, offset, free_motion)
+        change = max(
+            abs(s0 + free_motion[0] - position[0]),
+            abs(s1 + free_motion[1] - position[1]),
+            abs(s2 + free_motion[2] - position[2]),
+        )
+        if change < _POSITION_TOLERANCE or attempt == _MAX_SLIDE_STEPS:
             break
-        place[0], place[1], place[2] = s0 + free[0], s1 + free[1], s2 + free[2]
-    press = _dot(edge, normal)
+        position[0], position[1], position[2] = (
+            s0 + free_motion[0],
+            s1 + free_motion[1],
+            s2 + free_motion[2],
+        )
+    press = _dot(cone_force, normal)
     for i in range(3):
-        force[i] = edge[i]
+        force[i] = cone_force[i]
         # Normal to the cone: against the shear, and off the surface
-        away[i] = mu * normal[i] - (edge[i] - press * normal[i]) / max(mu * press, 1e-12)
-    _times(firm, away, own)
-    resist = max(_dot(away, own), 1e-9)
+        offset[i] = mu * normal[i] - (cone_force[i] - press * normal[i]) / max(mu * press, 1e-12)
+    _apply_matrix(stiffness, offset, stiffness_normal)
+    curvature = max(_dot(offset, stiffness_normal), 1e-9)
     for i in range(3):
         for j in range(3):
-            follow[i, j] = (1.0 if i == j else 0.0) - own[i] * away[j] / resist
-            firm[i, j] -= own[i] * own[j] / resist
+            projection[i, j] = (1.0 if i == j else 0.0) - stiffness_normal[i] * offset[
+                j
+            ] / curvature
+            stiffness[i, j] -= stiffness_normal[i] * stiffness_normal[j] / curvature
     return SLIDES
 
 
 @compiled
-def _touch(
-    body: Body,
+def _solve_contact(
+    body: BodyState,
     zero: Array,
     limb: int,
     mu: float,
-    swift: bool,
+    settings: StepSettings,
     ground: Ground,
-    springs: Springs,
-    touch: Touch,
-    pad: Pad,
+    springs: JointSprings,
+    solution: ContactSolution,
+    work: Workspace,
 ) -> int:
-    """Contact of a limb's toe that stood at `place` of its surface; place and angles are put right.
+    """Solve the contact of a limb's toe, which starts at its position in `solution`.
 
-    zero: (2n + 1, 3) of the limb. swift: in a short step. Leaves the force on the toe in `touch`,
-    and in pad.m[6], pad.m[7] the matrices P and G of its change when the body moves by (dc, dw):
-    dF = -G dc + (G [r]x - P [f]x) dw. Returns AIR, STICKS, SLIDES or FAILED.
+    Updates position, joint angles and force of the limb in `solution`. Leaves the matrices P and G
+    of the force's change in `work.force_projection` and `work.contact_stiffness`: if the body moves
+    by (dc, dw), then dF = -G dc + (G [r]x - P [f]x) dw. zero: (2n + 1, 3) of the limb at zero
+    angles. Returns AIR, STICKS, SLIDES or FAILED.
     """
-    if swift:
-        return _swift_touch(body, zero, limb, mu, springs, touch, pad)
-    place, normal, force = touch.place[limb], touch.normal[limb], touch.force[limb]
-    solid, face = touch.solid[limb], touch.face[limb]
-    follow, firm, fixed = pad.m[6], pad.m[7], pad.m[0]
-    way, pushed = pad.v[9], pad.v[10]
-    slid = False
-    for attempt in range(_SLIDES + 1):
-        if not _pushed(body, zero, limb, springs, touch, pad):
+    if settings.project_forces:
+        return _project_contact(body, zero, limb, mu, springs, solution, work)
+    position, normal, force = solution.position[limb], solution.normal[limb], solution.force[limb]
+    solid, face = solution.solid[limb], solution.face[limb]
+    projection, stiffness = work.force_projection, work.contact_stiffness
+    full_stiffness = work.matrices[0]
+    direction, stiffness_direction = work.vectors[9], work.vectors[10]
+    has_slid = False
+    for attempt in range(_MAX_SLIDE_STEPS + 1):
+        if not _compute_toe_force(body, zero, limb, springs, solution, work):
             return FAILED
         press = _dot(force, normal)
-        # A toe that would have to be pulled where it stands may still press where it slides to
+        # A toe without pressure at its anchor may still press where it slides to
         if press <= 0.0 and attempt > 1:
             return AIR
-        across0 = force[0] - press * normal[0]
-        across1 = force[1] - press * normal[1]
-        across2 = force[2] - press * normal[2]
-        shear = np.sqrt(across0**2 + across1**2 + across2**2)
-        if press <= 0.0 and shear < _STRAIGHT * -press:
+        tangent0 = force[0] - press * normal[0]
+        tangent1 = force[1] - press * normal[1]
+        tangent2 = force[2] - press * normal[2]
+        shear = np.sqrt(tangent0**2 + tangent1**2 + tangent2**2)
+        if press <= 0.0 and shear < _STRAIGHT_VOLUME * -press:
             return AIR
         excess = shear - mu * press
-        if not slid and excess <= 0.0:
+        if not has_slid and excess <= 0.0:
             for i in range(3):
                 for j in range(3):
-                    follow[i, j] = 1.0 if i == j else 0.0
+                    projection[i, j] = 1.0 if i == j else 0.0
             return STICKS
-        least = max(shear, 1e-12)
-        way[0], way[1], way[2] = -across0 / least, -across1 / least, -across2 / least
-        _times(firm, way, pushed)
-        along = _dot(way, pushed)
-        resist = along + mu * _dot(normal, pushed)
-        # Pressure that grows as a toe slides may hold it of itself: it then slides bit by bit
-        resist = max(resist, _JAMS * abs(along) + 1e-6)
-        if attempt == _SLIDES or abs(excess) < _ENOUGH * (mu * abs(press) + 0.01):
+        shear_norm = max(shear, 1e-12)
+        direction[0], direction[1], direction[2] = (
+            -tangent0 / shear_norm,
+            -tangent1 / shear_norm,
+            -tangent2 / shear_norm,
+        )
+        _apply_matrix(stiffness, direction, stiffness_direction)
+        tangential = _dot(direction, stiffness_direction)
+        slide_stiffness = tangential + mu * _dot(normal, stiffness_direction)
+        # If pressure grows as the toe slides the stiffness may vanish: bounded below, the toe
+        # slides in small steps
+        slide_stiffness = max(slide_stiffness, _MIN_SLIDE_STIFFNESS * abs(tangential) + 1e-6)
+        if attempt == _MAX_SLIDE_STEPS or abs(excess) < _FRICTION_TOLERANCE * (
+            mu * abs(press) + 0.01
+        ):
             # P = I - G e (e + mu n)^T / resist, G = P G
             for i in range(3):
                 for j in range(3):
-                    fixed[i, j] = firm[i, j]
-                    follow[i, j] = (1.0 if i == j else 0.0) - pushed[i] * (
-                        way[j] + mu * normal[j]
-                    ) / resist
+                    full_stiffness[i, j] = stiffness[i, j]
+                    projection[i, j] = (1.0 if i == j else 0.0) - stiffness_direction[i] * (
+                        direction[j] + mu * normal[j]
+                    ) / slide_stiffness
             for i in range(3):
                 for j in range(3):
-                    firm[i, j] = (
-                        follow[i, 0] * fixed[0, j]
-                        + follow[i, 1] * fixed[1, j]
-                        + follow[i, 2] * fixed[2, j]
+                    stiffness[i, j] = (
+                        projection[i, 0] * full_stiffness[0, j]
+                        + projection[i, 1] * full_stiffness[1, j]
+                        + projection[i, 2] * full_stiffness[2, j]
                     )
             return SLIDES
-        slid = True
-        length = min(max(excess / resist, -_FARTHEST), _FARTHEST)
+        has_slid = True
+        length = min(max(excess / slide_stiffness, -_MAX_SLIDE_STEP), _MAX_SLIDE_STEP)
         for i in range(3):
-            place[i] += length * way[i]
-        _onto(place, solid, face, ground, normal)
+            position[i] += length * direction[i]
+        _project_to_surface(position, solid, face, ground, normal)
     return FAILED

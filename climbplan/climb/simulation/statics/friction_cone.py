@@ -1,4 +1,4 @@
-"""The point of a friction cone's surface that is nearest to a force in a metric."""
+"""Project a force to the surface of a friction cone, in the metric of a compliance matrix."""
 
 from __future__ import annotations
 
@@ -6,76 +6,89 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.small_algebra import _cross, _dot, _times
+from climbplan.climb.simulation.statics.linear_algebra import _apply_matrix, _cross, _dot
 
-_EDGES, _SECTIONS, _GOLDEN = 12, 22, (np.sqrt(5.0) - 1) / 2
+_NUM_EDGES, _NUM_SECTIONS, _GOLDEN_RATIO = 12, 22, (np.sqrt(5.0) - 1) / 2
 
 
 @compiled
-def _nearest_edge(
-    tried: Array,
+def _project_to_cone_surface(
+    trial_force: Array,
     normal: Array,
     mu: float,
-    soft: Array,
-    first: Array,
-    second: Array,
-    edge: Array,
-    room: Array,
+    compliance: Array,
+    tangent: Array,
+    binormal: Array,
+    cone_force: Array,
+    buffer: Array,
 ) -> None:
-    """Edge of a friction cone's surface nearest to a force in a metric (3, 3), and there the point.
+    """Find the point of a cone's surface that is nearest to a force f in a metric C (3, 3).
 
-    Along an edge d = n + mu e the nearest point is d (d C f) / (d C d): the best edge has the
-    largest (d C f)^2 / (d C d). Found by comparing _EDGES of them and then by golden section.
+    Along an edge d = n + mu e the nearest point is d (d C f) / (d C d), so the best edge maximises
+    (d C f)^2 / (d C d). The maximum is bracketed by _NUM_EDGES edges and refined by golden section.
+    The point is left in `cone_force`.
     """
     a = 0 if abs(normal[0]) < 0.6 else 1
     for i in range(3):
-        first[i] = (1.0 if i == a else 0.0) - normal[a] * normal[i]
-    size = np.sqrt(_dot(first, first))
+        tangent[i] = (1.0 if i == a else 0.0) - normal[a] * normal[i]
+    norm = np.sqrt(_dot(tangent, tangent))
     for i in range(3):
-        first[i] /= size
-    _cross(normal, first, second)
-    best, most = 0.0, -np.inf
-    for k in range(_EDGES):
-        angle = 2 * np.pi * k / _EDGES
-        worth = _worth(angle, tried, normal, mu, soft, first, second, edge, room)
-        if worth > most:
-            best, most = angle, worth
-    low, high = best - 2 * np.pi / _EDGES, best + 2 * np.pi / _EDGES
-    left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    a_left = _worth(left, tried, normal, mu, soft, first, second, edge, room)
-    a_right = _worth(right, tried, normal, mu, soft, first, second, edge, room)
-    for _ in range(_SECTIONS):
-        if a_left > a_right:
-            high, right, a_right = right, left, a_left
-            left = high - _GOLDEN * (high - low)
-            a_left = _worth(left, tried, normal, mu, soft, first, second, edge, room)
+        tangent[i] /= norm
+    _cross(normal, tangent, binormal)
+    best_angle, best_value = 0.0, -np.inf
+    for k in range(_NUM_EDGES):
+        angle = 2 * np.pi * k / _NUM_EDGES
+        value = _evaluate_edge(
+            angle, trial_force, normal, mu, compliance, tangent, binormal, cone_force, buffer
+        )
+        if value > best_value:
+            best_angle, best_value = angle, value
+    low, high = best_angle - 2 * np.pi / _NUM_EDGES, best_angle + 2 * np.pi / _NUM_EDGES
+    left, right = high - _GOLDEN_RATIO * (high - low), low + _GOLDEN_RATIO * (high - low)
+    value_left = _evaluate_edge(
+        left, trial_force, normal, mu, compliance, tangent, binormal, cone_force, buffer
+    )
+    value_right = _evaluate_edge(
+        right, trial_force, normal, mu, compliance, tangent, binormal, cone_force, buffer
+    )
+    for _ in range(_NUM_SECTIONS):
+        if value_left > value_right:
+            high, right, value_right = right, left, value_left
+            left = high - _GOLDEN_RATIO * (high - low)
+            value_left = _evaluate_edge(
+                left, trial_force, normal, mu, compliance, tangent, binormal, cone_force, buffer
+            )
         else:
-            low, left, a_left = left, right, a_right
-            right = low + _GOLDEN * (high - low)
-            a_right = _worth(right, tried, normal, mu, soft, first, second, edge, room)
-    _worth((low + high) / 2, tried, normal, mu, soft, first, second, edge, room)
+            low, left, value_left = left, right, value_right
+            right = low + _GOLDEN_RATIO * (high - low)
+            value_right = _evaluate_edge(
+                right, trial_force, normal, mu, compliance, tangent, binormal, cone_force, buffer
+            )
+    _evaluate_edge(
+        (low + high) / 2, trial_force, normal, mu, compliance, tangent, binormal, cone_force, buffer
+    )
 
 
 @compiled
-def _worth(
+def _evaluate_edge(
     angle: float,
-    tried: Array,
+    trial_force: Array,
     normal: Array,
     mu: float,
-    soft: Array,
-    first: Array,
-    second: Array,
-    edge: Array,
-    room: Array,
+    compliance: Array,
+    tangent: Array,
+    binormal: Array,
+    cone_force: Array,
+    buffer: Array,
 ) -> float:
-    """How near the edge at an angle comes; the point on it is left in `edge`."""
+    """Return (d C f)^2 / (d C d) of the edge d at an angle; leave its point in `cone_force`."""
     co, si = mu * np.cos(angle), mu * np.sin(angle)
     for i in range(3):
-        edge[i] = normal[i] + co * first[i] + si * second[i]
-    _times(soft, edge, room)
-    met, own = _dot(room, tried), _dot(room, edge)
-    if not (met > 0.0 and own > 0.0):
+        cone_force[i] = normal[i] + co * tangent[i] + si * binormal[i]
+    _apply_matrix(compliance, cone_force, buffer)
+    force_product, edge_product = _dot(buffer, trial_force), _dot(buffer, cone_force)
+    if not (force_product > 0.0 and edge_product > 0.0):
         return -1.0
     for i in range(3):
-        edge[i] *= met / own
-    return float(met * met / own)
+        cone_force[i] *= force_product / edge_product
+    return float(force_product * force_product / edge_product)

@@ -1,4 +1,4 @@
-"""What a run tells of itself: how it went, when it fell, and what went wrong first."""
+"""The outcome of a simulated motion: whether and when the robot fell, and what failed first."""
 
 from __future__ import annotations
 
@@ -7,86 +7,107 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.climb.simulation.statics.compiling import compiled
 from climbplan.climb.simulation.statics.contact import AIR, SLIDES, STICKS
-from climbplan.climb.simulation.statics.small_algebra import _dot
+from climbplan.climb.simulation.statics.linear_algebra import _dot
+from climbplan.climb.simulation.statics.state import (
+    BodyState,
+    ContactSolution,
+    FootSlip,
+    Ground,
+    Motion,
+)
 from climbplan.climb.simulation.statics.surfaces import TUBE
-from climbplan.climb.simulation.statics.tuples import Body, Feet, Ground, Playback, Touch
 from climbplan.simulation.measures import FALLEN, TUMBLED
 
-# Columns of the row that a run tells of itself
-FELL, FELL_STEP, CAUSE, CAUSE_LIMB, CAUSE_STEP, SLIPS, LOST, FARTHEST, BALANCE, USED, SLID = range(
-    11
-)
+# Columns of an outcome
+(
+    HAS_FALLEN,
+    FALL_STEP,
+    CAUSE,
+    CAUSE_LIMB,
+    CAUSE_STEP,
+    NUM_SLIPS,
+    LOST_CONTACT,
+    MAX_DEVIATION,
+    LOST_BALANCE,
+    FRICTION_USE,
+    MAX_SLIP,
+) = range(11)
 COLUMNS = 11
-NOTHING, LOSES, SLIPS_OFF, TOO_WEAK, UNBALANCED = range(5)  # causes
-# USED: share of a held toe's friction at most in use; SLID: farthest that one slid [m]
-_SLIP = 0.005  # [m]
+NO_CAUSE, CONTACT_LOST, TOE_SLIDES, TORQUE_LIMIT, NO_EQUILIBRIUM = range(5)  # causes
+# FRICTION_USE: largest fraction of friction used by a pressing toe; MAX_SLIP: longest slip [m]
+_SLIP_THRESHOLD = 0.005  # [m]
 
 
 @compiled
-def _record(body: Body, touch: Touch, path: Array) -> None:
-    """Leave body, toes and forces in a row of a path."""
-    n = len(touch.state)
+def _record_sample(body: BodyState, solution: ContactSolution, path: Array) -> None:
+    """Write body position, toes and forces on them to a row (3 + 6 N,) of a path."""
+    n = len(solution.mode)
     for a in range(3):
         path[a] = body.com[a]
         for i in range(n):
-            path[3 + 3 * i + a] = touch.place[i, a]
-            path[3 + 3 * n + 3 * i + a] = touch.force[i, a]
+            path[3 + 3 * i + a] = solution.position[i, a]
+            path[3 + 3 * n + 3 * i + a] = solution.force[i, a]
 
 
 @compiled
-def _is_down(plan: Playback, s: int, body: Body, row: Array) -> bool:
-    """Whether a body is so low, or so tilted, that it counts as fallen (`replay.py`)."""
-    departure, trace = 0.0, 0.0
+def _has_fallen(motion: Motion, s: int, body: BodyState, row: Array) -> bool:
+    """Return whether a body is too low or too tilted, and update the outcome's deviation."""
+    squared_deviation, trace = 0.0, 0.0
     for a in range(3):
-        departure += (plan.com[s, a] - body.com[a]) ** 2
+        squared_deviation += (motion.com[s, a] - body.com[a]) ** 2
         for b in range(3):
-            trace += plan.rotation[s, a, b] * body.rotation[a, b]
-    row[FARTHEST] = max(row[FARTHEST], np.sqrt(departure))
-    return plan.com[s, 2] - body.com[2] > FALLEN or (trace - 1) / 2 < np.cos(TUMBLED)
+            trace += motion.rotation[s, a, b] * body.rotation[a, b]
+    row[MAX_DEVIATION] = max(row[MAX_DEVIATION], np.sqrt(squared_deviation))
+    return motion.com[s, 2] - body.com[2] > FALLEN or (trace - 1) / 2 < np.cos(TUMBLED)
 
 
 @compiled
-def _fell(s: int, row: Array) -> None:
-    row[FELL], row[FELL_STEP] = 1, s
-    if row[CAUSE] == NOTHING:
-        row[CAUSE], row[CAUSE_STEP] = UNBALANCED, s
+def _record_fall(s: int, row: Array) -> None:
+    """Record a fall in planned step s, without an earlier cause as a lost equilibrium."""
+    row[HAS_FALLEN], row[FALL_STEP] = 1, s
+    if row[CAUSE] == NO_CAUSE:
+        row[CAUSE], row[CAUSE_STEP] = NO_EQUILIBRIUM, s
 
 
 @compiled
-def _used(limb: int, ground: Ground, touch: Touch) -> float:
-    """Share of a toe's friction that is in use, 1 of one that slides or has come off."""
-    if touch.state[limb] != STICKS:
+def _compute_friction_utilisation(limb: int, ground: Ground, solution: ContactSolution) -> float:
+    """Return the fraction of a toe's friction in use, 1 if it slides or has separated."""
+    if solution.mode[limb] != STICKS:
         return 1.0
-    g, force, normal = touch.solid[limb], touch.force[limb], touch.normal[limb]
-    mu = ground.tube_friction[g] if touch.face[limb] == TUBE else ground.friction[g]
-    press = _dot(force, normal)
-    shear = np.sqrt(max(_dot(force, force) - press * press, 0.0))
-    return min(shear / max(mu * press, 1e-9), 1.0)
+    g, force, normal = solution.solid[limb], solution.force[limb], solution.normal[limb]
+    mu = ground.tube_friction[g] if solution.face[limb] == TUBE else ground.friction[g]
+    pressure = _dot(force, normal)
+    shear = np.sqrt(max(_dot(force, force) - pressure * pressure, 0.0))
+    return min(shear / max(mu * pressure, 1e-9), 1.0)
 
 
 @compiled
-def _look(plan: Playback, s: int, ground: Ground, touch: Touch, feet: Feet, row: Array) -> None:
-    """Note the first thing that went wrong since all was well."""
-    cause, limb = NOTHING, -1
-    slips = 0.0
-    for i in range(len(touch.state)):
-        if feet.slid[i] > _SLIP and plan.stands[s, i]:
-            slips += 1.0
-        if not plan.stands[s, i]:
+def _update_outcome(
+    motion: Motion, s: int, ground: Ground, solution: ContactSolution, slip: FootSlip, row: Array
+) -> None:
+    """Update maxima, slips and the first failure since no toe and no motor failed."""
+    cause, limb = NO_CAUSE, -1
+    num_slips = 0.0
+    for i in range(len(solution.mode)):
+        if slip.distance[i] > _SLIP_THRESHOLD and motion.should_press[s, i]:
+            num_slips += 1.0
+        if not motion.should_press[s, i]:
             continue
-        row[USED] = max(row[USED], _used(i, ground, touch))
-        row[SLID] = max(row[SLID], feet.slid[i])
-        if touch.state[i] == AIR:
-            row[LOST] = 1
-            if cause == NOTHING:
-                cause, limb = LOSES, i
-        elif touch.state[i] == SLIDES:
-            if cause != SLIPS_OFF:
-                cause, limb = SLIPS_OFF, i
-        elif touch.saturated[i] and cause == NOTHING:
-            cause, limb = TOO_WEAK, i
-    row[SLIPS] = max(row[SLIPS], slips)
-    if cause == NOTHING:
-        row[CAUSE], row[CAUSE_LIMB] = NOTHING, -1
-    elif row[CAUSE] == NOTHING:
+        row[FRICTION_USE] = max(
+            row[FRICTION_USE], _compute_friction_utilisation(i, ground, solution)
+        )
+        row[MAX_SLIP] = max(row[MAX_SLIP], slip.distance[i])
+        if solution.mode[i] == AIR:
+            row[LOST_CONTACT] = 1
+            if cause == NO_CAUSE:
+                cause, limb = CONTACT_LOST, i
+        elif solution.mode[i] == SLIDES:
+            if cause != TOE_SLIDES:
+                cause, limb = TOE_SLIDES, i
+        elif solution.saturated[i] and cause == NO_CAUSE:
+            cause, limb = TORQUE_LIMIT, i
+    row[NUM_SLIPS] = max(row[NUM_SLIPS], num_slips)
+    if cause == NO_CAUSE:
+        row[CAUSE], row[CAUSE_LIMB] = NO_CAUSE, -1
+    elif row[CAUSE] == NO_CAUSE:
         row[CAUSE], row[CAUSE_LIMB], row[CAUSE_STEP] = cause, limb, s

@@ -1,6 +1,6 @@
-"""The regulator of pose and forces and its odometry, as `regulator.py` and `odometry.py` have them.
+"""The regulator of body pose and contact forces with its odometry, as compiled functions.
 
-Written for one step of many worlds; tests hold them against those two.
+They follow `climbplan/control/joint_regulator.py`, with the longer time steps of this simulator.
 """
 
 from __future__ import annotations
@@ -9,199 +9,235 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.links import _chain
-from climbplan.climb.simulation.statics.small_algebra import (
-    _add_times,
+from climbplan.climb.simulation.statics.limb_kinematics import _compute_kinematics
+from climbplan.climb.simulation.statics.linear_algebra import (
+    _add_matrix_product,
+    _apply_matrix,
+    _apply_wide_matrix,
     _cross,
-    _inverse,
-    _rows_times,
-    _times,
-    _turn,
+    _invert,
+    _rotate,
 )
-from climbplan.climb.simulation.statics.tuples import Known, Pad, Playback
+from climbplan.climb.simulation.statics.state import Motion, RegulatorState, Workspace
 from climbplan.control.joint_regulator import BACK, FORCE_RATE, MOST_OFFSET, RATE
 
-CONTROL = 0.01  # [s] between readings of the regulator, as `replay.py` has it
-_FEWEST = 3  # standing toes that tell a pose
-_FITS = 4  # Gauss-Newton steps of the rotation, from the last pose, at most
-_FITTED = 1e-6  # [rad] of a step that is the last: the next would be a millionth of it
+CONTROL_PERIOD = 0.01  # [s] between readings of the regulator, as `replay.py` has it
+_MIN_STANDING_TOES = 3  # of an estimate of the pose
+_MAX_ITERATIONS = 4  # Gauss-Newton steps of the rotation, from the last pose
+_ROTATION_TOLERANCE = 1e-6  # [rad] of the last step: the next would be a millionth of it
 
 
 @compiled
-def _read(rotor: Array, noise: Array, span: float, known: Known) -> None:
-    """What sensors tell of joints (N, J) over a step of span [s], in place.
+def _read_sensors(rotor: Array, noise: Array, span: float, regulator: RegulatorState) -> None:
+    """Simulate sensor readings of joint angles (N, J) over a step of span [s].
 
-    Corrections integrate one reading every CONTROL, so that a step's count for their mean. Where a
-    toe is put down one reading tells.
+    The regulator integrates one reading every CONTROL_PERIOD, so the noise of their mean is
+    smaller. Odometry locates a toe that touches down by a single reading.
     """
-    once, reading = known.once, known.reading
-    many = np.sqrt(CONTROL / span)
+    single, mean = regulator.single_reading, regulator.mean_reading
+    noise_scale = np.sqrt(CONTROL_PERIOD / span)
     for i in range(len(rotor)):
         for j in range(rotor.shape[1]):
-            once[i, j] = reading[i, j] = rotor[i, j]
+            single[i, j] = mean[i, j] = rotor[i, j]
             if len(noise):
-                reading[i, j] += many * noise[known.draws[0] % len(noise), i, j]
-                once[i, j] += noise[(known.draws[0] + 1) % len(noise), i, j]
-    known.draws[0] += 2
+                mean[i, j] += noise_scale * noise[regulator.num_draws[0] % len(noise), i, j]
+                single[i, j] += noise[(regulator.num_draws[0] + 1) % len(noise), i, j]
+    regulator.num_draws[0] += 2
 
 
 @compiled
-def _keep(time: float, known: Known) -> None:
-    """Remember what offsets are at a time [s]."""
-    k = known.kept[0] % len(known.when)
-    known.when[k] = time
-    for i in range(len(known.offset)):
+def _record_offsets(time: float, regulator: RegulatorState) -> None:
+    """Append the corrections at a time [s] to the ring buffer."""
+    k = regulator.num_recorded[0] % len(regulator.history_time)
+    regulator.history_time[k] = time
+    for i in range(len(regulator.offset)):
         for a in range(3):
-            known.past[k, i, a] = known.offset[i, a]
-    known.kept[0] += 1
+            regulator.history_offset[k, i, a] = regulator.offset[i, a]
+    regulator.num_recorded[0] += 1
 
 
 @compiled
-def _arrived(time: float, now: float, known: Known) -> None:
-    """Leave in `late` what offsets were at a time [s] not after now, between what is kept.
+def _compute_delayed_offsets(time: float, now: float, regulator: RegulatorState) -> None:
+    """Interpolate the corrections at an earlier time [s], into `regulator.delayed_offset`.
 
-    known.offset: what they are now.
+    now: the time of the present corrections `regulator.offset` [s].
     """
-    after, later = now, known.offset
-    for back in range(1, min(known.kept[0], len(known.when)) + 1):
-        k = (known.kept[0] - back) % len(known.when)
-        if known.when[k] <= time:
-            share = (time - known.when[k]) / max(after - known.when[k], 1e-12)
-            for i in range(len(later)):
+    later_time, later_offset = now, regulator.offset
+    for back in range(1, min(regulator.num_recorded[0], len(regulator.history_time)) + 1):
+        k = (regulator.num_recorded[0] - back) % len(regulator.history_time)
+        if regulator.history_time[k] <= time:
+            fraction = (time - regulator.history_time[k]) / max(
+                later_time - regulator.history_time[k], 1e-12
+            )
+            for i in range(len(later_offset)):
                 for a in range(3):
-                    before = known.past[k, i, a]
-                    known.late[i, a] = before + share * (later[i, a] - before)
+                    earlier = regulator.history_offset[k, i, a]
+                    regulator.delayed_offset[i, a] = earlier + fraction * (
+                        later_offset[i, a] - earlier
+                    )
             return
-        after, later = known.when[k], known.past[k]
-    for i in range(len(later)):
+        later_time, later_offset = regulator.history_time[k], regulator.history_offset[k]
+    for i in range(len(later_offset)):
         for a in range(3):
-            known.late[i, a] = later[i, a]
+            regulator.delayed_offset[i, a] = later_offset[i, a]
 
 
 @compiled
-def _estimate(
-    plan: Playback,
+def _estimate_pose(
+    motion: Motion,
     s: int,
-    known: Known,
-    pad: Pad,
+    regulator: RegulatorState,
+    work: Workspace,
 ) -> None:
-    """Pose by what sensors tell, from toes believed to stand where they stood, in place."""
+    """Estimate the pose of the body from joint readings, with standing toes as landmarks."""
     angles, toes, stood = (
-        known.reading, known.toes, known.stood,
+        regulator.mean_reading, regulator.toes, regulator.stood,
     )  # fmt: skip
-    com, rotation = known.com, known.rotation
-    local = known.local
+    com, rotation = regulator.com, regulator.rotation
+    toe_body = regulator.toe_body
     count = 0
     for i in range(len(angles)):
-        _chain(plan.zero[i], angles[i], pad.columns, pad.axes, local[i])
-        count += 1 if plan.trusted[s, i] and stood[i] else 0
-    if count >= _FEWEST:
-        _fitted(plan.trusted[s], stood, local, toes, com, rotation, pad)
+        _compute_kinematics(
+            motion.zero_pose[i], angles[i], work.jacobian, work.joint_axes, toe_body[i]
+        )
+        count += 1 if motion.trusted[s, i] and stood[i] else 0
+    if count >= _MIN_STANDING_TOES:
+        _fit_rigid_motion(motion.trusted[s], stood, toe_body, toes, com, rotation, work)
     for i in range(len(angles)):
-        if plan.trusted[s, i] and not stood[i]:
-            _chain(plan.zero[i], known.once[i], pad.columns, pad.axes, pad.v[1])
-            _times(rotation, pad.v[1], pad.v[0])
+        if motion.trusted[s, i] and not stood[i]:
+            _compute_kinematics(
+                motion.zero_pose[i],
+                regulator.single_reading[i],
+                work.jacobian,
+                work.joint_axes,
+                work.vectors[1],
+            )
+            _apply_matrix(rotation, work.vectors[1], work.vectors[0])
             for a in range(3):
-                toes[i, a] = com[a] + pad.v[0][a]
-        stood[i] = plan.trusted[s, i]
+                toes[i, a] = com[a] + work.vectors[0][a]
+        stood[i] = motion.trusted[s, i]
 
 
 @compiled
-def _fitted(
+def _fit_rigid_motion(
     trusted: Array,
     stood: Array,
-    local: Array,
+    toe_body: Array,
     toes: Array,
     com: Array,
     rotation: Array,
-    pad: Pad,
+    work: Workspace,
 ) -> None:
-    """Translation and rotation that carry local (N, 3) nearest to toes (N, 3), least squares."""
-    middle, there, own, away, turn = pad.v[1], pad.v[2], pad.v[3], pad.v[4], pad.v[5]
-    normal, inverse = pad.m[0], pad.m[1]
-    middle[:] = 0.0
-    there[:] = 0.0
+    """Fit com and rotation that map toe_body (N, 3) to toes (N, 3), in the least-squares sense.
+
+    The rotation starts at its last value and is refined by Gauss-Newton steps.
+    """
+    body_centroid, world_centroid, rotated_arm, world_arm, rotation_step = (
+        work.vectors[1],
+        work.vectors[2],
+        work.vectors[3],
+        work.vectors[4],
+        work.vectors[5],
+    )
+    normal, inverse = work.matrices[0], work.matrices[1]
+    body_centroid[:] = 0.0
+    world_centroid[:] = 0.0
     count = 0
-    for i in range(len(local)):
+    for i in range(len(toe_body)):
         if trusted[i] and stood[i]:
             count += 1
             for a in range(3):
-                middle[a] += local[i, a]
-                there[a] += toes[i, a]
+                body_centroid[a] += toe_body[i, a]
+                world_centroid[a] += toes[i, a]
     for a in range(3):
-        middle[a] /= count
-        there[a] /= count
-    for _ in range(_FITS):
+        body_centroid[a] /= count
+        world_centroid[a] /= count
+    for _ in range(_MAX_ITERATIONS):
         normal[:] = 0.0
-        total = pad.v[6]
-        total[:] = 0.0
-        for i in range(len(local)):
+        gradient = work.vectors[6]
+        gradient[:] = 0.0
+        for i in range(len(toe_body)):
             if not (trusted[i] and stood[i]):
                 continue
             for a in range(3):
-                away[a] = local[i, a] - middle[a]
-            _times(rotation, away, own)
+                world_arm[a] = toe_body[i, a] - body_centroid[a]
+            _apply_matrix(rotation, world_arm, rotated_arm)
             for a in range(3):
-                away[a] = toes[i, a] - there[a]
-            _cross(own, away, pad.v[7])
-            size = own[0] ** 2 + own[1] ** 2 + own[2] ** 2
+                world_arm[a] = toes[i, a] - world_centroid[a]
+            _cross(rotated_arm, world_arm, work.vectors[7])
+            squared_norm = rotated_arm[0] ** 2 + rotated_arm[1] ** 2 + rotated_arm[2] ** 2
             for a in range(3):
-                total[a] += pad.v[7][a]
+                gradient[a] += work.vectors[7][a]
                 for b in range(3):
-                    normal[a, b] -= own[a] * own[b]
-                normal[a, a] += size
+                    normal[a, b] -= rotated_arm[a] * rotated_arm[b]
+                normal[a, a] += squared_norm
         for a in range(3):
-            normal[a, a] += 1e-9  # toes in a line leave the turn about it open: the least
-        _inverse(normal, inverse)
-        _times(inverse, total, turn)
-        _turn(rotation, turn)
-        if turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2 < _FITTED**2:
+            normal[a, a] += 1e-9  # toes in a line: least rotation about the line
+        _invert(normal, inverse)
+        _apply_matrix(inverse, gradient, rotation_step)
+        _rotate(rotation, rotation_step)
+        if (
+            rotation_step[0] ** 2 + rotation_step[1] ** 2 + rotation_step[2] ** 2
+            < _ROTATION_TOLERANCE**2
+        ):
             break
-    _times(rotation, middle, own)
+    _apply_matrix(rotation, body_centroid, rotated_arm)
     for a in range(3):
-        com[a] = there[a] - own[a]
+        com[a] = world_centroid[a] - rotated_arm[a]
 
 
 @compiled
-def _regulated(
-    plan: Playback,
+def _update_offsets(
+    motion: Motion,
     s: int,
-    part: float,
+    fraction: float,
     span: float,
-    place: bool,
+    correct_position: bool,
     com: Array,
     rotation: Array,
-    known: Known,
-    pad: Pad,
+    regulator: RegulatorState,
+    work: Workspace,
 ) -> None:
-    """Integrate departures of pose and forces over a span [s] into offsets.
+    """Integrate errors of body pose and contact forces over a span [s] into toe corrections.
 
-    part: of the way from step s - 1 to s at which the pose is. known.lag: (N, J) of joints behind
-    what they were last told, less what carries the links.
+    fraction: of planned step s at which the pose com, rotation is estimated. correct_position:
+    whether position errors count in addition to rotation. regulator.joint_error is an input.
     """
-    before = max(s - 1, 0)
-    lag, missing, offset = known.lag, known.toe_lag, known.offset
-    wanted, turn, moved, shift, turned = pad.m[0], pad.joints[0], pad.v[1], pad.v[2], pad.v[3]
+    previous = max(s - 1, 0)
+    joint_error, toe_error, offset = regulator.joint_error, regulator.toe_error, regulator.offset
+    desired_rotation, deflection_error, rotation_shift, position_error, rotation_error = (
+        work.matrices[0],
+        work.joint_vectors[0],
+        work.vectors[1],
+        work.vectors[2],
+        work.vectors[3],
+    )
     for a in range(3):
-        aim = (1 - part) * plan.com[before, a] + part * plan.com[s, a]
-        shift[a] = aim - com[a] if place else 0.0
+        desired = (1 - fraction) * motion.com[previous, a] + fraction * motion.com[s, a]
+        position_error[a] = desired - com[a] if correct_position else 0.0
         for b in range(3):
-            wanted[a, b] = (1 - part) * plan.rotation[before, a, b] + part * plan.rotation[s, a, b]
-    # wanted @ rotation.T, of which the odd part is the turn
+            desired_rotation[a, b] = (1 - fraction) * motion.rotation[
+                previous, a, b
+            ] + fraction * motion.rotation[s, a, b]
+    # The skew-symmetric part of desired_rotation @ rotation.T
     for a in range(3):
         i, j = (a + 2) % 3, (a + 1) % 3
-        turned[a] = 0.0
+        rotation_error[a] = 0.0
         for b in range(3):
-            turned[a] += (wanted[i, b] * rotation[j, b] - wanted[j, b] * rotation[i, b]) / 2
-    n = len(lag)
+            rotation_error[a] += (
+                desired_rotation[i, b] * rotation[j, b] - desired_rotation[j, b] * rotation[i, b]
+            ) / 2
+    n = len(joint_error)
     for i in range(n):
-        for j in range(lag.shape[1]):
-            most = plan.most[i, j]
-            aim = (1 - part) * plan.bent[before, i, j] + part * plan.bent[s, i, j]
-            turn[j] = aim - min(max(lag[i, j], -most), most)
-        _rows_times(plan.jacobian[before, i], turn, missing[i])
+        for j in range(joint_error.shape[1]):
+            limit = motion.max_deflection[i, j]
+            desired = (1 - fraction) * motion.joint_deflection[
+                previous, i, j
+            ] + fraction * motion.joint_deflection[s, i, j]
+            deflection_error[j] = desired - min(max(joint_error[i, j], -limit), limit)
+        _apply_wide_matrix(motion.jacobian[previous, i], deflection_error, toe_error[i])
     for i in range(n):
-        if not plan.contact[before, i]:
+        if not motion.contact[previous, i]:
             for a in range(3):
                 offset[i, a] *= max(0.0, 1.0 - BACK * span)
             continue
@@ -209,38 +245,45 @@ def _regulated(
             total = 0.0
             for k in range(n):
                 for b in range(3):
-                    total += plan.sharing[before, 3 * i + a, 3 * k + b] * missing[k, b]
+                    total += (
+                        motion.internal_projector[previous, 3 * i + a, 3 * k + b] * toe_error[k, b]
+                    )
             offset[i, a] -= FORCE_RATE * span * total
-        if plan.settled[before]:
-            _cross(turned, plan.arm[before, i], moved)
+        if motion.allow_pose_correction[previous]:
+            _cross(rotation_error, motion.moment_arm[previous, i], rotation_shift)
             for a in range(3):
-                offset[i, a] -= RATE * span * (shift[a] + moved[a])
-        _shortened(offset[i], MOST_OFFSET)
+                offset[i, a] -= RATE * span * (position_error[a] + rotation_shift[a])
+        _limit_norm(offset[i], MOST_OFFSET)
 
 
 @compiled
-def _moved(plan: Playback, s: int, offset: Array, command: Array) -> None:
-    """Add to commands (N, J) what moves toes by offsets (N, 3)."""
+def _add_offset_commands(motion: Motion, s: int, offset: Array, command: Array) -> None:
+    """Add the joint motion that moves toes by offsets (N, 3) to commands (N, J)."""
     for i in range(len(command)):
-        _add_times(plan.turning[s, i], offset[i], command[i])
+        _add_matrix_product(motion.jacobian_inverse[s, i], offset[i], command[i])
 
 
 @compiled
-def _shortened(vector: Array, most: float) -> None:
+def _limit_norm(vector: Array, max_norm: float) -> None:
+    """Scale a vector (3,) down to a norm of at most max_norm, in place."""
     length = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
-    if length > most:
+    if length > max_norm:
         for a in range(3):
-            vector[a] *= most / length
+            vector[a] *= max_norm / length
 
 
 @compiled
-def _placed(plan: Playback, s: int, placement: Array, command: Array, pad: Pad) -> None:
-    """Add to commands (N, J) what puts toes off where they are meant to stand."""
-    off = pad.v[0]
+def _add_foothold_errors(
+    motion: Motion, s: int, foothold_error: Array, command: Array, work: Workspace
+) -> None:
+    """Add the joint motion of foothold errors (N, P, 3) to commands (N, J)."""
+    toe_offset = work.vectors[0]
     for i in range(len(command)):
-        hold, part = plan.foothold[s, i], plan.share[s, i]
-        after = min(hold + 1, placement.shape[1] - 1)
+        index, phase = motion.foothold[s, i], motion.swing_phase[s, i]
+        following = min(index + 1, foothold_error.shape[1] - 1)
         for a in range(3):
-            off[a] = (1 - part) * placement[i, hold, a] + part * placement[i, after, a]
-        if off[0] != 0.0 or off[1] != 0.0 or off[2] != 0.0:
-            _add_times(plan.turning[s, i], off, command[i])
+            toe_offset[a] = (1 - phase) * foothold_error[i, index, a] + phase * foothold_error[
+                i, following, a
+            ]
+        if toe_offset[0] != 0.0 or toe_offset[1] != 0.0 or toe_offset[2] != 0.0:
+            _add_matrix_product(motion.jacobian_inverse[s, i], toe_offset, command[i])

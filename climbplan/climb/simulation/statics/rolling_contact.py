@@ -1,9 +1,9 @@
-"""Spherical feet: which points of their last links touch, step by step.
+"""Rolling contact of spherical feet: which points of their last links touch, step by step.
 
 A foot of radius r about the toe's centre touches a surface of normal n at centre - r n. Within a
-step the limb ends in the point of its last link that touches there as planned; from one step to the
-next another point of the sphere touches. The foot rolls: the place where the limb stands moves by
-as much along its surface.
+step the limb ends in the point of its last link that touches there as planned. From one step to the
+next another point of the sphere touches: the foot rolls, and its contact point moves by the same
+distance along the surface.
 """
 
 from __future__ import annotations
@@ -14,25 +14,27 @@ from climbplan.arrays import Array, IntArray, spans_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.played import sample_instants
 from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.links import _chain
-from climbplan.climb.simulation.statics.small_algebra import _times
-from climbplan.climb.simulation.statics.surfaces import _onto
-from climbplan.climb.simulation.statics.tuples import (
-    Body,
-    Feet,
+from climbplan.climb.simulation.statics.limb_kinematics import _compute_kinematics
+from climbplan.climb.simulation.statics.linear_algebra import _apply_matrix
+from climbplan.climb.simulation.statics.state import (
+    BodyState,
+    ContactState,
+    FootSlip,
     Ground,
-    Known,
+    Motion,
     Motors,
-    Pad,
-    Playback,
-    Stand,
+    RegulatorState,
+    Workspace,
 )
+from climbplan.climb.simulation.statics.surfaces import _project_to_surface
 from climbplan.robots.last_link import last_link_body
 from climbplan.robots.rotations import rotation_world_body
 
 
-def contact_ends(plan: ClimbPlan, sample: IntArray, angles: Array, toe_zero: Array) -> Array:
-    """(S, N, 3) points of last links that touch, at zero angles, body frame [m].
+def compute_contact_points(
+    plan: ClimbPlan, sample: IntArray, angles: Array, toe_zero: Array
+) -> Array:
+    """Compute the points of last links that touch, at zero angles, body frame [m].
 
     Args:
         plan: The plan.
@@ -41,20 +43,20 @@ def contact_ends(plan: ClimbPlan, sample: IntArray, angles: Array, toe_zero: Arr
         toe_zero: (N, 3) toes at zero angles, body frame [m].
 
     Returns:
-        An array of no steps (0, N, 3) for robots whose feet are points.
+        (S, N, 3) points [m]; (0, N, 3), no steps, for robots whose feet are points.
     """
     robot, moving = plan.robot, plan.trajectory
     if robot.foot is None:
         return np.zeros((0, robot.limb_count, 3))
-    arm = robot.foot.arm(_normals(plan)[sample])  # (S, N, 3), world
+    arm = robot.foot.arm(_compute_normals(plan)[sample])  # (S, N, 3), world
     body = np.einsum("sji,snj->sni", rotation_world_body(moving.rpy[sample]), arm)
     links, links_zero = last_link_body(robot, angles[sample]), last_link_body(robot, 0 * angles[0])
     turned_back = np.einsum("nki,snkj,snj->sni", links_zero, links, body)
     return np.ascontiguousarray(toe_zero + turned_back)
 
 
-def _normals(plan: ClimbPlan) -> Array:
-    """(T, N, 3) normals under toes; in the air those of the nearer end of the swing in time."""
+def _compute_normals(plan: ClimbPlan) -> Array:
+    """Compute normals (T, N, 3) under toes; in the air those of the nearer end of the swing."""
     contact = plan.trajectory.contact
     normal = plan.instants.normal[np.maximum(sample_instants(plan), 0)].copy()
     last = len(normal) - 1
@@ -68,34 +70,40 @@ def _normals(plan: ClimbPlan) -> Array:
 
 
 @compiled
-def _rolled_on(
-    plan: Playback,
+def _roll_contacts(
+    motion: Motion,
     s: int,
-    body: Body,
-    stand: Stand,
+    body: BodyState,
+    contacts: ContactState,
     ground: Ground,
     motors: Motors,
-    known: Known,
-    feet: Feet,
-    pad: Pad,
+    regulator: RegulatorState,
+    slip: FootSlip,
+    work: Workspace,
 ) -> None:
-    """Let limbs end in the points that touch in step s, in place."""
-    before, after, shift = pad.v[0], pad.v[1], pad.v[2]
-    joints = motors.angles.shape[1]
-    for i in range(len(motors.angles)):
-        _chain(plan.zero[i], motors.angles[i], pad.columns, pad.axes, before)
+    """Move the ends of limbs to the points that touch in step s, and the anchors with them."""
+    toe_before, toe_after, shift = work.vectors[0], work.vectors[1], work.vectors[2]
+    joints = motors.joint_angle.shape[1]
+    for i in range(len(motors.joint_angle)):
+        _compute_kinematics(
+            motion.zero_pose[i], motors.joint_angle[i], work.jacobian, work.joint_axes, toe_before
+        )
         for a in range(3):
-            plan.zero[i, 2 * joints, a] = plan.ends[s, i, a]
-        _chain(plan.zero[i], motors.angles[i], pad.columns, pad.axes, after)
+            motion.zero_pose[i, 2 * joints, a] = motion.contact_points[s, i, a]
+        _compute_kinematics(
+            motion.zero_pose[i], motors.joint_angle[i], work.jacobian, work.joint_axes, toe_after
+        )
         for a in range(3):
-            after[a] -= before[a]
-        _times(known.rotation, after, shift)
-        if known.stood[i]:
+            toe_after[a] -= toe_before[a]
+        _apply_matrix(regulator.rotation, toe_after, shift)
+        if regulator.stood[i]:
             for a in range(3):
-                known.toes[i, a] += shift[a]
-        _times(body.rotation, after, shift)
+                regulator.toes[i, a] += shift[a]
+        _apply_matrix(body.rotation, toe_after, shift)
         for a in range(3):
-            stand.anchor[i, a] += shift[a]
-            feet.set_down[i, a] += shift[a]
-        if stand.touching[i]:
-            _onto(stand.anchor[i], stand.solid[i], stand.face[i], ground, pad.v[3])
+            contacts.anchor[i, a] += shift[a]
+            slip.touchdown[i, a] += shift[a]
+        if contacts.in_contact[i]:
+            _project_to_surface(
+                contacts.anchor[i], contacts.solid[i], contacts.face[i], ground, work.vectors[3]
+            )

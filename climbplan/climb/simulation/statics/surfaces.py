@@ -1,7 +1,7 @@
-"""Where a toe meets terrain, and whether it is still there.
+"""Detect collisions of toes with the terrain, and project toes to its surfaces.
 
-Terrain is convex solids {A x <= b}, the slabs behind flat regions and obstacles alike, and round
-tubes.
+The terrain consists of convex solids {A x <= b}, which are slabs behind flat regions and obstacles,
+and of round tubes.
 """
 
 from __future__ import annotations
@@ -10,87 +10,103 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.tuples import Ground
+from climbplan.climb.simulation.statics.state import Ground
 
-TUBE = -2  # number of the "face" of a tube
-ON = 1e-5  # [m] within which a toe counts as on a face
-BESIDE = 2e-3  # [m] within which the next solid goes on where one ends
+TUBE = -2  # face index of a tube
+SURFACE_TOLERANCE = 1e-5  # [m] from a face within which a toe is on it
+EDGE_TOLERANCE = 2e-3  # [m] from the edge of a solid within which an adjacent one continues it
 
 
 @compiled
-def _landed(
-    before: Array, now: Array, ground: Ground, within: float, own: int
+def _find_first_hit(
+    start: Array, end: Array, ground: Ground, inflation: float, excluded: int
 ) -> tuple[int, int, float]:
-    """Solid, face and part of the way at which a toe meets them from before to now; -1 if none.
+    """Find the first solid or tube that a toe hits on the segment from start (3,) to end (3,).
 
-    within: [m] by which solids are taken for larger. own: a solid that does not count, or -1.
+    inflation: [m] by which solids are enlarged. excluded: index of a solid to ignore, or -1.
+    Returns solid, face and the fraction of the segment up to the hit; solid -1 without a hit.
     """
     solids, tubes = ground.solids, ground.tubes
-    solid, face, first = -1, -1, 2.0
+    solid, face, hit_fraction = -1, -1, 2.0
     for g in range(len(solids)):
-        if g == own:
+        if g == excluded:
             continue
-        # Where the way enters and leaves the solid, face by face
-        found, enters, leaves = -1, 0.0, 1.0
-        shallow, nearest = 0, -np.inf
+        # Clip the segment by the half-spaces of the solid
+        entry_face, entry_fraction, exit_fraction = -1, 0.0, 1.0
+        nearest_face, nearest_distance = 0, -np.inf
         for f in range(solids.shape[1]):
             row = solids[g, f]
-            end = row[0] * now[0] + row[1] * now[1] + row[2] * now[2] - row[3] - within
-            start = row[0] * before[0] + row[1] * before[1] + row[2] * before[2] - row[3] - within
-            if start > -ON:
-                if end >= 0.0:
-                    leaves = -1.0
+            end_distance = row[0] * end[0] + row[1] * end[1] + row[2] * end[2] - row[3] - inflation
+            start_distance = (
+                row[0] * start[0] + row[1] * start[1] + row[2] * start[2] - row[3] - inflation
+            )
+            if start_distance > -SURFACE_TOLERANCE:
+                if end_distance >= 0.0:
+                    exit_fraction = -1.0
                     break
-                part = start / (start - end) if start > 0.0 else 0.0
-                if found < 0 or part > enters:
-                    found, enters = f, part
-            elif end > 0.0:
-                leaves = min(leaves, start / (start - end))
-            if start > nearest:
-                shallow, nearest = f, start
-        if enters > leaves or enters >= first:
+                fraction = (
+                    start_distance / (start_distance - end_distance)
+                    if start_distance > 0.0
+                    else 0.0
+                )
+                if entry_face < 0 or fraction > entry_fraction:
+                    entry_face, entry_fraction = f, fraction
+            elif end_distance > 0.0:
+                exit_fraction = min(exit_fraction, start_distance / (start_distance - end_distance))
+            if start_distance > nearest_distance:
+                nearest_face, nearest_distance = f, start_distance
+        if entry_fraction > exit_fraction or entry_fraction >= hit_fraction:
             continue
-        solid, first = g, enters
-        face = found if found >= 0 else shallow
+        solid, hit_fraction = g, entry_fraction
+        face = entry_face if entry_face >= 0 else nearest_face
     if solid >= 0:
-        return solid, face, first
+        return solid, face, hit_fraction
     for u in range(len(tubes)):
         tube = tubes[u]
-        if tube[3] <= now[2] <= tube[4]:
-            away = np.hypot(now[0] - tube[0], now[1] - tube[1])
-            if away > tube[2] - within:
-                first = np.hypot(before[0] - tube[0], before[1] - tube[1])
-                part = (tube[2] - first) / (away - first) if away > first else 0.0
-                return u, TUBE, min(max(part, 0.0), 1.0)
+        if tube[3] <= end[2] <= tube[4]:
+            radius = np.hypot(end[0] - tube[0], end[1] - tube[1])
+            if radius > tube[2] - inflation:
+                hit_fraction = np.hypot(start[0] - tube[0], start[1] - tube[1])
+                fraction = (
+                    (tube[2] - hit_fraction) / (radius - hit_fraction)
+                    if radius > hit_fraction
+                    else 0.0
+                )
+                return u, TUBE, min(max(fraction, 0.0), 1.0)
     return -1, -1, 0.0
 
 
 @compiled
-def _onto(place: Array, solid: int, face: int, ground: Ground, normal: Array) -> None:
-    """Move a place onto its surface, in place, and tell the normal there, into free space."""
+def _project_to_surface(
+    position: Array, solid: int, face: int, ground: Ground, normal: Array
+) -> None:
+    """Move a position (3,) to its surface, in place, and set the normal, into free space."""
     if face == TUBE:
         tube = ground.tubes[solid]
-        x, y = place[0] - tube[0], place[1] - tube[1]
-        away = np.hypot(x, y)
-        normal[0], normal[1], normal[2] = -x / away, -y / away, 0.0
-        place[0], place[1] = tube[0] + x / away * tube[2], tube[1] + y / away * tube[2]
+        x, y = position[0] - tube[0], position[1] - tube[1]
+        radius = np.hypot(x, y)
+        normal[0], normal[1], normal[2] = -x / radius, -y / radius, 0.0
+        position[0], position[1] = tube[0] + x / radius * tube[2], tube[1] + y / radius * tube[2]
         return
     row = ground.solids[solid, face]
     for i in range(3):
         normal[i] = row[i]
-    deep = row[0] * place[0] + row[1] * place[1] + row[2] * place[2] - row[3]
+    depth = row[0] * position[0] + row[1] * position[1] + row[2] * position[2] - row[3]
     for i in range(3):
-        place[i] -= deep * row[i]
+        position[i] -= depth * row[i]
 
 
 @compiled
-def _beyond(place: Array, solid: int, face: int, ground: Ground) -> bool:
-    """Whether a place on a surface has left its bounds."""
+def _has_left_face(position: Array, solid: int, face: int, ground: Ground) -> bool:
+    """Return whether a position on a face lies beyond the bounds of the face."""
     if face == TUBE:
-        return not ground.tubes[solid, 3] <= place[2] <= ground.tubes[solid, 4]
+        return not ground.tubes[solid, 3] <= position[2] <= ground.tubes[solid, 4]
     for f in range(ground.solids.shape[1]):
         if f != face:
             row = ground.solids[solid, f]
-            if row[0] * place[0] + row[1] * place[1] + row[2] * place[2] - row[3] > ON:
+            if (
+                row[0] * position[0] + row[1] * position[1] + row[2] * position[2] - row[3]
+                > SURFACE_TOLERANCE
+            ):
                 return True
     return False

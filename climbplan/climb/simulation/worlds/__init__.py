@@ -1,1 +1,1 @@
-"""Worlds that are not what the plan believes: what is uncertain, and draws of it."""
+"""Worlds: Monte Carlo samples of uncertain robots and terrain, which differ from the plan's."""

@@ -1,7 +1,7 @@
-"""What is uncertain about robot and terrain, and worlds drawn from it.
+"""Distributions of uncertain robot and terrain parameters, and worlds sampled from them.
 
-A world is a function of a vector of independent standard normal numbers: of plain draws, of those
-that importance sampling shifts, and of chains of subset simulation alike.
+A world is a function of a vector of independent standard normal numbers. Plain Monte Carlo,
+importance sampling and the Markov chains of subset simulation use the same function.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from scipy.special import ndtr
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.simulation.worlds.world import nominal_world
+from climbplan.climb.simulation.worlds.nominal_world import build_nominal_world
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.world import World
 
-_LEAST = {"mass": 0.1, "stiffness": 0.1, "gain": 0.1, "friction": 0.02}  # of factors
+_MIN_VALUES = {"mass": 0.1, "stiffness": 0.1, "gain": 0.1, "friction": 0.02}  # of factors
 _SALT = 0x636C696D62  # keeps worlds apart from other draws of the same seed
 
 
 @dataclass(frozen=True)
-class Spread:
+class Distribution:
     """A quantity's distribution about its nominal value, SI units."""
 
     kind: str  # "normal" or "uniform"
@@ -34,85 +34,85 @@ class Spread:
 
     @property
     def exact(self) -> bool:
-        """Whether nothing is uncertain."""
+        """Whether the quantity is known exactly."""
         return self.low == 0.0 and self.high == 0.0
 
-    def of(self, normal: Array) -> Array:
-        """Values for standard normal numbers."""
+    def evaluate(self, normal: Array) -> Array:
+        """Map standard normal numbers to values of this distribution."""
         if self.kind == "normal":
             return np.asarray(self.low + self.high * normal)
         return np.asarray(self.low + (self.high - self.low) * ndtr(normal))
 
 
-EXACT = Spread("normal", 0.0, 0.0)
+EXACT = Distribution("normal", 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Distributions of what makes a world; of factors, about 1."""
+    """Distributions of the parameters of a world, as differences from their nominal values."""
 
-    mass: Spread = EXACT
-    com: Spread = EXACT  # [m], each axis
-    stiffness: Spread = EXACT  # each joint
-    gain: Spread = EXACT
-    friction: Spread = EXACT  # each surface
-    surface: Spread = EXACT  # [m], each surface
-    tilt: Spread = EXACT  # [rad], each surface, two axes
-    backlash: Spread = EXACT  # [rad], each joint
-    placement: Spread = EXACT  # [m], each foothold, three axes
+    mass: Distribution = EXACT
+    com: Distribution = EXACT  # [m], each axis
+    stiffness: Distribution = EXACT  # each joint
+    gain: Distribution = EXACT
+    friction: Distribution = EXACT  # each surface
+    surface: Distribution = EXACT  # [m], each surface
+    tilt: Distribution = EXACT  # [rad], each surface, two axes
+    backlash: Distribution = EXACT  # [rad], each joint
+    placement: Distribution = EXACT  # [m], each foothold, three axes
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Quantities that are not exact."""
+        """Names of the quantities that are uncertain."""
         return tuple(f.name for f in fields(self) if not getattr(self, f.name).exact)
 
 
 @dataclass(frozen=True)
-class Layout:
-    """Which of the numbers make which quantity."""
+class ScenarioLayout:
+    """The assignment of standard normal numbers to uncertain quantities."""
 
     uncertainty: Uncertainty
     nominal: World
 
     @property
-    def parts(self) -> Iterator[tuple[str, slice]]:
-        """Uncertain quantities and their places."""
-        at = 0
+    def slices(self) -> Iterator[tuple[str, slice]]:
+        """Names of uncertain quantities and their slices of the numbers."""
+        start = 0
         for name in self.uncertainty.names:
             size = int(np.size(getattr(self.nominal, name)))
-            yield name, slice(at, at + size)
-            at += size
+            yield name, slice(start, start + size)
+            start += size
 
     @property
     def size(self) -> int:
-        """D, how many numbers make a world."""
-        return max((part.stop for _, part in self.parts), default=0)
+        """Number D of standard normal numbers of a world."""
+        return max((section.stop for _, section in self.slices), default=0)
 
     def world(self, numbers: Array) -> World:
-        """The world of D standard normal numbers."""
-        changed: dict[str, Any] = {}
-        for name, part in self.parts:
+        """Build the world of D standard normal numbers."""
+        values: dict[str, Any] = {}
+        for name, section in self.slices:
             nominal = getattr(self.nominal, name)
-            value = nominal + getattr(self.uncertainty, name).of(numbers[part]).reshape(
+            value = nominal + getattr(self.uncertainty, name).evaluate(numbers[section]).reshape(
                 np.shape(nominal)
             )
-            least = _LEAST.get(name, 0.0 if name == "backlash" else -np.inf)
-            value = np.maximum(value, least)
-            changed[name] = float(value) if np.ndim(nominal) == 0 else value
-        return replace(self.nominal, **changed)
+            min_value = _MIN_VALUES.get(name, 0.0 if name == "backlash" else -np.inf)
+            value = np.maximum(value, min_value)
+            values[name] = float(value) if np.ndim(nominal) == 0 else value
+        return replace(self.nominal, **values)
 
 
-def layout_of(plan: ClimbPlan, uncertainty: Uncertainty) -> Layout:
-    """How worlds of a plan are made."""
-    return Layout(uncertainty, nominal_world(plan))
+def build_layout(plan: ClimbPlan, uncertainty: Uncertainty) -> ScenarioLayout:
+    """Build the layout of a plan's worlds."""
+    return ScenarioLayout(uncertainty, build_nominal_world(plan))
 
 
-def conditions_of(base: Conditions, layout: Layout, numbers: Array) -> Conditions:
-    """Conditions in the world of D standard normal numbers, whose sensors err as in no other."""
+def sample_conditions(base: Conditions, layout: ScenarioLayout, numbers: Array) -> Conditions:
+    """Build the conditions of the world of D standard normal numbers, with its own sensor noise."""
     noise = crc32(np.ascontiguousarray(numbers, "<f8").tobytes(), base.noise_seed % 2**32)
     return replace(base, world=layout.world(numbers), noise_seed=noise)
 
 
-def numbers_of(seed: int, index: int, size: int) -> Array:
-    """(D,) standard normal numbers of one world: a function of seed and index alone."""
+def draw_numbers(seed: int, index: int, size: int) -> Array:
+    """Draw the standard normal numbers (D,) of one world, a function of seed and index alone."""
     return np.random.default_rng([_SALT, seed, index]).standard_normal(size)

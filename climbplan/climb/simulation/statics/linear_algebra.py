@@ -1,4 +1,7 @@
-"""Vectors of three, rotations and systems of six, written out: NumPy's cost more than they do."""
+"""Linear algebra of small vectors and matrices, without allocation.
+
+Calls of NumPy's functions would take longer than the arithmetic. Results are written to `out`.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from climbplan.climb.simulation.statics.compiling import compiled
 
 @compiled
 def _cross(a: Array, b: Array, out: Array) -> None:
-    """out = a x b; out may be neither."""
+    """Compute out = a x b; out must be neither."""
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
@@ -18,19 +21,20 @@ def _cross(a: Array, b: Array, out: Array) -> None:
 
 @compiled
 def _dot(a: Array, b: Array) -> float:
+    """Return a . b of vectors (3,)."""
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 @compiled
-def _times(matrix: Array, vector: Array, out: Array) -> None:
-    """out = matrix @ vector."""
+def _apply_matrix(matrix: Array, vector: Array, out: Array) -> None:
+    """Compute out = matrix @ vector, of (3, 3) and (3,)."""
     for i in range(3):
         out[i] = matrix[i, 0] * vector[0] + matrix[i, 1] * vector[1] + matrix[i, 2] * vector[2]
 
 
 @compiled
-def _rows_times(matrix: Array, vector: Array, out: Array) -> None:
-    """out (3,) = matrix (3, n) @ vector (n,)."""
+def _apply_wide_matrix(matrix: Array, vector: Array, out: Array) -> None:
+    """Compute out (3,) = matrix (3, n) @ vector (n,)."""
     for i in range(3):
         total = 0.0
         for j in range(len(vector)):
@@ -39,37 +43,40 @@ def _rows_times(matrix: Array, vector: Array, out: Array) -> None:
 
 
 @compiled
-def _add_times(matrix: Array, vector: Array, out: Array) -> None:
+def _add_matrix_product(matrix: Array, vector: Array, out: Array) -> None:
     """Add matrix (n, 3) @ vector (3,) to out (n,)."""
     for j in range(len(out)):
         out[j] += matrix[j, 0] * vector[0] + matrix[j, 1] * vector[1] + matrix[j, 2] * vector[2]
 
 
 @compiled
-def _transposed_times(matrix: Array, vector: Array, out: Array) -> None:
-    """out = matrix.T @ vector."""
+def _apply_transpose(matrix: Array, vector: Array, out: Array) -> None:
+    """Compute out = matrix.T @ vector, of (3, 3) and (3,)."""
     for i in range(3):
         out[i] = matrix[0, i] * vector[0] + matrix[1, i] * vector[1] + matrix[2, i] * vector[2]
 
 
 @compiled
-def _both_sides(outer: Array, inner: Array, room: Array, out: Array) -> None:
-    """out = outer inner outer^T; room: (3, 3)."""
+def _transform_matrix(outer: Array, inner: Array, buffer: Array, out: Array) -> None:
+    """Compute out = outer @ inner @ outer.T, all (3, 3); buffer: (3, 3)."""
     for i in range(3):
         for j in range(3):
-            room[i, j] = (
+            buffer[i, j] = (
                 inner[i, 0] * outer[j, 0] + inner[i, 1] * outer[j, 1] + inner[i, 2] * outer[j, 2]
             )
     for i in range(3):
         for j in range(3):
             out[i, j] = (
-                outer[i, 0] * room[0, j] + outer[i, 1] * room[1, j] + outer[i, 2] * room[2, j]
+                outer[i, 0] * buffer[0, j] + outer[i, 1] * buffer[1, j] + outer[i, 2] * buffer[2, j]
             )
 
 
 @compiled
-def _inverse(matrix: Array, out: Array) -> float:
-    """out = matrix^-1 by cofactors; returns the determinant, at 0 of which out is not finite."""
+def _invert(matrix: Array, out: Array) -> float:
+    """Compute out = matrix^-1 (3, 3) by cofactors and return the determinant.
+
+    A singular matrix leaves `out` not finite.
+    """
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
     d, e, f = matrix[1, 0], matrix[1, 1], matrix[1, 2]
     g, h, i = matrix[2, 0], matrix[2, 1], matrix[2, 2]
@@ -83,8 +90,8 @@ def _inverse(matrix: Array, out: Array) -> float:
 
 
 @compiled
-def _turn(rotation: Array, turn: Array) -> None:
-    """rotation = exp(turn) rotation, in place, by the unit quaternion of the turn."""
+def _rotate(rotation: Array, turn: Array) -> None:
+    """Compute rotation = exp(turn) rotation, in place, by the unit quaternion of the turn (3,)."""
     angle = np.sqrt(_dot(turn, turn))
     if angle < 1e-14:
         return
@@ -101,11 +108,11 @@ def _turn(rotation: Array, turn: Array) -> None:
 
 
 @compiled
-def _solve_firm(matrix: Array, vector: Array) -> bool:
-    """Solve matrix x = vector (6) in place, matrix destroyed; False unless all pivots are > 0.
+def _solve_positive_definite(matrix: Array, vector: Array) -> bool:
+    """Solve matrix x = vector (6) in place, which destroys the matrix.
 
-    Without exchange of rows: of the stiffness of a body that stands firm all pivots are positive,
-    and a body that buckles shows.
+    Returns False unless all pivots are positive. There is no pivoting: the stiffness of a body in
+    stable equilibrium has positive pivots, and a body that buckles is detected.
     """
     for k in range(6):
         pivot = matrix[k, k]
@@ -126,8 +133,8 @@ def _solve_firm(matrix: Array, vector: Array) -> bool:
 
 
 @compiled
-def _copied(one: Array, other: Array) -> None:
-    """What stands in one (N, n) stands in the other too."""
-    for i in range(len(one)):
-        for a in range(one.shape[1]):
-            other[i, a] = one[i, a]
+def _copy_rows(source: Array, target: Array) -> None:
+    """Copy an array (N, n) to another."""
+    for i in range(len(source)):
+        for a in range(source.shape[1]):
+            target[i, a] = source[i, a]

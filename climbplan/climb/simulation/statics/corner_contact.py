@@ -1,0 +1,124 @@
+"""Solve the contact of a toe in a corner, where it slid on one surface into another.
+
+The toe sticks as long as its force is a sum of two forces, one in each surface's friction cone.
+Otherwise it continues along the surface that it reached last.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.arrays import Array
+from climbplan.climb.simulation.statics.compiling import compiled
+from climbplan.climb.simulation.statics.contact import SLIDES, _compute_toe_force
+from climbplan.climb.simulation.statics.linear_algebra import _dot
+from climbplan.climb.simulation.statics.state import (
+    BodyState,
+    ContactSolution,
+    ContactState,
+    Ground,
+    JointSprings,
+    Workspace,
+)
+from climbplan.climb.simulation.statics.surfaces import (
+    SURFACE_TOLERANCE,
+    TUBE,
+    _find_first_hit,
+    _project_to_surface,
+)
+
+_MAX_PROJECTIONS = 30  # on the two cones in turn
+_FORCE_TOLERANCE = 1e-3  # relative, that neither cone supports
+
+
+@compiled
+def _solve_corner_contact(
+    body: BodyState,
+    zero: Array,
+    limb: int,
+    mu: float,
+    contacts: ContactState,
+    ground: Ground,
+    springs: JointSprings,
+    solution: ContactSolution,
+    work: Workspace,
+) -> bool:
+    """Return whether both surfaces together support a toe at its anchor; if so, it sticks.
+
+    The force is split by alternating projections on the two cones. Results of a toe that sticks are
+    left in `solution` and `work` as by `contact._solve_contact`.
+    """
+    if not _compute_toe_force(body, zero, limb, springs, solution, work):
+        return False
+    solid, face = contacts.corner_face[limb, 0], contacts.corner_face[limb, 1]
+    projected, corner_normal, surface_force, corner_force = (
+        work.vectors[6],
+        work.vectors[7],
+        work.vectors[8],
+        work.vectors[9],
+    )
+    for a in range(3):
+        projected[a] = solution.position[limb, a]
+        surface_force[a] = corner_force[a] = 0.0
+    _project_to_surface(projected, solid, face, ground, corner_normal)
+    corner_friction = 0.0
+    if not contacts.frictionless[limb]:
+        corner_friction = ground.tube_friction[solid] if face == TUBE else ground.friction[solid]
+    force, remainder = solution.force[limb], work.vectors[10]
+    for _ in range(_MAX_PROJECTIONS):
+        for a in range(3):
+            remainder[a] = force[a] - corner_force[a]
+        _project_to_cone(remainder, solution.normal[limb], mu, surface_force)
+        for a in range(3):
+            remainder[a] = force[a] - surface_force[a]
+        _project_to_cone(remainder, corner_normal, corner_friction, corner_force)
+        residual = 0.0
+        for a in range(3):
+            residual += (force[a] - surface_force[a] - corner_force[a]) ** 2
+        if residual <= _FORCE_TOLERANCE**2 * _dot(force, force):
+            for i in range(3):
+                for j in range(3):
+                    work.force_projection[i, j] = 1.0 if i == j else 0.0
+            return True
+    return False
+
+
+@compiled
+def _project_to_cone(vector: Array, normal: Array, mu: float, out: Array) -> None:
+    """Project a force (3,) to a friction cone: out is the nearest force in the cone."""
+    press = _dot(vector, normal)
+    shear = 0.0
+    for a in range(3):
+        shear += (vector[a] - press * normal[a]) ** 2
+    shear = np.sqrt(shear)
+    if shear <= mu * press:
+        for a in range(3):
+            out[a] = vector[a]
+        return
+    size = (press + mu * shear) / (1 + mu * mu)
+    if size <= 0.0:
+        for a in range(3):
+            out[a] = 0.0
+        return
+    for a in range(3):
+        tangent = (vector[a] - press * normal[a]) / shear
+        out[a] = size * (normal[a] + mu * tangent)
+
+
+@compiled
+def _find_obstacle_hit(
+    limb: int, contacts: ContactState, ground: Ground, solution: ContactSolution
+) -> tuple[int, int, float]:
+    """Return solid and face into which a toe has slid in a step, -1 if none, and the depth [m]."""
+    if solution.mode[limb] != SLIDES or solution.face[limb] == TUBE:
+        return -1, -1, 0.0
+    start, end = contacts.anchor[limb], solution.position[limb]
+    if not contacts.in_contact[limb]:
+        return -1, -1, 0.0
+    solid, face, fraction = _find_first_hit(
+        start, end, ground, -SURFACE_TOLERANCE, solution.solid[limb]
+    )
+    overshoot = 0.0
+    for a in range(3):
+        overshoot += ((1 - fraction) * (end[a] - start[a])) ** 2
+    return solid, face, np.sqrt(overshoot) if solid >= 0 else 0.0

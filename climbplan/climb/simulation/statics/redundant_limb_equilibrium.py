@@ -1,0 +1,162 @@
+"""Compute the contact force of a limb of more than three joints with its toe at a given place.
+
+The place of the toe does not determine the joint angles. They minimise the potential energy of the
+joint springs subject to the place of the toe: spring(theta - command) - gravity = J^T f for a force
+f at the toe. Newton's method solves for angles and force together. With H = k - f . d2p/dtheta2 and
+toe compliance c a step d solves
+
+    H d = J^T f - torque,    J d + c f = target - p.
+
+H may be indefinite in directions that the contact constrains. The augmented Lagrangian term
+r J^T J, r large, leaves the step unchanged and makes all pivots positive at a stable equilibrium.
+"""
+
+from __future__ import annotations
+
+from climbplan.arrays import Array
+from climbplan.climb.simulation.statics.compiling import compiled
+from climbplan.climb.simulation.statics.limb_kinematics import (
+    HESSIAN_THRESHOLD,
+    JOINT_TOLERANCE,
+    MAX_JOINT_STEP,
+    MIN_VOLUME,
+    _compute_jacobian_volume,
+    _compute_joint_hessian,
+    _compute_joint_torques,
+    _compute_kinematics,
+)
+from climbplan.climb.simulation.statics.linear_algebra import _apply_matrix, _dot, _invert
+from climbplan.climb.simulation.statics.state import JointSprings, Workspace
+
+_MAX_ITERATIONS = 25
+_PENALTY_FACTOR = 10.0  # r by the largest joint stiffness
+
+
+@compiled
+def _solve_redundant_limb(
+    zero: Array,
+    limb: int,
+    target: Array,
+    springs: JointSprings,
+    angles: Array,
+    force: Array,
+    contact_stiffness: Array,
+    work: Workspace,
+) -> bool:
+    """Solve a redundant limb; arguments and results are those of `limb_equilibrium._solve_limb`.
+
+    Returns False if there is no equilibrium with the toe at the target, or only an unstable one.
+    """
+    n, compliance = len(angles), springs.toe_compliance[limb]
+    jacobian, axes, toe, toe_target = (
+        work.jacobian,
+        work.joint_axes,
+        work.vectors[0],
+        work.vectors[1],
+    )
+    toe_error, reaction = work.vectors[2], work.vectors[3]
+    torque, joint_stiffness, joint_step, hessian = (
+        work.joint_vectors[0],
+        work.joint_vectors[1],
+        work.joint_vectors[2],
+        work.joint_matrix,
+    )
+    angle_step, joint_response, toe_compliance = (
+        work.joint_vectors[3],
+        work.joint_response,
+        work.matrices[2],
+    )
+    step_size = 1.0
+    for _ in range(_MAX_ITERATIONS):
+        _compute_kinematics(zero, angles, jacobian, axes, toe)
+        springs.jacobian_volume[limb] = _compute_jacobian_volume(jacobian)
+        if not (compliance > 0.0 or springs.jacobian_volume[limb] > MIN_VOLUME):
+            return False
+        _compute_joint_torques(limb, angles, springs, torque, joint_stiffness)
+        use_hessian = step_size < HESSIAN_THRESHOLD
+        if use_hessian:
+            _compute_joint_hessian(jacobian, axes, force, joint_stiffness, hessian)
+        else:
+            hessian[:] = 0.0
+            for j in range(n):
+                hessian[j, j] = joint_stiffness[j]
+        penalty = _add_jacobian_penalty(jacobian, joint_stiffness, hessian)
+        for j in range(n):
+            joint_step[j] = torque[j]
+            for a in range(3):
+                joint_response[j, a] = jacobian[j, a]
+        if not _solve_positive_system(hessian, joint_response, joint_step):
+            return False
+        damping = 1.0 - penalty * compliance
+        for a in range(3):
+            toe_error[a] = target[a] - toe[a]
+            toe_target[a] = toe_error[a] / damping
+            for b in range(3):
+                toe_compliance[a, b] = compliance / damping if a == b else 0.0
+            for j in range(n):
+                toe_target[a] += jacobian[j, a] * joint_step[j]
+                for b in range(3):
+                    toe_compliance[a, b] += jacobian[j, a] * joint_response[j, b]
+        _invert(toe_compliance, contact_stiffness)
+        _apply_matrix(contact_stiffness, toe_target, reaction)
+        largest_step = 0.0
+        for j in range(n):
+            angle_step[j] = _dot(joint_response[j], reaction) - joint_step[j]
+            largest_step = max(largest_step, abs(angle_step[j]))
+        for a in range(3):
+            force[a] = (reaction[a] - penalty * toe_error[a]) / damping
+            for b in range(3):
+                contact_stiffness[a, b] = (
+                    contact_stiffness[a, b] / damping - (penalty if a == b else 0.0)
+                ) / damping
+        scale = 1.0 if largest_step <= MAX_JOINT_STEP else MAX_JOINT_STEP / largest_step
+        for j in range(n):
+            angles[j] += scale * angle_step[j]
+        step_size = largest_step
+        if use_hessian and step_size < JOINT_TOLERANCE:
+            return True
+    return False
+
+
+@compiled
+def _add_jacobian_penalty(jacobian: Array, joint_stiffness: Array, matrix: Array) -> float:
+    """Add r J^T J to a matrix (n, n) and return r [N/m]; jacobian: (n, 3) columns of J."""
+    max_stiffness, max_column = 0.0, 1e-12
+    for j in range(len(joint_stiffness)):
+        max_stiffness = max(max_stiffness, joint_stiffness[j])
+        max_column = max(max_column, _dot(jacobian[j], jacobian[j]))
+    penalty = _PENALTY_FACTOR * max_stiffness / max_column
+    for i in range(len(joint_stiffness)):
+        for j in range(len(joint_stiffness)):
+            matrix[i, j] += penalty * _dot(jacobian[i], jacobian[j])
+    return float(penalty)
+
+
+@compiled
+def _solve_positive_system(matrix: Array, right_sides: Array, vector: Array) -> bool:
+    """Solve matrix (n, n) x = right_sides (n, 3) and = vector (n,) in place; destroys the matrix.
+
+    Returns False unless all pivots are positive, as they are at a stable equilibrium.
+    """
+    n = len(vector)
+    for k in range(n):
+        pivot = matrix[k, k]
+        if not pivot > 1e-9:
+            return False
+        for i in range(k + 1, n):
+            factor = matrix[i, k] / pivot
+            if factor != 0.0:
+                for j in range(k + 1, n):
+                    matrix[i, j] -= factor * matrix[k, j]
+                vector[i] -= factor * vector[k]
+                for a in range(3):
+                    right_sides[i, a] -= factor * right_sides[k, a]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            vector[k] -= matrix[k, j] * vector[j]
+            for a in range(3):
+                right_sides[k, a] -= matrix[k, j] * right_sides[j, a]
+        vector[k] /= matrix[k, k]
+        for a in range(3):
+            right_sides[k, a] /= matrix[k, k]
+    return True

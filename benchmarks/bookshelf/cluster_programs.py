@@ -22,7 +22,7 @@ from climbplan.bookshelf.statement.points import theta_of
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.strategy import Candidate
 from climbplan.methods.envelope_rounds import MICP_SOLVERS
-from climbplan.methods.pipeline import Checked, PipelineOptions, run_pipeline
+from climbplan.methods.pipeline import CheckedPoint, PipelineOptions, run_pipeline
 from climbplan.methods.reduced_programs import ReducedPrograms
 from climbplan.program.instance import Instance
 from climbplan.progress import Progress
@@ -73,7 +73,7 @@ def cluster_programs(
     programs = [
         ReducedPrograms(ranking, grid.partitions, grid.squares, solver) for solver in SOLVERS
     ]
-    instances = [case.judge.program.at(theta_of(scene)) for scene in case.scenes]
+    instances = [case.judge.program.instantiate(theta_of(scene)) for scene in case.scenes]
     likely = np.array(
         [ranking.scorer.probabilities(features(theta_of(scene)))[chosen] for scene in case.scenes]
     )  # (scenes, chosen)
@@ -81,9 +81,9 @@ def cluster_programs(
     for at, cluster in enumerate(chosen):
         report("programs of clusters", at / len(chosen))
         scene = int(np.argmax(likely[:, at]))
-        reduction = programs[0].reduction(int(cluster))
+        reduction = programs[0].build_reduction(int(cluster))
         for one in programs:
-            found = one.solved(instances[scene], int(cluster), seconds)
+            found = one.solve_cluster(instances[scene], int(cluster), seconds)
             trials.append(
                 ProgramTrial(
                     one.solver,
@@ -91,9 +91,9 @@ def cluster_programs(
                     scene,
                     len(ranking.members(int(cluster))),
                     len(reduction.values),
-                    found.told.binaries,
-                    found.told.status,
-                    found.told.seconds,
+                    found.record.binaries,
+                    found.record.status,
+                    found.record.seconds,
                     _made_exact(case, scene, instances[scene], found.candidate),
                     float(case.optimum[scene]),
                 )
@@ -141,9 +141,9 @@ def _made_exact(case: Case, scene: int, instance: Instance, candidate: Candidate
     if candidate is None:
         return math.inf
 
-    def check(instance: Instance, x: Array) -> Checked:
+    def check(instance: Instance, x: Array) -> CheckedPoint:
         judged = case.judge.judge(case.scenes[scene], x)
-        return Checked(judged.placement is not None, judged.objective, x, judged.word)
+        return CheckedPoint(judged.placement is not None, judged.objective, x, judged.word)
 
     return run_pipeline(instance, [candidate], PipelineOptions(local="sqp"), check).objective
 

@@ -245,7 +245,7 @@ def _reduced(
         seconds=method.settings.time_limit,
         report=report,
     )
-    method.kept.once(REDUCED, lambda: programs)
+    method.kept.compute_once(REDUCED, lambda: programs)
     cost, taken = np.full(len(chosen), np.inf), np.zeros(len(chosen))
     by_program = 0
     for k, scene in enumerate(small.scenes):

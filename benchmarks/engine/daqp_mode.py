@@ -15,7 +15,7 @@ import numpy as np
 from climbplan.program.blocks import Variable
 from climbplan.program.instance import Instance
 from climbplan.reformulations.disjunctions import BigM
-from climbplan.solvers.result import Answer, SolverResult, judged
+from climbplan.solvers.result import Answer, SolverResult, judge_answer
 
 NAME = "daqp, own integers"
 _CURVATURE = 1e-7  # of directions without cost, beside 2.5e-3 of states and inputs
@@ -66,4 +66,4 @@ def solve_daqp_mode(instance: Instance, state: Variable, gap: float) -> SolverRe
         NAME,
         (f"DAQP: {code}",),
     )
-    return judged(instance, answer, gap, _TOLERANCE)
+    return judge_answer(instance, answer, gap, _TOLERANCE)

@@ -18,7 +18,7 @@ from climbplan.program.instance import Instance
 from climbplan.reformulations.base import Reformulation
 from climbplan.reformulations.disjunctions import BigM, ConvexHull, Disjoined
 from climbplan.solvers.registry import solve
-from climbplan.solvers.result import Answer, SolverResult, judged
+from climbplan.solvers.result import Answer, SolverResult, judge_answer
 
 STEPS, RECTANGLES = 5, 8
 COUNT, QUICK_COUNT = 100, 4
@@ -34,7 +34,7 @@ def _highs(instance: Instance, by: Reformulation[Disjoined]) -> SolverResult:
     picks = None if found.x is None else form.alternatives(found.x)
     infeasible = found.status == "infeasible"
     answer = Answer(x, found.bound, infeasible, found.nodes, found.time, "highs", found.log, picks)
-    return judged(instance, answer, _GAP, _TOLERANCE)
+    return judge_answer(instance, answer, _GAP, _TOLERANCE)
 
 
 _TREE = "tree"

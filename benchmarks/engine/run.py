@@ -25,8 +25,8 @@ from benchmarks.engine.ticks import run_ticks
 from climbplan.instances.cart_pole import MOST, PUSHED, walled_cart_pole
 from climbplan.methods.envelope_rounds import solve_micp
 from climbplan.program.instance import Instance
-from climbplan.solvers.mixed_integer.memory import shifted
-from climbplan.solvers.mixed_integer.method import TreeMemory, solve_mixed_integer
+from climbplan.solvers.mixed_integer.leaf_cover import build_horizon_shift
+from climbplan.solvers.mixed_integer.method import WarmStartedTree, solve_mixed_integer
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import SolverResult
 
@@ -101,7 +101,7 @@ def _measured(noise: float, seed: int, runs: int, others: int) -> dict[str, _Col
     number = 0
     for run in range(runs):
         rng = np.random.default_rng([seed, run])
-        begun, memory = PUSHED, TreeMemory(_GAP, _TOLERANCE)
+        begun, memory = PUSHED, WarmStartedTree(_GAP, _TOLERANCE)
         for step in range(_STEPS):
             instance = problem.instance({"start": begun})
             begin = time.process_time()
@@ -111,7 +111,9 @@ def _measured(noise: float, seed: int, runs: int, others: int) -> dict[str, _Col
                 break  # a push that no input makes good: the run is over
             columns["tree, cold"].add(cold, spent, cold.objective)
             begin = time.process_time()
-            warm = memory.solve(instance, move=(lambda f: shifted(blocks, f, 1)) if step else None)
+            warm = memory.solve(
+                instance, move=(lambda f: build_horizon_shift(blocks, f, 1)) if step else None
+            )
             spent = time.process_time() - begin
             columns["tree, remembering"].add(warm, spent, cold.objective)
             if number % every == every // 2:

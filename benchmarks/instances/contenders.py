@@ -19,7 +19,7 @@ from climbplan.program.instance import Instance
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.solvers.model_file import save_model
 from climbplan.solvers.registry import BACKENDS, solve
-from climbplan.solvers.result import Answer, SolverResult, judged
+from climbplan.solvers.result import Answer, SolverResult, judge_answer
 
 GAP = 1e-4
 _TOLERANCE = 1e-5  # of rows: what solvers of files leave by their own defaults
@@ -54,7 +54,7 @@ def timed(contender: Contender, instance: Instance, limit: float) -> tuple[Solve
         found = contender.run(instance, limit)
     except UsageError as error:
         refused = Answer(None, -np.inf, False, 0, 0.0, contender.name, (str(error),))
-        found = judged(instance, refused, GAP, _TOLERANCE)
+        found = judge_answer(instance, refused, GAP, _TOLERANCE)
     return found, _spent() - begin
 
 
@@ -76,7 +76,7 @@ def _scip_file(instance: Instance, limit: float) -> SolverResult:
     """What anybody gets who reads the file with SCIP and lets it run."""
     import pyscipopt
 
-    from climbplan.solvers.scip.run import claim, run_model
+    from climbplan.solvers.scip.run import read_answer, run_model
 
     suffix = ".nl" if {"products", "balls"} & instance.features else ".mps"
     with tempfile.TemporaryDirectory() as folder:
@@ -99,8 +99,8 @@ def _scip_file(instance: Instance, limit: float) -> SolverResult:
             at += size
         assignment = np.array(picks, np.int64)
         x = np.where(instance.integer, np.round(x), x)
-    answer = claim(model, "scip, file", begin, x, assignment)
-    return judged(instance, answer, GAP, _TOLERANCE)
+    answer = read_answer(model, "scip, file", begin, x, assignment)
+    return judge_answer(instance, answer, GAP, _TOLERANCE)
 
 
 def _highs(instance: Instance, limit: float) -> SolverResult:
@@ -110,7 +110,7 @@ def _highs(instance: Instance, limit: float) -> SolverResult:
     picks = None if found.x is None else form.alternatives(found.x)
     infeasible = found.status == "infeasible"
     answer = Answer(x, found.bound, infeasible, found.nodes, found.time, "highs", found.log, picks)
-    return judged(instance, answer, GAP, _TOLERANCE)
+    return judge_answer(instance, answer, GAP, _TOLERANCE)
 
 
 def _bonmin(instance: Instance, limit: float) -> SolverResult:

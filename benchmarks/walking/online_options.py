@@ -11,16 +11,16 @@ import numpy as np
 from benchmarks.walking.shipped_tasks import shipped
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.walking.online.closed_loop import LoopWorld
-from climbplan.walking.online.library import Library
+from climbplan.walking.online.closed_loop import LoopScenario
+from climbplan.walking.online.controller import OnlineSettings
+from climbplan.walking.online.library import SectionLibrary
 from climbplan.walking.online.run import (
-    library_key,
-    library_of,
-    settings_of,
-    stored_library,
-    world_of,
+    build_scenario,
+    build_settings,
+    compute_library_key,
+    load_library,
+    read_stored_library,
 )
-from climbplan.walking.online.tick import OnlineSettings
 from climbplan.walking.problem.problem import build_task
 from climbplan.walking.schema.model import MpcSpec
 from climbplan.walking.task.task import WalkTask
@@ -58,9 +58,9 @@ class OnlineInputs:
 
     spec: MpcSpec
     task: WalkTask
-    libraries: tuple[Library, ...]  # by size
+    libraries: tuple[SectionLibrary, ...]  # by size
     settings: OnlineSettings
-    world: LoopWorld
+    world: LoopScenario
     pushes: tuple[Array, ...]
 
 
@@ -84,8 +84,8 @@ def online_inputs(options: OnlineOptions, report: Callable[[str, float], None]) 
         spec,
         task,
         _libraries(options, spec, task, loaded.directory, report),
-        settings_of(spec),
-        world_of(spec.loop, task),
+        build_settings(spec),
+        build_scenario(spec.loop, task),
         tuple(np.array(push, float) for push in pushes),
     )
 
@@ -96,25 +96,25 @@ def _libraries(
     task: WalkTask,
     directory: Path,
     report: Callable[[str, float], None],
-) -> tuple[Library, ...]:
+) -> tuple[SectionLibrary, ...]:
     """Of one size or several, the smaller ones the first walks of the largest."""
-    key, named = library_key(task), options.library
+    key, named = compute_library_key(task), options.library
     if named is None and spec.library.file is not None:
         named = directory / spec.library.file
     if named is None:
         walks = options.library_size or (_QUICK_BUILT if options.quick else _BUILT)
         few = spec.library.model_copy(update={"size": walks} | _few_gaits(options))
-        return (library_of(task, few, directory, options.seed, key, report),)
-    stored = stored_library(named, key)
+        return (load_library(task, few, directory, options.seed, key, report),)
+    stored = read_stored_library(named, key)
     if options.library_size is not None:
         if stored.walks < options.library_size:
             raise UsageError(
                 f"{named}: {stored.walks} walks with sections, "
                 f"--library-size asks for {options.library_size}"
             )
-        return (stored.first(options.library_size),)
+        return (stored.select_walks(options.library_size),)
     sizes = [size for size in SIZES if size <= stored.walks] or [stored.walks]
-    return tuple(stored.first(size) for size in sizes)
+    return tuple(stored.select_walks(size) for size in sizes)
 
 
 def _few_gaits(options: OnlineOptions) -> dict[str, int]:

@@ -15,12 +15,17 @@ from climbplan.walking.check.checker import check_loop, check_trajectory, failur
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.offline.warm_up import warm_up
-from climbplan.walking.online.closed_loop import Loop, collected_before, run_loop
-from climbplan.walking.online.library import Library
-from climbplan.walking.online.run import library_key, library_of, settings_of, world_of
-from climbplan.walking.online.tick import OnlineController
+from climbplan.walking.online.closed_loop import LoopResult, freeze_garbage, simulate_loop
+from climbplan.walking.online.controller import OnlineController
+from climbplan.walking.online.library import SectionLibrary
+from climbplan.walking.online.run import (
+    build_scenario,
+    build_settings,
+    compute_library_key,
+    load_library,
+)
 from climbplan.walking.planner.gaps import widest_gap
-from climbplan.walking.problem.problem import build_task, sampled_task
+from climbplan.walking.problem.problem import build_sampled_task, build_task
 from climbplan.walking.task.task import WalkTask, WalkTrajectory
 
 SPEC = "mpc_stones"
@@ -64,7 +69,7 @@ def _field_by(method: str, number: int) -> tuple[float, float | None, str]:
     if method == "nlp":
         answer = solve_nlp(task, "walking trot", _SECONDS)
     else:
-        answer = search(task, SearchLimits(_SECONDS, qps=loaded.spec.solver.qps))
+        answer = search(task, SearchLimits(_SECONDS, qps=loaded.spec.solver.max_qp_solves))
     spent = time.process_time() - begin
     if _holds(task, answer.trajectory):
         return spent, answer.objective, ""
@@ -75,19 +80,21 @@ def _online(seed: int, count: int, stream: TextIO) -> list[str]:
     """Print the line of `online`; what keeps fields from being crossed."""
     times, ticks = np.zeros(count), []
     kept: list[str] = []
-    library: Library | None = None
+    library: SectionLibrary | None = None
     for k in range(count):
         loaded = shipped(SPEC, _field(seed + k), *_ONLINE)
         spec, task = loaded.spec, build_task(loaded.spec, loaded.robot, loaded.source)
         if library is None:  # one for all: it is of flat ground
             warm_up(task)
-            key = library_key(task)
-            library = library_of(task, spec.library, loaded.directory, seed, key, _silent)
+            key = compute_library_key(task)
+            library = load_library(task, spec.library, loaded.directory, seed, key, _silent)
         begin = time.process_time()
-        controller = OnlineController(task, library, settings_of(spec))
-        duration = task.knots * task.step + _BEYOND
-        with collected_before():
-            loop = run_loop(controller, task, duration, world_of(spec.loop, task), seed + k)
+        controller = OnlineController(task, library, build_settings(spec))
+        duration = task.knots * task.dt + _BEYOND
+        with freeze_garbage():
+            loop = simulate_loop(
+                controller, task, duration, build_scenario(spec.loop, task), seed=seed + k
+            )
         times[k] = time.process_time() - begin
         ticks += [1e3 * command.tick_time for command in loop.commands]
         asked = shipped_task(SPEC, _field(seed + k))
@@ -110,12 +117,14 @@ def _row(method: str, crossed: int, times: Array) -> str:
     return f"{method:<7} {len(times):6d} {share:6.0f} %  {median:14.2f}  {most:5.2f}"
 
 
-def _kept_from(task: WalkTask, loop: Loop, goal: float) -> str:
+def _kept_from(task: WalkTask, loop: LoopResult, goal: float) -> str:
     """Why a field was not crossed online, up to an x [m]; empty if it was."""
     walk = loop.trajectory
-    if loop.fell is not None:
-        return f"fell after {loop.fell:.1f} s"
-    if told := failures(check_loop(sampled_task(task, len(walk.state) - 1), walk, loop.pushed)):
+    if loop.fall_time is not None:
+        return f"fell after {loop.fall_time:.1f} s"
+    if told := failures(
+        check_loop(build_sampled_task(task, len(walk.state) - 1), walk, loop.push_velocity)
+    ):
         return told
     short = goal - float(walk.state[-1, 0])
     return f"{short:.2f} m short of the goal" if short > 0 else ""

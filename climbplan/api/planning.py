@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from climbplan.api.ctrl_c import ctrl_c_insists
-from climbplan.api.loading import SpecSource, changed, load
-from climbplan.api.making import MakingOptions, make
-from climbplan.api.plan import Folder, Plan, read
+from climbplan.api.loading import SpecSource, load_spec, override_spec
+from climbplan.api.making import PlanningOptions, run_planner
+from climbplan.api.plan import Folder, Plan, load_plan
 from climbplan.api.plan_path import PLAN_FILE
-from climbplan.errors import PlanFails
+from climbplan.deprecation import renamed_parameters
+from climbplan.errors import VerificationFailed
 from climbplan.progress import Progress
 from climbplan.schema.loaded import LoadedSpec
 
@@ -19,56 +20,68 @@ if TYPE_CHECKING:
     from climbplan.verification.verification import Verification
 
 
+@renamed_parameters(set="overrides", report="progress")
 @ctrl_c_insists()
 def plan(
     spec: SpecSource | LoadedSpec,
-    set: Mapping[str, Any] | None = None,
+    overrides: Mapping[str, Any] | None = None,
     *,
     method: str | None = None,
     seed: int | None = None,
     time_limit: float | None = None,
     jobs: int = 1,
-    report: Progress | None = None,
+    progress: Progress | None = None,
 ) -> Plan:
     """Plan a climb, transition, delivery by modules, walk or bookshelf scene, and verify it.
 
-    spec: what `climbplan.load` returned, or what it takes. set, method, seed, time_limit [s]: as
-    the options of the command line. jobs: worker processes of studies and files of scenes. report:
-    called with stage and share that is done.
+    Args:
+        spec: the result of `climbplan.load_spec`, or anything that it takes.
+        overrides: values by dotted key, as with `--set`.
+        method: replaces `solver.method`; None keeps the spec's.
+        seed: replaces `seed`; None keeps the spec's.
+        time_limit: replaces `solver.time_limit` [s]; None keeps the spec's.
+        jobs: worker processes of studies and of files of scenes.
+        progress: called with the name of a stage and the fraction of it that is done.
 
-    Raises what the command line turns into exit codes: SpecError (2), Infeasible (3), NotProved
-    and LimitReached (4), each with `.conflicts` and `.remedies`, and PlanFails (5) for a
-    plan that fails its verification or whose data are implausible, with the plan as `.plan`.
+    Raises:
+        SpecError: the spec has mistakes (exit code 2 of the command line).
+        Infeasible: the problem is proved to have no plan (3).
+        Unresolved: the method found no plan, which proves nothing (4).
+        LimitReached: a limit was reached before a plan was found (4).
+        VerificationFailed: a plan was found and fails its verification, or its data are
+            implausible (5); `.plan` has it. The errors of codes 3 and 4 have `.conflicts` and
+            `.remedies`.
     """
     options = {"solver.method": method, "seed": seed, "solver.time_limit": time_limit}
-    changes = {**(set or {}), **{k: v for k, v in options.items() if v is not None}}
-    loaded: object  # `make` refuses what is no plan's
+    changes = {**(overrides or {}), **{k: v for k, v in options.items() if v is not None}}
+    loaded: object  # `make` rejects specs that no plan is made from
     if isinstance(spec, LoadedSpec):
-        loaded = changed(spec, changes) if changes else spec
+        loaded = override_spec(spec, changes) if changes else spec
     else:
-        loaded = load(spec, changes)
-    made = make(loaded, MakingOptions(report or (lambda stage, fraction: None), jobs))
+        loaded = load_spec(spec, changes)
+    result = run_planner(loaded, PlanningOptions(progress or (lambda stage, fraction: None), jobs))
     folder = Folder()
     path = folder.path / PLAN_FILE
-    made.write(path)
-    if made.write_beside is not None:
-        made.write_beside(path.parent)
-    from climbplan.api.kinds import plan_kind
+    result.write(path)
+    if result.write_beside is not None:
+        result.write_beside(path.parent)
+    from climbplan.api.kinds import identify_kind
 
-    verification = plan_kind(path).verifier()(path)
-    found = Plan(path, folder)
-    found.summary, found.warnings = tuple(made.summary), tuple(made.warnings)
+    verification = identify_kind(path).load_verifier()(path)
+    planned = Plan(path, folder)
+    planned.summary, planned.warnings = tuple(result.summary), tuple(result.warnings)
     if verification.objection:
-        failed = PlanFails(f"the plan {verification.objection}")
-        failed.plan = found
+        failed = VerificationFailed(f"the plan {verification.objection}")
+        failed.plan = planned
         raise failed
-    return found
+    return planned
 
 
+@renamed_parameters(set="overrides")
 def verify(
     plan: Plan | str | Path,
     spec: SpecSource | None = None,
-    set: Mapping[str, Any] | None = None,
+    overrides: Mapping[str, Any] | None = None,
 ) -> Verification:
-    """Every constraint of a plan checked again; as `Plan.verify`, of a file or directory too."""
-    return (plan if isinstance(plan, Plan) else read(plan)).verify(spec, set)
+    """Check every constraint of a plan again, as `Plan.verify`; takes files and directories, too."""
+    return (plan if isinstance(plan, Plan) else load_plan(plan)).verify(spec, overrides)

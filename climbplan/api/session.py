@@ -1,4 +1,4 @@
-"""`climbplan.Session`: one problem at parameters that change, each answer helped by the last."""
+"""`climbplan.Session`: solve one problem at changing parameters, each solve warm-started."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.api.solving import Solution
+from climbplan.deprecation import RenamedAttribute, renamed_parameters
 from climbplan.errors import UsageError
 from climbplan.program.problem import Problem, Theta
 from climbplan.program.statement import Program
@@ -16,37 +17,43 @@ if TYPE_CHECKING:
 
 
 class Session:
-    """Solves the same statement again and again, as a controller does.
+    """Solves one parametric problem repeatedly, as a model-predictive controller does.
 
         session = climbplan.Session(problem, gap=1e-3)
         first = session.solve({"start": state})
-        after = session.solve({"start": next_state}, shift=1)
+        after = session.solve({"start": next_state}, horizon_shift=1)
 
-    The statement's coefficients are taken once; each tree begins with the leaves of the last, and
-    its integers are tried first; with products its boxes go on and a local search begins at the
-    last answer. With `method="benders"` cuts are remembered in place of leaves. Every answer has
-    its own proof of optimality.
+    The coefficients of the formulation are built once. Each branch and bound starts from the leaves
+    of the previous tree and tries its integers first; with bilinear terms it keeps the bisected
+    domains, and a local search starts at the previous solution. With `method="benders"` cuts are
+    reused in place of leaves. Every solution has its own proof of optimality.
 
-    Where a controller cannot wait, a limit of time or work ends the tree early: the answer is then
-    the best that was found, `status` "feasible" with the `gap` that is proved, or "limit" where
-    nothing was. What is remembered is kept, so that the next tree goes on from there.
+    A limit of time or work ends the tree early where a controller cannot wait. The solution is then
+    the best incumbent: `status` is "feasible" with the proved `gap`, or "limit" without an
+    incumbent. The next solve continues from the open leaves.
     """
 
     def __init__(self, problem: Problem | Program, **settings: Any) -> None:
-        """settings: `gap`, `time_limit` [s] of one solve, `tolerance`, as of `climbplan.solve`.
+        """Build the coefficients of a problem.
 
-        `method`: `branch-and-bound` (default) or `benders`.
-        `work`: dual steps of one solve, each some microseconds; the same answer whatever the load.
-        Raises UsageError for settings that there are not.
+        Args:
+            problem: the problem, or its program alone.
+            settings: `gap` (relative), `time_limit` [s] of one solve and `tolerance` of rows, with
+                the meaning they have in `climbplan.solve`; `method`, "branch-and-bound" (default)
+                or "benders"; `work`, a limit on the dual simplex steps of one solve, which gives
+                the same result whatever the load of the machine.
+
+        Raises:
+            UsageError: a setting is not known.
         """
         from climbplan.methods.sequence import ProblemSequence
         from climbplan.methods.task import MethodSettings
 
         method = settings.pop("method", "branch-and-bound")
-        strange = sorted(set(settings) - {"gap", "time_limit", "tolerance", "work"})
-        if strange:
+        unknown = sorted(set(settings) - {"gap", "time_limit", "tolerance", "work"})
+        if unknown:
             raise UsageError(
-                f"no setting {', '.join(strange)} of a session: expected method, gap, time_limit, "
+                f"no setting {', '.join(unknown)} of a session: expected method, gap, time_limit, "
                 "tolerance, work"
             )
         self.problem = Problem(problem.name, problem) if isinstance(problem, Program) else problem
@@ -54,19 +61,28 @@ class Session:
             self.problem, MethodSettings(**settings), method
         )
 
-    def solve(self, theta: Theta | None = None, *, shift: int = 0) -> Solution:
-        """Solve at parameters; shift: steps that a receding horizon has moved since the last call.
+    @renamed_parameters(shift="horizon_shift")
+    def solve(self, theta: Theta | None = None, *, horizon_shift: int = 0) -> Solution:
+        """Solve the problem at given parameters.
 
-        Raises UsageError for parameters that do not fit and for statements that the method does not
-        hold, StatementError for what the statement itself does wrong.
+        Args:
+            theta: numbers by parameter block; None for a problem without parameters.
+            horizon_shift: steps by which a receding horizon has moved since the last call.
+
+        Raises:
+            UsageError: the parameters do not fit, or the method does not support the formulation.
+            StatementError: the formulation itself has a mistake.
         """
-        given: Mapping[str, Any] = theta or {}
+        parameters: Mapping[str, Any] = theta or {}
         with ctrl_c_insists():
-            return Solution(self.problem, given, self._sequence.solve(given, shift))
+            result = self._sequence.solve(parameters, horizon_shift)
+        return Solution(self.problem, parameters, result)
 
-    def forget(self) -> None:
-        """Solve the next one without help."""
-        self._sequence.forget()
+    def reset(self) -> None:
+        """Forget the previous solves, so that the next one is a cold start."""
+        self._sequence.reset()
+
+    forget = RenamedAttribute("reset")
 
     def __repr__(self) -> str:
         return f"<Session of {self.problem.name!r}>"

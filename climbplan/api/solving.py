@@ -1,4 +1,4 @@
-"""`climbplan.solve`: a problem of one's own at some parameters, by any method."""
+"""`climbplan.solve`: solve a problem of your own at given parameters, by any method."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.arrays import Array
+from climbplan.deprecation import RenamedAttribute, warn_renamed
 from climbplan.errors import UsageError
 from climbplan.program.problem import Problem, Theta
 from climbplan.program.statement import Program
@@ -21,36 +22,36 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Solution:
-    """An answer to a stated problem, judged by its exact statement."""
+    """The outcome of one solve, evaluated by the exact formulation of the problem."""
 
     problem: Problem
     theta: Theta
-    found: MethodResult
+    method_result: MethodResult
 
     @property
     def status(self) -> str:
-        """ "optimal", "feasible", "infeasible" (proved), or "limit": no answer, `why` says more."""
-        return self.found.result.status
+        """Either "optimal", "feasible", "infeasible" (proved) or "limit": no solution, see `message`."""
+        return self.method_result.result.status
 
     @property
-    def why(self) -> str:
-        """The method's last words: how its solver ended, or what refused its answer."""
-        return self.found.result.log[-1] if self.found.result.log else ""
+    def message(self) -> str:
+        """The last line of the method's log: how its solver ended, or what its solution violates."""
+        return self.method_result.result.log[-1] if self.method_result.result.log else ""
 
     @property
     def objective(self) -> float | None:
-        """Cost of the exact statement, None without an answer."""
-        return self.found.result.objective
+        """Cost in the exact formulation; None without a solution."""
+        return self.method_result.result.objective
 
     @property
     def bound(self) -> float:
-        """Valid for the exact problem; -inf where the method gives none."""
-        return self.found.result.bound
+        """Lower bound that is valid for the exact problem; -inf where the method gives none."""
+        return self.method_result.result.bound
 
     @property
     def gap(self) -> float | None:
-        """Relative, between objective and bound."""
-        return self.found.result.gap
+        """Relative gap between objective and bound."""
+        return self.method_result.result.gap
 
     @property
     def certificate(self) -> Certificate | None:
@@ -58,45 +59,65 @@ class Solution:
 
         `climbplan.certificates.checker.check` says what it proves of an instance.
         """
-        return self.found.certificate
+        return self.method_result.certificate
+
+    @property
+    def method_name(self) -> str:
+        """Name of the method that was run, as in the table of methods."""
+        return self.method_result.method
+
+    @property
+    def candidate(self) -> str:
+        """The candidate or starting point whose solution was selected; "" for other methods."""
+        return self.method_result.winner
+
+    @property
+    def _method_shown(self) -> str:
+        return f"{self.method_name} ({self.candidate})" if self.candidate else self.method_name
 
     @property
     def method(self) -> str:
-        """And what of it won: a candidate, a start."""
-        winner = self.found.winner
-        return f"{self.found.method} ({winner})" if winner else self.found.method
+        """The old name of `method_name` and `candidate`, in one text."""
+        warn_renamed("`Solution.method`", "`Solution.method_name` and `Solution.candidate`")
+        return self._method_shown
+
+    why = RenamedAttribute("message")
 
     @property
     def values(self) -> dict[str, Array]:
-        """Each variable block in its shape; raises UsageError where there is no answer."""
+        """Values of each variable block in its shape; raises UsageError without a solution."""
         return self.problem.values(self._point())
 
     def __getitem__(self, name: str) -> Array:
-        """The values of one variable block."""
+        """Return the values of one variable block."""
         return self.values[name]
 
     def check(self) -> CheckReport:
-        """The residual of every named block of the statement at the answer.
+        """Compute the residual of every named block of the formulation at the solution.
 
-        Behind them what the problem's own checker says, if it has one, as `own.NAME`.
+        The residuals of the problem's own exact checker, if it has one, follow as `own.NAME`.
         """
         x = self._point()
-        stated = self.problem.program.check(x, self.theta, self.found.result.assignment)
-        own = self.problem.own_residuals(self.theta, x)
-        return replace(stated, blocks=(*stated.blocks, *own))
+        residuals = self.problem.program.check(x, self.theta, self.method_result.result.assignment)
+        exact = self.problem.own_residuals(self.theta, x)
+        return replace(residuals, blocks=(*residuals.blocks, *exact))
 
     def _point(self) -> Array:
-        if self.found.result.x is None:
-            raise UsageError(f"no answer to look at: {self._ended()}")
-        return self.found.result.x
+        if self.method_result.result.x is None:
+            raise UsageError(f"there is no solution: {self._outcome()}")
+        return self.method_result.result.x
 
-    def _ended(self) -> str:
-        told = f" ({self.why})" if self.why and self.found.result.x is None else ""
-        return f"{self.status}{told}"
+    def _outcome(self) -> str:
+        reason = (
+            f" ({self.message})" if self.message and self.method_result.result.x is None else ""
+        )
+        return f"{self.status}{reason}"
 
     def __repr__(self) -> str:
         cost = "" if self.objective is None else f", objective {self.objective:.6g}"
-        return f"<Solution of {self.problem.name!r} by {self.method}: {self._ended()}{cost}>"
+        return (
+            f"<Solution of {self.problem.name!r} by {self._method_shown}: {self._outcome()}{cost}>"
+        )
 
 
 @ctrl_c_insists()
@@ -105,34 +126,43 @@ def solve(
 ) -> Solution:
     """Solve a problem of your own.
 
-    theta: numbers by parameter block. method: such as "auto" (the own tree where it holds the
-    statement, else "micp"), "branch-and-bound", "micp", "mpcc", "minlp-scip", "pinned",
-    "knn" (`climbplan.methods.table.METHODS`). settings: fields of
-    `climbplan.methods.task.MethodSettings`, such as `gap=1e-3`, `time_limit=10.0` [s],
-    `solver="scip"`; `library` and `model` may be files of `climbplan solve`, `gen-data` and
-    `climbplan fit-strategy`.
+    No solution is returned that violates a row by more than the tolerance.
 
-    No answer is returned that violates a row by more than the tolerance. Raises UsageError for
-    parameters, methods and settings that do not fit, StatementError for what the statement itself
-    does wrong, MissingSolver for a solver that is not installed.
+    Args:
+        problem: the problem, or its program alone.
+        theta: numbers by parameter block; None for a problem without parameters.
+        method: a name from `climbplan.methods.table.METHODS`, such as "branch-and-bound", "micp",
+            "mpcc", "minlp-scip", "pinned" or "knn". "auto" takes the built-in branch and bound
+            where it supports the formulation, "micp" otherwise.
+        settings: fields of `climbplan.methods.task.MethodSettings`, such as `gap=1e-3`,
+            `time_limit=10.0` [s] or `solver="scip"`. `library` and `model` may be files of
+            `climbplan solve`, `climbplan gen-data` and `climbplan fit-strategy`.
+
+    Raises:
+        UsageError: parameters, method or settings do not fit.
+        StatementError: the formulation itself has a mistake.
+        MissingSolver: the solver is not installed.
     """
-    from climbplan.methods.solved import library_of, model_of
+    from climbplan.methods.solved import read_library, read_strategy_model
     from climbplan.methods.table import METHODS, solve_instance
     from climbplan.methods.task import MethodSettings
 
-    stated = Problem(problem.name, problem) if isinstance(problem, Program) else problem
-    chosen = next((known for known in METHODS if known == method), None)
-    if chosen is None:
+    exact_problem = Problem(problem.name, problem) if isinstance(problem, Program) else problem
+    selected = next((name for name in METHODS if name == method), None)
+    if selected is None:
         raise UsageError(f"unknown method {method!r}: expected one of {', '.join(METHODS)}")
-    strange = sorted(set(settings) - set(MethodSettings.__dataclass_fields__))
-    if strange:
+    unknown = sorted(set(settings) - set(MethodSettings.__dataclass_fields__))
+    if unknown:
         known = ", ".join(MethodSettings.__dataclass_fields__)
-        raise UsageError(f"no setting {', '.join(strange)}: expected some of {known}")
+        raise UsageError(f"no setting {', '.join(unknown)}: expected some of {known}")
     if isinstance(settings.get("library"), str | Path):
-        settings["library"] = library_of(stated, Path(settings["library"]))
+        settings["library"] = read_library(exact_problem, Path(settings["library"]))
     if isinstance(settings.get("model"), str | Path):
-        settings["model"] = model_of(stated, Path(settings["model"]))
-    given: Mapping[str, Any] = theta or {}
+        settings["model"] = read_strategy_model(exact_problem, Path(settings["model"]))
+    parameters: Mapping[str, Any] = theta or {}
+    method_settings = replace(MethodSettings(), **settings)
     return Solution(
-        stated, given, solve_instance(stated, given, chosen, replace(MethodSettings(), **settings))
+        exact_problem,
+        parameters,
+        solve_instance(exact_problem, parameters, selected, method_settings),
     )

@@ -1,8 +1,8 @@
-"""What proves a lower bound, or that nothing is feasible: a tree whose leaves have multipliers.
+"""Certificates of lower bounds and of infeasibility: trees whose leaves have multipliers.
 
-The tree splits the box of v, the variables of `rows.StatedRows`, so that its leaves cover
-everything whoever made it; the multipliers of a leaf give a Lagrangian that bounds the cost of
-every point in it. How they were found is of no concern to whoever checks them.
+The tree splits the box of v, the variables of `rows.StatedRows`, so that its leaves cover it. The
+multipliers of a leaf give a Lagrangian that bounds the cost of every point in the leaf. The checker
+does not depend on how they were found.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from climbplan.arrays import Array, BoolArray, IntArray
 class Certificate:
     """A proof about an instance: T nodes of a tree, S of them leaves, both in preorder.
 
-    The lower side of a split comes first. Integers have v <= at on it and v >= at + 1 on the other
-    side, all others v <= at and v >= at.
+    The lower side of a split comes first. It has v <= at for all variables; the other side has v >=
+    at + 1 for integers and v >= at for all others.
     """
 
-    split: IntArray  # (T,) the variable that a node splits, -1 for a leaf
+    split: IntArray  # (T,) variable that a node splits, -1 for a leaf
     at: Array  # (T,)
     point: Array  # (S, n) where the cost is linearised
-    multiplier: sparse.csr_matrix  # (S, rows + 4 K) positive: of lower sides, negative: upper ones
+    multiplier: sparse.csr_matrix  # (S, rows + 4 K) positive for lower, negative for upper sides
     ball: Array  # (S, D) multiplier times direction
-    empty: BoolArray  # (S,) the multipliers prove that the leaf has no point
-    bound: float  # what the leaves prove together, infinite if nothing is feasible
+    empty: BoolArray  # (S,) whether the multipliers prove that the leaf is infeasible
+    bound: float  # bound of all leaves together, infinite if nothing is feasible

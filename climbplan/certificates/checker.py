@@ -1,10 +1,10 @@
-"""Whether a certificate proves what it says of an instance.
+"""Check what a certificate proves of an instance.
 
-Nothing of the solver that made it is used. The box is what the instance's own rows leave, the
-tree's splits cover it whatever they are, and multipliers are worth what the instance's own numbers
-make of them in their leaf's box. All arithmetic is rounded so that errors make proofs weaker.
-Bounds hold for every point that violates no row and no ball by more than `TOLERANCE`, bounds and
-integers exactly.
+The checker uses nothing of the solver that made the certificate. The box follows from the
+instance's own rows, the tree's splits cover it in any case, and multipliers are evaluated with the
+instance's own numbers in the box of their leaf. All arithmetic is rounded so that errors weaken
+proofs. Bounds hold for every point that violates no row and no ball by more than `TOLERANCE`, and
+satisfies bounds and integers exactly.
 """
 
 from __future__ import annotations
@@ -15,79 +15,86 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.certificates.box import TOLERANCE, Box, narrowed
+from climbplan.certificates.box import TOLERANCE, Box, tighten_box
 from climbplan.certificates.certificate import Certificate
-from climbplan.certificates.lagrangian import curvature, lagrangian
-from climbplan.certificates.rounding import down
-from climbplan.certificates.rows import stated_rows, with_planes
+from climbplan.certificates.lagrangian import build_lagrangian, compute_convexity_shift
+from climbplan.certificates.rounding import round_down
+from climbplan.certificates.rows import append_envelopes, build_stated_rows
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is proved, and what is wrong with the certificate if it proves nothing."""
+    """The bound that is proved, and the faults of a certificate that proves nothing."""
 
-    bound: float  # no feasible point costs less: infinite if there is none, -infinite if not proved
-    margin: float  # of infeasibility: all rows may be let out by so much and nothing is feasible
+    bound: float  # lower bound: infinite if nothing is feasible, -infinite if nothing is proved
+    margin: float  # amount by which all rows may be relaxed without becoming feasible
     faults: tuple[str, ...]
 
 
 def check(instance: Instance, certificate: Certificate) -> Verdict:
-    """Everything that a certificate proves of an instance.
+    """Check everything that a certificate proves of an instance.
 
-    Raises UsageError for statements beyond what certificates hold.
+    Raises:
+        UsageError: The statement is beyond what certificates support.
     """
     checker, c = Checker(instance), certificate
-    if faults := tuple(checker.malformed(c)):
+    if faults := tuple(checker.find_faults(c)):
         return Verdict(-np.inf, 0.0, faults)
-    bound, margin, waiting, s = np.inf, np.inf, [checker.root], 0
-    for j, at in zip(c.split, c.at, strict=True):
-        if not waiting:
+    bound, margin, stack, s = np.inf, np.inf, [checker.root], 0
+    for j, value in zip(c.split, c.at, strict=True):
+        if not stack:
             break
-        box = narrowed(checker.rows, waiting.pop())
+        box = tighten_box(checker.rows, stack.pop())
         if j >= 0:
-            waiting += reversed(box.halves(checker.rows, j, at))
+            stack += reversed(box.bisect(checker.rows, j, value))
             continue
         point, y = None if c.empty[s] else c.point[s], c.multiplier[s].toarray().ravel()
-        proved = checker.leaf(box, point, y, c.ball[s])
-        bound, margin, s = min(bound, proved[0]), min(margin, proved[1]), s + 1
-    if waiting or s < len(c.empty):
+        leaf_proof = checker.evaluate_leaf(box, point, y, c.ball[s])
+        bound, margin, s = min(bound, leaf_proof[0]), min(margin, leaf_proof[1]), s + 1
+    if stack or s < len(c.empty):
         return Verdict(-np.inf, 0.0, ("tree: its nodes are not those of one whole tree",))
     return Verdict(bound, margin if bound == np.inf else 0.0, ())
 
 
 class Checker:
-    """What multipliers prove of an instance, leaf by leaf."""
+    """Evaluates multipliers of an instance, leaf by leaf."""
 
     def __init__(self, instance: Instance) -> None:
-        """Raises UsageError for statements beyond what certificates hold."""
-        self.instance, self.rows = instance, stated_rows(instance)
+        """Tighten the box of the root.
+
+        Raises:
+            UsageError: The statement is beyond what certificates support.
+        """
+        self.instance, self.rows = instance, build_stated_rows(instance)
         n, size = instance.size, len(self.rows.integer)
         lower, upper = np.zeros(size), np.ones(size)  # of z, while w is open
         lower[:n], upper[:n] = instance.lower, instance.upper
         lower[self.rows.w], upper[self.rows.w] = -np.inf, np.inf
-        self.root = narrowed(self.rows, Box(lower, upper), sweeps=100)
+        self.root = tighten_box(self.rows, Box(lower, upper), sweeps=100)
         factors = np.append(self.rows.first, self.rows.second)
         if not self.root.empty and np.isinf(self.root.upper - self.root.lower)[factors].any():
             raise UsageError(f"{instance.name}: nothing bounds a factor of a product")
-        self._bend = curvature(instance.P)
+        self._curvature = compute_convexity_shift(instance.P)
 
-    def leaf(self, box: Box, point: Array | None, y: Array, ball: Array) -> tuple[float, float]:
-        """Bound and margin of a leaf; without a point its multipliers shall prove it empty."""
+    def evaluate_leaf(
+        self, box: Box, point: Array | None, y: Array, ball: Array
+    ) -> tuple[float, float]:
+        """Return bound and margin of a leaf; without a point it has to be proved infeasible."""
         if box.empty:
             return np.inf, TOLERANCE
-        rows = with_planes(self.rows, box.lower, box.upper)
-        total = lagrangian(self.instance, rows, box, point, y, ball)
-        least = float(down(total.least(box) - 1.01 * TOLERANCE * total.weight))
+        rows = append_envelopes(self.rows, box.lower, box.upper)
+        total = build_lagrangian(self.instance, rows, box, point, y, ball)
+        min_value = float(round_down(total.minimise(box) - 1.01 * TOLERANCE * total.weight))
         if point is None:
-            return (np.inf, least / total.weight) if least > 0.0 else (-np.inf, 0.0)
+            return (np.inf, min_value / total.weight) if min_value > 0.0 else (-np.inf, 0.0)
         low, high = box.lower[: len(point)], box.upper[: len(point)]
-        far = np.where(self._bend > 0.0, np.maximum(point - low, high - point), 0.0)
-        return float(down(least - 0.51 * (self._bend * far**2).sum())), 0.0
+        distance = np.where(self._curvature > 0.0, np.maximum(point - low, high - point), 0.0)
+        return float(round_down(min_value - 0.51 * (self._curvature * distance**2).sum())), 0.0
 
-    def malformed(self, c: Certificate) -> Iterator[str]:
-        """Arrays that do not fit the instance, or that are not numbers."""
+    def find_faults(self, c: Certificate) -> Iterator[str]:
+        """Yield faults of arrays: wrong shapes and infinite numbers."""
         nodes, leaves = len(c.split), int((c.split < 0).sum())
         rows = len(self.rows.lower) + 4 * len(self.rows.w)
         coordinates = sum(balls.f.size for balls in self.instance.balls)

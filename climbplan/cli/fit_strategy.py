@@ -83,9 +83,9 @@ def _data(problem: str | None, loaded: LoadedStrategy, progress: StageProgress) 
         from climbplan.bookshelf.methods.training import shelf_data
 
         return shelf_data(loaded, progress.report)
-    from climbplan.methods.solved import program_data
+    from climbplan.methods.solved import read_training_data
 
-    return program_data(load_problem(problem), loaded)
+    return read_training_data(load_problem(problem), loaded)
 
 
 def _summary(stored: ModelFile) -> list[str]:

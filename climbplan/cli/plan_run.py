@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from climbplan.api.kinds import plan_kind
+from climbplan.api.kinds import identify_kind
 from climbplan.api.plan_path import PLAN_FILE
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.output_directory import OutputDirectory
@@ -21,10 +21,10 @@ from climbplan.cli.verify_line import (
     verify_line,
     warn_of_implausible,
 )
-from climbplan.errors import PlanFails
+from climbplan.errors import VerificationFailed
 
 if TYPE_CHECKING:
-    from climbplan.api.making import Made
+    from climbplan.api.making import PlannedResult
     from climbplan.schema.loaded import LoadedSpec
 
 
@@ -42,23 +42,25 @@ class PlanRun:
     drawn: bool  # whether page and figures are wanted
     _failure: str = field(default="", init=False)  # why the plan must not be used
 
-    def make(self, loaded: LoadedSpec, jobs: int = 1, save_model: Path | None = None) -> Made:
+    def make(
+        self, loaded: LoadedSpec, jobs: int = 1, save_model: Path | None = None
+    ) -> PlannedResult:
         """Plan what the spec asks for, write and verify it; its lines, warnings and report."""
         # Planners and solvers take a second to import: not before all paths are known to be good
-        from climbplan.api.making import MakingOptions, make
+        from climbplan.api.making import PlanningOptions, run_planner
 
-        made = make(loaded, MakingOptions(self.report, jobs, save_model, warn))
+        made = run_planner(loaded, PlanningOptions(self.report, jobs, save_model, warn))
         self._finish(made)
         return made
 
-    def _finish(self, made: Made) -> None:
+    def _finish(self, made: PlannedResult) -> None:
         self.report("verify", 0.0)  # ends the planner's bar before lines are printed
         plan_file = self.directory / PLAN_FILE
         made.write(plan_file)
         if made.write_beside is not None:
             made.write_beside(self.directory)
-        kind = plan_kind(plan_file)
-        verify_and_mark = kind.verifier()
+        kind = identify_kind(plan_file)
+        verify_and_mark = kind.load_verifier()
         start = time.perf_counter()
         verification = verify_and_mark(plan_file)
         spent = time.perf_counter() - start
@@ -90,7 +92,7 @@ class PlanRun:
             print_result(str(plan_file))
         if self._failure:
             self.session.stage = "verify"
-            raise PlanFails(f"{plan_file} {self._failure}")
+            raise VerificationFailed(f"{plan_file} {self._failure}")
 
 
 @contextmanager

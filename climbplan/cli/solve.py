@@ -116,13 +116,13 @@ def solve(
             _save(stated, loaded, save_model)
         target = out if out is not None else Path("outputs", loaded.name)
         with OutputDirectory(target, force=force) as directory:
-            from climbplan.methods.run import run
+            from climbplan.methods.run import solve_spec
             from climbplan.reports.program_report import report_dict, write_report
             from climbplan.store.program_file import marked, write_program
             from climbplan.verification.programs import verify_program
 
             with StageProgress(session) as progress:
-                done = run(
+                done = solve_spec(
                     stated,
                     loaded,
                     progress.report,
@@ -164,27 +164,27 @@ def _compare(loaded: LoadedProgram, name: str, problem: Problem) -> None:
 
 def _save(problem: Problem, loaded: LoadedProgram, path: Path) -> None:
     """The first row's program, for other solvers."""
-    from climbplan.methods.run import thetas_of
+    from climbplan.methods.run import generate_thetas
     from climbplan.solvers.model_file import save_model
 
-    save_model(problem.instance(thetas_of(problem, loaded)[0]), path)
+    save_model(problem.instance(generate_thetas(problem, loaded)[0]), path)
 
 
 def _certified(
     problem: Problem, done: SolvedRows, loaded: LoadedProgram, path: Path, force: bool
 ) -> str:
     """Write the proofs of all rows; a line about them."""
-    from climbplan.methods.certified_rows import certified_rows, proves_less
+    from climbplan.methods.certified_rows import collect_certified_rows, is_weaker_than_search
     from climbplan.store.certificate_file import write_certificates
 
     if path.exists() and not force:
         raise UsageError(f"{path} exists: --force replaces it")
-    certified = certified_rows(problem, done, loaded)
+    certified = collect_certified_rows(problem, done, loaded)
     write_certificates(certified, path)
     leaves = sum(len(row.certificate.empty) for row in certified.rows)
     for number, (row, searched) in enumerate(zip(certified.rows, done.plan.bound, strict=True)):
         proved = row.certificate.bound
-        if proves_less(proved, searched, loaded.spec.solver.gap):
+        if is_weaker_than_search(proved, searched, loaded.spec.solver.gap):
             warn(
                 f"row {number}: the certificate proves a bound of {proved:.9g}, the search has "
                 f"{searched:.9g}; `verify` confirms the former alone. Multipliers of its leaves "
@@ -207,10 +207,10 @@ def _refuse_nothing(problem: Problem, done: SolvedRows) -> None:
     what = f"problem {problem.name!r}" + (f", all {plan.count} rows" if plan.count > 1 else "")
     last = done.rows[0].result
     if plan.overall == "infeasible":
-        from climbplan.methods.conflicts import conflicting_blocks
+        from climbplan.methods.conflicts import find_conflicting_blocks
 
         theta = problem.split(plan.parameters[0])
-        conflicts = conflicting_blocks(problem, theta)
+        conflicts = find_conflicting_blocks(problem, theta)
         raise Infeasible(f"{what}: proved infeasible by {last.solver}", conflicts, stage="solve")
     log = f" ({last.log[-1]})" if last.log else ""
     raise LimitReached(f"{what}: no answer by method {done.rows[0].method!r}{log}", stage="solve")

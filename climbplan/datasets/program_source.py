@@ -7,8 +7,8 @@ from pathlib import Path
 
 from climbplan.datasets.schema.model import ProgramProblemSpec
 from climbplan.methods.dataset_rows import ProgramRows
-from climbplan.methods.run import settings_of
-from climbplan.methods.solved import library_of, model_of
+from climbplan.methods.run import build_settings
+from climbplan.methods.solved import read_library, read_strategy_model
 from climbplan.program.problem import Problem
 
 
@@ -20,6 +20,10 @@ def program_source(
     Raises PlanFileError or UsageError for a library or model that does not serve the problem.
     """
     problem, solver = load(), spec.solver
-    library = None if solver.library is None else library_of(problem, directory / solver.library)
-    model = None if solver.model is None else model_of(problem, directory / solver.model.file)
-    return ProgramRows(problem, solver.method, settings_of(solver, library, model))
+    library = None if solver.library is None else read_library(problem, directory / solver.library)
+    model = (
+        None
+        if solver.model is None
+        else read_strategy_model(problem, directory / solver.model.file)
+    )
+    return ProgramRows(problem, solver.method, build_settings(solver, library, model))

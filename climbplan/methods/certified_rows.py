@@ -1,21 +1,27 @@
-"""Solved rows with the proofs of their bounds, as a file holds them."""
+"""Solved rows with the certificates of their bounds, as stored in a file."""
 
 from __future__ import annotations
 
 import math
 
 from climbplan.errors import UsageError
-from climbplan.methods.run import SolvedRows, thetas_of
+from climbplan.methods.run import SolvedRows, generate_thetas
 from climbplan.program.problem import Problem
 from climbplan.schema.program.loading import LoadedProgram
 from climbplan.solvers.result import relative_gap
 from climbplan.store.certified import CertifiedRow, CertifiedRows
 
 
-def certified_rows(problem: Problem, done: SolvedRows, loaded: LoadedProgram) -> CertifiedRows:
-    """All rows of a run that was asked for certificates; UsageError for one that was not."""
+def collect_certified_rows(
+    problem: Problem, solved_rows: SolvedRows, loaded: LoadedProgram
+) -> CertifiedRows:
+    """Collect all rows of a run with certificates.
+
+    Raises:
+        UsageError: A row has no certificate.
+    """
     rows = []
-    for theta, row in zip(thetas_of(problem, loaded), done.rows, strict=True):
+    for theta, row in zip(generate_thetas(problem, loaded), solved_rows.rows, strict=True):
         if row.certificate is None:
             raise UsageError(f"problem {problem.name!r}: method {row.method!r} proves no bound")
         rows.append(
@@ -40,8 +46,8 @@ def certified_rows(problem: Problem, done: SolvedRows, loaded: LoadedProgram) ->
     )
 
 
-def proves_less(proved: float, searched: float, gap: float) -> bool:
-    """Return whether a proved bound is below that of a search by more than rounding and the gap.
+def is_weaker_than_search(proved: float, searched: float, gap: float) -> bool:
+    """Return whether a proved bound is below a search's by more than rounding and the gap.
 
     An infinite bound of a search says that nothing is feasible.
     """

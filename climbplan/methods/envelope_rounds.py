@@ -1,10 +1,10 @@
-"""Any program as a mixed-integer convex one, in rounds of finer envelopes (`micp`).
+"""Solve any program as a mixed-integer convex one, in rounds of finer envelopes (`micp`).
 
 Products become piecewise McCormick envelopes on grids of one factor each, implications and choices
-big-M or convex-hull rows. The relaxation gives a bound and integers; the exact program pinned at
-these integers gives an incumbent, checked on the statement. Where the gap between both is too wide,
-the incumbent's cost cuts off parts of the box (Duran-Grossmann squares of the cost can be no larger
-than it), and the next round has twice the pieces on what is left.
+big-M or convex-hull rows. The relaxation gives a bound and integers. The exact program at these
+integers gives an incumbent, checked on the statement. If the gap is too wide, the incumbent's cost
+cuts off parts of the box, since no square of the cost can exceed it, and the next round has twice
+the pieces on the rest.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from scipy import sparse
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.strategy import Candidate
-from climbplan.methods.pinning import at_point, solve_candidate
+from climbplan.methods.pinning import candidate_at, solve_candidate
 from climbplan.program.box import Box, propagated_box
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem
@@ -29,28 +29,28 @@ from climbplan.reformulations.grids import Encoding, Partition, pieces, uniform
 from climbplan.reformulations.mccormick import Enveloped, EnvelopeForm, McCormick
 from climbplan.solvers.ipopt.mpcc import STRAIGHT, solve_mpcc
 from climbplan.solvers.registry import require
-from climbplan.solvers.result import Answer, SolverResult, judged, relative_gap
-from climbplan.solvers.separable_cost import separable_cost
+from climbplan.solvers.result import Answer, SolverResult, judge_answer, relative_gap
+from climbplan.solvers.separable_cost import factor_cost
 
 NAME = "micp"
 Disjunction = Literal["big-m", "hull"]
-# `scip` alone holds no stated binaries; its bilinear model holds everything.
+# Backend `scip` supports no stated binaries; its bilinear model supports everything.
 MICP_SOLVERS = {"highs": "highs", "scip": "minlp-scip", "gurobi": "gurobi"}
-_MARGIN = 1e-6  # relative: room that bounds leave solvers, which work to 1e-6 in a row
-_LEAST_WIDTH = 1e-4  # relative: narrower ranges are not cut into pieces
-_INNER_GAP = 0.5  # share of the gap asked for that one mixed-integer program may leave
+_MARGIN = 1e-6  # relative margin of bounds for solvers that work to 1e-6 in a row
+_MIN_WIDTH = 1e-4  # relative width below which ranges are not divided into pieces
+_INNER_GAP = 0.5  # fraction of the gap that one mixed-integer program may leave
 
 
 @dataclass(frozen=True)
 class EnvelopeOptions:
-    """How a program becomes a mixed-integer convex one."""
+    """Options of the mixed-integer convex relaxation."""
 
     solver: str = "highs"
-    pieces: int = 6  # of each grid in the first round, where the problem gives no partition
-    rounds: int = 2  # each doubles the pieces on the box that the incumbent leaves
+    pieces: int = 6  # of each grid in the first round, where the problem has no partition
+    rounds: int = 2  # each doubles the pieces on the box that the incumbent's cost leaves
     disjunctions: Disjunction = "big-m"
     encoding: Encoding = "unary"
-    grid: McCormick | None = None  # given pieces on the stated bounds: one round, no other ones
+    grid: McCormick | None = None  # fixed pieces on the stated bounds, for a single round
 
 
 def solve_micp(
@@ -64,64 +64,76 @@ def solve_micp(
 ) -> SolverResult:
     """Solve an instance by envelopes, disjunctive rows and a mixed-integer solver.
 
-    form: of the options' grid, if it was made for another instance of the program.
+    Smooth rows enter only the program at the relaxation's integers. The bound is that of the
+    relaxation. It is valid unless the problem's own partitions leave parts of the box out, in which
+    case it is -inf.
 
-    Smooth rows are left to the program that is pinned at the relaxation's integers.
-    The bound is that of the relaxation, valid unless the problem's own partitions leave parts of
-    the box out (then it is -inf). Raises UsageError where a factor of a product or the variables of
-    an implication have no bounds, and for a solver that is not one of `MICP_SOLVERS`.
+    Args:
+        problem: The problem.
+        instance: Its instance.
+        options: Options of the relaxation.
+        gap: Relative gap to prove.
+        time_limit: Time limit [s].
+        tolerance: Largest violation of any constraint.
+        form: Prepared envelopes of the options' grid.
+
+    Raises:
+        UsageError: A factor of a product or the variables of an implication have no bounds, or the
+            solver is unknown.
     """
     options = options or EnvelopeOptions()
     begin = time.perf_counter()
     best: SolverResult | None = None
     bound, nodes, log = -np.inf, 0, list[str]()
-    empty = False  # a relaxation was found to be infeasible
-    count = options.rounds if instance.products.count and options.grid is None else 1
+    is_infeasible = False  # a relaxation was found to be infeasible
+    num_rounds = options.rounds if instance.products.count and options.grid is None else 1
     if options.grid is not None and form is None:
         form = options.grid.form(replace(instance, smooth=None))
-    for number in range(count):
-        left = time_limit - (time.perf_counter() - begin)
-        if left <= 0:
+    for round_index in range(num_rounds):
+        time_left = time_limit - (time.perf_counter() - begin)
+        if time_left <= 0:
             log.append("time limit")
             break
-        cut = instance if best is None else below_cost(instance, best)
-        box = _roomy(propagated_box(cut))
+        restricted = instance if best is None else restrict_to_cost(instance, best)
+        box = _widen_box(propagated_box(restricted))
         if (box.lower > box.upper).any():
-            empty = True
-            log.append(f"round {number + 1}: no point within the bounds")
+            is_infeasible = True
+            log.append(f"round {round_index + 1}: no point within the bounds")
             break
         if form is None:
-            relaxed = _relaxed(problem, cut, box, options, number)
+            relaxed = _relaxed(problem, restricted, box, options, round_index)
         else:
             relaxed = _disjoined(form.at(replace(instance, smooth=None)), options)
-        left = time_limit - (time.perf_counter() - begin)
-        if left <= 0:
-            log.append(f"round {number + 1}: the time was over when its program was made")
+        time_left = time_limit - (time.perf_counter() - begin)
+        if time_left <= 0:
+            log.append(f"round {round_index + 1}: the time was over when its program was made")
             break
-        found = _solve(relaxed.instance, options.solver, _INNER_GAP * gap, left)
-        nodes += found.nodes
-        empty = relaxed.relaxation and found.status == "infeasible"
-        if relaxed.relaxation and not empty:
-            bound = max(bound, found.bound)
-        log.append(f"round {number + 1}: {found.status}, bound {found.bound:.6g}")
-        if found.x is None:
+        result = _solve_relaxation(relaxed.instance, options.solver, _INNER_GAP * gap, time_left)
+        nodes += result.nodes
+        is_infeasible = relaxed.relaxation and result.status == "infeasible"
+        if relaxed.relaxation and not is_infeasible:
+            bound = max(bound, result.bound)
+        log.append(f"round {round_index + 1}: {result.status}, bound {result.bound:.6g}")
+        if result.x is None:
             break
-        guess = relaxed.candidate(instance, found.x)
-        better = _polished(instance, guess, gap, time_limit - (time.perf_counter() - begin))
-        if better is not None and (best is None or _cost(better) < _cost(best)):
-            best = better
-        if best is not None and relative_gap(_cost(best), bound) <= gap:
+        guess = relaxed.candidate(instance, result.x)
+        polished_point = _polish(instance, guess, gap, time_limit - (time.perf_counter() - begin))
+        if polished_point is not None and (
+            best is None or _read_cost(polished_point) < _read_cost(best)
+        ):
+            best = polished_point
+        if best is not None and relative_gap(_read_cost(best), bound) <= gap:
             break
     infeasible = False
-    if empty and best is None:
-        # Envelopes on narrow boxes are badly scaled: such a claim is tried on the exact program.
-        left = max(time_limit - (time.perf_counter() - begin), 0.1)
-        stated = replace(instance, smooth=None)
-        second = require("minlp-scip").load()(stated, gap=gap, time_limit=left)
-        log += ["infeasible? asked SCIP on the exact program", *second.log]
-        infeasible = second.status == "infeasible"
-        whole = second.x is not None and instance.smooth is None
-        best, bound = (second if whole else None), second.bound
+    if is_infeasible and best is None:
+        # Envelopes on narrow boxes are badly scaled, so the exact program confirms infeasibility.
+        time_left = max(time_limit - (time.perf_counter() - begin), 0.1)
+        exact_instance = replace(instance, smooth=None)
+        exact_result = require("minlp-scip").load()(exact_instance, gap=gap, time_limit=time_left)
+        log += ["infeasible? asked SCIP on the exact program", *exact_result.log]
+        infeasible = exact_result.status == "infeasible"
+        is_usable = exact_result.x is not None and instance.smooth is None
+        best, bound = (exact_result if is_usable else None), exact_result.bound
     answer = Answer(
         x=None if best is None else best.x,
         bound=bound,
@@ -132,52 +144,63 @@ def solve_micp(
         log=tuple(log),
         assignment=None if best is None else best.assignment,
     )
-    return judged(instance, answer, gap, tolerance)
+    return judge_answer(instance, answer, gap, tolerance)
 
 
 @dataclass(frozen=True)
 class _Relaxed:
-    """A mixed-integer convex instance, and how its solutions are read."""
+    """A mixed-integer convex instance, and the columns of its choices."""
 
     instance: Instance
     relaxation: bool
     alternatives: tuple[IntArray, ...]  # columns of the binaries of each choice
 
     def candidate(self, source: Instance, x: Array) -> Candidate:
+        """Return the candidate of a solution."""
         chosen = [int(np.argmax(x[group])) for group in self.alternatives]
-        return at_point(x[: source.size].copy(), np.array(chosen, np.int64))
+        return candidate_at(x[: source.size].copy(), np.array(chosen, np.int64))
 
 
 def _relaxed(
     problem: Problem, instance: Instance, box: Box, options: EnvelopeOptions, number: int
 ) -> _Relaxed:
-    # Both envelopes and big-M constants read the bounds: the tightest valid ones.
+    # Envelopes and big-M constants depend on the bounds, so these are tightened.
+    """Build the relaxation of one round."""
     tight = replace(
         instance,
         lower=np.maximum(instance.lower, box.lower),
         upper=np.minimum(instance.upper, box.upper),
     )
-    # Smooth rows have no envelopes: without them it is a relaxation all the same
+    # Smooth rows have no envelopes; without them the program is still a relaxation
     tight, partitions = replace(tight, smooth=None), tuple[Partition, ...]()
     if instance.products.count:
-        partitions = default_partitions(problem, instance, box, options.pieces, 2**number)
+        partitions = build_default_partitions(problem, instance, box, options.pieces, 2**number)
     return _disjoined(McCormick(partitions, options.encoding).apply(tight), options)
 
 
 def _disjoined(enveloped: Enveloped, options: EnvelopeOptions) -> _Relaxed:
+    """Replace implications and choices by rows with binaries."""
     disjunctions = BigM() if options.disjunctions == "big-m" else ConvexHull()
     disjoined = disjunctions.apply(enveloped.instance)
     return _Relaxed(disjoined.instance, enveloped.relaxation, disjoined.binaries)
 
 
-def default_partitions(
+def build_default_partitions(
     problem: Problem, instance: Instance, box: Box, count: int = 6, finer: int = 1
 ) -> tuple[Partition, ...]:
-    """A grid on one factor of each product without an integer factor.
+    """Build a grid on one factor of each product without an integer factor.
 
-    The problem's own partitions first, then the factors that most products share. count: pieces
-    where the problem gives none. finer: factor on all numbers of pieces. Raises UsageError naming
-    a factor without bounds.
+    The problem's own partitions come first, then the factors that most products share.
+
+    Args:
+        problem: The problem.
+        instance: Its instance.
+        box: Ranges of variables.
+        count: Number of pieces where the problem has no partition.
+        finer: Factor of all numbers of pieces.
+
+    Raises:
+        UsageError: A factor has no bounds.
     """
     products = instance.products
     integer = instance.integer
@@ -190,8 +213,10 @@ def default_partitions(
     cuts: dict[int, int | Array] = {}
     for name, cut in problem.partitions.items():
         variable = problem.program.variables[name]
-        own = cut * finer if isinstance(cut, int) else _finer(np.asarray(cut, float), finer)
-        cuts |= {i: own for i in range(variable.start, variable.stop) if i in factors}
+        partition = (
+            cut * finer if isinstance(cut, int) else _refine_knots(np.asarray(cut, float), finer)
+        )
+        cuts |= {i: partition for i in range(variable.start, variable.stop) if i in factors}
     while uncovered := [pair for pair in open_pairs if not (set(pair) & cuts.keys())]:
         shared = Counter(i for pair in uncovered for i in set(pair))
         width = box.upper - box.lower
@@ -200,19 +225,19 @@ def default_partitions(
     for i in sorted(factors):
         if not np.isfinite(box.upper[i] - box.lower[i]) and not isinstance(cuts.get(i), np.ndarray):
             raise UsageError(
-                f"problem {problem.name!r}: {variable_name(problem, i)} is a factor of a product "
-                "and nothing bounds it: give it bounds, or a partition with knots"
+                f"problem {problem.name!r}: {format_variable_name(problem, i)} is a factor of a "
+                "product and nothing bounds it: give it bounds, or a partition with knots"
             )
     return tuple(
-        _partition(i, cut, float(box.lower[i]), float(box.upper[i]))
+        _build_partition(i, cut, float(box.lower[i]), float(box.upper[i]))
         for i, cut in sorted(cuts.items())
         if not isinstance(cut, int)
-        or box.upper[i] - box.lower[i] > _LEAST_WIDTH * max(1.0, abs(box.upper[i]))
+        or box.upper[i] - box.lower[i] > _MIN_WIDTH * max(1.0, abs(box.upper[i]))
     )
 
 
-def variable_name(problem: Problem, index: int) -> str:
-    """`rate[3]`: the entry of a block that stands at an index of x."""
+def format_variable_name(problem: Problem, index: int) -> str:
+    """Return the name of an entry of x, such as `rate[3]`."""
     for name, variable in problem.program.variables.items():
         if variable.start <= index < variable.stop:
             if not variable.shape:
@@ -222,33 +247,33 @@ def variable_name(problem: Problem, index: int) -> str:
     raise IndexError(index)
 
 
-def below_cost(instance: Instance, incumbent: SolverResult) -> Instance:
-    """The instance with rows that hold wherever the cost is at most the incumbent's.
+def restrict_to_cost(instance: Instance, incumbent: SolverResult) -> Instance:
+    """Add rows that hold wherever the cost is at most the incumbent's.
 
-    The cost is sum u_j^2 / 2 + slope'x + constant with u = U x + offset, so no u_j^2 / 2 is larger
-    than the incumbent's cost less the smallest value of the rest.
+    The cost is sum u_j^2 / 2 + slope'x + constant with u = U x + offset. So no u_j^2 / 2 exceeds
+    the incumbent's cost minus the smallest value of the rest.
     """
-    cost = separable_cost(instance)
+    cost = factor_cost(instance)
     box = propagated_box(instance)
     slope = sparse.csr_matrix(cost.slope[None])
     slope.eliminate_zeros()
-    rest = cost.constant + float(box.interval(slope).lower[0])
-    most = _cost(incumbent) - rest
-    if not np.isfinite(most) or most < 0 or not len(cost.offset):
+    min_rest = cost.constant + float(box.interval(slope).lower[0])
+    max_square = _read_cost(incumbent) - min_rest
+    if not np.isfinite(max_square) or max_square < 0 or not len(cost.offset):
         return instance
-    reach = np.full(len(cost.offset), np.sqrt(2 * most) * (1 + 1e-9))
-    empty = sparse.csr_matrix((len(reach), instance.Q.shape[1]))
+    max_abs = np.full(len(cost.offset), np.sqrt(2 * max_square) * (1 + 1e-9))
+    empty = sparse.csr_matrix((len(max_abs), instance.Q.shape[1]))
     return replace(
         instance,
         A=sparse.vstack([instance.A, cost.U]).tocsr(),
         Q=sparse.vstack([instance.Q, empty]).tocsr(),
-        row_lower=np.concatenate([instance.row_lower, -reach - cost.offset]),
-        row_upper=np.concatenate([instance.row_upper, reach - cost.offset]),
+        row_lower=np.concatenate([instance.row_lower, -max_abs - cost.offset]),
+        row_upper=np.concatenate([instance.row_upper, max_abs - cost.offset]),
     )
 
 
-def _roomy(box: Box) -> Box:
-    """The box, a little wider than rounding and the tolerances of solvers; crossed bounds stay."""
+def _widen_box(box: Box) -> Box:
+    """Widen a box by rounding errors and the tolerances of solvers; crossed bounds stay."""
     crossed = (box.lower > box.upper).any()
     if crossed:
         return box
@@ -257,32 +282,37 @@ def _roomy(box: Box) -> Box:
     return Box(low, high, box.products)
 
 
-def _partition(i: int, cut: int | Array, low: float, high: float) -> Partition:
+def _build_partition(i: int, cut: int | Array, low: float, high: float) -> Partition:
+    """Build the grid of one factor."""
     ends = uniform(low, high, cut) if isinstance(cut, int) else pieces(cut)
-    # Pieces over the propagated box hold every feasible point, whatever the stated bounds are.
+    # Pieces over the propagated box contain every feasible point, whatever the stated bounds.
     covering = isinstance(cut, int)
     return Partition(np.array([i]), ends[:, :1], ends[:, 1:], covering)
 
 
-def _finer(knots: Array, factor: int) -> Array:
-    at = np.arange(0, len(knots) - 1 + 0.5 / factor, 1 / factor)
-    return np.interp(at, np.arange(len(knots)), knots)
+def _refine_knots(knots: Array, factor: int) -> Array:
+    """Refine knots by interpolation."""
+    position = np.arange(0, len(knots) - 1 + 0.5 / factor, 1 / factor)
+    return np.interp(position, np.arange(len(knots)), knots)
 
 
-def _solve(instance: Instance, solver: str, gap: float, time_limit: float) -> SolverResult:
+def _solve_relaxation(
+    instance: Instance, solver: str, gap: float, time_limit: float
+) -> SolverResult:
+    """Solve the relaxation with a named solver."""
     if solver not in MICP_SOLVERS:
         known = ", ".join(MICP_SOLVERS)
         raise UsageError(f"method {NAME!r}: no solver {solver!r}, expected one of {known}")
     return require(MICP_SOLVERS[solver]).load()(instance, gap=gap, time_limit=time_limit)
 
 
-def _polished(
+def _polish(
     instance: Instance, guess: Candidate, gap: float, time_limit: float
 ) -> SolverResult | None:
-    """The exact program with the guess's integers; where it fails, complementarity from there."""
-    found = solve_candidate(instance, guess, gap=gap, time_limit=max(time_limit, 0.1))
-    if found.x is None and instance.products.count:
-        found = solve_mpcc(
+    """Solve the exact program at the guess's integers; where that fails, by complementarity."""
+    result = solve_candidate(instance, guess, gap=gap, time_limit=max(time_limit, 0.1))
+    if result.x is None and instance.products.count:
+        result = solve_mpcc(
             instance,
             gap,
             max(time_limit, 0.1),
@@ -290,9 +320,10 @@ def _polished(
             assignment=guess.alternatives,
             homotopy=STRAIGHT,
         )
-    return None if found.x is None else found
+    return None if result.x is None else result
 
 
-def _cost(result: SolverResult) -> float:
+def _read_cost(result: SolverResult) -> float:
+    """Return the cost of a result with a point."""
     assert result.objective is not None
     return result.objective

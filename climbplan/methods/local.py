@@ -1,4 +1,4 @@
-"""What is left of an instance when its integers are given, by whichever solver its form allows."""
+"""Local methods for an instance with fixed integers, by the solver that its form allows."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from climbplan.learning.strategy import Candidate
 from climbplan.program.instance import Instance
 from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.convex.sessions import ConvexBackend, solve_convex
-from climbplan.solvers.ipopt.instances import solve_pinned
+from climbplan.solvers.ipopt.instances import solve_fixed_integers
 from climbplan.solvers.sqp.envelopes import EnvelopeSolver
 from climbplan.solvers.sqp.method import SqpOptions, SqpSolver
 
-# form: Clarabel for a convex rest, local SQP for one with products, IPOPT for one with smooth rows
+# form: Clarabel if the rest is convex, local SQP with products, IPOPT with smooth rows
 Local = Literal["form", "sqp", "ipopt", "envelopes", "clarabel", "daqp", "osqp"]
 
 
 @dataclass(frozen=True)
 class LocalAnswer:
-    """What a local method made of one candidate, before the exact check."""
+    """A local method's answer for one candidate, before the exact check."""
 
     x: Array | None  # (N,) integers included
-    word: str  # how it ended
+    word: str  # reason of termination
     programs: int  # convex programs or iterations
     solver: str
 
 
 class LocalMethod(Protocol):
-    """Solves what is left of one instance when the integers are given."""
+    """Solves one instance at fixed integers."""
 
     def solve(self, candidate: Candidate, cutoff: float) -> LocalAnswer:
-        """A local solution of the candidate; may give up if it costs more than the cutoff."""
+        """Solve a candidate locally; may stop if it costs more than the cutoff."""
 
 
-def local_method(
+def create_local_method(
     instance: Instance,
     local: Local = "form",
     sqp: SqpOptions | None = None,
@@ -47,11 +47,19 @@ def local_method(
     time_limit: float = np.inf,
     tolerance: float = 1e-6,
 ) -> LocalMethod:
-    """A local method made ready for candidates of an instance.
+    """Create a local method for candidates of an instance.
 
-    time_limit: [s] of all candidates together, looked at within IPOPT. tolerance: of the rows of a
-    convex rest. Raises UsageError for SQP and envelopes where rows are smooth; `solve` does for a
-    convex solver where products are left.
+    Args:
+        instance: The instance.
+        local: Name of the method.
+        sqp: Options of SQP.
+        gap: Relative gap of convex programs.
+        time_limit: Time limit of all candidates together [s], checked within IPOPT.
+        tolerance: Largest violation of rows of a convex rest.
+
+    Raises:
+        UsageError: SQP and envelopes do not support smooth rows. A convex solver raises it in
+            `solve` where products are left.
     """
     deadline = time.monotonic() + time_limit
     if local == "sqp":
@@ -68,7 +76,7 @@ def local_method(
 
 @dataclass
 class _ByForm:
-    """SQP is made ready when the first candidate leaves products."""
+    """Selects the method by the form of the rest; SQP is created when products are left first."""
 
     instance: Instance
     sqp: SqpOptions | None
@@ -77,11 +85,12 @@ class _ByForm:
     bilinear: _Sqp | None = None
 
     def solve(self, candidate: Candidate, cutoff: float) -> LocalAnswer:
+        """Solve a candidate."""
         if self.instance.smooth is not None:
             return self.ipopt.solve(candidate, cutoff)
-        rest = self.convex.rest(candidate)
-        if not rest.products.count:
-            return self.convex.solved(rest)
+        fixed_instance = self.convex.fix_integers(candidate)
+        if not fixed_instance.products.count:
+            return self.convex.solve_fixed(fixed_instance)
         if self.bilinear is None:
             self.bilinear = _Sqp(SqpSolver(self.instance, self.sqp))
         return self.bilinear.solve(candidate, cutoff)
@@ -89,57 +98,77 @@ class _ByForm:
 
 @dataclass(frozen=True)
 class _Convex:
+    """Solves a convex rest."""
+
     form: PinnedForm
     backend: ConvexBackend
     gap: float
     tolerance: float
 
-    def rest(self, candidate: Candidate) -> Instance:
+    def fix_integers(self, candidate: Candidate) -> Instance:
+        """Return the instance at the candidate's integers."""
         return self.form.at(candidate.values, candidate.alternatives, compact=True)
 
     def solve(self, candidate: Candidate, cutoff: float) -> LocalAnswer:
-        rest = self.rest(candidate)
-        left = {"products": rest.products.count > 0, "smooth rows": rest.smooth is not None}
-        for what, is_left in left.items():
+        """Solve a candidate."""
+        fixed_instance = self.fix_integers(candidate)
+        unsupported = {
+            "products": fixed_instance.products.count > 0,
+            "smooth rows": fixed_instance.smooth is not None,
+        }
+        for what, is_left in unsupported.items():
             if is_left:
                 raise UsageError(
-                    f"{rest.name}: {self.backend} cannot hold the {what} that are left when "
-                    "integers are pinned; use ipopt" + (" or sqp" if what == "products" else "")
+                    f"{fixed_instance.name}: {self.backend} cannot hold the {what} that are left "
+                    "when integers are pinned; use ipopt"
+                    + (" or sqp" if what == "products" else "")
                 )
-        return self.solved(rest)
+        return self.solve_fixed(fixed_instance)
 
-    def solved(self, rest: Instance) -> LocalAnswer:
-        found = solve_convex(rest, self.backend, self.gap, self.tolerance)
-        return LocalAnswer(found.x, found.status, 1, found.solver)
+    def solve_fixed(self, fixed_instance: Instance) -> LocalAnswer:
+        """Solve an instance with fixed integers."""
+        result = solve_convex(fixed_instance, self.backend, self.gap, self.tolerance)
+        return LocalAnswer(result.x, result.status, 1, result.solver)
 
 
 @dataclass(frozen=True)
 class _Sqp:
+    """Solves a rest with products by local SQP."""
+
     solver: SqpSolver
 
     def solve(self, candidate: Candidate, cutoff: float) -> LocalAnswer:
-        found = self.solver.solve(candidate.values, candidate.alternatives, candidate.start, cutoff)
-        x = found.x if found.feasible else None
-        return LocalAnswer(x, found.ending, found.programs, "sqp")
+        """Solve a candidate."""
+        result = self.solver.solve(
+            candidate.values, candidate.alternatives, candidate.start, cutoff
+        )
+        x = result.x if result.feasible else None
+        return LocalAnswer(x, result.ending, result.programs, "sqp")
 
 
 @dataclass(frozen=True)
 class _Ipopt:
+    """Solves a rest with smooth rows by IPOPT."""
+
     instance: Instance
     deadline: float
 
     def solve(self, candidate: Candidate, cutoff: float) -> LocalAnswer:
+        """Solve a candidate."""
         integer = self.instance.integer
         start = np.where(integer, np.round(candidate.values), candidate.start)
-        point = solve_pinned(self.instance, start, candidate.alternatives, self.deadline)
+        point = solve_fixed_integers(self.instance, start, candidate.alternatives, self.deadline)
         x = np.where(integer, start, point.v)
         return LocalAnswer(x, point.word, point.iterations, "ipopt")
 
 
 @dataclass(frozen=True)
 class _Envelopes:
+    """Solves a rest with products by envelopes around the start."""
+
     solver: EnvelopeSolver
 
     def solve(self, candidate: Candidate, cutoff: float) -> LocalAnswer:
-        found = self.solver.solve(candidate.values, candidate.alternatives, candidate.start)
-        return LocalAnswer(found.x, found.word, 1, "envelopes")
+        """Solve a candidate."""
+        answer = self.solver.solve(candidate.values, candidate.alternatives, candidate.start)
+        return LocalAnswer(answer.x, answer.word, 1, "envelopes")

@@ -11,50 +11,50 @@ from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
 from climbplan.learning.strategy import Candidate
-from climbplan.methods.envelope_rounds import default_partitions
-from climbplan.methods.pinning import at_point, distinct
-from climbplan.methods.pipeline import Checked
+from climbplan.methods.envelope_rounds import build_default_partitions
+from climbplan.methods.pinning import candidate_at, drop_duplicates
+from climbplan.methods.pipeline import CheckedPoint
 from climbplan.methods.reduced_programs import ReducedPrograms
-from climbplan.methods.task import Method, Outcome, Task, all_pinned, origin_of
+from climbplan.methods.task import Method, Outcome, Task, format_origin, solve_candidates
 from climbplan.program.box import Box, product_range
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem
 from climbplan.reformulations.grids import Partition
 from climbplan.reformulations.mccormick import McCormick
-from climbplan.solvers.ipopt.instances import middle
+from climbplan.solvers.ipopt.instances import compute_box_center
 
 NEEDS_MODEL = ("forest", "boosting", "network", "reduce")
 REDUCED = "reduced programs"  # what `Kept` has them by
 _MORE_CLUSTERS = 4  # of reduce, while none gave an answer
 
 
-def pinned(task: Task) -> Outcome:
-    """The integers of given candidates, of the problem's guess and of neighbours; the best."""
+def solve_pinned_candidates(task: Task) -> Outcome:
+    """Fix the integers of candidates, of the problem's guess and of neighbours; keep the best."""
     candidates = list(task.settings.candidates)
     origins = {id(c): f"candidate {k}" for k, c in enumerate(candidates, 1)}
-    guess = task.guess()
+    guess = task.compute_guess()
     if guess is not None:
-        candidates.append(at_point(guess, task.instance.assignment(guess)))
+        candidates.append(candidate_at(guess, task.instance.assignment(guess)))
         origins[id(candidates[-1])] = "start manual"
     if task.settings.library is not None:
-        candidates += task.neighbours("pinned")
+        candidates += task.find_neighbours("pinned")
     if not candidates:
         if task.instance.features & {"integers", "choices"}:
             raise UsageError(
                 "method 'pinned' needs integers to keep: give a library, candidates, or a "
                 f"`start` of problem {task.problem.name!r}"
             )
-        candidates = [at_point(middle(task.instance), np.zeros(0, np.int64))]
+        candidates = [candidate_at(compute_box_center(task.instance), np.zeros(0, np.int64))]
         origins[id(candidates[0])] = "no integers"
-    return all_pinned(
+    return solve_candidates(
         task,
-        distinct(candidates, task.instance),
-        lambda place, candidate: origins.get(id(candidate)) or origin_of(place, candidate),
+        drop_duplicates(candidates, task.instance),
+        lambda place, candidate: origins.get(id(candidate)) or format_origin(place, candidate),
     )
 
 
-def learned(method: Method) -> Callable[[Task], Outcome]:
-    """The best of the integers that a strategy names."""
+def create_learned_method(method: Method) -> Callable[[Task], Outcome]:
+    """Create the method that tries the integers which a strategy names."""
 
     def solve(task: Task) -> Outcome:
         settings = task.settings
@@ -62,36 +62,36 @@ def learned(method: Method) -> Callable[[Task], Outcome]:
             raise UsageError(
                 f"method {method!r} needs a trained model: a model file of `climbplan fit-strategy`"
             )
-        named = settings.model is not None
-        return all_pinned(
+        has_model = settings.model is not None
+        return solve_candidates(
             task,
-            task.neighbours(method),
-            lambda k, c: f"candidate {k + 1} ({method})" if named else origin_of(k, c),
+            task.find_neighbours(method),
+            lambda k, c: f"candidate {k + 1} ({method})" if has_model else format_origin(k, c),
         )
 
     return solve
 
 
-def reduce(task: Task) -> Outcome:
-    """The reduced mixed-integer programs of the likeliest clusters, made exact."""
+def solve_reduced(task: Task) -> Outcome:
+    """Solve the reduced mixed-integer programs of the likeliest clusters, and make them exact."""
     settings = task.settings
-    programs = task.kept.once(REDUCED, lambda: reduced_programs(task))
-    held = [False]
+    programs = task.kept.compute_once(REDUCED, lambda: build_reduced_programs(task))
+    has_answer = [False]
 
     def candidates() -> Iterator[Candidate]:
         features = task.problem.feature_vector(task.theta)
         clusters, more = settings.neighbours or 1, _MORE_CLUSTERS
         return programs.candidates(
-            task.instance, features, clusters, task.left, more, lambda: held[0]
+            task.instance, features, clusters, task.time_left, more, lambda: has_answer[0]
         )
 
-    def checked(instance: Instance, x: Array) -> Checked:
-        verdict = task.checked(instance, x)
-        held[0] = held[0] or verdict.passed
+    def checked(instance: Instance, x: Array) -> CheckedPoint:
+        verdict = task.check_point(instance, x)
+        has_answer[0] = has_answer[0] or verdict.passed
         return verdict
 
-    # The programs keep the time limit; what the last one found is made exact in any case.
-    return all_pinned(
+    # The programs obey the time limit; the candidate of the last one is made exact in any case.
+    return solve_candidates(
         replace(task, settings=replace(settings, solver=None)),
         candidates(),
         lambda k, _: f"candidate {k + 1} (reduce)",
@@ -100,12 +100,12 @@ def reduce(task: Task) -> Outcome:
     )
 
 
-def reduced_programs(task: Task) -> ReducedPrograms:
-    """The programs of the clusters of a task's model, for all instances of its problem."""
-    settings, ranking = task.settings, task.clusters()
+def build_reduced_programs(task: Task) -> ReducedPrograms:
+    """Build the programs of the clusters of a task's model, for all instances of its problem."""
+    settings, ranking = task.settings, task.read_clusters()
     grid, pieces = settings.envelopes.grid, settings.envelopes.pieces
     if grid is None:
-        partitions = cluster_partitions(task.problem, task.instance, ranking.library, pieces)
+        partitions = build_cluster_partitions(task.problem, task.instance, ranking.library, pieces)
         grid = McCormick(partitions)
     return ReducedPrograms(
         ranking,
@@ -116,15 +116,17 @@ def reduced_programs(task: Task) -> ReducedPrograms:
     )
 
 
-def cluster_partitions(
+def build_cluster_partitions(
     problem: Problem, instance: Instance, library: Library, count: int
 ) -> tuple[Partition, ...]:
-    """Grids for reduced programs, the same for all parameters: over the stated bounds, and over
-    what solutions range where there are none."""
+    """Build grids for reduced programs, the same for all parameters.
+
+    They cover the stated bounds, and the range of solutions where there are none.
+    """
     low, high = library.points.min(axis=0), library.points.max(axis=0)
-    room = 0.1 * np.maximum(high - low, 1e-3)
-    lower = np.where(np.isfinite(instance.lower), instance.lower, low - room)
-    upper = np.where(np.isfinite(instance.upper), instance.upper, high + room)
+    margin = 0.1 * np.maximum(high - low, 1e-3)
+    lower = np.where(np.isfinite(instance.lower), instance.lower, low - margin)
+    upper = np.where(np.isfinite(instance.upper), instance.upper, high + margin)
     products = instance.products
     box = Box(lower, upper, product_range(lower, upper, products.first, products.second))
-    return default_partitions(problem, instance, box, count)
+    return build_default_partitions(problem, instance, box, count)

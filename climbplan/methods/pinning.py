@@ -1,4 +1,4 @@
-"""The pinned program of a candidate, by whichever solver its form allows."""
+"""Solve the program at a candidate's fixed integers, by the solver that its form allows."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.learning.strategy import Candidate
-from climbplan.methods.local import local_method
+from climbplan.methods.local import create_local_method
 from climbplan.program.instance import Instance
-from climbplan.solvers.result import Answer, SolverResult, judged
+from climbplan.solvers.result import Answer, SolverResult, judge_answer
 
 PinnedSolver = Literal["ipopt", "sqp", "clarabel", "daqp", "osqp"]
 PINNED_SOLVERS: tuple[PinnedSolver, ...] = get_args(PinnedSolver)
@@ -26,41 +26,50 @@ def solve_candidate(
     time_limit: float = np.inf,
     tolerance: float = 1e-6,
 ) -> SolverResult:
-    """Keep the integers of a candidate and solve what is left; judged on the whole instance.
+    """Fix the integers of a candidate and solve the rest; the whole instance judges the point.
 
-    solver: if left out, Clarabel for a convex rest, local SQP for one with products, IPOPT for one
-    with smooth rows.
-    Status is "feasible" or "limit": the integers are a guess. Raises UsageError for a convex solver
-    where products are left.
+    The status is "feasible" or "limit", since the integers are a guess.
+
+    Args:
+        instance: The instance.
+        candidate: Integers, alternatives and start.
+        solver: Solver of the rest; by default Clarabel if it is convex, local SQP with products,
+            IPOPT with smooth rows.
+        gap: Relative gap.
+        time_limit: Time limit [s].
+        tolerance: Largest violation of any constraint.
+
+    Raises:
+        UsageError: Products are left for a convex solver.
     """
     begin = time.perf_counter()
-    local = local_method(
+    local = create_local_method(
         instance, solver or "form", gap=gap, time_limit=time_limit, tolerance=tolerance
     )
-    found = local.solve(candidate, np.inf)
+    solution = local.solve(candidate, np.inf)
     answer = Answer(
-        x=found.x,
+        x=solution.x,
         bound=-np.inf,  # what the solver proves is about the pinned program only
         infeasible=False,
-        nodes=found.programs,
+        nodes=solution.programs,
         time=time.perf_counter() - begin,
-        solver=found.solver,
-        log=(f"{found.solver}: {found.word}",),
+        solver=solution.solver,
+        log=(f"{solution.solver}: {solution.word}",),
         assignment=candidate.alternatives,
     )
-    return judged(instance, answer, gap, tolerance)
+    return judge_answer(instance, answer, gap, tolerance)
 
 
-def at_point(x: Array, alternatives: IntArray) -> Candidate:
-    """The candidate that a point stands for: its integers, and itself as the start."""
+def candidate_at(x: Array, alternatives: IntArray) -> Candidate:
+    """Return the candidate with a point's integers and the point as start."""
     return Candidate(values=x, alternatives=alternatives, start=x)
 
 
-def distinct(candidates: Sequence[Candidate], instance: Instance) -> tuple[Candidate, ...]:
-    """The candidates in their order, without those that repeat an earlier one's integers."""
+def drop_duplicates(candidates: Sequence[Candidate], instance: Instance) -> tuple[Candidate, ...]:
+    """Return the candidates in order, without those that repeat an earlier one's integers."""
     first: dict[bytes, Candidate] = {}
     for candidate in candidates:
-        whole = np.round(candidate.values[instance.integer]).astype(np.int64)
-        key = np.concatenate([whole, np.asarray(candidate.alternatives, np.int64)]).tobytes()
+        integers = np.round(candidate.values[instance.integer]).astype(np.int64)
+        key = np.concatenate([integers, np.asarray(candidate.alternatives, np.int64)]).tobytes()
         first.setdefault(key, candidate)
     return tuple(first.values())

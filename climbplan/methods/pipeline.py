@@ -1,4 +1,4 @@
-"""The online half: candidates -> pinned program -> exact check -> next candidate."""
+"""Online pipeline: candidate, program at its integers, exact check, next candidate."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.learning.strategy import Candidate
-from climbplan.methods.local import Local, local_method
+from climbplan.methods.local import Local, create_local_method
 from climbplan.program.instance import Instance
 from climbplan.solvers.sqp.method import SqpOptions
 
@@ -20,21 +20,21 @@ NONE = -1
 
 
 @dataclass(frozen=True)
-class Checked:
-    """What an exact check says of a point."""
+class CheckedPoint:
+    """Result of an exact check of a point."""
 
     passed: bool
     objective: float
-    x: Array  # the point it says so of, which may have been cleaned
-    word: str = ""  # which constraint fails
+    x: Array  # the checked point, which may have been corrected
+    word: str = ""  # the constraint that fails
 
 
-Check = Callable[[Instance, Array], Checked]
+Check = Callable[[Instance, Array], CheckedPoint]
 
 
 @dataclass(frozen=True)
-class Tried:
-    """The fate of one candidate."""
+class CandidateResult:
+    """Result of one candidate."""
 
     candidate: Candidate
     word: str
@@ -47,26 +47,26 @@ class Tried:
 
 @dataclass(frozen=True)
 class PipelineOptions:
-    """How many candidates are tried and what each goes through."""
+    """Options of the pipeline: the number of candidates and their processing."""
 
     local: Local = "form"
     stop: Stop = "best"
-    good_enough: float = -np.inf  # an answer that costs no more ends the search
-    time_limit: float = np.inf  # [s] after which no further candidate is begun
+    good_enough: float = -np.inf  # cost at which an answer ends the search
+    time_limit: float = np.inf  # time after which no further candidate is started [s]
     tolerance: float = 1e-6  # of convex programs and the default check, in the unit of the rows
     gap: float = 1e-4  # relative, of convex programs
-    prune: bool = True  # give a candidate up once it costs more than the best one
+    prune: bool = True  # whether to stop a candidate once it costs more than the best one
     sqp: SqpOptions = field(default_factory=SqpOptions)
 
 
 @dataclass(frozen=True)
 class PipelineResult:
-    """The best checked answer, and which candidate it came from."""
+    """The best checked answer, and its candidate."""
 
     x: Array | None
     objective: float  # infinite without an answer
-    winner: int  # place among the candidates; NONE (-1) if there is no answer
-    tried: tuple[Tried, ...]
+    winner: int  # index of the candidate; NONE (-1) if there is no answer
+    tried: tuple[CandidateResult, ...]
 
     @property
     def solved(self) -> bool:
@@ -74,12 +74,12 @@ class PipelineResult:
         return self.x is not None
 
 
-def exact_check(tolerance: float = 1e-6) -> Check:
-    """The default check: no constraint of the instance is violated by more than the tolerance."""
+def create_exact_check(tolerance: float = 1e-6) -> Check:
+    """Create the default check: no constraint is violated by more than the tolerance."""
 
-    def check(instance: Instance, x: Array) -> Checked:
+    def check(instance: Instance, x: Array) -> CheckedPoint:
         violation = instance.violation(x)
-        return Checked(
+        return CheckedPoint(
             violation <= tolerance, instance.objective(x), x, f"violated by {violation:.2g}"
         )
 
@@ -94,36 +94,46 @@ def run_pipeline(
 ) -> PipelineResult:
     """Try candidates in order until one is good enough, or all of them.
 
-    Pruning compares the instance's objective with the check's best one: leave it out where a check
-    counts costs otherwise.
+    Pruning compares the instance's cost with the check's best one; disable it where a check
+    computes costs in another way.
 
-    check: default `Instance.violation` within the tolerance of the options; its objective decides
-    which candidate is best.
+    Args:
+        instance: The instance.
+        candidates: Candidates in order.
+        options: Options of the pipeline.
+        check: Check of points, by default `Instance.violation`; its cost selects the best
+            candidate.
     """
     chosen = options or PipelineOptions()
-    judge = check or exact_check(chosen.tolerance)
+    judge = check or create_exact_check(chosen.tolerance)
     begin = time.perf_counter()
-    method = local_method(
+    method = create_local_method(
         instance, chosen.local, chosen.sqp, chosen.gap, chosen.time_limit, chosen.tolerance
     )
-    tried: list[Tried] = []
-    best: Checked | None = None
+    tried: list[CandidateResult] = []
+    best: CheckedPoint | None = None
     winner = NONE
-    for place, candidate in enumerate(candidates):
+    for index, candidate in enumerate(candidates):
         start = time.perf_counter()
         if start - begin > chosen.time_limit:
             break
         cutoff = best.objective if best is not None and chosen.prune else np.inf
         answer = method.solve(candidate, cutoff)
         verdict = judge(instance, answer.x) if answer.x is not None else None
-        holds = verdict is not None and verdict.passed
-        word = answer.word if holds or verdict is None else f"{answer.word}, {verdict.word}"
-        cost = verdict.objective if verdict is not None and holds else np.inf
-        spent = time.perf_counter() - start
-        tried.append(Tried(candidate, word, answer.programs, holds, cost, spent, answer.solver))
-        if verdict is not None and holds:
+        is_feasible = verdict is not None and verdict.passed
+        message = (
+            answer.word if is_feasible or verdict is None else f"{answer.word}, {verdict.word}"
+        )
+        cost = verdict.objective if verdict is not None and is_feasible else np.inf
+        duration = time.perf_counter() - start
+        tried.append(
+            CandidateResult(
+                candidate, message, answer.programs, is_feasible, cost, duration, answer.solver
+            )
+        )
+        if verdict is not None and is_feasible:
             if best is None or cost < best.objective:
-                best, winner = verdict, place
+                best, winner = verdict, index
             if chosen.stop == "first" or cost <= chosen.good_enough:
                 break
     return PipelineResult(

@@ -1,10 +1,10 @@
 """ReDUCE: the reduced programs of the clusters that a classifier ranks first.
 
-Online the reduced mixed-integer programs of the likeliest clusters are solved one after the other;
-the integers of each optimum become candidates, from the optimum itself and from the cluster's
-nearest solutions with the same integers, and the pipeline makes them exact. Envelopes are not the
-products: integers that are best over them need not hold, or be best. So the cluster's other
-strategies follow, nearest first; each costs milliseconds where the program took seconds.
+Online the reduced mixed-integer programs of the likeliest clusters are solved one after the other.
+The integers of each optimum become candidates, from the optimum itself and from the cluster's
+nearest solutions with the same integers, and the pipeline makes them exact. Envelopes only relax
+the products, so integers that are optimal over them need not be feasible or optimal. The cluster's
+other strategies therefore follow, nearest first; each takes milliseconds, a program seconds.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from climbplan.errors import UsageError
 from climbplan.learning.cluster_ranking import ClusterRanking
 from climbplan.learning.strategy import Candidate, candidate_of
 from climbplan.methods.envelope_rounds import MICP_SOLVERS
-from climbplan.methods.reduced import ROOM, ReducedForm, Reduction
+from climbplan.methods.reduced import MARGIN, ReducedForm, Reduction
 from climbplan.program.instance import Instance
 from climbplan.reformulations.envelopes import Squares
 from climbplan.reformulations.grids import Partition
 from climbplan.solvers.registry import require
 
-_STARTS = 3  # of the nearest solutions with the same integers, besides the optimum itself
-OTHERS = 20  # of a cluster's strategies that follow, at most
+_STARTS = 3  # nearest solutions with the same integers, in addition to the optimum itself
+OTHERS = 20  # largest number of a cluster's strategies that follow
 
 
 @dataclass(frozen=True)
 class ClusterSolve:
-    """What a reduced program was and how it went."""
+    """Record of a reduced program."""
 
     cluster: int
     binaries: int
@@ -42,9 +42,9 @@ class ClusterSolve:
 
 @dataclass(frozen=True)
 class ClusterOptimum:
-    """How a reduced program went, and the integers and point it found."""
+    """Record of a reduced program, and the integers and point it found."""
 
-    told: ClusterSolve
+    record: ClusterSolve
     candidate: Candidate | None
 
 
@@ -52,8 +52,11 @@ class ClusterOptimum:
 class ReducedPrograms:
     """The reduced programs of a ranking's clusters, built when they are first needed.
 
-    solver: highs, scip or gurobi. seconds: time limit of one program. room: around a cluster's
-    solutions, see `Reduction.of`. others: strategies of a cluster that follow its program's.
+    Attributes:
+        solver: highs, scip or gurobi.
+        seconds: Time limit of one program [s].
+        room: Margin around a cluster's solutions, see `Reduction.of`.
+        others: Number of strategies of a cluster that follow its program's.
     """
 
     ranking: ClusterRanking
@@ -62,7 +65,7 @@ class ReducedPrograms:
     solver: str = "highs"
     gap: float = 1e-2
     seconds: float = 60.0
-    room: float = ROOM
+    room: float = MARGIN
     others: int = OTHERS
     report: Callable[[ClusterSolve], None] | None = None
     _forms: dict[int, ReducedForm] = field(default_factory=dict)
@@ -75,8 +78,8 @@ class ReducedPrograms:
             )
         require(MICP_SOLVERS[self.solver])
 
-    def reduction(self, cluster: int) -> Reduction:
-        """What is left of the integers in a cluster."""
+    def build_reduction(self, cluster: int) -> Reduction:
+        """Build the reduction of the integers to a cluster."""
         rows, library = self.ranking.members(cluster), self.ranking.library
         return Reduction.of(
             self.partitions,
@@ -91,56 +94,62 @@ class ReducedPrograms:
         self,
         instance: Instance,
         features: Array,
-        most: int,
+        num_clusters: int,
         time_limit: float = np.inf,
-        more: int = 0,
+        num_further: int = 0,
         done: Callable[[], bool] | None = None,
     ) -> Iterator[Candidate]:
-        """Candidates of the likeliest clusters, each solved when those before are used up.
+        """Yield candidates of the likeliest clusters, whose programs are solved as needed.
 
-        Scores are the programs' optima; infinite for strategies that follow.
+        Scores are the programs' optima, infinite for strategies that follow.
 
-        most: clusters that are solved in any case. more: further ones, until `done`. time_limit:
-        [s] of all of them together.
+        Args:
+            instance: The instance.
+            features: Features of the problem.
+            most: Number of clusters that are solved in any case.
+            time_limit: Time limit of all of them together [s].
+            more: Number of further clusters, until `done`.
+            done: Returns whether further clusters are needless.
         """
         begin = time.perf_counter()
-        for k, cluster in enumerate(self.ranking.ranked(features, most + more)):
-            left = min(self.seconds, time_limit - (time.perf_counter() - begin))
-            if left <= 0 or (k >= most and (done is None or done())):
+        for k, cluster in enumerate(self.ranking.ranked(features, num_clusters + num_further)):
+            time_left = min(self.seconds, time_limit - (time.perf_counter() - begin))
+            if time_left <= 0 or (k >= num_clusters and (done is None or done())):
                 return
-            yield from self._of_cluster(instance, features, int(cluster), left)
+            yield from self._generate_from_cluster(instance, features, int(cluster), time_left)
 
-    def _of_cluster(
+    def _generate_from_cluster(
         self, instance: Instance, features: Array, cluster: int, seconds: float
     ) -> Iterator[Candidate]:
-        found = self.solved(instance, cluster, seconds)
+        """Yield candidates of one cluster."""
+        optimum = self.solve_cluster(instance, cluster, seconds)
         library = self.ranking.library
-        tried: set[int] = set()
-        if found.candidate is not None:
-            yield found.candidate
-            x, alternatives = found.candidate.values, found.candidate.alternatives
+        used_rows: set[int] = set()
+        if optimum.candidate is not None:
+            yield optimum.candidate
+            x, alternatives = optimum.candidate.values, optimum.candidate.alternatives
             for row in self.ranking.alike(features, cluster, x, alternatives)[:_STARTS]:
-                tried.add(int(row))
-                yield candidate_of(library, int(row), found.candidate.score)
+                used_rows.add(int(row))
+                yield candidate_of(library, int(row), optimum.candidate.score)
         for row in self.ranking.strategies(features, cluster)[: self.others]:
-            if int(row) not in tried:
+            if int(row) not in used_rows:
                 yield candidate_of(library, int(row), np.inf)
 
-    def solved(self, instance: Instance, cluster: int, seconds: float) -> ClusterOptimum:
-        """The reduced program of a cluster at an instance, solved."""
+    def solve_cluster(self, instance: Instance, cluster: int, seconds: float) -> ClusterOptimum:
+        """Solve the reduced program of a cluster at an instance."""
         start = time.perf_counter()
         if cluster not in self._forms:
-            self._forms[cluster] = self.reduction(cluster).form(instance)
+            self._forms[cluster] = self.build_reduction(cluster).build_form(instance)
         form = self._forms[cluster]
-        program = form.at(instance)
+        program = form.build(instance)
         solve = require(MICP_SOLVERS[self.solver]).load()
-        found = solve(program.instance, gap=self.gap, time_limit=seconds)
-        spent = time.perf_counter() - start
-        told = ClusterSolve(cluster, form.reduction.binary_count, found.status, spent)
+        result = solve(program.instance, gap=self.gap, time_limit=seconds)
+        duration = time.perf_counter() - start
+        record = ClusterSolve(cluster, form.reduction.binary_count, result.status, duration)
         if self.report is not None:
-            self.report(told)
-        if found.x is None:
-            return ClusterOptimum(told, None)
-        x = found.x[: instance.size]
-        score = float(found.objective or 0.0)
-        return ClusterOptimum(told, Candidate(x, program.alternatives(found.x), x, score=score))
+            self.report(record)
+        if result.x is None:
+            return ClusterOptimum(record, None)
+        x = result.x[: instance.size]
+        score = float(result.objective or 0.0)
+        return ClusterOptimum(record, Candidate(x, program.alternatives(result.x), x, score=score))

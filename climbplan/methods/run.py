@@ -14,9 +14,9 @@ from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel
 from climbplan.methods.envelope_rounds import EnvelopeOptions
 from climbplan.methods.sequence import ProblemSequence
-from climbplan.methods.solved import library_of, model_of
+from climbplan.methods.solved import read_library, read_strategy_model
 from climbplan.methods.table import MethodResult, solve_instance
-from climbplan.methods.task import Kept, MethodSettings
+from climbplan.methods.task import MethodSettings, SharedCache
 from climbplan.program.problem import Problem, StatementError, Theta
 from climbplan.progress import Progress
 from climbplan.schema.program.loading import LoadedProgram
@@ -32,7 +32,7 @@ class SolvedRows:
     rows: tuple[MethodResult, ...]
 
 
-def thetas_of(problem: Problem, loaded: LoadedProgram) -> tuple[dict[str, Array], ...]:
+def generate_thetas(problem: Problem, loaded: LoadedProgram) -> tuple[dict[str, Array], ...]:
     """The parameters that a spec asks for, drawn or written out.
 
     Raises SpecError for written ones that do not fit, StatementError for what the sampler does.
@@ -40,7 +40,7 @@ def thetas_of(problem: Problem, loaded: LoadedProgram) -> tuple[dict[str, Array]
     spec = loaded.spec
     if spec.sample is not None:
         rng = np.random.default_rng(spec.seed)
-        return tuple(problem.drawn(rng) for _ in range(spec.sample.count))
+        return tuple(problem.sample_parameters(rng) for _ in range(spec.sample.count))
     thetas, mistakes = [], []
     for k, given in enumerate(spec.thetas):
         try:
@@ -55,7 +55,7 @@ def thetas_of(problem: Problem, loaded: LoadedProgram) -> tuple[dict[str, Array]
     return tuple(thetas)
 
 
-def settings_of(
+def build_settings(
     solver: ProgramSolverSpec, library: Library | None, model: StrategyModel | None = None
 ) -> MethodSettings:
     """A method's settings as a spec has them."""
@@ -79,7 +79,7 @@ def settings_of(
     )
 
 
-def run(
+def solve_spec(
     problem: Problem,
     loaded: LoadedProgram,
     report: Progress | None = None,
@@ -94,14 +94,14 @@ def run(
     Raises as `thetas_of`, `library_of` and `solve_instance` do.
     """
     solver = loaded.spec.solver
-    thetas = thetas_of(problem, loaded)
-    library = None if loaded.library is None else library_of(problem, loaded.library)
-    model = None if loaded.model is None else model_of(problem, loaded.model)
-    settings = replace(settings_of(solver, library, model), certificate=certificate)
+    thetas = generate_thetas(problem, loaded)
+    library = None if loaded.library is None else read_library(problem, loaded.library)
+    model = None if loaded.model is None else read_strategy_model(problem, loaded.model)
+    settings = replace(build_settings(solver, library, model), certificate=certificate)
     sequence = None
     if shift is not None:
         sequence = ProblemSequence(problem, settings, solver.method)
-    results, kept = [], Kept()
+    results, kept = [], SharedCache()
     for k, theta in enumerate(thetas):
         if report is not None:
             report("solve", k / len(thetas))
@@ -109,17 +109,17 @@ def run(
             results.append(solve_instance(problem, theta, solver.method, settings, kept))
         else:
             results.append(sequence.solve(theta, (shift or 0) if k else 0))
-    return SolvedRows(_plan(problem, loaded, thetas, results), tuple(results))
+    return SolvedRows(_build_plan(problem, loaded, thetas, results), tuple(results))
 
 
-def _plan(
+def _build_plan(
     problem: Problem,
     loaded: LoadedProgram,
     thetas: Sequence[Theta],
     results: Sequence[MethodResult],
 ) -> ProgramPlan:
     answers = [r.result for r in results]
-    size, choices = len(answers), _choice_count(problem)
+    size, choices = len(answers), _count_choices(problem)
     width = int(sum(v.lower.size for v in problem.program.variables.values()))
     x = np.full((size, width), np.nan)
     assignment = np.full((size, choices), -1, np.int64)
@@ -155,5 +155,5 @@ def _plan(
     )
 
 
-def _choice_count(problem: Problem) -> int:
+def _count_choices(problem: Problem) -> int:
     return int(problem.program.counts()["choices"])

@@ -1,4 +1,4 @@
-"""Solved problems of one's own and what was trained on them, from files."""
+"""Read libraries of solved problems and trained models of user problems from files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from climbplan.learning.fit_run import TrainingData
 from climbplan.learning.library import Frame, Library
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.model_file import read_model
-from climbplan.methods.dataset_rows import library_of_dataset
+from climbplan.methods.dataset_rows import build_library
 from climbplan.program.problem import Problem
 from climbplan.schema.learning.strategy_loading import LoadedStrategy
 from climbplan.store import dataset_file
@@ -21,14 +21,16 @@ from climbplan.store.program_file import read_program
 from climbplan.store.program_plan import Layouts
 
 
-def library_of(problem: Problem, path: Path) -> Library:
-    """The answered rows of an earlier plan or dataset of the same problem.
+def read_library(problem: Problem, path: Path) -> Library:
+    """Read the answered rows of a plan or dataset of the same problem.
 
-    Raises PlanFileError for another file, UsageError for another problem's or an empty one.
+    Raises:
+        PlanFileError: The file is of another kind.
+        UsageError: It belongs to another problem, or has no answered row.
     """
     if plan_format(path) == dataset_file.FORMAT:
         try:
-            return library_of_dataset(problem, dataset_file.read_dataset_file(path))
+            return build_library(problem, dataset_file.read_dataset_file(path))
         except PlanFileError:
             raise
         except UsageError as error:
@@ -39,21 +41,27 @@ def library_of(problem: Problem, path: Path) -> Library:
             f"{path}: made for problem {plan.problem!r}, which has other variables or parameters "
             f"than {problem.name!r}"
         )
-    found = np.flatnonzero(plan.found)
-    if not len(found):
+    answered = np.flatnonzero(plan.found)
+    if not len(answered):
         raise UsageError(f"{path}: none of its {plan.count} rows has an answer")
-    # The features are computed anew, so that a statement may change them after the run.
-    features = [problem.feature_vector(problem.split(plan.parameters[row])) for row in found]
+    # Features are recomputed, so that a statement may change them after the run.
+    features = [problem.feature_vector(problem.split(plan.parameters[row])) for row in answered]
     frame = Frame.of(problem.program)
     return Library.of(
-        frame, np.array(features), plan.x[found], plan.objective[found], plan.assignment[found]
+        frame,
+        np.array(features),
+        plan.x[answered],
+        plan.objective[answered],
+        plan.assignment[answered],
     )
 
 
-def model_of(problem: Problem, path: Path) -> StrategyModel:
-    """A trained strategy of the same problem.
+def read_strategy_model(problem: Problem, path: Path) -> StrategyModel:
+    """Read a trained strategy of the same problem.
 
-    Raises PlanFileError for another file, UsageError for another problem's model.
+    Raises:
+        PlanFileError: The file is of another kind.
+        UsageError: It belongs to another problem.
     """
     model = read_model(path).model
     if model.context.get("problem") != problem.name:
@@ -63,34 +71,37 @@ def model_of(problem: Problem, path: Path) -> StrategyModel:
     return model
 
 
-def program_data(problem: Problem, loaded: LoadedStrategy) -> TrainingData:
-    """Solved problems of one's own, from plan files of `climbplan solve` and datasets.
+def read_training_data(problem: Problem, loaded: LoadedStrategy) -> TrainingData:
+    """Read solved problems from plan files of `climbplan solve` and datasets.
 
-    Raises as `program_run.library_of`.
+    Raises:
+        PlanFileError: A file is of another kind.
+        UsageError: A file belongs to another problem, or has no answered row.
     """
-    parts = [library_of(problem, path) for path in loaded.files]
-    first = parts[0]
-    whole = Library.of(
+    libraries = [read_library(problem, path) for path in loaded.files]
+    first = libraries[0]
+    merged = Library.of(
         first.frame,
-        *(np.concatenate([vars(p)[name] for p in parts]) for name in _ROWS),
+        *(np.concatenate([vars(p)[name] for p in libraries]) for name in _ROWS),
     )
     size = loaded.spec.data.size
     if size is not None:
-        whole = whole.subset(np.arange(min(size, whole.size)))
-    rows = np.arange(whole.size)
-    theta = problem.split(np.zeros(sum(_sizes(problem))))
-    instance = problem.program.at(theta)
+        merged = merged.subset(np.arange(min(size, merged.size)))
+    rows = np.arange(merged.size)
+    theta = problem.split(np.zeros(sum(_list_parameter_sizes(problem))))
+    instance = problem.program.instantiate(theta)
     return TrainingData(
-        library=whole,
+        library=merged,
         group=rows,
-        hard=np.zeros(whole.size, bool),
+        hard=np.zeros(merged.size, bool),
         columns=solution_columns(instance),
-        context={"problem": problem.name, "features": whole.features.shape[1]},
+        context={"problem": problem.name, "features": merged.features.shape[1]},
     )
 
 
 _ROWS = ("features", "points", "objective", "alternatives")
 
 
-def _sizes(problem: Problem) -> list[int]:
+def _list_parameter_sizes(problem: Problem) -> list[int]:
+    """Return the size of each parameter block."""
     return [int(np.prod(shape, dtype=int)) for shape in problem.program.parameters.values()]

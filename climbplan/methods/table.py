@@ -15,18 +15,23 @@ import numpy as np
 
 from climbplan.certificates.certificate import Certificate
 from climbplan.errors import UsageError
-from climbplan.methods.pinned_methods import NEEDS_MODEL, learned, pinned, reduce
-from climbplan.methods.pipeline import Tried
-from climbplan.methods.task import Kept, Method, MethodSettings, Outcome, Task
+from climbplan.methods.pinned_methods import (
+    NEEDS_MODEL,
+    create_learned_method,
+    solve_pinned_candidates,
+    solve_reduced,
+)
+from climbplan.methods.pipeline import CandidateResult
+from climbplan.methods.task import Method, MethodSettings, Outcome, SharedCache, Task
 from climbplan.methods.whole_methods import (
-    admm,
-    benders,
-    branch_and_bound,
-    micp,
-    minlp_bonmin,
-    minlp_scip,
-    mpcc,
-    nlp,
+    solve_by_admm,
+    solve_by_benders,
+    solve_by_bonmin,
+    solve_by_complementarity,
+    solve_by_envelopes,
+    solve_by_ipopt,
+    solve_by_scip,
+    solve_by_tree,
 )
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem, Theta
@@ -37,7 +42,7 @@ from climbplan.solvers.result import SolverResult
 METHODS: tuple[Method, ...] = get_args(Method)
 NEEDS_LIBRARY = ("knn",)
 LEARNED = (*NEEDS_LIBRARY, *NEEDS_MODEL)
-_MOST_PRODUCTS = 50  # that `auto` leaves to the own tree
+_MAX_PRODUCTS = 50  # largest number of products for which `auto` selects the built-in tree
 
 
 @dataclass(frozen=True)
@@ -46,10 +51,10 @@ class MethodResult:
 
     result: SolverResult
     method: Method
-    winner: str  # the candidate, start or variant of which the answer came; "" without one
-    tried: int  # candidates or starts
-    fates: tuple[Tried, ...]  # of candidates whose integers were kept
-    time: float  # [s] all in all, without imports
+    winner: str  # candidate, start or variant from which the answer came; "" without one
+    tried: int  # number of candidates or starts
+    fates: tuple[CandidateResult, ...]  # results of candidates whose integers were fixed
+    time: float  # total time without imports [s]
     certificate: Certificate | None = None  # of the bound, where the settings ask for one
 
 
@@ -58,7 +63,7 @@ def solve_instance(
     theta: Theta,
     method: Method = "auto",
     settings: MethodSettings | None = None,
-    kept: Kept | None = None,
+    kept: SharedCache | None = None,
 ) -> MethodResult:
     """Solve a problem at one theta by a method's name.
 
@@ -77,18 +82,18 @@ def solve_instance(
     instance = problem.instance(theta)
     chosen = method == "auto"
     if method == "auto":
-        method = _automatic(instance, settings)
+        method = _select_method(instance, settings)
     if settings.certificate and method != "branch-and-bound":
         raise UsageError(f"a certificate is made by method branch-and-bound, not by {method!r}")
     begin = time.perf_counter()
-    task = Task(problem, theta, instance, settings, begin, kept or Kept())
+    task = Task(problem, theta, instance, settings, begin, kept or SharedCache())
     if chosen and method == "branch-and-bound":
-        outcome, method = _own_or_micp(task)
+        outcome, method = _solve_by_tree_or_micp(task)
     else:
         outcome = _METHODS[method](task)
     if method in LEARNED and outcome.result.x is None and settings.fallback is not None:
-        outcome = _fallen_back(task, method, settings.fallback, outcome)
-    result = outcome.result if outcome.checked else task.passing(outcome.result)
+        outcome = _solve_by_fallback(task, method, settings.fallback, outcome)
+    result = outcome.result if outcome.checked else task.apply_own_check(outcome.result)
     spent = time.perf_counter() - begin
     return MethodResult(
         replace(result, time=spent),
@@ -101,33 +106,33 @@ def solve_instance(
     )
 
 
-def _automatic(instance: Instance, settings: MethodSettings) -> Method:
+def _select_method(instance: Instance, settings: MethodSettings) -> Method:
     """The own tree where it holds the statement and no other solver is asked for, else `micp`.
 
     `micp`, too, for more products than the tree, whose matrices are dense, is fast with.
     """
     own = instance.features <= require("branch-and-bound").accepts and settings.solver is None
-    own = own and instance.products.count <= _MOST_PRODUCTS
+    own = own and instance.products.count <= _MAX_PRODUCTS
     return "branch-and-bound" if own else "micp"
 
 
-def _own_or_micp(task: Task) -> tuple[Outcome, Method]:
+def _solve_by_tree_or_micp(task: Task) -> tuple[Outcome, Method]:
     """The own tree; `micp` where nothing bounds a direction that costs nothing, nor the answer."""
     own = None
     try:
-        own = branch_and_bound(task)
+        own = solve_by_tree(task)
     except Unbounded:
         if task.settings.certificate:
             raise
     if own is not None and (task.settings.certificate or not np.isneginf(own.result.bound)):
         return own, "branch-and-bound"
-    other = micp(task)
+    other = solve_by_envelopes(task)
     if own is not None and other.result.x is None and own.result.x is not None:
         return own, "branch-and-bound"
     return other, "micp"
 
 
-def _fallen_back(task: Task, method: Method, fallback: Method, outcome: Outcome) -> Outcome:
+def _solve_by_fallback(task: Task, method: Method, fallback: Method, outcome: Outcome) -> Outcome:
     """Another method, where no candidate of a learned one holds."""
     if fallback == method:
         raise UsageError(f"method {method!r} cannot be its own fallback")
@@ -138,18 +143,18 @@ def _fallen_back(task: Task, method: Method, fallback: Method, outcome: Outcome)
 
 
 _METHODS: dict[str, Callable[[Task], Outcome]] = {
-    "branch-and-bound": branch_and_bound,
-    "benders": benders,
-    "minlp-scip": minlp_scip,
-    "minlp-bonmin": minlp_bonmin,
-    "micp": micp,
-    "nlp": nlp,
-    "mpcc": mpcc,
-    "admm": admm,
-    "pinned": pinned,
-    "knn": learned("knn"),
-    "forest": learned("forest"),
-    "boosting": learned("boosting"),
-    "network": learned("network"),
-    "reduce": reduce,
+    "branch-and-bound": solve_by_tree,
+    "benders": solve_by_benders,
+    "minlp-scip": solve_by_scip,
+    "minlp-bonmin": solve_by_bonmin,
+    "micp": solve_by_envelopes,
+    "nlp": solve_by_ipopt,
+    "mpcc": solve_by_complementarity,
+    "admm": solve_by_admm,
+    "pinned": solve_pinned_candidates,
+    "knn": create_learned_method("knn"),
+    "forest": create_learned_method("forest"),
+    "boosting": create_learned_method("boosting"),
+    "network": create_learned_method("network"),
+    "reduce": solve_reduced,
 }

@@ -1,4 +1,4 @@
-"""One instance on its way through a method: settings, what may be tried, and the best of it."""
+"""One instance in a method: settings, candidates, and the best answer."""
 
 from __future__ import annotations
 
@@ -19,27 +19,33 @@ from climbplan.learning.neighbours import NearestProblems
 from climbplan.learning.strategy import Candidate, Strategy
 from climbplan.methods.envelope_rounds import EnvelopeOptions
 from climbplan.methods.pinning import PINNED_SOLVERS
-from climbplan.methods.pipeline import Check, Checked, PipelineOptions, Tried, run_pipeline
+from climbplan.methods.pipeline import (
+    CandidateResult,
+    Check,
+    CheckedPoint,
+    PipelineOptions,
+    run_pipeline,
+)
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem, Theta
 from climbplan.reformulations.complementarity import Complementarity
 from climbplan.schema.program.model import ProgramMethod, ProgramStart
 from climbplan.solvers.admm import AdmmOptions
-from climbplan.solvers.ipopt.instances import middle
+from climbplan.solvers.ipopt.instances import compute_box_center
 from climbplan.solvers.ipopt.mpcc import HOMOTOPY
-from climbplan.solvers.result import Answer, SolverResult, judged
+from climbplan.solvers.result import Answer, SolverResult, judge_answer
 
 Method = ProgramMethod
 Start = ProgramStart
 
 _NEIGHBOURS = {"mpcc": 3}
-_LEAST_SHARE = 0.1  # [s] that a follow-up gets when the time is over
-_Made = TypeVar("_Made")
+_MIN_TIME = 0.1  # time for a follow-up after the time limit [s]
+_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True)
 class MpccOptions:
-    """Which complementarity is tried, one after the other, and eps from step to step."""
+    """Complementarity reformulations in the order in which they are tried, and the homotopy."""
 
     forms: tuple[Complementarity, ...] = (
         Complementarity("product"),
@@ -50,11 +56,11 @@ class MpccOptions:
 
 @dataclass(frozen=True)
 class MethodSettings:
-    """How a method goes about it; what a method does not use it ignores.
+    """Settings of a method; settings that a method does not use are ignored.
 
-    candidates: of `pinned`, before those of the library. library: of `knn`, of `mpcc` with start
-    `knn`, and of `pinned`. pinned: what candidates go through; times, gaps and tolerances are those
-    of the settings.
+    Candidates are those of `pinned`, before those of the library. The library is that of `knn`, of
+    `mpcc` with start `knn`, and of `pinned`. The options in `pinned` apply to candidates; times,
+    gaps and tolerances are those of the settings.
     """
 
     solver: str | None = None  # micp, admm: highs, scip, gurobi; pinned, knn: ipopt, sqp, ...
@@ -77,88 +83,95 @@ class MethodSettings:
     admm: AdmmOptions = field(default_factory=lambda: AdmmOptions(freeze_after=2))
 
 
-class Kept:
-    """What the instances of one problem share by one method: made for the first, used by all."""
+class SharedCache:
+    """Values that the instances of one problem share by one method."""
 
     def __init__(self) -> None:
-        self._made: dict[str, Any] = {}
+        self._values: dict[str, Any] = {}
 
-    def once(self, name: str, make: Callable[[], _Made]) -> _Made:
-        """What was made under that name, made now if nothing was."""
-        if name not in self._made:
-            self._made[name] = make()
-        return cast("_Made", self._made[name])
+    def compute_once(self, name: str, compute: Callable[[], _Value]) -> _Value:
+        """Return the value of a name, computed if it is missing."""
+        if name not in self._values:
+            self._values[name] = compute()
+        return cast("_Value", self._values[name])
 
 
 @dataclass(frozen=True)
 class Task:
-    """One instance of a problem on its way through a method."""
+    """One instance of a problem in a method."""
 
     problem: Problem
     theta: Theta
     instance: Instance
     settings: MethodSettings
     begin: float
-    kept: Kept = field(default_factory=Kept)
+    kept: SharedCache = field(default_factory=SharedCache)
 
     @property
-    def left(self) -> float:
-        """Time that is left [s], a little of it always."""
-        return max(self.settings.time_limit - (time.perf_counter() - self.begin), _LEAST_SHARE)
+    def time_left(self) -> float:
+        """Time left [s], always a little."""
+        return max(self.settings.time_limit - (time.perf_counter() - self.begin), _MIN_TIME)
 
     @property
     def is_late(self) -> bool:
         """Whether the time is over."""
         return time.perf_counter() - self.begin > self.settings.time_limit
 
-    def guess(self) -> Array | None:
-        """The problem's own start (n,)."""
-        return self.problem.start_point(self.theta, middle(self.instance))
+    def compute_guess(self) -> Array | None:
+        """Return the problem's own start (n,)."""
+        return self.problem.start_point(self.theta, compute_box_center(self.instance))
 
-    def refusal(self, x: Array) -> str:
-        """What the problem's own checker has against a point (n,); nothing: it passes."""
-        own = self.settings.own_tolerance
-        limit = self.settings.tolerance if own is None else own
-        off = [
+    def explain_rejection(self, x: Array) -> str:
+        """Return why the problem's own checker rejects a point (n,); empty if it passes."""
+        own_tolerance = self.settings.own_tolerance
+        limit = self.settings.tolerance if own_tolerance is None else own_tolerance
+        violations = [
             f"{block.name.removeprefix('own.')} by {block.residual:.3g}"
             for block in self.problem.own_residuals(self.theta, x)
             if block.residual > limit
         ]
-        return f"answer refused by the problem's own check: {', '.join(off)}" if off else ""
+        return (
+            f"answer refused by the problem's own check: {', '.join(violations)}"
+            if violations
+            else ""
+        )
 
-    def passing(self, result: SolverResult) -> SolverResult:
-        """The result, its answer taken away if the problem's own checker refuses it."""
-        refused = "" if result.x is None else self.refusal(result.x)
-        if not refused:
+    def apply_own_check(self, result: SolverResult) -> SolverResult:
+        """Return the result, without its answer if the problem's own checker rejects it."""
+        rejection = "" if result.x is None else self.explain_rejection(result.x)
+        if not rejection:
             return result
-        log = (*result.log, refused)
+        log = (*result.log, rejection)
         return replace(
             result, status="limit", x=None, assignment=None, objective=None, gap=None, log=log
         )
 
-    def checked(self, instance: Instance, x: Array) -> Checked:
-        """Whether a point holds in the statement and for the problem's own checker."""
+    def check_point(self, instance: Instance, x: Array) -> CheckedPoint:
+        """Check a point by the statement and by the problem's own checker."""
         cost = instance.objective(x)
         if np.isfinite(self.settings.tolerance):
             violation = instance.violation(x)
             if violation > self.settings.tolerance:
-                return Checked(False, cost, x, f"violated by {violation:.2g}")
-        refused = self.refusal(x)
-        return Checked(not refused, cost, x, refused)
+                return CheckedPoint(False, cost, x, f"violated by {violation:.2g}")
+        rejection = self.explain_rejection(x)
+        return CheckedPoint(not rejection, cost, x, rejection)
 
-    def neighbours(self, method: Method) -> tuple[Candidate, ...]:
-        """The nearest sets of integers in the library, each once; with products further starts."""
-        strategy = self.kept.once(f"strategy of {method}", lambda: self._strategy(method))
+    def find_neighbours(self, method: Method) -> tuple[Candidate, ...]:
+        """Return the nearest sets of integers, each once; with products also further starts."""
+        strategy = self.kept.compute_once(
+            f"strategy of {method}", lambda: self._create_strategy(method)
+        )
         features = self.problem.feature_vector(self.theta)
         count = self.settings.neighbours or _NEIGHBOURS.get(method, 10)
         return tuple(strategy.candidates(features, count))
 
-    def _strategy(self, method: Method) -> Strategy:
+    def _create_strategy(self, method: Method) -> Strategy:
+        """Create the strategy of a method."""
         library = self.settings.library
         if self.settings.strategy is not None:
             return self.settings.strategy
         if self.settings.model is not None and method != "mpcc":
-            return self._trained(self.settings.model, method).strategy()
+            return self._check_model(self.settings.model, method).strategy()
         if library is None:
             raise UsageError(
                 f"method {method!r} needs solved problems: give a library (a plan file of "
@@ -168,44 +181,51 @@ class Task:
         products = method != "mpcc" and self.instance.products.count > 0
         return NearestProblems.of(library, "mixed" if products else "strategies")
 
-    def _trained(self, model: StrategyModel, method: Method) -> StrategyModel:
-        """The model, if it is one of this method and problem."""
+    def _check_model(self, model: StrategyModel, method: Method) -> StrategyModel:
+        """Return the model if it fits the method and the problem."""
         if method not in ("pinned", "branch-and-bound", model.kind):
             raise UsageError(f"method {method!r} was given a model of kind {model.kind!r}")
         count = len(self.problem.feature_vector(self.theta))
         model.library.require(self.problem.program, count)
         return model
 
-    def clusters(self) -> ClusterRanking:
-        """Clusters of the model of `reduce`."""
+    def read_clusters(self) -> ClusterRanking:
+        """Return the clusters of the model of `reduce`."""
         if self.settings.model is None:
             raise UsageError("method 'reduce' needs a trained model")
-        return self._trained(self.settings.model, "reduce").clusters()
+        return self._check_model(self.settings.model, "reduce").clusters()
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a method found, and of which candidate, start or variant."""
+    """A method's result, and the candidate, start or variant from which it came."""
 
     result: SolverResult
     winner: str
     tried: int
-    fates: tuple[Tried, ...] = ()  # of candidates whose integers were kept
-    checked: bool = False  # the problem's own checker has had its say
+    fates: tuple[CandidateResult, ...] = ()  # results of candidates whose integers were fixed
+    checked: bool = False  # whether the problem's own checker has been applied
     certificate: Certificate | None = None  # where the settings ask for one
 
 
-def all_pinned(
+def solve_candidates(
     task: Task,
     candidates: Iterable[Candidate],
     origin: Callable[[int, Candidate], str],
     check: Check | None = None,
     time_limit: float | None = None,
 ) -> Outcome:
-    """The best of what is left when each candidate's integers are kept.
+    """Solve the programs at the candidates' integers, and return the best.
 
-    origin: what reports call the candidate at a place. check: `task.checked` if left out.
-    time_limit: [s] the task's if left out. Raises UsageError for an unknown solver.
+    Args:
+        task: The task.
+        candidates: Candidates in order.
+        origin: Returns the name of the candidate at an index, for reports.
+        check: Check of points, by default that of the task.
+        time_limit: Time limit [s], by default that of the task.
+
+    Raises:
+        UsageError: The solver is unknown.
     """
     settings, solver = task.settings, task.settings.solver
     chosen = next((name for name in PINNED_SOLVERS if name == solver), None)
@@ -215,37 +235,39 @@ def all_pinned(
     options = replace(
         settings.pinned,
         local=chosen or settings.pinned.local,
-        time_limit=task.left if time_limit is None else time_limit,
+        time_limit=task.time_left if time_limit is None else time_limit,
         tolerance=settings.tolerance,
         gap=settings.gap,
     )
-    found = run_pipeline(task.instance, candidates, options, check or task.checked)
-    if not found.tried:
-        nothing = Answer(None, -np.inf, False, 0, 0.0, "none", ("no integers to keep",))
-        return Outcome(judged(task.instance, nothing, settings.gap, settings.tolerance), "", 0)
-    last = found.tried[found.winner]  # without a winner the last one
+    pipeline_result = run_pipeline(task.instance, candidates, options, check or task.check_point)
+    if not pipeline_result.tried:
+        no_answer = Answer(None, -np.inf, False, 0, 0.0, "none", ("no integers to keep",))
+        return Outcome(
+            judge_answer(task.instance, no_answer, settings.gap, settings.tolerance), "", 0
+        )
+    last = pipeline_result.tried[pipeline_result.winner]  # without a winner the last one
     answer = Answer(
-        x=found.x,
+        x=pipeline_result.x,
         bound=-np.inf,  # what solvers prove is about the pinned programs only
         infeasible=False,
-        nodes=sum(tried.programs for tried in found.tried),
+        nodes=sum(tried.programs for tried in pipeline_result.tried),
         time=time.perf_counter() - task.begin,
         solver=last.solver,
         log=(f"{last.solver}: {last.word}",),
         assignment=last.candidate.alternatives,
     )
-    result = judged(task.instance, answer, settings.gap, settings.tolerance)
-    winner = origin(found.winner, last.candidate) if found.solved else ""
-    return Outcome(result, winner, len(found.tried), found.tried, checked=True)
+    result = judge_answer(task.instance, answer, settings.gap, settings.tolerance)
+    winner = origin(pipeline_result.winner, last.candidate) if pipeline_result.solved else ""
+    return Outcome(result, winner, len(pipeline_result.tried), pipeline_result.tried, checked=True)
 
 
-def origin_of(place: int, candidate: Candidate) -> str:
-    """What reports call a neighbour."""
+def format_origin(place: int, candidate: Candidate) -> str:
+    """Return the name of a neighbour for reports."""
     return f"neighbour {place + 1} (row {candidate.row})"
 
 
-def best(tried: Sequence[tuple[str, SolverResult]]) -> Outcome:
-    """The cheapest of answers that `Task.passing` let through, the last failure without one."""
+def select_best(tried: Sequence[tuple[str, SolverResult]]) -> Outcome:
+    """Select the cheapest answer that `Task.apply_own_check` accepted, else the last failure."""
     answers = [(r.objective, k) for k, (_, r) in enumerate(tried) if r.objective is not None]
     if not answers:
         return Outcome(tried[-1][1], "", len(tried))

@@ -1,4 +1,4 @@
-"""Methods on the whole statement: SCIP, Bonmin, envelopes, complementarity, ADMM."""
+"""Methods on the whole statement: trees, SCIP, Bonmin, envelopes, complementarity, ADMM."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from climbplan.arrays import Array, IntArray
 from climbplan.errors import LimitReached, UsageError
 from climbplan.methods.envelope_rounds import (
     MICP_SOLVERS,
-    default_partitions,
+    build_default_partitions,
     solve_micp,
 )
-from climbplan.methods.pinning import at_point, solve_candidate
-from climbplan.methods.task import Method, Outcome, Task, best, origin_of
+from climbplan.methods.pinning import candidate_at, solve_candidate
+from climbplan.methods.task import Method, Outcome, Task, format_origin, select_best
 from climbplan.program.box import propagated_box
 from climbplan.program.instance import Instance
 from climbplan.reformulations.base import Reformulated
@@ -25,152 +25,160 @@ from climbplan.solvers.admm import solve_admm
 from climbplan.solvers.benders.method import solve_benders
 from climbplan.solvers.ipopt.instances import solve_ipopt
 from climbplan.solvers.ipopt.mpcc import STRAIGHT, solve_mpcc
-from climbplan.solvers.mixed_integer.method import TreeMemory
-from climbplan.solvers.mixed_integer.spatial_method import SpatialMemory
+from climbplan.solvers.mixed_integer.method import WarmStartedTree
+from climbplan.solvers.mixed_integer.spatial_method import WarmStartedSpatialTree
 from climbplan.solvers.registry import require
-from climbplan.solvers.result import Answer, SolverResult, judged
+from climbplan.solvers.result import Answer, SolverResult, judge_answer
 from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 
 _TREE: Method = "branch-and-bound"
 
 
-def branch_and_bound(task: Task) -> Outcome:
-    """The own tree on the whole statement; products of variables are branched on in space.
+def solve_by_tree(task: Task) -> Outcome:
+    """Solve by the built-in tree; products of variables are branched on in space.
 
     Integers of a library, model or strategy are proposed to it first.
     """
     settings, name = task.settings, _TREE
-    beyond = task.instance.features - require(name).accepts
-    if beyond:
+    unsupported = task.instance.features - require(name).accepts
+    if unsupported:
         raise UsageError(
-            f"method {name!r} holds no {' and no '.join(sorted(beyond))}: use micp, mpcc or pinned"
+            f"method {name!r} holds no {' and no '.join(sorted(unsupported))}: use micp, "
+            "mpcc or pinned"
         )
     if settings.certificate:
-        # The tree over integers, or that over space, whose leaves are told in the statement's rows
-        made = SpatialMemory if task.instance.products.count else TreeMemory
-        tree = made(settings.gap, settings.tolerance, proves=True)
-        found = tree.solve(task.instance, task.left)
-        return Outcome(found, "own tree", 1, certificate=tree.certificate)
-    learned = settings.library, settings.model, settings.strategy
-    first = task.neighbours(name) if any(part is not None for part in learned) else ()
-    found = solve_branch_and_bound(
-        task.instance, settings.gap, task.left, settings.tolerance, proposals=first
+        # The compiled trees map multipliers of their leaves to the statement's rows
+        solver_type = WarmStartedSpatialTree if task.instance.products.count else WarmStartedTree
+        tree = solver_type(settings.gap, settings.tolerance, proves=True)
+        result = tree.solve(task.instance, task.time_left)
+        return Outcome(result, "own tree", 1, certificate=tree.certificate)
+    sources = settings.library, settings.model, settings.strategy
+    proposals = task.find_neighbours(name) if any(source is not None for source in sources) else ()
+    result = solve_branch_and_bound(
+        task.instance, settings.gap, task.time_left, settings.tolerance, proposals=proposals
     )
-    return Outcome(found, "own tree", 1 + len(first))
+    return Outcome(result, "own tree", 1 + len(proposals))
 
 
-def benders(task: Task) -> Outcome:
-    """Integers by cuts, the convex program that is left by the solver of tree nodes."""
+def solve_by_benders(task: Task) -> Outcome:
+    """Solve by generalised Benders decomposition."""
     settings = task.settings
-    found = solve_benders(task.instance, settings.gap, task.left, settings.tolerance)
-    return Outcome(found, "Benders cuts", 1)
+    result = solve_benders(task.instance, settings.gap, task.time_left, settings.tolerance)
+    return Outcome(result, "Benders cuts", 1)
 
 
-def minlp_scip(task: Task) -> Outcome:
-    """SCIP on the whole statement; its point, good to SCIP's tolerance, is solved again exactly."""
+def solve_by_scip(task: Task) -> Outcome:
+    """Solve by SCIP; the program at its integers is solved again to full accuracy."""
     settings = task.settings
     if task.instance.smooth is not None:
         raise UsageError(
             "method 'minlp-scip' cannot hold smooth rows: use minlp-bonmin, mpcc, pinned, micp or "
             "admm, without integers nlp"
         )
-    found = require("minlp-scip").load()(task.instance, settings.gap, task.left)
-    return Outcome(_polished(task, found), "SCIP", 1)
+    result = require("minlp-scip").load()(task.instance, settings.gap, task.time_left)
+    return Outcome(_polish(task, result), "SCIP", 1)
 
 
-def minlp_bonmin(task: Task) -> Outcome:
+def solve_by_bonmin(task: Task) -> Outcome:
+    """Solve by Bonmin."""
     from climbplan.solvers.bonmin import solve_bonmin
 
     settings = task.settings
-    guess = task.guess()
-    found = solve_bonmin(task.instance, settings.gap, task.left, settings.tolerance, guess)
-    return Outcome(found, "Bonmin", 1)
+    guess = task.compute_guess()
+    result = solve_bonmin(task.instance, settings.gap, task.time_left, settings.tolerance, guess)
+    return Outcome(result, "Bonmin", 1)
 
 
-def micp(task: Task) -> Outcome:
+def solve_by_envelopes(task: Task) -> Outcome:
+    """Solve by rounds of envelopes."""
     settings = task.settings
     options = settings.envelopes
     if settings.solver is not None:
         options = replace(options, solver=settings.solver)
-    grid, form, plain = options.grid, None, replace(task.instance, smooth=None)
+    grid, form, without_smooth = options.grid, None, replace(task.instance, smooth=None)
     if grid is not None:
         try:
-            form = task.kept.once(
-                "envelopes on the grid", lambda: grid.form(plain, lambda: task.is_late)
+            form = task.kept.compute_once(
+                "envelopes on the grid", lambda: grid.form(without_smooth, lambda: task.is_late)
             )
         except LimitReached as late:
             answer = Answer(None, -np.inf, False, 0, settings.time_limit, "micp", (str(late),))
-            return Outcome(judged(task.instance, answer, settings.gap, settings.tolerance), "", 0)
-    found = solve_micp(
-        task.problem, task.instance, options, settings.gap, task.left, settings.tolerance, form
+            return Outcome(
+                judge_answer(task.instance, answer, settings.gap, settings.tolerance), "", 0
+            )
+    result = solve_micp(
+        task.problem, task.instance, options, settings.gap, task.time_left, settings.tolerance, form
     )
-    return Outcome(found, f"envelopes ({options.solver})", 1)
+    return Outcome(result, f"envelopes ({options.solver})", 1)
 
 
-def nlp(task: Task) -> Outcome:
-    """IPOPT on a program without integers, from the problem's guess or the middle of its bounds."""
-    settings, guess = task.settings, task.guess()
-    if beyond := task.instance.features & {"integers", "choices"}:
+def solve_by_ipopt(task: Task) -> Outcome:
+    """Solve a program without integers by IPOPT, from the problem's guess or the box center."""
+    settings, guess = task.settings, task.compute_guess()
+    if unsupported := task.instance.features & {"integers", "choices"}:
         raise UsageError(
-            f"method 'nlp' holds no {' or '.join(sorted(beyond))}: use mpcc, micp or pinned"
+            f"method 'nlp' holds no {' or '.join(sorted(unsupported))}: use mpcc, micp or pinned"
         )
-    found = solve_ipopt(task.instance, settings.gap, task.left, settings.tolerance, guess)
-    return Outcome(found, "start zero" if guess is None else "start manual", 1)
+    result = solve_ipopt(task.instance, settings.gap, task.time_left, settings.tolerance, guess)
+    return Outcome(result, "start zero" if guess is None else "start manual", 1)
 
 
-def mpcc(task: Task) -> Outcome:
-    """Complementarity from the start asked for; neighbours need no wide homotopy."""
+def solve_by_complementarity(task: Task) -> Outcome:
+    """Solve by complementarity from the chosen start; neighbours need no wide homotopy."""
     settings = task.settings
-    guess, how = task.guess(), settings.mpcc
+    guess, how = task.compute_guess(), settings.mpcc
     start = settings.start or ("zero" if guess is None else "manual")
     tried: list[tuple[str, SolverResult]] = []
     if start == "knn":
-        near = task.neighbours("mpcc")
-        for k, c in enumerate(near):
-            found = _smoothed(task, c.start, c.alternatives, STRAIGHT, how.forms[0])
-            tried.append((origin_of(k, c), found))
+        neighbours = task.find_neighbours("mpcc")
+        for k, c in enumerate(neighbours):
+            found = _solve_homotopy(task, c.start, c.alternatives, STRAIGHT, how.forms[0])
+            tried.append((format_origin(k, c), found))
             if settings.pinned.stop == "first" and found.x is not None:
                 break
         if all(result.x is None for _, result in tried) and how.homotopy != STRAIGHT:
-            first = near[0]
-            wide = _smoothed(task, first.start, first.alternatives, how.homotopy, how.forms[0])
-            tried.append((f"{origin_of(0, first)}, wide homotopy", wide))
-        return best(tried)
+            first = neighbours[0]
+            wide = _solve_homotopy(
+                task, first.start, first.alternatives, how.homotopy, how.forms[0]
+            )
+            tried.append((f"{format_origin(0, first)}, wide homotopy", wide))
+        return select_best(tried)
     if start == "manual" and guess is None:
         raise UsageError(
             f"problem {task.problem.name!r} states no `start`, which `start: manual` needs"
         )
     begin = None if start == "zero" else guess
     for form in how.forms:
-        result = _smoothed(task, begin, None, how.homotopy, form)
+        result = _solve_homotopy(task, begin, None, how.homotopy, form)
         tried.append((f"start {start}, {form.kind}", result))
         if result.x is not None:
             break
-    return best(tried)
+    return select_best(tried)
 
 
-def _smoothed(
+def _solve_homotopy(
     task: Task,
     x: Array | None,
     assignment: IntArray | None,
     homotopy: tuple[float, ...],
     method: Complementarity,
 ) -> SolverResult:
-    found = solve_mpcc(
+    """Solve by one homotopy, and check the answer."""
+    result = solve_mpcc(
         task.instance,
         task.settings.gap,
-        task.left,
+        task.time_left,
         task.settings.tolerance,
         start=x,
         assignment=assignment,
         method=method,
         homotopy=homotopy,
     )
-    return task.passing(found)
+    return task.apply_own_check(result)
 
 
-def admm(task: Task) -> Outcome:
-    """Envelopes and disjunctive rows on one side, the exact products on the other."""
+def solve_by_admm(task: Task) -> Outcome:
+    """Solve by ADMM between envelopes with disjunctive rows and the exact products."""
     settings = task.settings
     solver = settings.solver or "highs"
     if solver not in MICP_SOLVERS:
@@ -180,51 +188,53 @@ def admm(task: Task) -> Outcome:
 
     def mixed_integer(block: Instance) -> Array | None:
         disjoined = BigM().apply(block)
-        found = solve(disjoined.instance, gap=settings.admm.mixed_integer_gap, time_limit=task.left)
-        return None if found.x is None else disjoined.invert(found.x)
+        result = solve(
+            disjoined.instance, gap=settings.admm.mixed_integer_gap, time_limit=task.time_left
+        )
+        return None if result.x is None else disjoined.invert(result.x)
 
     def relax(instance: Instance) -> Reformulated:
         grid, pieces = settings.envelopes.grid, settings.envelopes.pieces
         if grid is None:
             box = propagated_box(instance)
-            grid = McCormick(default_partitions(task.problem, instance, box, pieces))
+            grid = McCormick(build_default_partitions(task.problem, instance, box, pieces))
         return grid.apply(instance)
 
     answer = solve_admm(
         task.instance,
         mixed_integer,
-        task.guess(),
+        task.compute_guess(),
         relax,
         settings.admm,
         settings.gap,
-        task.left,
+        task.time_left,
         settings.tolerance,
     )
     best = "" if answer.best is None else f"iteration {answer.best + 1}"
     return Outcome(answer.result, best, len(answer.steps))
 
 
-def _polished(task: Task, found: SolverResult) -> SolverResult:
-    """The answer with its integers kept, solved to full accuracy; the bound stays."""
-    if found.x is None or found.assignment is None:
-        return found
-    candidate = at_point(found.x, found.assignment)
+def _polish(task: Task, result: SolverResult) -> SolverResult:
+    """Solve the program at the answer's integers to full accuracy; the bound stays."""
+    if result.x is None or result.assignment is None:
+        return result
+    candidate = candidate_at(result.x, result.assignment)
     settings = task.settings
-    again = solve_candidate(
-        task.instance, candidate, None, settings.gap, task.left, settings.tolerance
+    polished = solve_candidate(
+        task.instance, candidate, None, settings.gap, task.time_left, settings.tolerance
     )
-    if again.objective is None or (
-        found.objective is not None and again.objective > found.objective
+    if polished.objective is None or (
+        result.objective is not None and polished.objective > result.objective
     ):
-        again = found
+        polished = result
     answer = Answer(
-        x=again.x,
-        bound=found.bound,
+        x=polished.x,
+        bound=result.bound,
         infeasible=False,
-        nodes=found.nodes,
-        time=found.time,
-        solver=found.solver,
-        log=(*found.log, *again.log),
-        assignment=found.assignment,
+        nodes=result.nodes,
+        time=result.time,
+        solver=result.solver,
+        log=(*result.log, *polished.log),
+        assignment=result.assignment,
     )
-    return judged(task.instance, answer, settings.gap, settings.tolerance)
+    return judge_answer(task.instance, answer, settings.gap, settings.tolerance)

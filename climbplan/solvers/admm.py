@@ -1,8 +1,8 @@
 """ADMM between a mixed-integer and a nonlinear block, Algorithm 3 of chapter 6.4.
 
 The printed dual update compares a vector with itself; here it is w <- w + var1 - var2. Without
-convexity nothing guarantees convergence, so the best iterate is kept as the exact check ranks it,
-and the pinned program finishes it.
+convexity nothing guarantees convergence. The best iterate by the exact check is therefore kept, and
+the program at fixed integers polishes it.
 """
 
 from __future__ import annotations
@@ -18,36 +18,34 @@ from climbplan.program.instance import Instance
 from climbplan.reformulations.admm import AdmmSplit, Norm, Relaxation, SplitInstance
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.nlp_form import Consensus
-from climbplan.solvers.ipopt.instances import ITERATIONS, TOLERANCE, minimise, solve_pinned
-from climbplan.solvers.result import LEAST_OBJECTIVE, Answer, SolverResult, judged
+from climbplan.solvers.ipopt.instances import ITERATIONS, TOLERANCE, solve_fixed_integers, solve_nlp
+from climbplan.solvers.result import MIN_OBJECTIVE_SCALE, Answer, SolverResult, judge_answer
 
 NAME = "admm"
-# A mixed-integer block -> its variables, None if it found none. Products are gone; integers,
-# implications and choices are as stated.
+# Solves a mixed-integer block without products: instance -> variables, None without a solution.
+# Integers, implications and choices are as stated.
 MixedIntegerSolver = Callable[[Instance], Array | None]
 
 
 @dataclass(frozen=True)
 class AdmmOptions:
-    """How the iterations go."""
+    """Options of the iteration."""
 
-    penalty: float = 10.0  # of a whole span of disagreement, in units of the cost at the start
-    growth: float = 1.3  # of the weights from one iteration to the next, rho
+    penalty: float = 10.0  # for a disagreement of a whole span, in units of the cost at the start
+    growth: float = 1.3  # factor of the weights from one iteration to the next, rho
     iterations: int = 15
-    residual: float = 1e-3  # largest disagreement at which to stop, share of the variables' spans
+    residual: float = 1e-3  # disagreement at which to stop, as a fraction of the variables' spans
     norm: Norm = "l2"
-    share: float = 1.0  # of the cost beside the consensus in the mixed-integer block
-    freeze_after: int | None = None  # iterations after which the integers stay
-    mixed_integer_gap: float = 1e-3  # relative, that the mixed-integer block is solved to
+    share: float = 1.0  # weight of the cost against the consensus in the mixed-integer block
+    freeze_after: int | None = None  # iterations after which the integers are fixed
+    mixed_integer_gap: float = 1e-3  # relative gap of the mixed-integer block
     stop_when_feasible: bool = False  # at the first iterate that passes the exact check
-    weight: Array | None = (
-        None  # (n,) of each variable's disagreement, penalty / span^2 if left out
-    )
+    weight: Array | None = None  # (n,) weight of each variable, penalty / span^2 if missing
 
 
 @dataclass(frozen=True)
 class AdmmStep:
-    """Record of one iteration; residuals are shares of the variables' spans."""
+    """Record of one iteration; residuals are fractions of the variables' spans."""
 
     mean_residual: float
     max_residual: float
@@ -61,15 +59,17 @@ class AdmmStep:
 
 @dataclass(frozen=True)
 class AdmmResult:
-    """The answer and how it came about."""
+    """The answer and the record of its iterations."""
 
     result: SolverResult
     steps: tuple[AdmmStep, ...]
-    best: int | None  # iteration (from 0) whose iterate was finished
+    best: int | None  # iteration (from 0) whose iterate was polished
 
 
 @dataclass(frozen=True)
 class _Iterate:
+    """A point of the nonlinear block and its quality."""
+
     x: Array
     assignment: IntArray
     violation: float
@@ -77,7 +77,7 @@ class _Iterate:
     number: int
 
     def rank(self, tolerance: float) -> tuple[float, float]:
-        """Smaller is better: feasible ones by cost, others by violation."""
+        """Return the rank, smaller is better: feasible ones by cost, others by violation."""
         return (max(self.violation, tolerance), self.objective)
 
 
@@ -92,29 +92,38 @@ def solve_admm(
     tolerance: float = TOLERANCE,
     polish: bool = True,
 ) -> AdmmResult:
-    """A feasible point of an instance by consensus of its two blocks.
+    """Find a feasible point of an instance by consensus of its two blocks.
 
-    start: (n,) first point of the nonlinear block; without one the first mixed-integer block has
-    no consensus term. relax: envelopes of products in the mixed-integer block. polish: solve the
-    pinned program from the best iterate. The time limit [s] is looked at between iterations and
-    in the nonlinear block. Status is "feasible" or "limit"; ADMM proves nothing.
+    The status is "feasible" or "limit"; ADMM proves nothing.
+
+    Args:
+        instance: The instance.
+        mixed_integer: Solver of the mixed-integer block.
+        start: (n,) first point of the nonlinear block; without one the first mixed-integer block
+            has no consensus term.
+        relax: Envelopes of products in the mixed-integer block.
+        options: Options of the iteration.
+        gap: Not used to stop.
+        time_limit: Time limit [s], checked between iterations and in the nonlinear block.
+        tolerance: Largest violation of any constraint.
+        polish: Whether to solve the program at fixed integers from the best iterate.
     """
     options = options or AdmmOptions()
     begin = time.monotonic()
     deadline = begin + time_limit
     split = (AdmmSplit() if relax is None else AdmmSplit(relax)).apply(instance)
-    weight = None if start is None else _weights(split, options, start)
-    other, dual = start, np.zeros(instance.size)
+    weight = None if start is None else _compute_weights(split, options, start)
+    nonlinear_point, dual = start, np.zeros(instance.size)
     steps: list[AdmmStep] = []
     best: _Iterate | None = None
     integers: Array | None = None
     for number in range(options.iterations):
         if time.monotonic() > deadline:
             break
-        first = time.monotonic()
+        time_begin = time.monotonic()
         frozen = options.freeze_after is not None and number >= options.freeze_after
         block = split.mixed_integer(
-            _pull(split, weight, other, dual, options.share),
+            _build_consensus(split, weight, nonlinear_point, dual, options.share),
             options.norm,
             integers if frozen else None,
         )
@@ -123,71 +132,77 @@ def solve_admm(
             break
         var1 = split.invert(lifted)
         chosen = instance.assignment(var1)
-        weight = _weights(split, options, var1) if weight is None else weight
-        kept = np.where(instance.integer, np.round(var1), 0.0)
-        changed = integers is None or not np.array_equal(kept, integers)
-        integers = kept
-        second = time.monotonic()
-        var2 = _nonlinear(split, var1, chosen, Consensus(weight, var1 + dual, 0.0), deadline)
-        third = time.monotonic()
+        weight = _compute_weights(split, options, var1) if weight is None else weight
+        rounded = np.where(instance.integer, np.round(var1), 0.0)
+        has_new_integers = integers is None or not np.array_equal(rounded, integers)
+        integers = rounded
+        time_mixed_integer = time.monotonic()
+        var2 = _solve_nonlinear(split, var1, chosen, Consensus(weight, var1 + dual, 0.0), deadline)
+        time_nonlinear = time.monotonic()
 
-        gone = np.abs(var1 - var2) / split.span
-        moved = np.abs(var2 - (var1 if other is None else other)) / split.span
+        residual = np.abs(var1 - var2) / split.span
+        change = np.abs(var2 - (var1 if nonlinear_point is None else nonlinear_point)) / split.span
         violation = instance.violation(var2, chosen)
         objective = instance.objective(var2)
         steps.append(
             AdmmStep(
-                mean_residual=float(gone.mean()),
-                max_residual=float(gone.max()),
-                dual_residual=float(moved.max()),
+                mean_residual=float(residual.mean()),
+                max_residual=float(residual.max()),
+                dual_residual=float(change.max()),
                 violation=violation,
                 objective=objective,
-                mixed_integer_seconds=second - first,
-                nonlinear_seconds=third - second,
-                new_integers=changed,
+                mixed_integer_seconds=time_mixed_integer - time_begin,
+                nonlinear_seconds=time_nonlinear - time_mixed_integer,
+                new_integers=has_new_integers,
             )
         )
         iterate = _Iterate(var2, chosen, violation, objective, number)
         if best is None or iterate.rank(tolerance) < best.rank(tolerance):
             best = iterate
-        if gone.max() <= options.residual:
+        if residual.max() <= options.residual:
             break
         if options.stop_when_feasible and violation <= tolerance:
             break
         # Scaled duals shrink as the weights grow, so that their product, the multiplier, stays.
         dual = (dual + var1 - var2) / options.growth
         weight = weight * options.growth
-        other = var2
-    return _finished(instance, best, steps, gap, tolerance, polish, begin, deadline)
+        nonlinear_point = var2
+    return _finish(instance, best, steps, gap, tolerance, polish, begin, deadline)
 
 
-def _weights(split: SplitInstance, options: AdmmOptions, x: Array) -> Array:
+def _compute_weights(split: SplitInstance, options: AdmmOptions, x: Array) -> Array:
+    """Return the weights of the variables; integers have none in the nonlinear block."""
     weight = options.weight
     if weight is None:
         cost = abs(split.instance.objective(x))
-        weight = options.penalty * max(cost, LEAST_OBJECTIVE) / split.span**2
-    # The nonlinear block takes integers as given
+        weight = options.penalty * max(cost, MIN_OBJECTIVE_SCALE) / split.span**2
+    # Integers are fixed in the nonlinear block
     return np.where(split.instance.integer, 0.0, weight)
 
 
-def _pull(
-    split: SplitInstance, weight: Array | None, other: Array | None, dual: Array, share: float
+def _build_consensus(
+    split: SplitInstance,
+    weight: Array | None,
+    nonlinear_point: Array | None,
+    dual: Array,
+    cost_weight: float,
 ) -> Consensus:
-    if weight is None or other is None:
+    """Build the consensus term of the mixed-integer block."""
+    if weight is None or nonlinear_point is None:
         return Consensus(np.zeros(split.instance.size), np.zeros(split.instance.size), 1.0)
-    return Consensus(weight, other - dual, share)
+    return Consensus(weight, nonlinear_point - dual, cost_weight)
 
 
-def _nonlinear(
+def _solve_nonlinear(
     split: SplitInstance, var1: Array, chosen: IntArray, consensus: Consensus, deadline: float
 ) -> Array:
-    """The nearest point to var1 + dual at which the products hold."""
+    """Return the nearest point to var1 + dual at which the products hold."""
     numbers = split.form.numbers(split.instance, consensus)
     bounds = split.nonlinear_bounds(var1, chosen)
-    return minimise(split.form, numbers, bounds, var1, deadline, ITERATIONS).v
+    return solve_nlp(split.form, numbers, bounds, var1, deadline, ITERATIONS).v
 
 
-def _finished(
+def _finish(
     instance: Instance,
     best: _Iterate | None,
     steps: list[AdmmStep],
@@ -197,6 +212,7 @@ def _finished(
     begin: float,
     deadline: float,
 ) -> AdmmResult:
+    """Polish the best iterate and build the result."""
     log = [f"{len(steps)} iterations"]
     if steps:
         log.append(
@@ -207,10 +223,10 @@ def _finished(
         x = best.x
         log.append(f"best iterate {best.number + 1} violates by {best.violation:.2g}")
         if polish:
-            point = solve_pinned(instance, best.x, best.assignment, deadline)
+            point = solve_fixed_integers(instance, best.x, best.assignment, deadline)
             log.append(f"polish: {point.word}, {point.iterations} iterations")
-            better = instance.violation(point.v, best.assignment) <= tolerance
-            x = point.v if better else x
+            is_feasible = instance.violation(point.v, best.assignment) <= tolerance
+            x = point.v if is_feasible else x
     answer = Answer(
         x=x,
         bound=-np.inf,
@@ -222,7 +238,7 @@ def _finished(
         assignment=None if best is None else best.assignment,
     )
     return AdmmResult(
-        judged(instance, answer, gap, tolerance),
+        judge_answer(instance, answer, gap, tolerance),
         tuple(steps),
         None if best is None else best.number,
     )
@@ -234,9 +250,12 @@ _BLOCK_GAP = 1e-3  # the next consensus moves the block anyway
 def solve_admm_default(
     instance: Instance, gap: float = 1e-4, time_limit: float = np.inf
 ) -> SolverResult:
-    """A feasible point by ADMM without further choices; `solve_admm` takes them.
+    """Find a feasible point by ADMM with default options; `solve_admm` takes options.
 
-    Status is "feasible" or "limit". Raises UsageError where big-M lacks a bound.
+    The status is "feasible" or "limit".
+
+    Raises:
+        UsageError: Big-M lacks a bound.
     """
     from climbplan.solvers.admm import AdmmOptions, solve_admm
     from climbplan.solvers.highs.instances import solve_highs
@@ -245,9 +264,9 @@ def solve_admm_default(
 
     def mixed_integer(block: Instance) -> Array | None:
         disjoined = BigM().apply(block)
-        left = max(time_limit - (time.perf_counter() - begin), 0.1)
-        found = solve_highs(disjoined.instance, _BLOCK_GAP, left)
-        return None if found.x is None else disjoined.invert(found.x)
+        time_left = max(time_limit - (time.perf_counter() - begin), 0.1)
+        result = solve_highs(disjoined.instance, _BLOCK_GAP, time_left)
+        return None if result.x is None else disjoined.invert(result.x)
 
     options = AdmmOptions(freeze_after=2)
     return solve_admm(

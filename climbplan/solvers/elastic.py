@@ -1,8 +1,8 @@
-"""How far an infeasible instance is from feasible: least violations, found locally.
+"""Measure how far an infeasible instance is from feasible: local minimum of violations.
 
-With every choice made, the smallest sum of violations is a convex problem (Clarabel). Choices are
-then made anew at its solution, as long as that helps: a local search, used to explain, never to
-prove.
+With every choice fixed, the smallest sum of violations is a convex problem (elastic programming)
+that Clarabel solves. Choices are then selected again at its solution, as long as that helps. This
+local search explains infeasibility; it proves nothing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _SOLVED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
 
 @dataclass(frozen=True)
 class Violations:
-    """A point and by how much each constraint fails there, zero where it holds."""
+    """A point and the violation of each constraint there, zero where it holds."""
 
     x: Array  # (n,)
     assignment: IntArray  # chosen alternative of each choice
@@ -36,40 +36,44 @@ class Violations:
         return float(self.rows.sum() + self.choices.sum() + sum(float(b.sum()) for b in self.balls))
 
 
-def least_violations(instance: Instance, start: Array) -> Violations | None:
-    """A point with small violations, near the choices that suit `start` (n,).
+def minimise_violations(instance: Instance, start: Array) -> Violations | None:
+    """Find a point with small violations, near the choices that suit `start` (n,).
 
-    Bounds of the variables are kept. None if Clarabel finds no point at all.
+    Bounds of the variables are kept.
+
+    Returns:
+        None if Clarabel finds no point at all.
     """
     best: Violations | None = None
     assignment = instance.assignment(start)
     for _ in range(_PASSES):
-        x = _least_sum(instance, assignment)
+        x = _minimise_sum(instance, assignment)
         if x is None:
             break
-        found = _violations(instance, x, assignment)
-        if best is not None and found.total >= best.total - 1e-7:
+        violations = _compute_violations(instance, x, assignment)
+        if best is not None and violations.total >= best.total - 1e-7:
             break
-        best = found
+        best = violations
         assignment = instance.assignment(x)
     return best
 
 
-def _violations(instance: Instance, x: Array, assignment: IntArray) -> Violations:
+def _compute_violations(instance: Instance, x: Array, assignment: IntArray) -> Violations:
+    """Compute the violations at a point."""
     row = instance.A @ x
-    outside = np.maximum(instance.row_lower - row, row - instance.row_upper)
+    row_violation = np.maximum(instance.row_lower - row, row - instance.row_upper)
     chosen = zip(instance.choices, assignment, strict=True)
     return Violations(
         x=x,
         assignment=assignment,
         balls=tuple(np.maximum(b.excess(x), 0.0) for b in instance.balls),
-        rows=np.maximum(outside, 0.0),
+        rows=np.maximum(row_violation, 0.0),
         choices=np.array([c.alternatives[k].violation(c.point(x)) for c, k in chosen]),
     )
 
 
-def _least_sum(instance: Instance, assignment: IntArray) -> Array | None:
-    """min sum t over || F x + f || <= r + t, rows and chosen alternatives within t of holding."""
+def _minimise_sum(instance: Instance, assignment: IntArray) -> Array | None:
+    """Minimise sum t such that balls, rows and chosen alternatives hold within t."""
     n = instance.size
     slack_count = sum(b.count for b in instance.balls) + instance.A.shape[0] + len(instance.choices)
     blocks: list[sparse.csr_matrix] = []
@@ -78,47 +82,47 @@ def _least_sum(instance: Instance, assignment: IntArray) -> Array | None:
 
     def with_slack(rows: sparse.csr_matrix, slack: IntArray) -> sparse.csr_matrix:
         count = rows.shape[0]
-        place = sparse.csr_matrix(
+        slack_columns = sparse.csr_matrix(
             (-np.ones(count), (np.arange(count), slack)), shape=(count, slack_count)
         )
-        return sparse.hstack([rows, place]).tocsr()
+        return sparse.hstack([rows, slack_columns]).tocsr()
 
     unit = sparse.identity(n + slack_count, format="csr")
     for sign, bound in ((1.0, instance.upper), (-1.0, -instance.lower)):
-        held = np.flatnonzero(np.isfinite(bound))
-        blocks.append(sign * unit[held])
-        values.append(bound[held])
+        is_finite = np.flatnonzero(np.isfinite(bound))
+        blocks.append(sign * unit[is_finite])
+        values.append(bound[is_finite])
     blocks.append(-unit[n:])
     values.append(np.zeros(slack_count))
     slack = next_slack + np.arange(instance.A.shape[0])
     next_slack += instance.A.shape[0]
     for sign, bound in ((1.0, instance.row_upper), (-1.0, -instance.row_lower)):
-        held = np.flatnonzero(np.isfinite(bound))
-        blocks.append(with_slack(sign * instance.A[held], slack[held]))
-        values.append(bound[held])
+        is_finite = np.flatnonzero(np.isfinite(bound))
+        blocks.append(with_slack(sign * instance.A[is_finite], slack[is_finite]))
+        values.append(bound[is_finite])
     for choice, k in zip(instance.choices, assignment, strict=True):
         polytope = choice.alternatives[k]
         rows = sparse.csr_matrix(np.vstack([polytope.A, polytope.C, -polytope.C]))
         bound = np.concatenate([polytope.b, polytope.c, -polytope.c])
-        one = np.full(len(bound), next_slack)
-        blocks.append(with_slack(sparse.csr_matrix(rows @ choice.E), one))
+        slack_index = np.full(len(bound), next_slack)
+        blocks.append(with_slack(sparse.csr_matrix(rows @ choice.E), slack_index))
         values.append(bound - rows @ choice.e)
         next_slack += 1
     cones = [clarabel.NonnegativeConeT(sum(len(v) for v in values))]
     for balls in instance.balls:
         d = balls.f.shape[1]
-        nothing = sparse.csr_matrix((d, slack_count))
+        no_slack = sparse.csr_matrix((d, slack_count))
         for k, radius in enumerate(balls.radius):
-            edge = with_slack(sparse.csr_matrix((1, n)), np.array([next_slack]))
-            inside = sparse.hstack([-balls.F[k * d : (k + 1) * d], nothing])
-            blocks.append(sparse.vstack([edge, inside]).tocsr())
+            radius_row = with_slack(sparse.csr_matrix((1, n)), np.array([next_slack]))
+            vector_rows = sparse.hstack([-balls.F[k * d : (k + 1) * d], no_slack])
+            blocks.append(sparse.vstack([radius_row, vector_rows]).tocsr())
             values.append(np.concatenate([[radius], balls.f[k]]))
             cones.append(clarabel.SecondOrderConeT(d + 1))
             next_slack += 1
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     cost = np.concatenate([np.zeros(n), np.ones(slack_count)])
-    # A trace of curvature makes the point unique where violations leave it open.
+    # A small curvature makes the point unique where violations do not determine it.
     quadratic = sparse.diags(np.concatenate([np.full(n, 1e-6), np.zeros(slack_count)])).tocsc()
     solver = clarabel.DefaultSolver(
         quadratic, cost, sparse.vstack(blocks).tocsc(), np.concatenate(values), cones, settings

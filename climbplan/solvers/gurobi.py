@@ -1,4 +1,4 @@
-"""Gurobi, if it is installed and licensed."""
+"""Gurobi as a solver of instances, if it is installed and licensed."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from gurobipy import GRB
 
 from climbplan.errors import MissingSolver
 from climbplan.program.instance import Balls, Instance
-from climbplan.solvers.mixed_integer_form import mixed_integer_form
-from climbplan.solvers.result import Answer, SolverResult, judged
-from climbplan.solvers.tree.mending import mended
+from climbplan.solvers.mixed_integer_form import build_mixed_integer_form
+from climbplan.solvers.result import Answer, SolverResult, judge_answer
+from climbplan.solvers.tree.repair import repair_point
 
 NAME = "gurobi"
 TOLERANCE = 2e-6
@@ -25,12 +25,14 @@ def solve_gurobi(
     time_limit: float = np.inf,
     tolerance: float = TOLERANCE,
 ) -> SolverResult:
-    """Solve an instance with Gurobi on one thread; parameters as for the other solvers.
+    """Solve an instance with Gurobi on one thread; arguments are those of the other solvers.
 
-    Raises MissingSolver if there is no licence, UsageError if the choices are not bounded.
+    Raises:
+        MissingSolver: There is no licence.
+        UsageError: A choice is not bounded.
     """
     begin = time.perf_counter()
-    form = mixed_integer_form(instance)
+    form = build_mixed_integer_form(instance)
     try:
         environment = gp.Env(params={"OutputFlag": 0})
     except gp.GurobiError as error:
@@ -44,12 +46,12 @@ def solve_gurobi(
         kind = np.where(instance.integer, GRB.BINARY, GRB.CONTINUOUS)
         low, high = form.box.lower, form.box.upper
         x = model.addMVar(instance.size, lb=low, ub=high, vtype=kind, name="x")
-        half = 0.5 * instance.P
-        model.setMObjective(half, instance.q, instance.constant, x, x, x, GRB.MINIMIZE)
+        half_hessian = 0.5 * instance.P
+        model.setMObjective(half_hessian, instance.q, instance.constant, x, x, x, GRB.MINIMIZE)
         for bound, sense in ((instance.row_lower, ">"), (instance.row_upper, "<")):
-            held = np.flatnonzero(np.isfinite(bound))
-            if len(held):
-                model.addMConstr(instance.A[held], x, sense, bound[held])
+            is_finite = np.flatnonzero(np.isfinite(bound))
+            if len(is_finite):
+                model.addMConstr(instance.A[is_finite], x, sense, bound[is_finite])
         for balls in instance.balls:
             _add_balls(model, x, balls)
         binaries = [model.addMVar(len(c.alternatives), vtype=GRB.BINARY) for c in instance.choices]
@@ -66,28 +68,29 @@ def solve_gurobi(
             model.Params.DualReductions = 0
             model.optimize()
         if model.Status == GRB.INTERRUPTED:
-            raise KeyboardInterrupt  # Gurobi takes Ctrl-C for itself
-        found = mended(instance, np.array(x.X)) if model.SolCount else None
+            raise KeyboardInterrupt  # Gurobi handles Ctrl-C itself
+        solution = repair_point(instance, np.array(x.X)) if model.SolCount else None
         answer = Answer(
-            x=found,
-            bound=_bound(model),
+            x=solution,
+            bound=_read_bound(model),
             infeasible=model.Status == GRB.INFEASIBLE,
             nodes=int(model.NodeCount),
             time=time.perf_counter() - begin,
             solver=NAME,
             log=(f"Gurobi {'.'.join(map(str, gp.gurobi.version()))}: status {model.Status}",),
         )
-    return judged(instance, answer, gap, tolerance)
+    return judge_answer(instance, answer, gap, tolerance)
 
 
-def _bound(model: Any) -> float:
+def _read_bound(model: Any) -> float:
+    """Return the lower bound that Gurobi has proved."""
     if model.IsMIP:
         return float(model.ObjBound)
     return float(model.ObjVal) if model.Status == GRB.OPTIMAL else -np.inf
 
 
 def _add_balls(model: Any, x: Any, balls: Balls) -> None:
-    """|| F_k x + f_k || <= radius_k with explicit differences."""
+    """Add || F_k x + f_k || <= radius_k with explicit differences."""
     K, d = balls.f.shape
     if K == 0:
         return

@@ -1,9 +1,9 @@
-"""Compiled functions that only others call are made machine code with these, not by themselves.
+"""Numba pipelines that compile functions together with their compiled callers only.
 
-Numba optimises each function together with all that it calls, and makes machine code of that, at
-every level anew: a function ten calls deep is optimised and generated ten times. Functions that
-Python cannot call need neither. Here they stay in LLVM's intermediate code until one that Python
-can call takes them in, and is optimised once as a whole.
+Numba optimises each function together with everything that it calls, and generates machine code at
+every level: a function ten calls deep is optimised and generated ten times. Functions that Python
+cannot call do not need that. Here they stay in LLVM's intermediate representation until a function
+that Python can call links them, and are optimised once as a whole.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from numba.core.environment import lookup_environment
 _dynfunc: Any = numba._dynfunc
 
 
-class _Joined(JITCodeLibrary):  # type: ignore[misc]  # Numba has no types
-    """Code of a function, and of those that it calls, as it was written."""
+class _LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]  # Numba has no types
+    """Code of a function and of those that it calls, as generated."""
 
     def _optimize_functions(self, module: Any) -> None:
-        # Enough to be small; the rest is done once all is together
+        # A low level to keep the code small; the linked code is optimised as a whole
         level = numba.config.OPT
         try:
             numba.config.OPT = type(level)(min(level, 1))
@@ -45,18 +45,18 @@ class _Joined(JITCodeLibrary):  # type: ignore[misc]  # Numba has no types
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
-class _Inner(typed_passes.NativeLowering):  # type: ignore[misc]
-    """Code for other compiled functions alone."""
+class _InnerLowering(typed_passes.NativeLowering):  # type: ignore[misc]
+    """Lowering of functions that only compiled functions call."""
 
     _name = "climbplan_inner"
 
     def run_pass(self, state: Any) -> bool:
         context, codegen = state.targetctx, state.targetctx.codegen()
-        state.library = _Joined(codegen, state.func_id.func_qualname)
+        state.library = _LinkedLibrary(codegen, state.func_id.func_qualname)
         state.flags.no_compile = True
         super().run_pass(state)
         lowered = state["cr"]
-        # What Numba knows the function by; it has no address
+        # A function object by which Numba finds the code; it has no address
         name = lowered.fndesc.qualname.split(".")[-1]
         place = lowered.fndesc.lookup_module()
         known_by = _dynfunc.make_function(place, name, "", 0, lowered.env, (state.library,))
@@ -68,8 +68,8 @@ class _Inner(typed_passes.NativeLowering):  # type: ignore[misc]
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
-class _Outer(typed_passes.NativeLowering):  # type: ignore[misc]
-    """Code that Python calls: constants that functions keep are given to all that it took in."""
+class _OuterLowering(typed_passes.NativeLowering):  # type: ignore[misc]
+    """Lowering of functions that Python calls: constants are set in all linked functions."""
 
     _name = "climbplan_outer"
 
@@ -82,7 +82,9 @@ class _Outer(typed_passes.NativeLowering):  # type: ignore[misc]
         return True
 
 
-def _with(lowering: type[Any]) -> type[Any]:
+def _create_pipeline(lowering: type[Any]) -> type[Any]:
+    """Create Numba's default pipeline with another lowering pass."""
+
     class Pipeline(compiler.CompilerBase):  # type: ignore[misc]
         def define_pipelines(self) -> list[Any]:
             passes = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
@@ -96,4 +98,4 @@ def _with(lowering: type[Any]) -> type[Any]:
     return Pipeline
 
 
-INNER, OUTER = _with(_Inner), _with(_Outer)
+INNER, OUTER = _create_pipeline(_InnerLowering), _create_pipeline(_OuterLowering)

@@ -1,10 +1,10 @@
-"""An instance as other mixed-integer solvers read it: squares, balls, and binaries.
+"""An instance in the form of other mixed-integer solvers: squares, balls, and binaries.
 
-Cost: 1/2 sum u_j^2 with u = U x + offset from a Cholesky factor, so that steps between rounds
-appear as single differences. Choices: with one binary b_r an alternative, sum b = 1, and along each
-direction d of the choice sum lower_r b_r <= d'y <= sum upper_r b_r. The bounds come from the
-alternatives' vertices, or from the variables' box where an alternative says nothing: no big-M is
-typed in.
+The cost is 1/2 sum u_j^2 with u = U x + offset from a Cholesky factor, so steps between rounds
+appear as single differences. A choice has one binary b_r for each alternative, with sum b = 1, and
+sum lower_r b_r <= d'y <= sum upper_r b_r along each of its directions d. The bounds are those of
+the alternatives' vertices, or of the variables' box where an alternative has none; no big-M is
+chosen.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.program.box import Box, propagated_box
 from climbplan.program.instance import Instance
-from climbplan.solvers.separable_cost import SeparableCost, separable_cost
-from climbplan.solvers.tree.choice_table import UNBOUNDED, ChoiceTable, choice_tables
-from climbplan.solvers.tree.hulls import choice_hulls
+from climbplan.solvers.separable_cost import SeparableCost, factor_cost
+from climbplan.solvers.tree.choice_hulls import build_choice_hulls
+from climbplan.solvers.tree.choice_table import UNBOUNDED, ChoiceTable, build_choice_tables
 
-_ENTRIES = 10e6  # of rows of binaries; some 200 bytes each once a model is built of them
+_MAX_ENTRIES = 10e6  # largest number of entries of binaries, each some 200 bytes in a model
 
 
 @dataclass(frozen=True)
 class ChoiceRow:
-    """lower b <= row x <= upper b for the binaries b of one choice."""
+    """Row lower b <= row x <= upper b for the binaries b of one choice."""
 
     choice: int
     row: sparse.csr_matrix  # (1, n)
@@ -37,42 +37,49 @@ class ChoiceRow:
 
 @dataclass(frozen=True)
 class MixedIntegerForm:
-    """What a model is built from besides the instance itself."""
+    """Parts of a model in addition to the instance itself."""
 
     box: Box
     squares: SeparableCost
     choice_rows: tuple[ChoiceRow, ...]
 
 
-def mixed_integer_form(instance: Instance) -> MixedIntegerForm:
-    """Raises UsageError for a point that is not bounded where it has to be, and for huge forms."""
-    tables = choice_tables(instance.choices, every_row=True)
+def build_mixed_integer_form(instance: Instance) -> MixedIntegerForm:
+    """Build the form of an instance with choices.
+
+    Raises:
+        UsageError: A point is not bounded where it has to be, or the form is too large.
+    """
+    tables = build_choice_tables(instance.choices, every_row=True)
     entries = sum(2 * table.lower.size for table in tables)
-    if entries > _ENTRIES:
+    if entries > _MAX_ENTRIES:
         raise UsageError(
             f"{instance.name}: {1e-6 * entries:.0f} million entries of binaries are more than this "
             "solver is given: use branch-and-bound, which needs none"
         )
-    box = propagated_box(instance, choice_hulls(instance, tables))
-    rows = [row for c, table in enumerate(tables) for row in _choice_rows(instance, c, table, box)]
-    return MixedIntegerForm(box, separable_cost(instance), tuple(rows))
+    box = propagated_box(instance, build_choice_hulls(instance, tables))
+    rows = [
+        row for c, table in enumerate(tables) for row in _build_choice_rows(instance, c, table, box)
+    ]
+    return MixedIntegerForm(box, factor_cost(instance), tuple(rows))
 
 
-def _choice_rows(instance: Instance, c: int, table: ChoiceTable, box: Box) -> list[ChoiceRow]:
+def _build_choice_rows(instance: Instance, c: int, table: ChoiceTable, box: Box) -> list[ChoiceRow]:
+    """Build the rows of one choice."""
     choice = instance.choices[c]
     E = sparse.csr_matrix(sparse.csr_matrix(table.directions) @ choice.E)
     offset = table.directions @ choice.e
     reach = box.interval(E)
-    least, most = reach.lower + offset, reach.upper + offset
+    minimum, maximum = reach.lower + offset, reach.upper + offset
     rows = []
     for d in range(len(offset)):
-        lower = np.maximum(table.lower[:, d], least[d])
-        upper = np.minimum(table.upper[:, d], most[d])
-        needs = (
+        lower = np.maximum(table.lower[:, d], minimum[d])
+        upper = np.minimum(table.upper[:, d], maximum[d])
+        is_needed = (
             table.lower[:, d].max() > -UNBOUNDED,
             table.upper[:, d].min() < UNBOUNDED,
         )
-        if (needs[0] and np.isinf(lower).any()) or (needs[1] and np.isinf(upper).any()):
+        if (is_needed[0] and np.isinf(lower).any()) or (is_needed[1] and np.isinf(upper).any()):
             raise UsageError(
                 f"{choice.name}: its point is not bounded, which this solver needs; "
                 "give its variables bounds or use branch-and-bound"
@@ -81,8 +88,8 @@ def _choice_rows(instance: Instance, c: int, table: ChoiceTable, box: Box) -> li
             ChoiceRow(
                 c,
                 E[d],
-                lower - offset[d] if needs[0] else None,
-                upper - offset[d] if needs[1] else None,
+                lower - offset[d] if is_needed[0] else None,
+                upper - offset[d] if is_needed[1] else None,
             )
         )
     return rows

@@ -1,7 +1,7 @@
-"""Writing an instance to a model file that other solvers read.
+"""Write an instance to a model file that other solvers read.
 
-Every form is written whole or refused: SCIP's writer of .nl files leaves out indicator constraints
-without a word, so implications and choices are big-M rows there.
+Every form is written completely or rejected. SCIP's writer of .nl files drops indicator constraints
+silently, so implications and choices are big-M rows there.
 """
 
 from __future__ import annotations
@@ -23,10 +23,13 @@ def save_model(instance: Instance, path: Path) -> None:
     """Write the program: .lp (CPLEX LP), .mps, .cip (SCIP) or .nl (AMPL, for nonlinear solvers).
 
     Rows, binaries, implications and choices become a mixed-integer linear or quadratic .lp or .mps
-    by big-M; with products or balls these two hold quadratic rows and indicators. Variables are in
-    the order of the instance; SCIP names them x<i>, products w<k>, the binaries of choices
-    in<choice>_<alternative>. An .nl file has its names beside it (.col, .row). Raises UsageError
-    for another suffix, an unwritable place or a missing bound, MissingSolver without PySCIPOpt.
+    by big-M. With products or balls these two contain quadratic rows and indicators. Variables are
+    in the order of the instance. SCIP names them x<i>, products w<k>, the binaries of choices
+    in<choice>_<alternative>. Names of an .nl file are in separate files (.col, .row).
+
+    Raises:
+        UsageError: The suffix is unknown, the file cannot be written, or a bound is missing.
+        MissingSolver: PySCIPOpt is not installed.
     """
     if path.suffix not in SUFFIXES:
         raise UsageError(
@@ -41,28 +44,30 @@ def save_model(instance: Instance, path: Path) -> None:
             f"--save-model {path}: {instance.name!r} has smooth rows, which no format here holds"
         )
     if path.suffix == ".nl":
-        _write_by_scip(_bilinear(BigM().apply(instance).instance), path)
+        _write_by_scip(_build_bilinear(BigM().apply(instance).instance), path)
     elif features <= _SCIP_CONVEX:
         require("scip")
-        from climbplan.solvers.scip.model import scip_model
+        from climbplan.solvers.scip.model import build_convex_model
 
-        _write_by_scip(scip_model(instance).model, path)
+        _write_by_scip(build_convex_model(instance).model, path)
     elif features <= _BY_BIG_M and path.suffix != ".cip":
         from climbplan.solvers.highs.instances import save_highs_model
 
         save_highs_model(BigM().apply(instance).instance, path)
     else:
-        _write_by_scip(_bilinear(instance), path)
+        _write_by_scip(_build_bilinear(instance), path)
 
 
-def _bilinear(instance: Instance) -> Any:
+def _build_bilinear(instance: Instance) -> Any:
+    """Build SCIP's model of the whole statement."""
     require("minlp-scip")
-    from climbplan.solvers.scip.bilinear import bilinear_model
+    from climbplan.solvers.scip.bilinear import build_bilinear_model
 
-    return bilinear_model(instance).model
+    return build_bilinear_model(instance).model
 
 
 def _write_by_scip(model: Any, path: Path) -> None:
+    """Write a model with SCIP."""
     try:
         model.writeProblem(str(path), verbose=False)
     except OSError as error:

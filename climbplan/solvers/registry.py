@@ -1,4 +1,4 @@
-"""Which solvers of instances there are, which of them are installed, and calling them by name."""
+"""Registry of the solvers of instances: which exist, which are installed, and calls by name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.program.instance import Instance
-from climbplan.solvers.result import Known, SolverResult
+from climbplan.solvers.result import KnownResult, SolverResult
 
 
 class Solve(Protocol):
@@ -24,8 +24,8 @@ class Solve(Protocol):
         """Solve an instance to a relative gap within a time limit [s]."""
 
 
-class SolveKnowing(Protocol):
-    """The function of a backend that starts from what a laxer instance has told."""
+class SolveWarmStarted(Protocol):
+    """The function of a backend that starts from the result of a relaxed instance."""
 
     def __call__(
         self,
@@ -33,7 +33,7 @@ class SolveKnowing(Protocol):
         gap: float = ...,
         time_limit: float = ...,
         *,
-        known: Known | None = ...,
+        known: KnownResult | None = ...,
         nodes: float = ...,
     ) -> SolverResult:
         """Solve an instance to a relative gap within a time limit [s]."""
@@ -41,21 +41,23 @@ class SolveKnowing(Protocol):
 
 @dataclass(frozen=True)
 class Backend:
-    """One solver, described without importing it."""
+    """Description of one solver, which does not import it."""
 
     name: str
     module: str  # that has to be importable
     distribution: str  # as `pip install` knows it
     install: str
-    accepts: frozenset[str]  # features of instances (`Instance.features`) it can hold
+    accepts: frozenset[str]  # supported features of instances (`Instance.features`)
     load: Callable[[], Solve]
-    purpose: str  # what it is used for
-    proves: bool = True  # bounds and infeasibility; a local method has neither
-    load_knowing: Callable[[], SolveKnowing] | None = None  # where it can start from a laxer answer
+    purpose: str
+    proves: bool = True  # whether it proves bounds and infeasibility; a local method does not
+    load_knowing: Callable[[], SolveWarmStarted] | None = (
+        None  # where it can start from a laxer answer
+    )
 
     @property
     def available(self) -> bool:
-        """Whether it is installed; nothing is imported and no licence is taken."""
+        """Whether it is installed; nothing is imported and no licence is used."""
         return find_spec(self.module) is not None
 
     @property
@@ -67,73 +69,73 @@ class Backend:
             return None
 
 
-def _branch_and_bound() -> SolveKnowing:
+def _load_branch_and_bound() -> SolveWarmStarted:
     from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 
     return solve_branch_and_bound
 
 
-def _benders() -> Solve:
+def _load_benders() -> Solve:
     from climbplan.solvers.benders.method import solve_benders
 
     return solve_benders
 
 
-def _scip() -> Solve:
+def _load_scip() -> Solve:
     from climbplan.solvers.scip.instances import solve_scip
 
     return solve_scip
 
 
-def _gurobi() -> Solve:
+def _load_gurobi() -> Solve:
     from climbplan.solvers.gurobi import solve_gurobi
 
     return solve_gurobi
 
 
-def _highs() -> Solve:
+def _load_highs() -> Solve:
     from climbplan.solvers.highs.instances import solve_highs
 
     return solve_highs
 
 
-def _minlp_scip() -> Solve:
+def _load_minlp_scip() -> Solve:
     from climbplan.solvers.scip.bilinear import solve_minlp_scip
 
     return solve_minlp_scip
 
 
-def _ipopt() -> Solve:
+def _load_ipopt() -> Solve:
     from climbplan.solvers.ipopt.instances import solve_ipopt
 
     return solve_ipopt
 
 
-def _mpcc() -> Solve:
+def _load_mpcc() -> Solve:
     from climbplan.solvers.ipopt.mpcc import solve_mpcc
 
     return solve_mpcc
 
 
-def _bonmin() -> Solve:
+def _load_bonmin() -> Solve:
     from climbplan.solvers.bonmin import solve_bonmin
 
     return solve_bonmin
 
 
-def _slack_selection() -> Solve:
+def _load_slack_selection() -> Solve:
     from climbplan.solvers.slack_selection import solve_slack_selection
 
     return solve_slack_selection
 
 
-def _admm() -> Solve:
+def _load_admm() -> Solve:
     from climbplan.solvers.admm import solve_admm_default
 
     return solve_admm_default
 
 
-def _convex(backend: Literal["daqp", "clarabel", "osqp"]) -> Callable[[], Solve]:
+def _create_convex_loader(backend: Literal["daqp", "clarabel", "osqp"]) -> Callable[[], Solve]:
     def load() -> Solve:
         from climbplan.solvers.convex.sessions import solve_convex
 
@@ -161,8 +163,8 @@ BACKENDS = {
             distribution="daqp",
             install="pip install daqp",
             accepts=_BILINEAR,
-            load=_branch_and_bound,
-            load_knowing=_branch_and_bound,
+            load=_load_branch_and_bound,
+            load_knowing=_load_branch_and_bound,
             purpose="postures: own tree with DAQP nodes; compiled tree over integers and in space",
         ),
         Backend(
@@ -171,7 +173,7 @@ BACKENDS = {
             distribution="highspy",
             install="pip install highspy",
             accepts=frozenset({"choices", "integers", "implications"}),
-            load=_benders,
+            load=_load_benders,
             purpose="generalised Benders cuts by the own tree's solver, integers by HiGHS",
         ),
         Backend(
@@ -180,7 +182,7 @@ BACKENDS = {
             distribution="PySCIPOpt",
             install="pip install PySCIPOpt",
             accepts=_DISJUNCTIVE,
-            load=_scip,
+            load=_load_scip,
             purpose="independent oracle of convex programs with choices",
         ),
         Backend(
@@ -189,7 +191,7 @@ BACKENDS = {
             distribution="gurobipy",
             install="pip install 'climbplan[gurobi]'",
             accepts=_DISJUNCTIVE | {"integers"},
-            load=_gurobi,
+            load=_load_gurobi,
             purpose="optional, of convex programs with choices or binaries, micp and admm",
         ),
         Backend(
@@ -198,7 +200,7 @@ BACKENDS = {
             distribution="highspy",
             install="pip install highspy",
             accepts=frozenset({"balls", "integers"}),
-            load=_highs,
+            load=_load_highs,
             purpose="micp and admm; quadratic costs by outer approximation",
         ),
         Backend(
@@ -207,7 +209,7 @@ BACKENDS = {
             distribution="PySCIPOpt",
             install="pip install PySCIPOpt",
             accepts=_BILINEAR,
-            load=_minlp_scip,
+            load=_load_minlp_scip,
             purpose="whole statements, products branched on in space; fallback of knn",
         ),
         Backend(
@@ -216,7 +218,7 @@ BACKENDS = {
             distribution="clarabel",
             install="pip install clarabel",
             accepts=_DISJUNCTIVE,
-            load=_slack_selection,
+            load=_load_slack_selection,
             purpose="convex programs with choices by L1 relaxation and rounding, as SL1M",
             proves=False,
         ),
@@ -226,7 +228,7 @@ BACKENDS = {
             distribution="casadi",
             install="pip install casadi",
             accepts=_EVERYTHING,
-            load=_mpcc,
+            load=_load_mpcc,
             purpose="whole statements by complementarity and IPOPT, fast",
             proves=False,
         ),
@@ -236,7 +238,7 @@ BACKENDS = {
             distribution="casadi",
             install="pip install casadi",
             accepts=_EVERYTHING,
-            load=_admm,
+            load=_load_admm,
             purpose="whole statements between HiGHS and IPOPT",
             proves=False,
         ),
@@ -246,7 +248,7 @@ BACKENDS = {
             distribution="casadi",
             install="pip install casadi",
             accepts=_EVERYTHING,
-            load=_bonmin,
+            load=_load_bonmin,
             purpose="whole statements by nonlinear branch and bound: a baseline",
             proves=False,
         ),
@@ -256,7 +258,7 @@ BACKENDS = {
             distribution="casadi",
             install="pip install casadi",
             accepts=frozenset({"balls", "products", "smooth"}),
-            load=_ipopt,
+            load=_load_ipopt,
             purpose="what is left when integers are pinned, products included",
             proves=False,
         ),
@@ -266,7 +268,7 @@ BACKENDS = {
             distribution="clarabel",
             install="pip install clarabel",
             accepts=frozenset({"balls"}),
-            load=_convex("clarabel"),
+            load=_create_convex_loader("clarabel"),
             purpose="convex programs with exact cones, pinned programs",
         ),
         Backend(
@@ -275,7 +277,7 @@ BACKENDS = {
             distribution="daqp",
             install="pip install daqp",
             accepts=frozenset(),
-            load=_convex("daqp"),
+            load=_create_convex_loader("daqp"),
             purpose="small dense quadratic programs, re-solved warm",
         ),
         Backend(
@@ -284,27 +286,32 @@ BACKENDS = {
             distribution="osqp",
             install="pip install osqp",
             accepts=frozenset(),
-            load=_convex("osqp"),
+            load=_create_convex_loader("osqp"),
             purpose="quadratic programs, the published choice",
         ),
     )
 }
 
 
-def available() -> tuple[str, ...]:
-    """Names of the installed solvers."""
+def list_available() -> tuple[str, ...]:
+    """Return the names of the installed solvers."""
     return tuple(name for name, backend in BACKENDS.items() if backend.available)
 
 
 def require(solver: str) -> Backend:
-    """The backend of a name; raises UsageError for an unknown and MissingSolver for an absent."""
+    """Return the backend of a name.
+
+    Raises:
+        UsageError: The name is unknown.
+        MissingSolver: The solver is not installed.
+    """
     backend = BACKENDS.get(solver)
     if backend is None:
         raise UsageError(f"unknown solver {solver!r}: expected one of {', '.join(BACKENDS)}")
     if not backend.available:
         raise MissingSolver(
             f"solver {solver!r} is not installed ({backend.install}); "
-            f"available: {', '.join(available())}"
+            f"available: {', '.join(list_available())}"
         )
     return backend
 
@@ -314,21 +321,28 @@ def solve(
     solver: str,
     gap: float = 1e-4,
     time_limit: float = np.inf,
-    known: Known | None = None,
+    known: KnownResult | None = None,
     nodes: float = np.inf,
 ) -> SolverResult:
     """Solve an instance by the solver of a name.
 
-    gap: relative gap to prove. time_limit: [s]. known: from a laxer instance with the same choices,
-    for solvers that can use it. nodes: at most, of the own tree; others have the time
-    alone. Raises UsageError for an unknown solver and for one
-    that cannot hold what the instance has, MissingSolver for an absent one.
+    Args:
+        instance: The instance.
+        solver: Name in the registry.
+        gap: Relative gap to prove.
+        time_limit: Time limit [s].
+        known: Result of a relaxed instance with the same choices, for solvers that can use it.
+        nodes: Largest number of nodes of the built-in tree; other solvers have the time limit only.
+
+    Raises:
+        UsageError: The name is unknown, or the solver does not support the instance.
+        MissingSolver: The solver is not installed.
     """
     backend = require(solver)
-    beyond = instance.features - backend.accepts
-    if beyond:
+    unsupported = instance.features - backend.accepts
+    if unsupported:
         raise UsageError(
-            f"solver {solver!r} cannot hold {', '.join(sorted(beyond))} (program "
+            f"solver {solver!r} cannot hold {', '.join(sorted(unsupported))} (program "
             f"{instance.name!r}): reformulate first, or use "
             + " or ".join(n for n, b in BACKENDS.items() if instance.features <= b.accepts)
         )

@@ -1,4 +1,4 @@
-"""What every solver of an instance returns."""
+"""Results of solvers of instances."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from climbplan.program.instance import Instance
 Status = Literal["optimal", "feasible", "infeasible", "limit"]
 
 FEASIBILITY = 1e-7  # largest violation of an incumbent, in the unit of the rows
-LEAST_OBJECTIVE = 1e-9  # gaps are relative to the objective, but not to less than this
-ROUNDING = 1e-10  # differences between objective and bound that mean nothing
+MIN_OBJECTIVE_SCALE = 1e-9  # smallest scale of the objective in relative gaps
+ROUNDING = 1e-10  # differences between objective and bound that count as rounding errors
 
 
 @dataclass(frozen=True)
-class Known:
-    """What a laxer instance of the same choices has told: its bound holds, its choices may do."""
+class KnownResult:
+    """Result of a relaxed instance: its bound is valid, its choices may be feasible."""
 
     assignment: IntArray | None = None  # (C,)
     bound: float = -np.inf
@@ -30,23 +30,25 @@ class Proposal(Protocol):
 
     @property
     def values(self) -> Array:
-        """(n,) of which only integers are read."""
+        """Point (n,) of which only integers are read."""
 
     @property
     def alternatives(self) -> IntArray:
-        """(C,) chosen alternative of each choice."""
+        """Chosen alternative of each choice (C,)."""
 
     @property
     def start(self) -> Array:
-        """(n,) where a local search may begin."""
+        """Start of a local search (n,)."""
 
 
 @dataclass(frozen=True)
 class SolverResult:
     """Incumbent, proof and effort of one solve.
 
-    optimal: the gap asked for is proved. feasible: a limit was hit, the incumbent is kept.
-    infeasible: proved. limit: a limit was hit before any incumbent.
+    The status is one of
+
+    - optimal: the required gap is proved; - feasible: a limit was reached, the incumbent is kept; -
+    infeasible: proved; - limit: a limit was reached without an incumbent.
     """
 
     status: Status
@@ -63,7 +65,7 @@ class SolverResult:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a solver says, before it is checked."""
+    """A solver's answer before it is checked."""
 
     x: Array | None
     bound: float
@@ -72,23 +74,23 @@ class Answer:
     time: float  # [s]
     solver: str
     log: tuple[str, ...] = ()
-    assignment: IntArray | None = None  # the least violated alternatives if left out
+    assignment: IntArray | None = None  # the least violated alternatives if missing
 
 
 def relative_gap(objective: float, bound: float) -> float:
-    """(objective - bound) / max(|objective|, LEAST_OBJECTIVE), 0 if they differ by rounding."""
-    return max(0.0, objective - bound - ROUNDING) / max(abs(objective), LEAST_OBJECTIVE)
+    """Return (objective - bound) / max(|objective|, scale), 0 if they differ by rounding errors."""
+    return max(0.0, objective - bound - ROUNDING) / max(abs(objective), MIN_OBJECTIVE_SCALE)
 
 
-def judged(instance: Instance, answer: Answer, gap: float, tolerance: float) -> SolverResult:
-    """The result of an answer, feasibility and objective computed from the instance.
+def judge_answer(instance: Instance, answer: Answer, gap: float, tolerance: float) -> SolverResult:
+    """Return the result of an answer, with feasibility and objective computed from the instance.
 
     A point that violates a constraint by more than the tolerance is no incumbent.
     """
     x, bound, log = answer.x, answer.bound, answer.log
     assignment: IntArray | None = None
     objective: float | None = None
-    reached: float | None = None
+    achieved_gap: float | None = None
     status: Status = "infeasible" if answer.infeasible else "limit"
     if x is not None:
         assignment = answer.assignment
@@ -97,8 +99,8 @@ def judged(instance: Instance, answer: Answer, gap: float, tolerance: float) -> 
         if violation <= tolerance:
             objective = instance.objective(x)
             bound = min(bound, objective)
-            reached = relative_gap(objective, bound)
-            status = "optimal" if reached <= gap else "feasible"
+            achieved_gap = relative_gap(objective, bound)
+            status = "optimal" if achieved_gap <= gap else "feasible"
         else:
             log = (*log, f"incumbent refused: it violates a constraint by {violation:.3g}")
             x, assignment, status = None, None, "limit"
@@ -108,7 +110,7 @@ def judged(instance: Instance, answer: Answer, gap: float, tolerance: float) -> 
         assignment=assignment,
         objective=objective,
         bound=np.inf if status == "infeasible" else bound,
-        gap=reached,
+        gap=achieved_gap,
         nodes=answer.nodes,
         time=answer.time,
         solver=answer.solver,

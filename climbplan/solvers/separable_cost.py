@@ -1,4 +1,4 @@
-"""A convex quadratic cost as a sum of squares of single rows; most variables may have none."""
+"""Factor a convex quadratic cost into a sum of squares of sparse rows."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ZERO = 1e-12
 
 @dataclass(frozen=True)
 class SeparableCost:
-    """1/2 sum (U x + offset)^2 + slope x + constant."""
+    """Cost 1/2 sum (U x + offset)^2 + slope x + constant."""
 
     U: sparse.csr_matrix  # (S, n)
     offset: Array  # (S,)
@@ -25,12 +25,12 @@ class SeparableCost:
     constant: float
 
     def values(self, x: Array) -> Array:
-        """U x + offset, (S,)."""
+        """Return U x + offset, (S,)."""
         return np.asarray(self.U @ x + self.offset)
 
 
-def separable_cost(instance: Instance) -> SeparableCost:
-    """Factor 1/2 x'Px + q'x block by block (variables that P couples)."""
+def factor_cost(instance: Instance) -> SeparableCost:
+    """Factor 1/2 x'Px + q'x for each block of variables that P couples."""
     n = instance.size
     P = sparse.csr_matrix(instance.P)
     P.eliminate_zeros()
@@ -41,9 +41,9 @@ def separable_cost(instance: Instance) -> SeparableCost:
     value: list[Array] = []
     offsets: list[Array] = []
     count = 0
-    parts, label = connected_components(P[curved][:, curved], directed=False)
-    for part in range(parts):
-        index = curved[label == part]
+    num_blocks, label = connected_components(P[curved][:, curved], directed=False)
+    for block in range(num_blocks):
+        index = curved[label == block]
         H, g = P[index][:, index].toarray(), instance.q[index]
         try:
             factor = np.linalg.cholesky(H).T
@@ -65,6 +65,6 @@ def separable_cost(instance: Instance) -> SeparableCost:
         count += len(offset)
     if not count:
         return SeparableCost(sparse.csr_matrix((0, n)), np.zeros(0), slope, constant)
-    place = (np.concatenate(row), np.concatenate(column))
-    U = sparse.csr_matrix((np.concatenate(value), place), shape=(count, n))
+    positions = (np.concatenate(row), np.concatenate(column))
+    U = sparse.csr_matrix((np.concatenate(value), positions), shape=(count, n))
     return SeparableCost(U, np.concatenate(offsets), slope, constant)

@@ -24,7 +24,7 @@ from climbplan.bookshelf.statement.points import (
 )
 from climbplan.bookshelf.statement.statement import bookshelf
 from climbplan.reformulations.mccormick import McCormick
-from climbplan.solvers.ipopt.instances import solve_pinned
+from climbplan.solvers.ipopt.instances import solve_fixed_integers
 from climbplan.solvers.scip.bilinear import solve_minlp_scip
 
 SHELF = Shelf()
@@ -69,7 +69,7 @@ def test_the_statement_and_the_check_refuse_the_same(
             one = Scenes.of([scene])
             check = check_contact(one, changed.pose[None], changed.state[None], SHELF)
             x = point_of(program, scene, changed)
-            violation = program.at(theta_of(scene)).violation(x)
+            violation = program.instantiate(theta_of(scene)).violation(x)
             if check.passed[0]:
                 passed += 1
                 assert violation < 1.5e-2  # [mm], or twice the check's limit of an angle
@@ -115,8 +115,8 @@ def test_pinned_states_lead_back_to_the_optimum(scenes: Scenes, optima: list[Pla
         scene = scenes[k]
         best = solver.solve(scene)
         start = point_of(program, scene, optima[k])
-        instance = program.at(theta_of(scene))
-        found = solve_pinned(instance, start)
+        instance = program.instantiate(theta_of(scene))
+        found = solve_fixed_integers(instance, start)
         assert instance.violation(found.v) < 1e-5
         assert instance.objective(found.v) > best.bound - 1e-3
         near += instance.objective(found.v) <= 1.001 * best.objective + 1e-3
@@ -137,7 +137,7 @@ def test_scip_bounds_hold(scenes: Scenes) -> None:
     program, best = bookshelf(3, SHELF), ExactSolver(SHELF).solve(scene)
     assert best.placement is not None
     x = point_of(program, scene, best.placement)
-    instance = program.at(theta_of(scene))
+    instance = program.instantiate(theta_of(scene))
     normal = program.variables["normal"]
     lower, upper = instance.lower.copy(), instance.upper.copy()
     here = slice(normal.start, normal.stop)
@@ -153,7 +153,7 @@ def test_the_published_counts() -> None:
         assert program.counts()["binary"] == 18
         scene = Scene(np.zeros((3, 3)), np.full((3, 2), 0.05), np.array([0.05, 0.02]))
         parts = published_partitions(program)
-        form = McCormick(parts, "log2").apply(program.at(theta_of(scene)))
+        form = McCormick(parts, "log2").apply(program.instantiate(theta_of(scene)))
         assert form.instance.binary_count == 130
 
 
@@ -168,7 +168,7 @@ def test_any_number_of_books(count: int) -> None:
     assert answer.placement is not None
     program = bookshelf(count, shelf)
     point = point_of(program, scene, answer.placement)
-    instance = program.at(theta_of(scene))
+    instance = program.instantiate(theta_of(scene))
     assert instance.violation(point) < 1e-6
     assert instance.objective(point) == pytest.approx(answer.objective, rel=1e-9, abs=1e-9)
     assert as_stored(scene).pose.shape == (count + 1, 3)

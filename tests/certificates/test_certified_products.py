@@ -12,7 +12,7 @@ from climbplan.certificates.checker import check
 from climbplan.methods.sequence import ProblemSequence
 from climbplan.methods.task import MethodSettings
 from climbplan.program import Problem, Program
-from climbplan.solvers.mixed_integer.spatial_method import SpatialMemory
+from climbplan.solvers.mixed_integer.spatial_method import WarmStartedSpatialTree
 
 
 @pytest.mark.parametrize("seed", [*range(8), 16, 18])
@@ -42,7 +42,7 @@ def _holds_with_products(seed: int) -> None:
 
 @pytest.mark.parametrize("problem", [turning_flyer(2), planar_push(2)])
 def test_user_problems_with_products_are_proved(problem: Problem) -> None:
-    theta = problem.drawn(np.random.default_rng(0))
+    theta = problem.sample_parameters(np.random.default_rng(0))
     found = climbplan.solve(problem, theta, gap=1e-3, certificate=True)
     assert found.status == "optimal"
     assert found.certificate is not None
@@ -59,8 +59,8 @@ def test_a_product_in_few_rows_is_proved() -> None:
     p.between("one", np.array([z[0] + z[1]]), 1.0, 1.0)
     p.between("product", np.array([x[0] * x[1]]), -0.2, 0.2)
     p.minimise("cost", np.sum((x - np.array([0.15, 0.7])) ** 2))
-    instance = p.at()
-    tree = SpatialMemory(1e-6, 1e-6, proves=True)
+    instance = p.instantiate()
+    tree = WarmStartedSpatialTree(1e-6, 1e-6, proves=True)
     found = tree.solve(instance, 60.0)
     assert tree.certificate is not None
     # x = (0.1, 0.7) with z[0] = 0, and (0.2, 0.7) with z[0] = 1
@@ -72,7 +72,7 @@ def test_each_answer_of_a_sequence_with_products_is_proved() -> None:
     problem, rng = planar_push(2), np.random.default_rng(0)
     sequence = ProblemSequence(problem, MethodSettings(gap=1e-3, certificate=True))
     for _ in range(2):
-        theta = problem.drawn(rng)
+        theta = problem.sample_parameters(rng)
         found = sequence.solve(theta)
         assert found.certificate is not None
         assert found.result.objective is not None
@@ -82,8 +82,8 @@ def test_each_answer_of_a_sequence_with_products_is_proved() -> None:
 
 def test_products_beyond_a_limit_of_nodes_keep_a_valid_bound() -> None:
     problem = planar_push(2)
-    instance = problem.instance(problem.drawn(np.random.default_rng(1)))
-    tree = SpatialMemory(1e-3, 1e-6, proves=True)
+    instance = problem.instance(problem.sample_parameters(np.random.default_rng(1)))
+    tree = WarmStartedSpatialTree(1e-3, 1e-6, proves=True)
     found = tree.solve(instance, 60.0, nodes=16)
     assert tree.certificate is not None
     assert found.objective is not None

@@ -18,9 +18,9 @@ from climbplan.certificates.checker import check
 from climbplan.errors import UsageError
 from climbplan.instances.cart_pole import walled_cart_pole
 from climbplan.program import Polytope, Program
-from climbplan.solvers.mixed_integer import method, proof
-from climbplan.solvers.mixed_integer.method import TreeMemory
-from climbplan.solvers.mixed_integer.search import settle
+from climbplan.solvers.mixed_integer import certification, method
+from climbplan.solvers.mixed_integer.method import WarmStartedTree
+from climbplan.solvers.mixed_integer.search import resolve_leaf
 
 
 def _holds(seed: int) -> None:
@@ -68,7 +68,7 @@ def test_published_cart_pole(scale: float) -> None:
 def test_two_solves_in_a_row_are_proved_each() -> None:
     """A tree that begins with the leaves of the last one."""
     problem = walled_cart_pole()
-    tree = TreeMemory(1e-3, 1e-6, proves=True)
+    tree = WarmStartedTree(1e-3, 1e-6, proves=True)
     for angle in (-0.1, -0.09):
         instance = problem.instance({"start": np.array([0.02, angle, 0.2, 0.3])})
         found = tree.solve(instance, 60.0)
@@ -80,11 +80,11 @@ def test_two_solves_in_a_row_are_proved_each() -> None:
 def test_a_search_that_stops_early_proves_what_it_has() -> None:
     problem = walled_cart_pole()
     instance = problem.instance({"start": np.array([0.1, 0.05, 0.1, -0.3])})
-    tree = TreeMemory(1e-6, 1e-6, proves=True)
+    tree = WarmStartedTree(1e-6, 1e-6, proves=True)
     found = tree.solve(instance, 60.0, nodes=4)
     assert tree.certificate is not None
     bound = check(instance, tree.certificate).bound
-    best = TreeMemory(1e-6, 1e-6).solve(instance, 60.0).objective
+    best = WarmStartedTree(1e-6, 1e-6).solve(instance, 60.0).objective
     assert best is not None
     assert found.status in ("feasible", "limit")
     assert -np.inf < bound <= best * (1.0 + 1e-6)
@@ -99,10 +99,10 @@ def test_a_certificate_that_may_take_no_time_tells_what_leaves_have(
 
     def counted(numbers: Any, search: Any, tree: Any, leaf: int) -> None:
         again.append(leaf)
-        settle(numbers, search, tree, leaf)
+        resolve_leaf(numbers, search, tree, leaf)
 
-    monkeypatch.setattr(proof, "settle", counted)
-    tree = TreeMemory(1e-6, 1e-6, proves=True)
+    monkeypatch.setattr(certification, "resolve_leaf", counted)
+    tree = WarmStartedTree(1e-6, 1e-6, proves=True)
     found = tree.solve(instance, 60.0, nodes=8)
     assert tree.certificate is not None
     assert found.status in ("feasible", "limit")
@@ -110,12 +110,12 @@ def test_a_certificate_that_may_take_no_time_tells_what_leaves_have(
     assert again
     again.clear()
     whole = method.certificate_of
-    monkeypatch.setattr(method, "certificate_of", lambda *given: whole(*given[:-1], 0.0))
-    late = TreeMemory(1e-6, 1e-6, proves=True)
+    monkeypatch.setattr(method, "certify_search", lambda *given: whole(*given[:-1], 0.0))
+    late = WarmStartedTree(1e-6, 1e-6, proves=True)
     late.solve(instance, 60.0, nodes=8)
     assert late.certificate is not None
     assert not again
-    best = TreeMemory(1e-6, 1e-6).solve(instance, 60.0).objective
+    best = WarmStartedTree(1e-6, 1e-6).solve(instance, 60.0).objective
     assert best is not None
     assert -np.inf < check(instance, late.certificate).bound <= best * (1.0 + 1e-6)
 
@@ -129,7 +129,7 @@ def test_the_margin_of_infeasibility_is_how_far_rows_must_be_let_out() -> None:
     program.when("one", z[0], np.array([x[0]]), -np.inf, 0.0)
     program.between("two", np.array([x[0] + x[0]]), 4.0, np.inf)
     program.minimise("cost", x[0] * x[0])
-    instance = program.at({})
+    instance = program.instantiate({})
     found, certificate = proved(instance)
     verdict = check(instance, certificate)
     assert found.status == "infeasible"
@@ -149,11 +149,11 @@ def test_smooth_rows_are_refused() -> None:
     program.smooth("row", x[0] ** 3, 0.1, 0.2)
     program.minimise("cost", x[0] * x[0])
     with pytest.raises(UsageError, match="smooth"):
-        check(program.at({}), certified_program(0)[2])
+        check(program.instantiate({}), certified_program(0)[2])
 
 
 def test_arrays_that_do_not_fit_are_named() -> None:
-    instance = random_program(0).at({})
+    instance = random_program(0).instantiate({})
     _, certificate = proved(instance)
     verdict = check(instance, replace(certificate, point=certificate.point[:, 1:]))
     assert verdict.bound == -np.inf
@@ -164,7 +164,7 @@ def test_arrays_that_do_not_fit_are_named() -> None:
 
 def test_a_cost_that_is_not_convex_proves_nothing() -> None:
     """P is looked at: an indefinite one gives no bound by a tangent."""
-    instance = random_program(2).at({})
+    instance = random_program(2).instantiate({})
     _, certificate = proved(instance)
     P = instance.P.tolil()
     P[0, 0] = -1e4
@@ -181,7 +181,7 @@ def test_a_single_alternative_holds() -> None:
     program.one_of("place", np.array([x]), [[far]])
     program.between("row", np.array([x[1] - z[0]]), 0.2, np.inf)
     program.minimise("cost", x[0] * x[0] + x[1] * x[1])
-    instance = program.at({})
+    instance = program.instantiate({})
     found, certificate = proved(instance)
     assert found.objective == pytest.approx(4.04, abs=1e-4)
     assert check(instance, certificate).bound == pytest.approx(4.04, abs=1e-3)
@@ -189,7 +189,7 @@ def test_a_single_alternative_holds() -> None:
 
 def test_postures_of_a_climb_are_proved() -> None:
     """Free variables that only balls and rows bound, and no integer but choices."""
-    problem, theta = climbplan.stated("specs/climb_region.yaml")
+    problem, theta = climbplan.problem_from_spec("specs/climb_region.yaml")
     found = climbplan.solve(problem, theta, method="branch-and-bound", certificate=True)
     assert found.status == "optimal"
     assert found.certificate is not None
@@ -201,10 +201,10 @@ def test_postures_of_a_climb_are_proved() -> None:
 @pytest.mark.slow
 def test_limits_are_kept_where_many_balls_make_nodes_slow() -> None:
     """A proof may take as long again as the search; 351 balls once made pieces of 10 s."""
-    problem, theta = climbplan.stated("specs/climb_steps.yaml")
+    problem, theta = climbplan.problem_from_spec("specs/climb_steps.yaml")
     instance = problem.instance(theta)
-    TreeMemory(1e-4, 1e-6).solve(instance, 1.0)  # compiles where it has to
-    tree = TreeMemory(1e-4, 1e-6, proves=True)
+    WarmStartedTree(1e-4, 1e-6).solve(instance, 1.0)  # compiles where it has to
+    tree = WarmStartedTree(1e-4, 1e-6, proves=True)
     begin = time.perf_counter()
     found = tree.solve(instance, 4.0)
     assert time.perf_counter() - begin < 10.0

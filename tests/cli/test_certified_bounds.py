@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from climbplan.methods.certified_rows import proves_less
+from climbplan.methods.certified_rows import is_weaker_than_search
 
 
 @pytest.mark.parametrize(
@@ -25,4 +25,4 @@ from climbplan.methods.certified_rows import proves_less
 def test_a_certificate_proves_less_by_more_than_rounding_and_gap(
     proved: float, searched: float, less: bool
 ) -> None:
-    assert proves_less(proved, searched, 1e-4) == less
+    assert is_weaker_than_search(proved, searched, 1e-4) == less

@@ -10,15 +10,15 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from climbplan.climb.forces.cones import FEASIBLE, Name, instant_cones
-from climbplan.climb.forces.conflict import all_members, conflicting_members, relax
+from climbplan.climb.forces.cones import FEASIBLE, ConstraintName, build_instant_cones
+from climbplan.climb.forces.conflict import find_irreducible_conflict, list_members, relax_members
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.solving import solve_forces
-from climbplan.climb.forces.statement import check_forces, state_forces
+from climbplan.climb.forces.statement import build_force_statement, check_forces
 from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene.climb_scene import ClimbScene
-from climbplan.errors import NotProved
+from climbplan.errors import Unresolved
 from climbplan.instances.straight_climb import straight_rounds
 from climbplan.schema.robots.robot import RobotSpec
 from climbplan.verification.check import LIMITS
@@ -28,10 +28,10 @@ RobotMaker = Callable[..., RobotSpec]
 NUMBER = r"([0-9.]+)"
 
 
-def refused(scene: ClimbScene, instants: Instants | None = None) -> NotProved:
+def refused(scene: ClimbScene, instants: Instants | None = None) -> Unresolved:
     if instants is None:
         instants = plan_instants(scene, straight_rounds(scene))
-    with pytest.raises(NotProved) as caught:
+    with pytest.raises(Unresolved) as caught:
         plan_forces(scene, instants)
     return caught.value
 
@@ -51,7 +51,7 @@ def amount(text: str, pattern: str) -> float:
 def holds(scene: ClimbScene, rows: list[int] | None = None) -> bool:
     """Whether all instants (or some) have admissible forces."""
     instants = plan_instants(scene, straight_rounds(scene))
-    missing = solve_forces(state_forces(scene, instants), "daqp", 16).missing
+    missing = solve_forces(build_force_statement(scene, instants), "daqp", 16).missing
     return not len(missing if rows is None else np.intersect1d(missing, rows))
 
 
@@ -76,7 +76,7 @@ def test_a_conflict_reads_in_the_robots_terms(demo_climb: SceneMaker) -> None:
 
 
 def test_every_constraint_has_the_name_of_its_check() -> None:
-    assert set(get_args(Name)) <= set(LIMITS)
+    assert set(get_args(ConstraintName)) <= set(LIMITS)
 
 
 # Each remedy: what the message says, and the scene that follows it up to a factor
@@ -172,20 +172,20 @@ def test_a_pulled_robot_has_no_remedy(demo_climb: SceneMaker) -> None:
 
 def test_conflicts_are_irreducible(demo_climb: SceneMaker) -> None:
     scene = demo_climb(**{"terrain.friction": 0.4})
-    statement = state_forces(scene, plan_instants(scene, straight_rounds(scene)))
+    statement = build_force_statement(scene, plan_instants(scene, straight_rounds(scene)))
     seen = 0
     for k in solve_forces(statement, "clarabel", 16).missing[:6]:
-        cones = instant_cones(statement, int(k))
-        members = conflicting_members(cones)
+        cones = build_instant_cones(statement, int(k))
+        members = find_irreducible_conflict(cones)
         assert members is not None
-        together = relax(cones, members)
+        together = relax_members(cones, members)
         assert together is not None
         assert together.missed > FEASIBLE
         for member in members:
-            rest = relax(cones, [m for m in members if m != member])
+            rest = relax_members(cones, [m for m in members if m != member])
             assert rest is not None
             assert rest.missed <= FEASIBLE
-        assert len(members) < len(all_members(cones))
+        assert len(members) < len(list_members(cones))
         seen += 1
     assert seen == 6
 
@@ -197,10 +197,12 @@ def test_mixed_friction_is_scaled(demo_climb: SceneMaker) -> None:
     error = refused(scene, replace(instants, mu=mu))
     factor = amount(str(error).splitlines()[0], "friction coefficients # times as high")
     assert not len(
-        solve_forces(state_forces(scene, replace(instants, mu=mu * factor)), "daqp", 16).missing
+        solve_forces(
+            build_force_statement(scene, replace(instants, mu=mu * factor)), "daqp", 16
+        ).missing
     )
     less = replace(instants, mu=mu * factor * 0.98)
-    assert len(solve_forces(state_forces(scene, less), "daqp", 16).missing)
+    assert len(solve_forces(build_force_statement(scene, less), "daqp", 16).missing)
 
 
 def three_limbs(braced_robot: RobotMaker, demo_climb: SceneMaker) -> tuple[ClimbScene, Instants]:
@@ -230,7 +232,7 @@ def test_two_contacts_carry_a_load_above_them(
     )
     assert one.contact.tolist() == [[False, True, True]]
     scene = stiff(scene)  # limbs that do not give way out of bounds
-    statement = state_forces(scene, one)
+    statement = build_force_statement(scene, one)
     for solver in ("daqp", "clarabel"):
         solved = solve_forces(statement, solver, 16)
         assert not len(solved.missing)

@@ -55,8 +55,8 @@ class ToyRows:
         what = self.trouble.get(stage)
         if what is None or drawn[0] >= self.below:
             return
-        if self.once:
-            mark = Path(self.once, f"{drawn[0]!r}")
+        if self.compute_once:
+            mark = Path(self.compute_once, f"{drawn[0]!r}")
             if mark.exists():
                 return
             mark.touch()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.methods.pinning import at_point, solve_candidate
+from climbplan.methods.pinning import candidate_at, solve_candidate
 from climbplan.program import Instance, Polytope, Problem, Program
 
 
@@ -53,7 +53,7 @@ def enumerated(instance: Instance) -> float:
         for _ in range(4):
             x = rng.uniform(instance.lower, instance.upper)
             x[instance.integer] = is_set
-            result = solve_candidate(instance, at_point(x, np.array([island])))
+            result = solve_candidate(instance, candidate_at(x, np.array([island])))
             if result.objective is not None:
                 best = min(best, result.objective)
     return best

@@ -8,10 +8,10 @@ from own_problems import islands_problem
 
 from climbplan.methods.envelope_rounds import (
     EnvelopeOptions,
-    below_cost,
-    default_partitions,
+    build_default_partitions,
+    format_variable_name,
+    restrict_to_cost,
     solve_micp,
-    variable_name,
 )
 from climbplan.methods.table import solve_instance
 from climbplan.program import Problem, Program
@@ -33,8 +33,8 @@ def products() -> Program:
 def test_one_grid_for_every_product_and_shared_factors_first() -> None:
     problem = Problem("products", products())
     instance = problem.instance({})
-    grids = default_partitions(problem, instance, propagated_box(instance), 5)
-    names = [variable_name(problem, int(grid.variables[0])) for grid in grids]
+    grids = build_default_partitions(problem, instance, propagated_box(instance), 5)
+    names = [format_variable_name(problem, int(grid.variables[0])) for grid in grids]
     assert names == ["x[0]", "y[0]"] or names == ["x[0]", "y[1]"]
     assert all(grid.count == 5 for grid in grids)
 
@@ -42,8 +42,8 @@ def test_one_grid_for_every_product_and_shared_factors_first() -> None:
 def test_the_problem_chooses_first_and_rounds_make_it_finer() -> None:
     problem = Problem("products", products(), partitions={"y": [-2.0, 0.0, 3.0], "x": 2})
     instance = problem.instance({})
-    grids = default_partitions(problem, instance, propagated_box(instance), 5, finer=2)
-    by_name = {variable_name(problem, int(g.variables[0])): g for g in grids}
+    grids = build_default_partitions(problem, instance, propagated_box(instance), 5, finer=2)
+    by_name = {format_variable_name(problem, int(g.variables[0])): g for g in grids}
     assert set(by_name) == {"x[0]", "x[1]", "x[2]", "y[0]", "y[1]"}
     assert by_name["x[0]"].count == 4
     np.testing.assert_allclose(by_name["y[1]"].lower[:, 0], [-2.0, -1.0, 0.0, 1.5])
@@ -53,11 +53,11 @@ def test_the_problem_chooses_first_and_rounds_make_it_finer() -> None:
 def test_cost_rows_keep_everything_cheaper(seed: int) -> None:
     problem = islands_problem()
     rng = np.random.default_rng(seed)
-    theta = problem.drawn(rng)
+    theta = problem.sample_parameters(rng)
     instance = problem.instance(theta)
     incumbent = solve_instance(problem, theta, "mpcc").result
     assert incumbent.objective is not None
-    cut = below_cost(instance, incumbent)
+    cut = restrict_to_cost(instance, incumbent)
     new = slice(instance.A.shape[0], None)
     cheaper = 0
     for _ in range(3000):

@@ -16,12 +16,12 @@ from climbplan.learning.library import Frame, Library
 from climbplan.learning.model import FitOptions, ModelKind, fit
 from climbplan.learning.neighbours import NearestProblems, Order
 from climbplan.learning.strategy import Candidate
-from climbplan.methods.conflicts import conflicting_blocks
+from climbplan.methods.conflicts import find_conflicting_blocks
 from climbplan.methods.envelope_rounds import EnvelopeOptions
 from climbplan.methods.pinned_methods import NEEDS_MODEL
-from climbplan.methods.pinning import PinnedSolver, at_point, solve_candidate
+from climbplan.methods.pinning import PinnedSolver, candidate_at, solve_candidate
 from climbplan.methods.table import METHODS, solve_instance
-from climbplan.methods.task import Kept, Method, MethodSettings
+from climbplan.methods.task import Method, MethodSettings, SharedCache
 from climbplan.program import Problem, Program
 from climbplan.reformulations.mccormick import McCormick
 
@@ -32,7 +32,7 @@ QUICK: dict[str, MethodSettings] = {"minlp-bonmin": MethodSettings(time_limit=20
 
 def library(problem: Problem, count: int = 16) -> Library:
     rng = np.random.default_rng(99)
-    thetas = [problem.drawn(rng) for _ in range(count)]
+    thetas = [problem.sample_parameters(rng) for _ in range(count)]
     results = [solve_instance(problem, theta, "mpcc").result for theta in thetas]
     kept = [(t, r) for t, r in zip(thetas, results, strict=True) if r.x is not None]
     return Library.of(
@@ -50,7 +50,7 @@ def test_answers_pass_the_check(method: Method, bilinear: bool) -> None:
     problem = islands_problem(bilinear)
     if method == "benders" and bilinear:
         with pytest.raises(UsageError, match="holds no products"):
-            solve_instance(problem, problem.drawn(np.random.default_rng(0)), method)
+            solve_instance(problem, problem.sample_parameters(np.random.default_rng(0)), method)
         return
     solved = library(problem)
     settings = replace(QUICK.get(method, MethodSettings()), library=solved)
@@ -63,7 +63,7 @@ def test_answers_pass_the_check(method: Method, bilinear: bool) -> None:
     near = 0
     seeds = SEEDS if method != "minlp-bonmin" else range(1)
     for seed in seeds:
-        theta = problem.drawn(np.random.default_rng(seed))
+        theta = problem.sample_parameters(np.random.default_rng(seed))
         best = enumerated(problem.instance(theta))
         answer = solve_instance(problem, theta, method, settings)
         result = answer.result
@@ -81,7 +81,7 @@ def test_answers_pass_the_check(method: Method, bilinear: bool) -> None:
 
 def test_micp_proves_and_closes_its_gap() -> None:
     problem = islands_problem(partitions={"sail": 4})
-    theta = problem.drawn(np.random.default_rng(1))
+    theta = problem.sample_parameters(np.random.default_rng(1))
     result = solve_instance(problem, theta, "micp", MethodSettings(gap=0.05)).result
     assert result.status == "optimal"
     assert result.gap is not None
@@ -100,9 +100,9 @@ def test_local_methods_claim_nothing() -> None:
 
 
 def test_conflicts_name_the_blocks_that_matter() -> None:
-    (conflict,) = conflicting_blocks(impossible(), {})
+    (conflict,) = find_conflicting_blocks(impossible(), {})
     assert conflict.constraints == ("far", "near")
-    assert conflicting_blocks(islands_problem(), {"goal": [0.0, 0.0]}) == []
+    assert find_conflicting_blocks(islands_problem(), {"goal": [0.0, 0.0]}) == []
 
 
 def test_mpcc_starts() -> None:
@@ -132,7 +132,7 @@ def two_ways() -> Program:
 def test_pinned_keeps_the_integers_it_is_given() -> None:
     problem = islands_problem()
     theta = {"goal": np.array([1.0, 0.5])}
-    west, east = (at_point(np.array([0.0, 0.0, 0.0, 0.0]), np.array([k])) for k in range(2))
+    west, east = (candidate_at(np.array([0.0, 0.0, 0.0, 0.0]), np.array([k])) for k in range(2))
     only = solve_instance(problem, theta, "pinned", MethodSettings(candidates=[west]))
     assert only.result.x is not None
     assert only.result.x[0] <= -0.5 + 1e-6
@@ -145,7 +145,7 @@ def test_pinned_keeps_the_integers_it_is_given() -> None:
 def test_a_candidate_that_the_problems_own_checker_refuses_does_not_win() -> None:
     problem = islands_problem()
     theta = {"goal": np.array([1.0, 0.5])}
-    west, east = (at_point(np.array([0.0, 0.0, 0.0, 0.0]), np.array([k])) for k in range(2))
+    west, east = (candidate_at(np.array([0.0, 0.0, 0.0, 0.0]), np.array([k])) for k in range(2))
     settings = MethodSettings(candidates=[east, west])
     assert solve_instance(problem, theta, "pinned", settings).winner == "candidate 1"
     dry = replace(problem, check=lambda theta, values: {"dry": max(values["x"][0], 0.0)})
@@ -165,8 +165,8 @@ def test_what_instances_share_is_built_once(monkeypatch: pytest.MonkeyPatch) -> 
         return of(library, order)
 
     monkeypatch.setattr(NearestProblems, "of", counted)
-    kept, settings = Kept(), MethodSettings(library=solved)
-    thetas = [problem.drawn(np.random.default_rng(seed)) for seed in range(3)]
+    kept, settings = SharedCache(), MethodSettings(library=solved)
+    thetas = [problem.sample_parameters(np.random.default_rng(seed)) for seed in range(3)]
     shared = [solve_instance(problem, theta, "knn", settings, kept) for theta in thetas]
     assert made == ["mixed"]  # products are left: further starts after the strategies
     alone = [solve_instance(problem, theta, "knn", settings) for theta in thetas]
@@ -176,7 +176,7 @@ def test_what_instances_share_is_built_once(monkeypatch: pytest.MonkeyPatch) -> 
 def test_a_strategy_of_ones_own() -> None:
     class East:
         def candidates(self, features: Array, most: int) -> list[Candidate]:
-            return [at_point(np.zeros(4), np.array([1]))]
+            return [candidate_at(np.zeros(4), np.array([1]))]
 
     problem, theta = islands_problem(), {"goal": np.array([1.0, 0.5])}
     answer = solve_instance(problem, theta, "knn", MethodSettings(strategy=East()))
@@ -187,9 +187,9 @@ def test_a_strategy_of_ones_own() -> None:
 def test_micp_on_a_grid_of_ones_own_keeps_its_rows() -> None:
     problem = islands_problem()
     grid = McCormick.on({0: [[-3.0, 0.0], [0.0, 3.0]], 1: [[-3.0, 0.0], [0.0, 3.0]]})
-    settings, kept = MethodSettings(envelopes=EnvelopeOptions(grid=grid)), Kept()
+    settings, kept = MethodSettings(envelopes=EnvelopeOptions(grid=grid)), SharedCache()
     for seed in SEEDS:
-        theta = problem.drawn(np.random.default_rng(seed))
+        theta = problem.sample_parameters(np.random.default_rng(seed))
         answer = solve_instance(problem, theta, "micp", settings, kept).result
         best = enumerated(problem.instance(theta))
         assert answer.bound <= best + 1e-5
@@ -213,7 +213,7 @@ def test_knn_falls_back_only_where_no_candidate_holds() -> None:
 def test_pinned_solvers_agree(solver: PinnedSolver) -> None:
     problem = islands_problem()
     instance = problem.instance({"goal": np.array([1.5, 0.2])})
-    candidate = at_point(np.array([1.0, 0.3, 0.6, 1.0]), np.array([1]))
+    candidate = candidate_at(np.array([1.0, 0.3, 0.6, 1.0]), np.array([1]))
     result = solve_candidate(instance, candidate, solver)
     other = solve_candidate(instance, candidate, "ipopt")
     assert result.objective == pytest.approx(other.objective, abs=1e-5)

@@ -14,7 +14,7 @@ from climbplan.learning.library import Library
 from climbplan.learning.neighbours import NearestCentroids, NearestProblems
 from climbplan.learning.strategy import Candidate, Strategy
 from climbplan.methods.pipeline import (
-    Checked,
+    CheckedPoint,
     Local,
     PipelineOptions,
     PipelineResult,
@@ -40,14 +40,14 @@ def _tests() -> tuple[Library, list[dict[str, Array]]]:
 def _run(theta: dict[str, Array], strategy: Strategy, most: int = 10) -> PipelineResult:
     options = PipelineOptions(tolerance=TOLERANCE)
     candidates = strategy.candidates(data.features(theta), most)
-    return run_pipeline(PROGRAM.at(theta), candidates, options)
+    return run_pipeline(PROGRAM.instantiate(theta), candidates, options)
 
 
 def _solve(local: Local, count: int = 3) -> list[PipelineResult]:
     near = NearestProblems.of(_train(), "strategies")
     options = PipelineOptions(local=local, tolerance=TOLERANCE)
     return [
-        run_pipeline(PROGRAM.at(theta), near.candidates(data.features(theta), 6), options)
+        run_pipeline(PROGRAM.instantiate(theta), near.candidates(data.features(theta), 6), options)
         for theta in _tests()[1][:count]
     ]
 
@@ -79,7 +79,7 @@ def test_within_one_percent_of_the_optimum() -> None:
     near = NearestProblems.of(_train(), "strategies")
     close = 0
     for theta in _tests()[1][:4]:
-        exact = solve(PROGRAM.at(theta), "minlp-scip", gap=1e-3, time_limit=20.0)
+        exact = solve(PROGRAM.instantiate(theta), "minlp-scip", gap=1e-3, time_limit=20.0)
         assert exact.objective is not None
         found = _run(theta, near)
         assert found.objective >= exact.objective * (1 - 2e-3)
@@ -119,7 +119,7 @@ def _impossible(candidate: Candidate) -> Candidate:
 
 def _good() -> tuple[Instance, list[Candidate]]:
     reference, thetas = _tests()
-    return PROGRAM.at(thetas[0]), [
+    return PROGRAM.instantiate(thetas[0]), [
         Candidate(reference.points[0], data.NONE, reference.points[0]),
     ]
 
@@ -148,7 +148,7 @@ def test_stops_at_the_first_or_at_one_that_is_good_enough() -> None:
 def test_pruning_keeps_the_best() -> None:
     near = NearestProblems.of(_train(), "strategies")
     for theta in _tests()[1][:8]:
-        instance, found = PROGRAM.at(theta), near.candidates(data.features(theta), 10)
+        instance, found = PROGRAM.instantiate(theta), near.candidates(data.features(theta), 10)
         results = [
             run_pipeline(instance, found, PipelineOptions(tolerance=TOLERANCE, prune=prune))
             for prune in (True, False)
@@ -166,18 +166,18 @@ def test_a_candidate_that_costs_more_is_given_up(offset: float) -> None:
     p.minimise("cost", np.sum(x**2) + offset)
     near, away = np.array([3.0, 1.0, 0.0]), np.array([4.0, 1.0, 1.0])
     candidates = [Candidate(x, data.NONE, x) for x in (near, away)]
-    result = run_pipeline(p.at(), candidates, PipelineOptions())
+    result = run_pipeline(p.instantiate(), candidates, PipelineOptions())
     assert result.objective == pytest.approx(8.0 + offset, abs=1e-4)
     assert [t.word for t in result.tried] == ["converged", "cutoff"]
-    whole = run_pipeline(p.at(), candidates, PipelineOptions(prune=False))
+    whole = run_pipeline(p.instantiate(), candidates, PipelineOptions(prune=False))
     assert whole.tried[1].objective == pytest.approx(17.0 + offset, abs=1e-4)
 
 
 def test_the_check_has_the_last_word() -> None:
     instance, good = _good()
 
-    def never(_: Instance, x: Array) -> Checked:
-        return Checked(False, 0.0, x, "refused")
+    def never(_: Instance, x: Array) -> CheckedPoint:
+        return CheckedPoint(False, 0.0, x, "refused")
 
     result = run_pipeline(instance, good, check=never)
     assert not result.solved
@@ -193,4 +193,4 @@ def test_random_problems_never_give_unchecked_answers() -> None:
         theta["start"] = theta["start"] * rng.uniform(0.5, 2.5)  # beyond what was learned
         result = _run(theta, near, 4)
         if result.x is not None:
-            assert PROGRAM.at(theta).violation(result.x) <= TOLERANCE
+            assert PROGRAM.instantiate(theta).violation(result.x) <= TOLERANCE

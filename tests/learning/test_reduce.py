@@ -12,7 +12,7 @@ from climbplan.errors import UsageError
 from climbplan.learning.clusters import OUTLIER, ClusterOptions, clustered, solution_columns
 from climbplan.learning.library import Frame, Library
 from climbplan.learning.model import FitOptions, fit
-from climbplan.methods.pinning import at_point, solve_candidate
+from climbplan.methods.pinning import candidate_at, solve_candidate
 from climbplan.methods.reduced import Reduction
 from climbplan.methods.reduced_programs import ClusterSolve, ReducedPrograms
 from climbplan.program import Program
@@ -42,11 +42,11 @@ PARTITIONS = each(PROGRAM.variables["x"], uniform(0.25, 4.0, PIECES))
 
 
 def _best(goal: np.ndarray, combinations: list[tuple[float, float]]) -> float:
-    instance = PROGRAM.at({"goal": goal})
+    instance = PROGRAM.instantiate({"goal": goal})
     found = []
     for side, start in product(combinations, (0.4, 1.0, 2.5)):
         x = np.array([start, 1 / start, *side])
-        result = solve_candidate(instance, at_point(x, np.zeros(0, np.int64)))
+        result = solve_candidate(instance, candidate_at(x, np.zeros(0, np.int64)))
         found.append(np.inf if result.objective is None else result.objective)
     return min(found)
 
@@ -58,7 +58,7 @@ def _library(count: int = 60) -> Library:
         wide = rng.uniform() < 0.5
         goal = np.array([3.0, 0.3]) if wide else np.array([0.3, 3.0])
         goal = goal + rng.uniform(-0.2, 0.2, 2)
-        result = solve(PROGRAM.at({"goal": goal}), "minlp-scip", gap=1e-4, time_limit=10.0)
+        result = solve(PROGRAM.instantiate({"goal": goal}), "minlp-scip", gap=1e-4, time_limit=10.0)
         assert result.x is not None
         goals.append(goal)
         points.append(result.x)
@@ -87,7 +87,9 @@ def test_binaries_are_the_logarithm_of_what_occurs(library: Library) -> None:
     ways = len(np.unique(library.points[rows][:, 2:], axis=0))
     expected += int(np.ceil(np.log2(ways)))
     assert reduction.binary_count == expected
-    program = reduction.form(PROGRAM.at({"goal": np.zeros(2)})).at(PROGRAM.at({"goal": np.ones(2)}))
+    program = reduction.form(PROGRAM.instantiate({"goal": np.zeros(2)})).at(
+        PROGRAM.instantiate({"goal": np.ones(2)})
+    )
     assert int(program.instance.integer.sum()) == expected
     assert expected < 2 + 2 * 3  # the whole program's
 
@@ -99,7 +101,7 @@ def test_reduced_program_bounds_the_best_of_its_cluster(library: Library, solver
     ways = [tuple(v) for v in reduction.values]
     form = None
     for row in rows[:4]:
-        instance = PROGRAM.at({"goal": library.features[row]})
+        instance = PROGRAM.instantiate({"goal": library.features[row]})
         form = form or reduction.form(instance)
         program = form.at(instance)
         found = solve(program.instance, solver, gap=1e-4, time_limit=20.0)
@@ -134,7 +136,7 @@ def test_pieces_shrink_to_the_solutions_in_them(library: Library) -> None:
 
 
 def test_other_strategies_of_the_cluster_follow_its_program(library: Library) -> None:
-    instance = PROGRAM.at({"goal": library.features[0]})
+    instance = PROGRAM.instantiate({"goal": library.features[0]})
     options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
     ranking = fit(library, options, solution_columns(instance)).clusters()
     goal = library.features[0]
@@ -163,7 +165,7 @@ def test_a_cluster_whose_program_has_no_point_still_offers_its_strategies(
     library: Library,
 ) -> None:
     options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
-    instance = PROGRAM.at({"goal": library.features[0]})
+    instance = PROGRAM.instantiate({"goal": library.features[0]})
     ranking = fit(library, options, solution_columns(instance)).clusters()
     nowhere = replace(instance, lower=np.where(instance.integer, instance.lower, 3.9))
     solves: list[ClusterSolve] = []
@@ -178,7 +180,7 @@ def test_integers_of_other_clusters_are_out_of_reach(library: Library) -> None:
     rows = np.flatnonzero(library.features[:, 0] > 1)
     other = library.features[np.flatnonzero(library.features[:, 0] < 1)[0]]
     reduction = _reduction(library, rows)
-    instance = PROGRAM.at({"goal": other})
+    instance = PROGRAM.instantiate({"goal": other})
     found = solve(reduction.form(instance).at(instance).instance, "highs", gap=1e-3)
     assert found.x is not None
     assert found.x[0] >= min(p[0] for p in library.points[rows]) - 1.0
@@ -186,7 +188,7 @@ def test_integers_of_other_clusters_are_out_of_reach(library: Library) -> None:
 
 
 def test_online_the_likeliest_cluster_is_solved_and_made_exact(library: Library) -> None:
-    instance = PROGRAM.at({"goal": library.features[0]})
+    instance = PROGRAM.instantiate({"goal": library.features[0]})
     options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
     model = fit(library, options, solution_columns(instance))
     ranking = model.clusters()
@@ -195,7 +197,7 @@ def test_online_the_likeliest_cluster_is_solved_and_made_exact(library: Library)
     programs = ReducedPrograms(ranking, PARTITIONS, gap=1e-4, report=solves.append)
     for row in (0, 1, 2, 3):
         goal = library.features[row]
-        here = PROGRAM.at({"goal": goal})
+        here = PROGRAM.instantiate({"goal": goal})
         results = [
             solve_candidate(here, candidate).objective
             for candidate in programs.candidates(here, goal, 1)
@@ -207,7 +209,7 @@ def test_online_the_likeliest_cluster_is_solved_and_made_exact(library: Library)
 
 
 def test_further_clusters_only_until_done(library: Library) -> None:
-    instance = PROGRAM.at({"goal": library.features[0]})
+    instance = PROGRAM.instantiate({"goal": library.features[0]})
     options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
     ranking = fit(library, options, solution_columns(instance)).clusters()
     for done, expected in ((True, 1), (False, 2)):
@@ -219,7 +221,7 @@ def test_further_clusters_only_until_done(library: Library) -> None:
 
 
 def test_an_unknown_solver_is_refused(library: Library) -> None:
-    columns = solution_columns(PROGRAM.at({"goal": np.ones(2)}))
+    columns = solution_columns(PROGRAM.instantiate({"goal": np.ones(2)}))
     model = fit(library, FitOptions(kind="reduce", cluster_trees=5), columns)
     with pytest.raises(UsageError, match="no solver 'daqp'"):
         ReducedPrograms(model.clusters(), PARTITIONS, solver="daqp")

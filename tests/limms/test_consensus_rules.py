@@ -15,7 +15,7 @@ from climbplan.limms.consensus.mixed_integer import GOAL_TOLERANCE, MixedInteger
 from climbplan.limms.consensus.problem import FREE, HELD, LEAPS, STABLE, STANDS, build_problem
 from climbplan.limms.consensus.variables import VariableColumns, add_variables
 from climbplan.program.linear_rows import LinearRows
-from climbplan.solvers.highs.model import highs, rows_model
+from climbplan.solvers.highs.model import build_rows_model, create_highs
 
 K = 3  # intervals
 
@@ -36,9 +36,9 @@ def allowed(rules: tuple[LinearRows, VariableColumns], ones: list[int], zeros: l
     lower[ones], upper[zeros] = 1.0, 0.0
     if (lower > upper).any():
         return False
-    model = rows_model(table)
+    model = build_rows_model(table)
     model.col_lower_, model.col_upper_ = lower, upper
-    solver = highs()
+    solver = create_highs()
     solver.passModel(model)
     solver.run()
     return bool(solver.getModelStatus() == highspy.HighsModelStatus.kOptimal)

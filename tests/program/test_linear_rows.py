@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from climbplan.program.linear_rows import LinearRows
-from climbplan.solvers.highs.model import highs, rows_model, run_highs
+from climbplan.solvers.highs.model import build_rows_model, create_highs, run_highs
 
 
 @pytest.fixture
@@ -91,11 +91,11 @@ def test_a_point_is_judged_block_by_block(shed: LinearRows) -> None:
 
 
 def test_what_highs_answers_holds(shed: LinearRows) -> None:
-    solver = highs()
-    solver.passModel(rows_model(shed))
+    solver = create_highs()
+    solver.passModel(build_rows_model(shed))
     run_highs(solver)
     x = np.array(solver.getSolution().col_value)
     assert shed.worst(x).residual < 1e-9
     assert x[6:].sum() == pytest.approx(1.0)
-    relaxed = rows_model(shed, relaxed=True)
+    relaxed = build_rows_model(shed, relaxed=True)
     assert len(relaxed.integrality_) == 0

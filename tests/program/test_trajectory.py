@@ -12,7 +12,7 @@ from climbplan.methods.table import solve_instance
 from climbplan.program.problem import Problem
 from climbplan.program.stage import Stage
 from climbplan.program.trajectory import Trajectory
-from climbplan.solvers.ipopt.trajectory import compiled, solve_trajectory
+from climbplan.solvers.ipopt.trajectory import compile_trajectory, solve_trajectory
 
 QUIET = {"max_iter": 50}
 
@@ -110,7 +110,7 @@ def test_every_method_takes_a_trajectory() -> None:
     assert free.objective <= 3.0 + 1e-6  # not all pushes are needed
     # The same program by IPOPT as it stands, its binaries relaxed
     swing.relax(1e-4)
-    ready = compiled(swing, QUIET)
+    ready = compile_trajectory(swing, QUIET)
     point = ready.solver.solve(pinned.x, swing.theta(theta), ready.bounds, np.inf)
     assert max(block.residual for block in ready.residuals(point)) < 1e-6
     assert point.objective <= pinned.objective + 1e-6

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from climbplan.arrays import Array
 from climbplan.program import Instance, Polytope, Program
-from climbplan.solvers.ipopt.instances import solve_pinned
+from climbplan.solvers.ipopt.instances import solve_fixed_integers
 
 TOLERANCE = 1e-6
 
@@ -50,7 +50,7 @@ def enumerated(instance: Instance) -> float:
         start = np.zeros(instance.size)
         start[instance.integer] = bits
         for chosen in product(*sides):
-            x = solve_pinned(instance, start, np.array(chosen, np.int64)).v
+            x = solve_fixed_integers(instance, start, np.array(chosen, np.int64)).v
             if instance.violation(x, np.array(chosen, np.int64)) <= TOLERANCE:
                 best = min(best, instance.objective(x))
     return best

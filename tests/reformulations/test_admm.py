@@ -11,11 +11,11 @@ from small_programs import TOLERANCE, random_numbers, small_program
 from climbplan.reformulations.admm import AdmmSplit
 from climbplan.reformulations.nlp_form import Consensus
 from climbplan.solvers.admm import AdmmOptions, solve_admm
-from climbplan.solvers.ipopt.instances import solve_pinned
+from climbplan.solvers.ipopt.instances import solve_fixed_integers
 
 
 def test_envelopes_contain_the_products() -> None:
-    instance = small_program(True).at(random_numbers(np.random.default_rng(0)))
+    instance = small_program(True).instantiate(random_numbers(np.random.default_rng(0)))
     relaxed = AdmmSplit().relax(instance).instance
     assert relaxed.products.count == 0
     rng = np.random.default_rng(1)
@@ -54,7 +54,7 @@ def test_consensus_terms(norm: str) -> None:
 def test_residuals_fall_and_the_best_iterate_is_finished() -> None:
     p = cart_pole(0.1)
     theta = random_theta(np.random.default_rng(1))
-    instance = p.at(theta)
+    instance = p.instantiate(theta)
     options = AdmmOptions(iterations=8, freeze_after=1)
     answer = solve_admm(instance, scip_optimum, options=options)
     residual = [step.mean_residual for step in answer.steps]
@@ -73,10 +73,10 @@ def test_small_bilinear_programs() -> None:
     near = 0
     for seed in range(8):
         theta = random_numbers(np.random.default_rng(seed))
-        instance = p.at(theta)
+        instance = p.instantiate(theta)
         exact = scip_optimum(instance)
         assert exact is not None
-        best = instance.objective(solve_pinned(instance, exact).v)
+        best = instance.objective(solve_fixed_integers(instance, exact).v)
         answer = solve_admm(instance, scip_optimum, options=AdmmOptions(iterations=10)).result
         assert answer.x is not None
         assert p.check(answer.x, theta, answer.assignment).passed(TOLERANCE)
@@ -86,7 +86,7 @@ def test_small_bilinear_programs() -> None:
 
 
 def test_a_mixed_integer_block_without_an_answer_ends_it() -> None:
-    instance = small_program(True).at(random_numbers(np.random.default_rng(0)))
+    instance = small_program(True).instantiate(random_numbers(np.random.default_rng(0)))
     answer = solve_admm(instance, lambda block: None)
     assert answer.steps == ()
     assert answer.result.status == "limit"

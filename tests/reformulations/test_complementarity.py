@@ -13,8 +13,8 @@ from climbplan.errors import UsageError
 from climbplan.program import Program
 from climbplan.reformulations.complementarity import Complementarity
 from climbplan.reformulations.nlp_form import Gap, Manner, nlp_form
-from climbplan.solvers.ipopt.instances import middle, solve_pinned
-from climbplan.solvers.ipopt.mpcc import HOMOTOPY, STRAIGHT, follow, solve_mpcc
+from climbplan.solvers.ipopt.instances import compute_box_center, solve_fixed_integers
+from climbplan.solvers.ipopt.mpcc import HOMOTOPY, STRAIGHT, follow_homotopy, solve_mpcc
 
 KINDS: tuple[Gap, ...] = ("product", "fischer-burmeister")
 SCENES = 8
@@ -31,7 +31,7 @@ def test_answers_pass_the_check_and_come_near_the_enumerated_optimum(
     found = near = 0
     for _ in range(SCENES):
         theta = random_numbers(rng)
-        instance = p.at(theta)
+        instance = p.instantiate(theta)
         result = solve_mpcc(instance, method=Complementarity(kind))
         if result.x is None:
             continue
@@ -48,9 +48,9 @@ def test_answers_pass_the_check_and_come_near_the_enumerated_optimum(
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("coupling", ["product", "big-m"])
 def test_homotopy_reaches_eps(kind: Gap, coupling: str) -> None:
-    instance = small_program(False).at(random_numbers(np.random.default_rng(5)))
+    instance = small_program(False).instantiate(random_numbers(np.random.default_rng(5)))
     method = Complementarity(kind, coupling)  # type: ignore[arg-type]
-    relaxed = follow(instance, method, middle(instance), blur=1.0)
+    relaxed = follow_homotopy(instance, method, compute_box_center(instance), blur=1.0)
     assert [step.eps for step in relaxed.steps] == list(HOMOTOPY)
     assert relaxed.rounded.fraction <= 1.1 * HOMOTOPY[-1]
     assert np.all(np.isin(relaxed.rounded.x[instance.integer], [0.0, 1.0]))
@@ -60,7 +60,7 @@ def test_both_kinds_agree_where_the_start_has_the_right_integers() -> None:
     p = small_program(True)
     rng = np.random.default_rng(7)
     for _ in range(4):
-        instance = p.at(random_numbers(rng))
+        instance = p.instantiate(random_numbers(rng))
         first = solve_mpcc(instance)
         assert first.x is not None
         again = [
@@ -84,9 +84,9 @@ def test_product_coupling_leaks_less_than_big_m_and_the_polish_nothing() -> None
     leak = {}
     for coupling in ("product", "big-m"):
         method = Complementarity("product", coupling)  # type: ignore[arg-type]
-        point = follow(instance, method, good, homotopy=STRAIGHT)
+        point = follow_homotopy(instance, method, good, homotopy=STRAIGHT)
         leak[coupling] = point.violation
-        polished = solve_pinned(instance, point.rounded.x)
+        polished = solve_fixed_integers(instance, point.rounded.x)
         assert instance.violation(polished.v) <= 1e-6
     assert leak["product"] < 1e-4 < leak["big-m"]
 
@@ -96,16 +96,16 @@ def test_another_theta_updates_numbers_only() -> None:
     rng = np.random.default_rng(11)
     first, second = random_numbers(rng), random_numbers(rng)
     manner = Manner("product")
-    assert nlp_form(p.at(first), manner) is nlp_form(p.at(second), manner)
-    solve_mpcc(p.at(first))
-    updated, rebuilt = solve_mpcc(p.at(second)), solve_mpcc(fresh.at(second))
+    assert nlp_form(p.instantiate(first), manner) is nlp_form(p.instantiate(second), manner)
+    solve_mpcc(p.instantiate(first))
+    updated, rebuilt = solve_mpcc(p.instantiate(second)), solve_mpcc(fresh.instantiate(second))
     assert updated.x is not None
     np.testing.assert_array_equal(updated.x, rebuilt.x)
 
 
 def test_form_reproduces_the_instance() -> None:
     p = small_program(True)
-    instance = p.at(random_numbers(np.random.default_rng(0)))
+    instance = p.instantiate(random_numbers(np.random.default_rng(0)))
     form = nlp_form(instance, Manner("pinned"))
     values = ca.Function("values", [form.v, form.p], [form.f, form.g])
     rng = np.random.default_rng(1)
@@ -127,7 +127,7 @@ def test_big_m_refuses_what_is_not_bounded() -> None:
     x, z = p.continuous("x", (1,)), p.binary("z", (1,))
     p.when("above", z, x, lower=1.0)
     p.minimise("cost", x[0] ** 2 + (1 - z[0]))
-    instance = p.at()
+    instance = p.instantiate()
     assert not Complementarity(coupling="big-m").accepts(instance)
     assert Complementarity(coupling="product").accepts(instance)
     with pytest.raises(UsageError, match="lack"):
@@ -142,10 +142,10 @@ def test_cart_pole_from_a_neighbour(damping: float) -> None:
     solved = 0
     for _ in range(5):
         theta = random_theta(rng)
-        neighbour = scip_optimum(p.at(theta))
+        neighbour = scip_optimum(p.instantiate(theta))
         assert neighbour is not None
         moved = {**theta, "start": theta["start"] + rng.normal(0, 2e-3, 4)}
-        result = solve_mpcc(p.at(moved), start=neighbour, homotopy=STRAIGHT)
+        result = solve_mpcc(p.instantiate(moved), start=neighbour, homotopy=STRAIGHT)
         assert result.x is None or p.check(result.x, moved).passed(TOLERANCE)
         solved += result.x is not None
     assert solved >= 3

@@ -22,7 +22,7 @@ from climbplan.solvers.convex.sessions import solve_convex
 from climbplan.solvers.highs.instances import solve_highs
 from climbplan.solvers.result import SolverResult
 from climbplan.solvers.scip.bilinear import solve_minlp_scip
-from climbplan.solvers.tree.mending import mended
+from climbplan.solvers.tree.repair import repair_point
 
 SEEDS = range(4)
 
@@ -74,7 +74,7 @@ def test_lifted_points_are_feasible(encoding: str, squares: str) -> None:
     p.between("products", x[:3] * x[1:], -9, 9)
     p.between("last", x[3:] * x[3:], -9, 9)
     p.between("square", x[:1] * x[:1], -9, 9)
-    instance = p.at()
+    instance = p.instantiate()
     apart = np.array([[-1.0, -0.5], [0.0, 1.0], [0.7, 2.0]])  # a gap, an overlap
     form = McCormick.on({0: apart, 1: uniform(-1, 2, 4, 0.05)}, encoding, squares).apply(instance)
     assert not form.relaxation
@@ -138,7 +138,7 @@ def test_disconnected_pieces_exclude_the_gap() -> None:
     x = p.continuous("x", (2,), 0.0, 1.0)
     p.between("product", x[:1] * x[1:], 0.1, 1.0)
     p.minimise("near the middle", np.sum((x - 0.5) ** 2))
-    instance = p.at()
+    instance = p.instantiate()
     grid = np.array([[0.0, 0.3], [0.8, 1.0], [0.9, 0.95]])
     for encoding in ("unary", "log2"):
         form = McCormick.on({0: grid}, encoding).apply(instance)
@@ -158,7 +158,7 @@ def test_three_pieces_have_three_codes() -> None:
     p = Program("three")
     x = p.continuous("x", (1,), 0.0, 3.0)
     p.between("square", x * x, 0.0, 9.0)
-    form = McCormick.on({0: uniform(0.0, 3.0, 3)}, "log2").apply(p.at())
+    form = McCormick.on({0: uniform(0.0, 3.0, 3)}, "log2").apply(p.instantiate())
     lower = form.instance.lower.copy()
     lower[form.bits[0]] = 1.0
     blocked = replace(form.instance, lower=lower)
@@ -183,7 +183,7 @@ def shelf_like() -> tuple[Instance, tuple[Partition, ...]]:
             distance = np.sum(vertex[book] * plane[k], axis=1) - side[k : k + 1]
             p.between(f"plane{k}_{book}", sign * distance, -np.inf, 1e-3)
     p.minimise("place", np.sum((vertex - rng.uniform(-50, 50, (4, 4, 2))) ** 2))
-    instance = p.at()
+    instance = p.instantiate()
     knots = np.linspace(-np.pi / 2, np.pi / 2, 9)
     ends = np.stack([knots[:-1], knots[1:]], axis=1)
     cosine = np.cos(ends)
@@ -252,7 +252,7 @@ def test_inverted_points_come_closer_on_finer_grids(seed: int) -> None:
         assert result.x is not None
         residuals.append(instance.violation(form.invert(result.x)))
     assert residuals[1] <= 0.5 * residuals[0] + 1e-6
-    x = mended(instance, form.invert(result.x))
+    x = repair_point(instance, form.invert(result.x))
     assert instance.violation(x) <= 1e-7
 
 
@@ -269,7 +269,7 @@ def test_mistakes_are_named() -> None:
     x = p.continuous("x", (2,))
     p.between("product", x[:1] * x[1:], 0.0, 1.0)
     with pytest.raises(UsageError, match="open: variable 0 is a factor"):
-        McCormick().apply(p.at())
+        McCormick().apply(p.instantiate())
 
 
 def test_local_form_changes_numbers_only() -> None:

@@ -10,14 +10,14 @@ from random_programs import random_program
 from climbplan.errors import UsageError
 from climbplan.program import Program
 from climbplan.program.instance import Instance
-from climbplan.solvers.benders.cuts import CutForm, Planes
-from climbplan.solvers.benders.method import HOLDS, BendersMemory, solve_benders
+from climbplan.solvers.benders.benders_cuts import CutEvaluator, CutPlanes
+from climbplan.solvers.benders.method import HOLDS, WarmStartedBenders, solve_benders
 from climbplan.solvers.benders.subproblem import Subproblem
-from climbplan.solvers.mixed_integer.conditional import conditional_form
-from climbplan.solvers.mixed_integer.form import mixed_integer_program
-from climbplan.solvers.mixed_integer.memory import shifted
+from climbplan.solvers.mixed_integer.indicator_form import build_indicator_form
+from climbplan.solvers.mixed_integer.leaf_cover import build_horizon_shift
 from climbplan.solvers.mixed_integer.method import solve_mixed_integer
-from climbplan.solvers.mixed_integer.numbers import MixedIntegerProgram
+from climbplan.solvers.mixed_integer.presolve import build_mixed_integer_program
+from climbplan.solvers.mixed_integer.problem_data import MixedIntegerProgram
 
 GAP = 1e-6
 _WALLS = np.array([0.35, 0.40])
@@ -31,20 +31,20 @@ def compiled() -> None:
     solve_benders(instance, GAP)
 
 
-def _program(instance: Instance) -> tuple[CutForm, MixedIntegerProgram]:
-    form = conditional_form(instance)
-    program = mixed_integer_program(instance, form)
+def _program(instance: Instance) -> tuple[CutEvaluator, MixedIntegerProgram]:
+    form = build_indicator_form(instance)
+    program = build_mixed_integer_program(instance, form)
     assert isinstance(program, MixedIntegerProgram)
-    return CutForm(form, program), program
+    return CutEvaluator(form, program), program
 
 
-def _at(planes: Planes, integers: np.ndarray) -> np.ndarray:
+def _at(planes: CutPlanes, integers: np.ndarray) -> np.ndarray:
     off = np.where((integers > 0) == planes.star, 0.0, planes.slope)
     return np.asarray(planes.bound - off.sum(axis=1))
 
 
 def _agrees_with_the_tree(seed: int) -> None:
-    instance = random_program(seed).at({})
+    instance = random_program(seed).instantiate({})
     if instance.features - HOLDS:
         return
     ours, tree = solve_benders(instance, GAP, 30.0), solve_mixed_integer(instance, 10 * GAP, 30.0)
@@ -82,13 +82,13 @@ def test_cuts_hold_at_all_integers_and_at_other_parameters() -> None:
     for _ in range(16):  # one or two contacts begin or end elsewhere
         flips = rng.choice(len(near), int(rng.integers(1, 3)), replace=False)
         sets.append(np.where(np.isin(np.arange(len(near)), flips), 1 - near, near))
-    found = [sub.solve(np.clip(d, program.numbers.lowest, program.numbers.highest)) for d in sets]
+    found = [sub.solve(np.clip(d, program.data.root_low, program.data.root_high)) for d in sets]
     cuts = [cut for _, cut in found if cut is not None]
     assert {cut.feasible for cut in cuts} == {True, False}
     other = problem.instance({"start": [0.28, 0.02, 0.5, -0.9], "walls": _WALLS + 0.01})
     for instance in (begun, other):
         read, program = _program(instance)
-        planes, sub = read.planes(cuts), Subproblem(program, 1e-6)
+        planes, sub = read.evaluate(cuts), Subproblem(program, 1e-6)
         met = 0
         for integers in [*sets, np.zeros(len(program.entities), np.int64)]:
             x, _ = sub.solve(integers)
@@ -99,7 +99,7 @@ def test_cuts_hold_at_all_integers_and_at_other_parameters() -> None:
                 assert (below[~planes.feasible] <= 1e-6).all()
                 met += 1
         assert met
-    tight = _program(begun)[0].planes(cuts)
+    tight = _program(begun)[0].evaluate(cuts)
     for k, cut in enumerate(cuts):
         if cut.feasible and begun.violation(cut.star[: begun.size]) <= 1e-6:
             # At its own integers a cut says all that there is
@@ -111,12 +111,14 @@ def test_cuts_hold_at_all_integers_and_at_other_parameters() -> None:
 
 def test_memory_tries_fewer_integers_and_finds_the_same() -> None:
     problem, state = springs(), np.array([0.30, 0.05, 0.6, -1.2])
-    blocks, memory = problem.program.blocks, BendersMemory(1e-3, 1e-6)
+    blocks, memory = problem.program.blocks, WarmStartedBenders(1e-3, 1e-6)
     cold_tried = warm_tried = 0
     for t in range(8):
         instance = problem.instance({"start": state, "walls": _WALLS})
         cold = solve_benders(instance, 1e-3, 30.0, 1e-6)
-        warm = memory.solve(instance, 30.0, (lambda f: shifted(blocks, f, 1)) if t else None)
+        warm = memory.solve(
+            instance, 30.0, (lambda f: build_horizon_shift(blocks, f, 1)) if t else None
+        )
         assert cold.status == warm.status == "optimal"
         assert cold.objective is not None
         assert warm.objective == pytest.approx(cold.objective, rel=2e-3)
@@ -132,11 +134,11 @@ def test_what_it_does_not_hold_is_refused_and_a_limit_keeps_the_best() -> None:
     p.ball("ball", x, 1.0)
     p.minimise("x", x[0])
     with pytest.raises(UsageError, match="'benders' holds no balls"):
-        solve_benders(p.at({}))
+        solve_benders(p.instantiate({}))
     problem = springs()
     instance = problem.instance({"start": [0.30, 0.05, 0.6, -1.4], "walls": _WALLS})
     best = solve_mixed_integer(instance, 1e-6)
-    early = BendersMemory(1e-6, 1e-6, work=1).solve(instance)
+    early = WarmStartedBenders(1e-6, 1e-6, work=1).solve(instance)
     assert early.status in ("feasible", "limit")
     assert best.objective is not None
     assert early.bound <= best.objective

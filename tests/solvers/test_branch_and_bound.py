@@ -10,13 +10,13 @@ from brute_force import brute_force
 from random_scenes import stepping_scene, tiny_instance
 
 from climbplan.instances.free_flyer import free_flyer_problem
-from climbplan.methods.pinning import at_point
+from climbplan.methods.pinning import candidate_at
 from climbplan.program import Instance, Polytope, Program
-from climbplan.solvers.result import Known, relative_gap
+from climbplan.solvers.result import KnownResult, relative_gap
 from climbplan.solvers.tree import search as tree_search
 from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 from climbplan.solvers.tree.incumbent import IncumbentStore
-from climbplan.solvers.tree.normal_form import normal_form
+from climbplan.solvers.tree.normal_form import build_normal_form
 from climbplan.solvers.tree.relaxation import Relaxation
 
 GAP = 1e-4
@@ -61,7 +61,7 @@ def test_tiny_instances_are_of_every_kind() -> None:
 @pytest.mark.parametrize("blocked", [False, True])
 def test_steps_over_polygons(seed: int, blocked: bool) -> None:
     scene = stepping_scene(seed, rounds=2, limbs=1, patches=2, blocked=blocked)
-    agrees(scene.at(), brute_force(scene.at()))
+    agrees(scene.instantiate(), brute_force(scene.instantiate()))
 
 
 def test_bound_stays_below_the_optimum_however_early_the_search_stops() -> None:
@@ -82,7 +82,9 @@ def test_bound_stays_below_the_optimum_however_early_the_search_stops() -> None:
 
 
 def hard_instance() -> Instance:
-    return stepping_scene(25, rounds=4, limbs=3, patches=3, step=0.42, reach=0.8, blocked=True).at()
+    return stepping_scene(
+        25, rounds=4, limbs=3, patches=3, step=0.42, reach=0.8, blocked=True
+    ).instantiate()
 
 
 def test_no_time_says_limit_not_infeasible() -> None:
@@ -108,7 +110,7 @@ def test_wide_gaps_stop_early_and_claim_no_more_than_was_proved() -> None:
     for seed in range(25):
         instance = stepping_scene(
             seed, rounds=4, limbs=3, patches=3, step=0.42, reach=0.8, blocked=seed % 2 == 1
-        ).at()
+        ).instantiate()
         exact, rough = (solve_branch_and_bound(instance, gap=g) for g in (1e-6, 0.6))
         assert exact.objective is not None
         assert rough.objective is not None
@@ -127,11 +129,13 @@ def test_bounds_of_parts_and_exclusions_lose_nothing(
     """The plain tree, with neither, finds the same optimum."""
     instance = stepping_scene(
         seed, rounds=3, limbs=2, patches=3, step=0.42, reach=0.75, blocked=seed % 2 == 0
-    ).at()
+    ).instantiate()
     full = solve_branch_and_bound(instance, gap=1e-6)
-    monkeypatch.setattr(tree_search, "blocks", lambda form, pool: [])
+    monkeypatch.setattr(tree_search, "build_component_problems", lambda form, pool: [])
     monkeypatch.setattr(
-        tree_search.TreeSearch, "_excluded", lambda self, node, allowed, *others: allowed
+        tree_search.TreeSearch,
+        "_exclude_alternatives",
+        lambda self, node, allowed, *others: allowed,
     )
     plain = solve_branch_and_bound(instance, gap=1e-6)
     assert full.status == plain.status
@@ -141,7 +145,7 @@ def test_bounds_of_parts_and_exclusions_lose_nothing(
 
 def test_points_are_kept_only_if_feasible_and_better() -> None:
     instance = pillar(2.0)
-    relaxation = Relaxation(normal_form(instance))
+    relaxation = Relaxation(build_normal_form(instance))
     store = IncumbentStore(instance, relaxation, gap=1e-4, tolerance=1e-7)
     cost = relaxation.form.cost
 
@@ -168,7 +172,7 @@ def pillar(radius: float, lower: float = -np.inf) -> Instance:
     right = Polytope.halfspaces("right", np.array([[-1.0, 0.0]]), np.array([-1.0]))
     p.one_of("side", x[None], [[left, right]])
     p.minimise("distance", np.sum((x - np.array([3.0, 0.0])) ** 2))
-    return p.at()
+    return p.instantiate()
 
 
 @pytest.mark.parametrize(
@@ -193,7 +197,7 @@ def test_start_on_the_edge_of_a_ball_is_no_contradiction() -> None:
     p.ball("touching", x[None] - np.array([2.0, 0.0]), 1.0)
     p.between("wall", x[:1], -np.inf, 1.0)  # touches the ball in one point
     p.minimise("size", np.sum(x**2))
-    result = solve_branch_and_bound(p.at())
+    result = solve_branch_and_bound(p.instantiate())
     assert result.status == "optimal"
     np.testing.assert_allclose(result.x, [1.0, 0.0], atol=1e-3)
 
@@ -206,7 +210,7 @@ def test_flat_directions_need_no_cost_if_bounded() -> None:
     near = Polytope.halfspaces("near", np.array([[1.0]]), np.array([-4.0]))
     p.one_of("place", free[:1][None], [[far, near]])
     p.minimise("x", (x[0] - 0.5) ** 2)
-    result = solve_branch_and_bound(p.at())
+    result = solve_branch_and_bound(p.instantiate())
     assert result.status == "optimal"
     assert result.objective == pytest.approx(1.5**2, rel=1e-4)  # x = 2, free = 3
 
@@ -216,7 +220,7 @@ def test_linear_costs_over_a_ball() -> None:
     x = p.continuous("x", (3,))
     p.ball("ball", x[None], 2.0)
     p.minimise("height", x[2] + 0.0 * x[0])
-    result = solve_branch_and_bound(p.at())
+    result = solve_branch_and_bound(p.instantiate())
     assert result.status == "optimal"
     assert result.objective == pytest.approx(-2.0, abs=1e-4)
 
@@ -229,7 +233,7 @@ def test_equations_may_leave_one_point() -> None:
     outside = Polytope.halfspaces("outside", -np.eye(2), -np.ones(2))
     p.one_of("side", x[None], [[outside, inside]])
     p.minimise("size", np.sum(x**2))
-    result = solve_branch_and_bound(p.at())
+    result = solve_branch_and_bound(p.instantiate())
     assert result.status == "optimal"
     assert result.assignment is not None
     assert result.assignment.tolist() == [1]
@@ -242,14 +246,14 @@ def test_contradicting_equations_are_infeasible() -> None:
     p.equal("one", x[:1] - 1.0)
     p.equal("two", x[:1] - 1.1)
     p.minimise("size", np.sum(x**2))
-    result = solve_branch_and_bound(p.at())
+    result = solve_branch_and_bound(p.instantiate())
     assert result.status == "infeasible"
     assert "equations" in result.log[0]
 
 
 def test_units_do_not_matter() -> None:
     """Cost in other units: the same plan, proved in the same way."""
-    instance = stepping_scene(3, rounds=3, limbs=2).at()
+    instance = stepping_scene(3, rounds=3, limbs=2).instantiate()
     base = solve_branch_and_bound(instance)
     for factor in (1e6, 1e-6):
         scaled = replace(
@@ -265,11 +269,11 @@ def test_units_do_not_matter() -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_what_a_laxer_instance_has_told_starts_the_tree_and_changes_no_answer(seed: int) -> None:
-    lax = stepping_scene(seed, rounds=3, limbs=2, patches=3, step=0.55, reach=0.8).at()
-    tight = stepping_scene(seed, rounds=3, limbs=2, patches=3, step=0.5, reach=0.77).at()
+    lax = stepping_scene(seed, rounds=3, limbs=2, patches=3, step=0.55, reach=0.8).instantiate()
+    tight = stepping_scene(seed, rounds=3, limbs=2, patches=3, step=0.5, reach=0.77).instantiate()
     first = solve_branch_and_bound(lax, gap=1e-6)
     alone = solve_branch_and_bound(tight, gap=1e-6)
-    known = Known(first.assignment, first.bound)
+    known = KnownResult(first.assignment, first.bound)
     helped = solve_branch_and_bound(tight, gap=1e-6, known=known)
     assert helped.status == alone.status
     assert helped.bound >= first.bound * (1 - 1e-9)
@@ -277,7 +281,7 @@ def test_what_a_laxer_instance_has_told_starts_the_tree_and_changes_no_answer(se
         assert helped.objective == pytest.approx(alone.objective, rel=3e-6)
         enough = relative_gap(alone.objective, first.bound) + 1e-3
         rough = solve_branch_and_bound(
-            tight, gap=enough, known=Known(alone.assignment, first.bound)
+            tight, gap=enough, known=KnownResult(alone.assignment, first.bound)
         )
         assert rough.nodes == 0  # its choices and the bound are all that is needed
         assert rough.status == "optimal"
@@ -286,7 +290,7 @@ def test_what_a_laxer_instance_has_told_starts_the_tree_and_changes_no_answer(se
 def test_choices_that_do_not_fit_are_not_tried() -> None:
     instance = pillar(2.0)
     for wrong in (np.array([0, 0, 0]), np.array([7])):
-        known = Known(wrong, -np.inf)
+        known = KnownResult(wrong, -np.inf)
         assert solve_branch_and_bound(instance, known=known).status == "optimal"
 
 
@@ -305,11 +309,11 @@ def test_a_budget_of_nodes_ends_the_search_with_what_it_has() -> None:
 def test_choices_that_are_proposed_are_enough_where_they_hold() -> None:
     rng = np.random.default_rng(3)
     problem = free_flyer_problem(rng, 3, 4)
-    instance = problem.instance(problem.drawn(rng))
+    instance = problem.instance(problem.sample_parameters(rng))
     best = solve_branch_and_bound(instance, 1e-6)
     assert best.x is not None
     assert best.assignment is not None
-    first = [at_point(best.x, best.assignment)]
+    first = [candidate_at(best.x, best.assignment)]
     found = solve_branch_and_bound(instance, 1e-3, nodes=0, proposals=first)
     assert found.nodes == 0
     assert found.objective == pytest.approx(best.objective, rel=1e-6)

@@ -9,9 +9,9 @@ import pytest
 
 from climbplan.errors import UsageError
 from climbplan.program import Instance, Program
-from climbplan.solvers.convex.sessions import ConvexBackend, session, solve_convex
+from climbplan.solvers.convex.sessions import ConvexBackend, create_session, solve_convex
 from climbplan.solvers.highs.instances import solve_highs
-from climbplan.solvers.weak_duality import weak_dual
+from climbplan.solvers.weak_duality import compute_dual_bound
 
 BACKENDS: tuple[ConvexBackend, ...] = ("daqp", "clarabel", "osqp")
 TOLERANCE = {"daqp": 1e-7, "clarabel": 1e-7, "osqp": 1e-5}
@@ -32,10 +32,10 @@ def program(semidefinite: bool = False) -> Program:
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_sessions_agree_with_highs(backend: ConvexBackend, semidefinite: bool) -> None:
     p = program(semidefinite)
-    used = session(backend)
+    used = create_session(backend)
     rng = np.random.default_rng(3)
     for _ in range(6):
-        instance = p.at({"goal": rng.uniform(-2, 2, 4)})
+        instance = p.instantiate({"goal": rng.uniform(-2, 2, 4)})
         result = solve_convex(instance, used, tolerance=TOLERANCE[backend])
         reference = solve_highs(instance)
         assert result.status == "optimal"
@@ -47,8 +47,8 @@ def test_sessions_agree_with_highs(backend: ConvexBackend, semidefinite: bool) -
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_bounds_that_open_close_and_cross(backend: ConvexBackend) -> None:
-    instance = program().at({"goal": np.ones(4)})
-    used = session(backend)
+    instance = program().instantiate({"goal": np.ones(4)})
+    used = create_session(backend)
     n = instance.size
     fixed = replace(instance, lower=np.array([0.2, -1, -1, -1]), upper=np.array([0.2, 1, 1, 1.0]))
     opened = replace(instance, row_lower=np.full(3, -np.inf), row_upper=np.full(3, np.inf))
@@ -65,7 +65,7 @@ def test_bounds_that_open_close_and_cross(backend: ConvexBackend) -> None:
 
 
 def test_everything_fixed() -> None:
-    instance = program().at({"goal": np.ones(4)})
+    instance = program().instantiate({"goal": np.ones(4)})
     free = replace(instance, row_lower=np.full(3, -np.inf), row_upper=np.full(3, np.inf))
     point = np.full(4, 0.25)
     result = solve_convex(replace(free, lower=point, upper=point), "daqp")
@@ -76,11 +76,11 @@ def test_everything_fixed() -> None:
 
 def test_weak_dual_is_valid_for_any_multipliers() -> None:
     rng = np.random.default_rng(5)
-    instance = program().at({"goal": rng.normal(size=4)})
+    instance = program().instantiate({"goal": rng.normal(size=4)})
     best = solve_convex(instance).objective
     assert best is not None
     for _ in range(50):
-        assert weak_dual(instance, rng.normal(size=4), rng.normal(size=3)) <= best + 1e-9
+        assert compute_dual_bound(instance, rng.normal(size=4), rng.normal(size=3)) <= best + 1e-9
 
 
 def test_balls_only_in_clarabel() -> None:
@@ -88,17 +88,17 @@ def test_balls_only_in_clarabel() -> None:
     x = p.continuous("x", (1, 2))
     p.ball("near", x, 1.0)
     p.minimise("far", np.sum(x[0] * np.array([1.0, 1.0])))
-    result = solve_convex(p.at())
+    result = solve_convex(p.instantiate())
     assert result.status == "optimal"
     assert result.objective == pytest.approx(-np.sqrt(2))
     for backend in ("daqp", "osqp"):
         with pytest.raises(UsageError, match="clarabel"):
-            solve_convex(p.at(), backend)
+            solve_convex(p.instantiate(), backend)
 
 
 def test_integers_are_refused() -> None:
     p = Program("whole")
     p.binary("z", (1,))
-    instance: Instance = p.at()
+    instance: Instance = p.instantiate()
     with pytest.raises(UsageError, match="integers left"):
         solve_convex(instance)

@@ -16,14 +16,14 @@ import pytest
 from numba.core.errors import NumbaError
 
 import climbplan
-from climbplan.solvers.generated import kernel
+from climbplan.solvers.generated import create_kernel
 
 RNG = np.random.default_rng(3)
 
 
 def caller(function: Any) -> Callable[[np.ndarray, np.ndarray], None]:
     """Compiled: one input, one output."""
-    generated = kernel(lambda: function)
+    generated = create_kernel(lambda: function)
 
     @numba.njit
     def called(x: Any, y: Any) -> None:
@@ -73,7 +73,7 @@ def test_jacobian_is_laid_out_column_by_column_with_its_zeros() -> None:
     rows = ca.vertcat(ca.sin(x[0]) * x[3], a * x[1] ** 2, x[4] - x[0] * x[3])
     declared = ca.Function("rows", [a, x], [rows, ca.jacobian(rows, x)])
     assert declared.nnz_out(1) < 15
-    generated = kernel(lambda: declared)
+    generated = create_kernel(lambda: declared)
 
     @numba.njit
     def called(a: Any, x: Any, value: Any, slopes: Any) -> None:
@@ -89,7 +89,7 @@ def test_jacobian_is_laid_out_column_by_column_with_its_zeros() -> None:
 
 def test_division_by_zero_follows_the_caller_as_in_numpy() -> None:
     x = ca.SX.sym("x")
-    generated, y = kernel(lambda: ca.Function("inverse", [x], [1 / x])), np.empty(1)
+    generated, y = create_kernel(lambda: ca.Function("inverse", [x], [1 / x])), np.empty(1)
 
     @numba.njit(error_model="numpy")
     def called(x: Any, y: Any) -> None:

@@ -15,7 +15,7 @@ from climbplan.errors import UsageError
 from climbplan.program import Instance, Program
 from climbplan.solvers.highs.instances import save_highs_model, solve_highs
 from climbplan.solvers.scip.bilinear import save_bilinear_model, solve_minlp_scip
-from climbplan.solvers.tree.mending import mended
+from climbplan.solvers.tree.repair import repair_point
 
 
 def knapsack(seed: int, quadratic: bool, items: int = 12, balls: bool = False) -> Instance:
@@ -32,7 +32,7 @@ def knapsack(seed: int, quadratic: bool, items: int = 12, balls: bool = False) -
         p.minimise("spread", np.sum((x - rng.normal(size=2) * 3) ** 2) + 0.5 * (x[0] - z[0]) ** 2)
     else:
         p.minimise("shift", np.sum(x * np.array([-1.0, -0.5])))
-    return p.at()
+    return p.instantiate()
 
 
 @pytest.mark.parametrize(("quadratic", "balls"), [(False, False), (True, False), (True, True)])
@@ -65,7 +65,7 @@ def test_infeasible_is_proved() -> None:
     z = p.binary("z", (2,))
     p.between("sum", np.sum(z, keepdims=True), 0.4, 0.6)
     for solve in (solve_highs, solve_minlp_scip):
-        assert solve(p.at()).status == "infeasible"
+        assert solve(p.instantiate()).status == "infeasible"
 
 
 def test_what_highs_cannot_hold_is_refused() -> None:
@@ -73,9 +73,9 @@ def test_what_highs_cannot_hold_is_refused() -> None:
     x = p.continuous("x", (2,), 0.0, 1.0)
     p.between("product", x[:1] * x[1:], 0.2, 0.3)
     with pytest.raises(UsageError, match="cannot hold products"):
-        solve_highs(p.at())
+        solve_highs(p.instantiate())
     with pytest.raises(UsageError, match="products cannot be written"):
-        save_highs_model(p.at(), Path("x.lp"))
+        save_highs_model(p.instantiate(), Path("x.lp"))
 
 
 @pytest.mark.parametrize("suffix", [".lp", ".mps"])
@@ -106,7 +106,7 @@ def test_scip_takes_a_start_and_proves_products() -> None:
     x = p.continuous("x", (2,), -2.0, 2.0)
     p.between("hyperbola", x[:1] * x[1:], 1.0, 1.0)
     p.minimise("sum", np.sum(x))
-    instance = p.at()
+    instance = p.instantiate()
     start = np.array([-2.0, -0.5])
     result = solve_minlp_scip(instance, gap=1e-5, start=start)
     assert result.status == "optimal"
@@ -119,11 +119,13 @@ def test_mending_projects_onto_products() -> None:
     p = Program("circle")
     x = p.continuous("x", (2,), -2.0, 2.0)
     p.equal("circle", x[:1] ** 2 + x[1:] ** 2 - 1)
-    instance = p.at()
-    near = mended(instance, np.array([0.61, 0.83]))
+    instance = p.instantiate()
+    near = repair_point(instance, np.array([0.61, 0.83]))
     assert instance.violation(near) < 1e-7
     np.testing.assert_allclose(near, [0.6, 0.8], atol=0.03)
-    assert instance.violation(mended(instance, np.zeros(2))) == pytest.approx(1.0)  # no slope there
+    assert instance.violation(repair_point(instance, np.zeros(2))) == pytest.approx(
+        1.0
+    )  # no slope there
 
 
 def test_highs_says_nothing_of_itself() -> None:

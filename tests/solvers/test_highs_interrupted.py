@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from climbplan.solvers.highs.model import highs, linear_model, run_highs
+from climbplan.solvers.highs.model import build_linear_model, create_highs, run_highs
 
 
 @pytest.fixture(autouse=True)
@@ -34,11 +34,11 @@ def market_split(rows: int) -> Any:
     upper = np.concatenate([np.ones(n), np.full(2 * rows, np.inf)])
     whole = np.concatenate([np.ones(n, bool), np.zeros(2 * rows, bool)])
     half = np.floor(weights.sum(axis=1) / 2)
-    return linear_model(cost, 0.0, np.zeros(n + 2 * rows), upper, whole, off, half, half)
+    return build_linear_model(cost, 0.0, np.zeros(n + 2 * rows), upper, whole, off, half, half)
 
 
 def test_a_tree_search_is_stopped() -> None:
-    solver = highs(300.0)
+    solver = create_highs(300.0)
     solver.passModel(market_split(5))
     press = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
     press.start()
@@ -53,9 +53,9 @@ def test_a_tree_search_is_stopped() -> None:
 def test_a_tree_search_ends_with_its_looks_at_the_same_place() -> None:
     ends = []
     for _ in range(2):
-        solver = highs(300.0)
+        solver = create_highs(300.0)
         solver.passModel(market_split(4))
-        run_highs(solver, looks=60)
+        run_highs(solver, max_polls=60)
         assert solver.getModelStatus() == highspy.HighsModelStatus.kInterrupt
         info = solver.getInfo()
         ends.append((info.mip_node_count, info.simplex_iteration_count, info.mip_dual_bound))
@@ -63,7 +63,7 @@ def test_a_tree_search_ends_with_its_looks_at_the_same_place() -> None:
 
 
 def test_a_search_that_does_not_look_up_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
-    solver = highs(300.0)
+    solver = create_highs(300.0)
     solver.passModel(market_split(5))
     woken = threading.Event()
     monkeypatch.setattr(solver, "run", lambda: woken.wait(30.0))  # as within a heuristic

@@ -24,7 +24,7 @@ from climbplan.instances import check_solution as checker
 from climbplan.instances.families import FAMILIES, LEVELS, Named, the_set
 from climbplan.instances.writing import file_point, known_values, write_set
 from climbplan.solvers.registry import solve
-from climbplan.solvers.tree.normal_form import normal_form
+from climbplan.solvers.tree.normal_form import build_normal_form
 from climbplan.solvers.tree.search import TreeSearch
 
 _QUICK = {"postures": "scip", "forces": "highs", "cart-poles": "branch-and-bound",
@@ -199,7 +199,7 @@ def test_unknown_solvers_are_refused() -> None:
 
 def test_a_node_left_without_a_bound_proves_nothing() -> None:
     instance = _named("free-flyers").drawn(0)
-    search = TreeSearch(instance, normal_form(instance), 1e-4, np.inf, 1e-7, None)
-    assert search.exhausted  # nothing is open, nothing was left
+    search = TreeSearch(instance, build_normal_form(instance), 1e-4, np.inf, 1e-7, None)
+    assert search.proves_infeasible  # nothing is open, nothing was left
     search.closed = -np.inf
-    assert not search.exhausted
+    assert not search.proves_infeasible

@@ -16,7 +16,12 @@ import pytest
 from scipy import sparse
 
 from climbplan.solvers.convex.osqp import run_osqp
-from climbplan.solvers.interruption import Deadline, interruptible, run_aside, run_deaf
+from climbplan.solvers.interruption import (
+    Deadline,
+    interruptible,
+    run_in_thread,
+    run_uninterruptible,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -67,7 +72,7 @@ def test_other_threads_leave_the_handler_alone() -> None:
 
 
 def test_a_signal_that_another_thread_receives_stops_the_solver() -> None:
-    run_aside(lambda: None, lambda: None)  # starts the solvers' thread, which receives it below
+    run_in_thread(lambda: None, lambda: None)  # starts the solvers' thread, which receives it below
     stopped, in_time = threading.Event(), []
 
     def solve() -> None:
@@ -77,7 +82,7 @@ def test_a_signal_that_another_thread_receives_stops_the_solver() -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         with pytest.raises(KeyboardInterrupt):
-            run_aside(solve, stopped.set)
+            run_in_thread(solve, stopped.set)
     finally:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     assert in_time == [True]
@@ -131,18 +136,18 @@ def test_a_deaf_solver_is_left_behind_and_the_next_one_runs() -> None:
 
     begin = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
-        run_deaf(deaf, 10**6)
+        run_uninterruptible(deaf, 10**6)
     assert time.monotonic() - begin < 10.0
     assert not over.is_set()
     names = []
-    assert run_deaf(lambda: names.append(threading.current_thread()), 10**6) is None
+    assert run_uninterruptible(lambda: names.append(threading.current_thread()), 10**6) is None
     assert names[0] is not threading.main_thread()
     woken.set()
     assert over.wait(10.0)
 
 
 def test_small_programs_are_solved_as_they_stand() -> None:
-    assert run_deaf(threading.current_thread, 100) is threading.current_thread()
+    assert run_uninterruptible(threading.current_thread, 100) is threading.current_thread()
 
 
 def test_what_fails_aside_is_raised() -> None:
@@ -150,7 +155,7 @@ def test_what_fails_aside_is_raised() -> None:
         raise MemoryError("factorisation")
 
     with pytest.raises(MemoryError, match="factorisation"):
-        run_deaf(fail, 10**6)
+        run_uninterruptible(fail, 10**6)
 
 
 def test_osqp_does_not_keep_ctrl_c_to_itself(capfd: pytest.CaptureFixture[str]) -> None:

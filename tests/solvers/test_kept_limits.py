@@ -20,9 +20,14 @@ from climbplan.reformulations.mccormick import McCormick
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.solvers import interruption
 from climbplan.solvers.highs import instances
-from climbplan.solvers.highs.model import LeftBehind, highs, linear_model, run_highs
-from climbplan.solvers.interruption import has_left_solver, run_aside
-from climbplan.solvers.ipopt.instances import minimise
+from climbplan.solvers.highs.model import (
+    SolverAbandoned,
+    build_linear_model,
+    create_highs,
+    run_highs,
+)
+from climbplan.solvers.interruption import has_abandoned_solver, run_in_thread
+from climbplan.solvers.ipopt.instances import solve_nlp
 
 
 @pytest.fixture(autouse=True)
@@ -33,31 +38,33 @@ def _no_solver_left(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_solver_that_heeds_its_deadline_is_waited_for() -> None:
     stopped = threading.Event()
     begin = time.monotonic()
-    assert run_aside(lambda: stopped.wait(5.0), stopped.set, deadline=begin + 0.1)
+    assert run_in_thread(lambda: stopped.wait(5.0), stopped.set, deadline=begin + 0.1)
     assert stopped.is_set()
     assert time.monotonic() - begin < 2.0
-    assert not has_left_solver()
+    assert not has_abandoned_solver()
 
 
 def test_a_solver_that_does_not_is_left_behind() -> None:
     released = threading.Event()
     begin = time.monotonic()
     try:
-        assert not run_aside(lambda: released.wait(5.0), lambda: None, deadline=begin + 0.1)
+        assert not run_in_thread(lambda: released.wait(5.0), lambda: None, deadline=begin + 0.1)
         assert time.monotonic() - begin < 2.0
-        assert has_left_solver()
+        assert has_abandoned_solver()
         done: list[int] = []
-        assert run_aside(lambda: done.append(1), lambda: None)  # the next one has its own thread
+        assert run_in_thread(
+            lambda: done.append(1), lambda: None
+        )  # the next one has its own thread
         assert done == [1]
     finally:
         released.set()
 
 
 def test_a_search_of_highs_that_does_not_stop_raises(monkeypatch: pytest.MonkeyPatch) -> None:
-    solver = highs(0.05)
+    solver = create_highs(0.05)
     one = sparse.csr_matrix(np.ones((1, 1)))
     solver.passModel(
-        linear_model(
+        build_linear_model(
             np.ones(1),
             0.0,
             np.zeros(1),
@@ -72,7 +79,7 @@ def test_a_search_of_highs_that_does_not_stop_raises(monkeypatch: pytest.MonkeyP
     released = threading.Event()
     monkeypatch.setattr(solver, "run", lambda: released.wait(5.0))
     try:
-        with pytest.raises(LeftBehind) as caught:
+        with pytest.raises(SolverAbandoned) as caught:
             run_highs(solver, deadline=time.monotonic() + 0.05)
         assert isinstance(caught.value, LimitReached)
         assert caught.value.x is None
@@ -86,7 +93,7 @@ def test_the_incumbent_of_a_search_that_was_left_is_kept(monkeypatch: pytest.Mon
     assert whole.x is not None
 
     def behind(solver: object, **_: object) -> None:
-        raise LeftBehind(whole.x, whole.bound - 1.0)
+        raise SolverAbandoned(whole.x, whole.bound - 1.0)
 
     monkeypatch.setattr(instances, "run_highs", behind)
     found = instances.solve_highs(instance, time_limit=1.0)
@@ -95,7 +102,7 @@ def test_the_incumbent_of_a_search_that_was_left_is_kept(monkeypatch: pytest.Mon
     assert found.bound == pytest.approx(whole.bound - 1.0)
 
     def nothing(solver: object, **_: object) -> None:
-        raise LeftBehind(None, -np.inf)
+        raise SolverAbandoned(None, -np.inf)
 
     monkeypatch.setattr(instances, "run_highs", nothing)
     assert instances.solve_highs(instance, time_limit=1.0).status == "limit"
@@ -108,7 +115,7 @@ def test_nothing_is_built_for_ipopt_after_its_deadline(monkeypatch: pytest.Monke
     monkeypatch.setattr("climbplan.solvers.ipopt.instances._compiled", unbuilt)
     bounds = Bounds(np.zeros(2), np.ones(2), np.zeros(0), np.zeros(0))
     past = time.monotonic() - 1.0
-    point = minimise(None, np.zeros(0), bounds, np.array([-1.0, 0.5]), past)  # type: ignore[arg-type]
+    point = solve_nlp(None, np.zeros(0), bounds, np.array([-1.0, 0.5]), past)  # type: ignore[arg-type]
     assert point.v.tolist() == [0.0, 0.5]
     assert not point.success
 

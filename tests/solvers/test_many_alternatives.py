@@ -13,18 +13,18 @@ from climbplan.program import Instance, Polytope, Program
 from climbplan.solvers.tree import choice_table
 from climbplan.solvers.tree import search as tree_search
 from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
-from climbplan.solvers.tree.branching import violations
+from climbplan.solvers.tree.branching import compute_violations
 from climbplan.solvers.tree.choice_table import ChoiceTable
-from climbplan.solvers.tree.normal_form import normal_form
+from climbplan.solvers.tree.normal_form import build_normal_form
 from climbplan.solvers.tree.row_pool import RowPool
-from climbplan.solvers.tree.sectors import sector_splits
+from climbplan.solvers.tree.sectors import split_by_sectors
 
 
 def as_if_many(monkeypatch: pytest.MonkeyPatch) -> None:
     """Treat small choices as if they had hundreds of alternatives."""
-    monkeypatch.setattr(choice_table, "_TABULATED", 0)
-    monkeypatch.setattr(choice_table, "_FEW", 0)
-    monkeypatch.setattr(choice_table, "_SPREAD", 3)
+    monkeypatch.setattr(choice_table, "_MAX_TABLE_SIZE", 0)
+    monkeypatch.setattr(choice_table, "_MAX_LISTED", 0)
+    monkeypatch.setattr(choice_table, "_NUM_DIRECTIONS", 3)
 
 
 def stones(seed: int, count: int) -> tuple[Polytope, ...]:
@@ -57,17 +57,17 @@ def walking(count: int, rounds: int = 6, limbs: int = 4, reach: float = 0.3) -> 
     p.one_of("stone", toe, [alternatives] * (rounds * limbs))
     p.minimise("way", np.sum((body - way[1:]) ** 2) + 0.1 * np.sum((body[0] - way[0]) ** 2))
     p.minimise("toes", 0.5 * np.sum((toe - body[:, None] - stance) ** 2))
-    return p.at()
+    return p.instantiate()
 
 
 @pytest.mark.parametrize("seed", range(16))
 def test_the_same_optimum_as_among_few(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     instance = stepping_scene(
         seed, rounds=3, limbs=2, patches=4, step=0.5, reach=0.75, blocked=seed % 3 == 0
-    ).at()
+    ).instantiate()
     few = solve_branch_and_bound(instance, gap=1e-6)
     as_if_many(monkeypatch)
-    assert not normal_form(instance).tables[0].complete
+    assert not build_normal_form(instance).tables[0].complete
     many = solve_branch_and_bound(instance, gap=1e-6)
     assert many.status == few.status
     assert many.objective == pytest.approx(few.objective, rel=3e-6)
@@ -77,25 +77,25 @@ def test_points_are_held_against_all_that_an_alternative_states(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     as_if_many(monkeypatch)
-    instance = stepping_scene(4, rounds=2, limbs=2, patches=4).at()
-    form = normal_form(instance)
+    instance = stepping_scene(4, rounds=2, limbs=2, patches=4).instantiate()
+    form = build_normal_form(instance)
     rng = np.random.default_rng(0)
     z = rng.normal(size=form.size)
-    off = violations(form, z, form.rows[form.choice_rows] @ z, form.allowed)
+    off = compute_violations(form, z, form.rows[form.choice_rows] @ z, form.allowed)
     for c, choice in enumerate(instance.choices):
-        known = choice.violations(form.x(z))
+        known = choice.violations(form.recover_x(z))
         np.testing.assert_allclose(off[c, : len(known)], known, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_sectors_divide_the_set_and_leave_the_point_out(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    table = ChoiceTable.of(stones(seed, 100))
+    table = ChoiceTable.build(stones(seed, 100))
     assert not table.listed
     members = rng.choice(100, int(rng.integers(2, 90)), replace=False)
     mask = sum(1 << int(r) for r in members)
     y = table.directions @ (frame_of(0.2, 0.7)[:, :2] @ rng.uniform(-1.5, 1.5, 2))
-    splits = sector_splits(table, mask, y)
+    splits = split_by_sectors(table, mask, y)
     ends = [*splits.first[1:], len(splits.children)]
     for start, end in zip(splits.first, ends, strict=True):
         children = splits.children[start:end]
@@ -104,8 +104,8 @@ def test_sectors_divide_the_set_and_leave_the_point_out(seed: int) -> None:
         assert sum(children) == mask  # without overlap, or bits would be carried
         assert np.bitwise_or.reduce([c % (1 << 62) for c in children]) == mask % (1 << 62)
     for child, low, high in zip(splits.children, splits.lower, splits.upper, strict=True):
-        np.testing.assert_array_equal(low, table.hull(child)[0])
-        np.testing.assert_array_equal(high, table.hull(child)[1])
+        np.testing.assert_array_equal(low, table.compute_hull(child)[0])
+        np.testing.assert_array_equal(high, table.compute_hull(child)[1])
     off = np.maximum(splits.lower - y, y - splits.upper).max(axis=1)
     assert (off > 0).sum() >= min(3, len(off) - 1)
 
@@ -117,8 +117,8 @@ def test_alternatives_that_all_enclose_the_point_are_halved() -> None:
         polygon(f"{k}", random_polygon(rng, np.zeros(2), 1.0 + 0.01 * k), frame, np.zeros(3))
         for k in range(80)
     )
-    table = ChoiceTable.of(ring)
-    splits = sector_splits(table, table.everything, np.zeros(len(table.directions)))
+    table = ChoiceTable.build(ring)
+    splits = split_by_sectors(table, table.everything, np.zeros(len(table.directions)))
     assert len(splits.children) == 2
     assert [c.bit_count() for c in splits.children] == [40, 40]
 
@@ -148,7 +148,7 @@ def test_a_time_limit_is_kept_from_the_first_step_on(limit: float) -> None:
 
 def test_open_nodes_are_bounded_by_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
     instance = walking(60, rounds=4, reach=0.1)
-    pool = RowPool(normal_form(instance))
+    pool = RowPool(build_normal_form(instance))
     monkeypatch.setattr(tree_search, "MEMORY", pool.bytes + 20e3)
     found = solve_branch_and_bound(instance, gap=0.0, time_limit=60.0)
     assert found.status in ("feasible", "limit")

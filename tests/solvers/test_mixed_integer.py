@@ -11,21 +11,21 @@ from scipy import sparse
 
 from climbplan.errors import UsageError
 from climbplan.instances.cart_pole import MOST, PUSHED, walled_cart_pole
-from climbplan.methods.pinning import at_point
+from climbplan.methods.pinning import candidate_at
 from climbplan.program import Program
 from climbplan.program.instance import Instance
 from climbplan.reformulations.disjunctions import BigM
-from climbplan.solvers.mixed_integer.active_set import EMPTY, SOLVED, solve_rows
-from climbplan.solvers.mixed_integer.memory import shifted
-from climbplan.solvers.mixed_integer.method import TreeMemory, solve_mixed_integer
-from climbplan.solvers.mixed_integer.working_set import Rows, working
+from climbplan.solvers.mixed_integer.active_set import EMPTY, SOLVED, solve_least_distance
+from climbplan.solvers.mixed_integer.leaf_cover import build_horizon_shift
+from climbplan.solvers.mixed_integer.method import WarmStartedTree, solve_mixed_integer
+from climbplan.solvers.mixed_integer.working_set import Rows, allocate_working_set
 from climbplan.solvers.registry import solve
 
 GAP = 1e-5
 
 
 def _agrees_with_scip(seed: int) -> None:
-    instance = random_program(seed).at({})
+    instance = random_program(seed).instantiate({})
     ours = solve_mixed_integer(instance, GAP, 60.0, 1e-6)
     scip = solve(instance, "minlp-scip", 1e-6, 60.0)
     assert ours.status in ("optimal", "infeasible")
@@ -51,7 +51,7 @@ def test_many_random_programs_agree_with_scip(seed: int) -> None:
 
 def _agrees_with_highs(seed: int) -> None:
     """HiGHS has big-M rows, and tangents for squares and balls: it is less exact than the tree."""
-    instance = random_program(seed).at({})
+    instance = random_program(seed).instantiate({})
     ours = solve_mixed_integer(instance, GAP, 60.0, 1e-6)
     form = BigM().apply(instance)
     highs = solve(form.instance, "highs", 1e-6, 60.0)
@@ -81,14 +81,14 @@ def test_integers_that_are_proposed_are_tried_first() -> None:
     best = solve_mixed_integer(instance, 1e-3, tolerance=1e-6)
     assert best.x is not None
     assert best.assignment is not None
-    good = at_point(best.x, best.assignment)
-    bad = at_point(np.where(instance.integer, 1.0 - best.x, best.x), best.assignment)
-    hasty = TreeMemory(1e-3, 1e-6, work=1).solve(instance, proposals=[bad, good])
+    good = candidate_at(best.x, best.assignment)
+    bad = candidate_at(np.where(instance.integer, 1.0 - best.x, best.x), best.assignment)
+    hasty = WarmStartedTree(1e-3, 1e-6, work=1).solve(instance, proposals=[bad, good])
     assert hasty.nodes == 1
     assert hasty.objective == pytest.approx(best.objective, rel=1e-6)
-    made_good = TreeMemory(1e-3, 1e-6, work=1).solve(instance, proposals=[bad])
+    made_good = WarmStartedTree(1e-3, 1e-6, work=1).solve(instance, proposals=[bad])
     assert made_good.status == "optimal"
-    alone = TreeMemory(1e-3, 1e-6, work=1).solve(instance)
+    alone = WarmStartedTree(1e-3, 1e-6, work=1).solve(instance)
     assert alone.nodes == 1
 
 
@@ -115,8 +115,8 @@ def test_active_set_agrees_with_daqp_and_proves_what_is_empty() -> None:
             M, np.ascontiguousarray(M.T), lower, upper, np.ones(m, np.uint8), np.full(m, 1e-10),
             np.array([m]), np.zeros(1, np.uint8),
         )  # fmt: skip
-        w = working(m, k)
-        status = solve_rows(rows, w, np.inf, 5000)
+        w = allocate_working_set(m, k)
+        status = solve_least_distance(rows, w, np.inf, 5000)
         if flag > 0:
             assert status == SOLVED
             assert w.v @ w.v / 2 == pytest.approx(value, rel=1e-6, abs=1e-9)
@@ -147,12 +147,14 @@ def test_published_cart_pole_is_solved_to_the_gap_in_few_nodes() -> None:
 def test_memory_gives_the_same_optimum_with_fewer_steps(noise: float) -> None:
     problem = walled_cart_pole()
     blocks, rng = problem.program.blocks, np.random.default_rng(0)
-    memory, state = TreeMemory(1e-3, 1e-6), PUSHED
+    memory, state = WarmStartedTree(1e-3, 1e-6), PUSHED
     steps = np.zeros(2)
     for t in range(24):
         instance = problem.instance({"start": state})
         cold = solve_mixed_integer(instance, 1e-3, tolerance=1e-6)
-        warm = memory.solve(instance, move=(lambda f: shifted(blocks, f, 1)) if t else None)
+        warm = memory.solve(
+            instance, move=(lambda f: build_horizon_shift(blocks, f, 1)) if t else None
+        )
         assert cold.status == warm.status == "optimal"
         assert warm.objective == pytest.approx(cold.objective, rel=1e-3)
         assert warm.bound <= cold.objective * (1 + 1e-9)
@@ -164,7 +166,7 @@ def test_memory_gives_the_same_optimum_with_fewer_steps(noise: float) -> None:
 
 def test_memory_without_a_move_serves_other_parameters() -> None:
     problem = walled_cart_pole()
-    memory = TreeMemory(1e-3, 1e-6)
+    memory = WarmStartedTree(1e-3, 1e-6)
     for push in (1.0, 0.9, 0.2, 0.95):
         instance = problem.instance({"start": push * PUSHED})
         warm, cold = memory.solve(instance), solve_mixed_integer(instance, 1e-3, tolerance=1e-6)
@@ -179,7 +181,7 @@ def test_a_tree_out_of_work_answers_feasibly_and_goes_on_the_next_time() -> None
     assert whole.objective is not None
     answers = []
     for _ in range(2):  # the same answers however fast the machine is
-        memory = TreeMemory(1e-4, 1e-6, work=150)
+        memory = WarmStartedTree(1e-4, 1e-6, work=150)
         answers.append([memory.solve(instance) for _ in range(12)])
     for one, other in zip(*answers, strict=True):
         assert (one.objective, one.bound, one.nodes) == (other.objective, other.bound, other.nodes)
@@ -198,7 +200,7 @@ def test_a_tree_out_of_work_answers_feasibly_and_goes_on_the_next_time() -> None
 @pytest.mark.parametrize("most", [1, 5, 20])
 def test_the_upper_part_of_a_tree_covers_as_its_leaves_do(most: int) -> None:
     problem = walled_cart_pole()
-    memory = TreeMemory(1e-3, 1e-6, work=8 * most)
+    memory = WarmStartedTree(1e-3, 1e-6, work=8 * most)
     for push in (1.0, 0.97, 0.94, 0.91):
         memory.solve(problem.instance({"start": push * PUSHED}))
         assert memory.leaves is not None
@@ -211,7 +213,7 @@ def test_the_upper_part_of_a_tree_covers_as_its_leaves_do(most: int) -> None:
 
 
 def test_a_limit_of_nodes_leaves_a_valid_bound() -> None:
-    instance = random_program(13).at({})
+    instance = random_program(13).instantiate({})
     whole = solve_mixed_integer(instance, 1e-6, tolerance=1e-6)
     assert whole.objective is not None
     for nodes in range(1, 6):
@@ -230,7 +232,7 @@ def _heavy() -> Instance:
     p.minimise("cost", np.sum((x - rng.normal(size=n)) ** 2))
     A, most = rng.normal(size=(m, n + 6)), rng.uniform(0.1, 1.0, m)
     return replace(
-        p.at({}),
+        p.instantiate({}),
         A=sparse.csr_matrix(A),
         Q=sparse.csr_matrix((m, 0)),
         row_lower=np.full(m, -np.inf),
@@ -241,7 +243,7 @@ def _heavy() -> Instance:
 @pytest.mark.slow
 def test_the_clock_stops_a_search_within_a_node() -> None:
     instance = _heavy()
-    solve_mixed_integer(random_program(0).at({}))  # compiles
+    solve_mixed_integer(random_program(0).instantiate({}))  # compiles
     root = solve_mixed_integer(instance, 1e-3, nodes=1)
     limit = 0.5 * root.time
     part = solve_mixed_integer(instance, 1e-3, limit)
@@ -251,8 +253,8 @@ def test_the_clock_stops_a_search_within_a_node() -> None:
 
 
 def test_the_clock_stops_while_the_program_is_built() -> None:
-    part = TreeMemory(1e-3, proves=True)
-    result = part.solve(random_program(13).at({}), 0.0)
+    part = WarmStartedTree(1e-3, proves=True)
+    result = part.solve(random_program(13).instantiate({}), 0.0)
     assert result.status == "limit"
     assert result.bound == -np.inf
     assert result.nodes == 0
@@ -273,7 +275,7 @@ def test_an_open_direction_without_cost_is_refused() -> None:
     p.when("on", z, x[:1], lower=1.0)
     p.minimise("cost", x[0] ** 2 - z[0])
     with pytest.raises(UsageError, match="direction without cost is not bounded"):
-        solve_mixed_integer(p.at())
+        solve_mixed_integer(p.instantiate())
 
 
 def test_contradictions_are_found_before_any_search() -> None:
@@ -282,7 +284,7 @@ def test_contradictions_are_found_before_any_search() -> None:
     p.when("high", z, x, lower=2.0)
     p.when("low", z, x, lower=3.0, value=False)
     p.minimise("cost", x[0] ** 2)
-    found = solve_mixed_integer(p.at())
+    found = solve_mixed_integer(p.instantiate())
     assert found.status == "infeasible"
     assert found.bound == np.inf
 
@@ -303,5 +305,5 @@ def test_rows_that_rounding_takes_for_independent_do_not_pile_up() -> None:
 @pytest.mark.parametrize("seed", [674, 876, 1087, 1400])
 def test_rows_that_contradict_each_other_by_little_are_no_incumbent(seed: int) -> None:
     """Both can be active with multipliers of 1e15, and neither be met; SCIP calls these empty."""
-    answer = TreeMemory(1e-5, 1e-6).solve(random_program(seed).at({}), 60.0)
+    answer = WarmStartedTree(1e-5, 1e-6).solve(random_program(seed).instantiate({}), 60.0)
     assert answer.status == "infeasible"

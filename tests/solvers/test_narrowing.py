@@ -8,7 +8,7 @@ from random_products import random_products
 
 from climbplan.arrays import Array, IntArray
 from climbplan.certificates.checker import check
-from climbplan.solvers.mixed_integer.narrowing import NarrowingSearch
+from climbplan.solvers.mixed_integer.branch_and_reduce import BranchAndReduce
 from climbplan.solvers.mixed_integer.spatial_method import solve_spatial
 
 GAP = 1e-3
@@ -20,12 +20,12 @@ def _no_look(x: Array, assignment: IntArray) -> float:
 
 @pytest.mark.parametrize("seed", [0, 2, 3, 16])
 def test_its_bound_is_that_of_its_certificate_and_within_the_gap(seed: int) -> None:
-    instance = random_products(seed).at({})
+    instance = random_products(seed).instantiate({})
     best = solve_spatial(instance, 1e-5, 60.0, 1e-6)
     cost = np.inf if best.objective is None else best.objective
-    search = NarrowingSearch(instance, GAP, cost, _no_look)
+    search = BranchAndReduce(instance, GAP, cost, _no_look)
     search.run(np.inf, 2000)
-    assert search.finished
+    assert search.is_finished
     bound = check(instance, search.certificate()).bound
     if best.objective is None:
         assert search.bound == bound == np.inf
@@ -36,13 +36,13 @@ def test_its_bound_is_that_of_its_certificate_and_within_the_gap(seed: int) -> N
 
 
 def test_a_limit_of_nodes_leaves_a_valid_bound() -> None:
-    instance = random_products(9).at({})
+    instance = random_products(9).instantiate({})
     best = solve_spatial(instance, 1e-5, 60.0, 1e-6).objective
     assert best is not None
-    search = NarrowingSearch(instance, GAP, best, _no_look)
+    search = BranchAndReduce(instance, GAP, best, _no_look)
     search.run(np.inf, 12)
-    assert search.count == 12
-    assert not search.finished
+    assert search.num_nodes == 12
+    assert not search.is_finished
     bound = check(instance, search.certificate()).bound
     assert -np.inf < search.bound <= best
     # Open nodes are narrowed once more by the checker, which can only prove more of them

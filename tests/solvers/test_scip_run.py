@@ -92,5 +92,5 @@ def test_many_runs_in_one_process() -> None:
     p.equal("area", x[0] * x[1] - 1.0)
     p.minimise("distance", np.sum((x - np.array([3.0, 0.5])) ** 2))
     for _ in range(70):
-        found = solve(p.at(), "minlp-scip", gap=1e-3, time_limit=20.0)
+        found = solve(p.instantiate(), "minlp-scip", gap=1e-3, time_limit=20.0)
         assert found.x is not None

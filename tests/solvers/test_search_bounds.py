@@ -6,36 +6,40 @@ import numpy as np
 import pytest
 from random_scenes import stepping_scene, tiny_instance
 
-from climbplan.solvers.tree.block_minima import blocks
+from climbplan.solvers.tree.block_minima import build_component_problems
 from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
-from climbplan.solvers.tree.branching import best_split, single_gains, violations
-from climbplan.solvers.tree.certificate import proved_bound
+from climbplan.solvers.tree.branching import (
+    compute_alternative_gains,
+    compute_violations,
+    select_split,
+)
+from climbplan.solvers.tree.certificate import compute_farkas_bound
 from climbplan.solvers.tree.choice_table import UNBOUNDED
-from climbplan.solvers.tree.dual_gains import row_rates
-from climbplan.solvers.tree.normal_form import normal_form
-from climbplan.solvers.tree.relaxation import Closed, Point, Relaxation
+from climbplan.solvers.tree.dual_gains import compute_dual_steps
+from climbplan.solvers.tree.normal_form import build_normal_form
+from climbplan.solvers.tree.relaxation import ClosedRelaxation, Relaxation, RelaxationPoint
 
 
-def relaxed(relaxation: Relaxation) -> Point | None:
+def relaxed(relaxation: Relaxation) -> RelaxationPoint | None:
     """The root relaxation with a few rounds of ball cuts."""
     form, point = relaxation.form, relaxation.start()
     for _ in range(6):
         bounds = relaxation.bounds(form.root)
         solved = relaxation.solve(*bounds, point)
-        if isinstance(solved, Closed):
+        if isinstance(solved, ClosedRelaxation):
             return None
         point = solved
         if relaxation.cut_balls(point.z, 1e-7).count == 0:
             break
     bounds = relaxation.bounds(form.root)
     solved = relaxation.solve(*bounds, point)
-    return None if isinstance(solved, Closed) else solved
+    return None if isinstance(solved, ClosedRelaxation) else solved
 
 
 def instances() -> list[object]:
     tiny = [pytest.param(tiny_instance(seed), id=f"tiny {seed}") for seed in range(25)]
     steps = [
-        pytest.param(stepping_scene(seed, blocked=seed % 2 == 0).at(), id=f"steps {seed}")
+        pytest.param(stepping_scene(seed, blocked=seed % 2 == 0).instantiate(), id=f"steps {seed}")
         for seed in range(6)
     ]
     return [*tiny, *steps]
@@ -43,7 +47,7 @@ def instances() -> list[object]:
 
 @pytest.mark.parametrize("instance", instances())
 def test_gains_never_promise_more_than_a_child_relaxation_reaches(instance: object) -> None:
-    form = normal_form(instance)
+    form = build_normal_form(instance)
     if form.contradiction or not form.size:
         return
     relaxation = Relaxation(form)
@@ -53,13 +57,15 @@ def test_gains_never_promise_more_than_a_child_relaxation_reaches(instance: obje
     lower, upper = relaxation.bounds(form.root)
     rows, active = form.rows[form.choice_rows], point.active
     fixed = upper[active] - lower[active] <= 0.0
-    rates = row_rates(rows, relaxation.pool.M[active], point.multiplier, fixed, point.z, form.cost)
+    rates = compute_dual_steps(
+        rows, relaxation.pool.M[active], point.multiplier, fixed, point.z, form.cost
+    )
     value = rows @ point.z
-    gains = single_gains(form, value, rates, np.ones(len(form.tables), bool))
+    gains = compute_alternative_gains(form, value, rates, np.ones(len(form.tables), bool))
     for c, r in zip(*np.nonzero(form.allowed), strict=True):
         allowed = form.allowed.copy()
         allowed[c] = np.arange(allowed.shape[1]) == r
-        child = relaxation.solve(*relaxation.bounds(form.masks(allowed)), point)
+        child = relaxation.solve(*relaxation.bounds(form.encode_masks(allowed)), point)
         assert gains[c, r] >= 0.0
         assert point.bound + gains[c, r] <= child.bound + 1e-7 * max(1.0, abs(child.bound))
 
@@ -67,7 +73,7 @@ def test_gains_never_promise_more_than_a_child_relaxation_reaches(instance: obje
 @pytest.mark.parametrize("seed", range(10))
 def test_some_gains_are_worth_having(seed: int) -> None:
     """On chains of steps the projected gain is more than half of what the child reaches."""
-    form = normal_form(stepping_scene(seed, rounds=3, limbs=2).at())
+    form = build_normal_form(stepping_scene(seed, rounds=3, limbs=2).instantiate())
     relaxation = Relaxation(form)
     point = relaxed(relaxation)
     assert point is not None
@@ -75,11 +81,13 @@ def test_some_gains_are_worth_having(seed: int) -> None:
     active = point.active
     rows = form.rows[form.choice_rows]
     fixed = upper[active] - lower[active] <= 0.0
-    rates = row_rates(rows, relaxation.pool.M[active], point.multiplier, fixed, point.z, form.cost)
-    gains = single_gains(form, rows @ point.z, rates, np.ones(len(form.tables), bool))
+    rates = compute_dual_steps(
+        rows, relaxation.pool.M[active], point.multiplier, fixed, point.z, form.cost
+    )
+    gains = compute_alternative_gains(form, rows @ point.z, rates, np.ones(len(form.tables), bool))
     assert gains.max() > 0.0
-    off = violations(form, point.z, rows @ point.z, form.allowed)
-    split = best_split(form, rows @ point.z, rates, form.root, np.flatnonzero(off.min(1) > 1e-7))
+    off = compute_violations(form, point.z, rows @ point.z, form.allowed)
+    split = select_split(form, rows @ point.z, rates, form.root, np.flatnonzero(off.min(1) > 1e-7))
     assert len(split.children) >= 2
     assert sum(split.children) == form.tables[split.choice].mask(form.allowed[split.choice])
 
@@ -87,16 +95,16 @@ def test_some_gains_are_worth_having(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("blocked", [False, True])
 def test_minima_of_parts_add_up_to_a_bound(seed: int, blocked: bool) -> None:
-    instance = stepping_scene(seed, rounds=3, limbs=2, blocked=blocked).at()
+    instance = stepping_scene(seed, rounds=3, limbs=2, blocked=blocked).instantiate()
     optimum = solve_branch_and_bound(instance, gap=1e-6).objective
     assert optimum is not None
-    form = normal_form(instance)
+    form = build_normal_form(instance)
     relaxation = Relaxation(form)
     point = relaxed(relaxation)
     assert point is not None
     all_lower, all_upper = relaxation.bounds(form.root)
     bound = point.bound
-    for block in blocks(form, relaxation.pool):
+    for block in build_component_problems(form, relaxation.pool):
         base = block.relaxed(point, all_lower, all_upper)
         price = block.price(point)
         exact = block.minimum(price, form.root, 0.0, 10_000, np.inf)
@@ -111,7 +119,7 @@ def test_minima_of_parts_add_up_to_a_bound(seed: int, blocked: bool) -> None:
 
 @pytest.mark.parametrize("seed", range(10))
 def test_ball_cuts_cut_no_feasible_point(seed: int) -> None:
-    form = normal_form(stepping_scene(seed).at())
+    form = build_normal_form(stepping_scene(seed).instantiate())
     relaxation = Relaxation(form)
     rng = np.random.default_rng(seed)
     base = relaxation.pool.count
@@ -136,7 +144,7 @@ def test_infeasible_rows_are_certified_however_little_they_miss(gap: float) -> N
     M[7] = M[:7].sum(axis=0)
     lower, upper = np.full(8, -UNBOUNDED), np.ones(8)
     upper[7], lower[7] = UNBOUNDED, 7.0 + gap
-    bound = proved_bound(rng.normal(size=5), M, lower, upper, np.zeros(5), 1e3)
+    bound = compute_farkas_bound(rng.normal(size=5), M, lower, upper, np.zeros(5), 1e3)
     assert bound >= 1e3
 
 
@@ -148,5 +156,5 @@ def test_feasible_rows_are_never_certified_above_their_optimum() -> None:
         upper = M @ inside + np.abs(rng.normal(size=9)) * (rng.random(9) < 0.7)
         lower = np.full(9, -UNBOUNDED)
         linear = rng.normal(size=5)
-        bound = proved_bound(linear, M, lower, upper, np.zeros(5), 1e9)
+        bound = compute_farkas_bound(linear, M, lower, upper, np.zeros(5), 1e9)
         assert bound <= 0.5 * inside @ inside + linear @ inside + 1e-9

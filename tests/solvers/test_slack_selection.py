@@ -14,7 +14,7 @@ from climbplan.reformulations.slack_relaxation import SlackRelaxation
 from climbplan.solvers.convex.sessions import solve_convex
 from climbplan.solvers.registry import solve
 from climbplan.solvers.result import FEASIBILITY
-from climbplan.solvers.slack_selection import PROGRAMS
+from climbplan.solvers.slack_selection import MAX_PROGRAMS
 
 
 def interval(low: float, high: float) -> Polytope:
@@ -30,7 +30,7 @@ def on_a_line(alternatives: list[tuple[float, float]], room: float = 10.0) -> In
     p.ball("room", np.array([[x[0] - 5.0, 0 * x[0]]]), room)
     p.one_of("where", x[None, :], [[interval(*a) for a in alternatives]])
     p.minimise("cost", x[0] ** 2)
-    return p.at()
+    return p.instantiate()
 
 
 def test_slacks_are_distances_to_alternatives() -> None:
@@ -57,14 +57,14 @@ def test_an_equation_is_opened_to_both_sides() -> None:
     planes = [Polytope(f"x = {v}", *none, np.eye(1), np.array([v])) for v in (-2.0, 3.0)]
     p.one_of("where", x[None, :], [planes])
     p.minimise("cost", (x[0] - 1.0) ** 2)
-    found = solve(p.at(), "sl1-relaxation")
+    found = solve(p.instantiate(), "sl1-relaxation")
     assert found.x is not None
     assert found.x[0] in (pytest.approx(-2.0, abs=1e-6), pytest.approx(3.0, abs=1e-6))
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_what_is_found_is_feasible_and_no_better_than_the_best(seed: int) -> None:
-    instance = stepping_scene(seed).at()
+    instance = stepping_scene(seed).instantiate()
     best = solve(instance, "branch-and-bound", gap=1e-6)
     found = solve(instance, "sl1-relaxation")
     if best.status == "infeasible":
@@ -85,7 +85,7 @@ def test_what_is_found_is_feasible_and_no_better_than_the_best(seed: int) -> Non
 def test_it_finds_most_of_what_there_is_and_says_what_settled_it() -> None:
     both = [
         (solve(i, "branch-and-bound"), solve(i, "sl1-relaxation"))
-        for i in (stepping_scene(seed).at() for seed in range(12))
+        for i in (stepping_scene(seed).instantiate() for seed in range(12))
     ]
     there = [(b, f) for b, f in both if b.x is not None]
     assert len(there) >= 6
@@ -107,5 +107,5 @@ def test_work_is_bounded() -> None:
     p.one_of("end", x[:, None], [[interval(0.0, 0.1), interval(0.9, 1.0)]] * 12)
     p.between("half", np.array([np.sum(x)]), 6.0 - 1e-3 - 0.55, 6.0 - 0.55)
     p.minimise("cost", np.sum(x**2))
-    found = solve(p.at(), "sl1-relaxation")
-    assert found.nodes <= PROGRAMS + 5
+    found = solve(p.instantiate(), "sl1-relaxation")
+    assert found.nodes <= MAX_PROGRAMS + 5

@@ -26,9 +26,9 @@ def test_missing_solver_lists_the_available(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(
         registry, "find_spec", lambda name: None if name == "gurobipy" else object()
     )
-    assert "gurobi" not in registry.available()
+    assert "gurobi" not in registry.list_available()
     with pytest.raises(MissingSolver, match=r"climbplan\[gurobi\].*available: branch-and-bound"):
-        registry.solve(stepping_scene(0).at(), "gurobi")
+        registry.solve(stepping_scene(0).instantiate(), "gurobi")
 
 
 def test_required_solvers_are_available_with_versions() -> None:
@@ -43,7 +43,7 @@ def test_what_a_solver_cannot_hold_is_refused() -> None:
     z = p.binary("z", (2,))
     p.minimise("cost", (z[0] - 0.7) ** 2 + z[1])
     with pytest.raises(UsageError, match="integers"):
-        registry.solve(p.at(), "scip")
+        registry.solve(p.instantiate(), "scip")
 
 
 def test_looking_up_solvers_imports_none() -> None:
@@ -57,7 +57,7 @@ def test_looking_up_solvers_imports_none() -> None:
 
 @pytest.mark.parametrize("suffix", [".lp", ".mps", ".cip"])
 def test_model_files_hold_the_same_problem(suffix: str, tmp_path: Path) -> None:
-    instance = stepping_scene(3, rounds=2, limbs=1, patches=2).at()
+    instance = stepping_scene(3, rounds=2, limbs=1, patches=2).instantiate()
     path = tmp_path / f"model{suffix}"
     save_model(instance, path)
     model = pyscipopt.Model()
@@ -70,7 +70,7 @@ def test_model_files_hold_the_same_problem(suffix: str, tmp_path: Path) -> None:
 
 
 def test_unknown_suffix_and_missing_directory_are_usage_errors(tmp_path: Path) -> None:
-    instance = stepping_scene(3, rounds=1, limbs=1).at()
+    instance = stepping_scene(3, rounds=1, limbs=1).instantiate()
     with pytest.raises(UsageError, match=r"unknown suffix '.txt', expected one of .lp"):
         save_model(instance, tmp_path / "model.txt")
     with pytest.raises(UsageError, match="not a directory"):

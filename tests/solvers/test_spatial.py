@@ -11,7 +11,7 @@ from climbplan.errors import UsageError
 from climbplan.methods.table import solve_instance
 from climbplan.methods.task import MethodSettings
 from climbplan.program import Problem, Program
-from climbplan.solvers.mixed_integer.spatial_method import SpatialMemory, solve_spatial
+from climbplan.solvers.mixed_integer.spatial_method import WarmStartedSpatialTree, solve_spatial
 from climbplan.solvers.registry import solve
 
 GAP = 1e-4
@@ -26,11 +26,11 @@ HARD = [110, 205, 241, 248, 298]  # of many nodes if what is wide were not split
 @pytest.fixture(scope="module", autouse=True)
 def compiled() -> None:
     """No limit of time counts what a machine compiles once."""
-    solve_spatial(random_products(0).at({}), GAP)
+    solve_spatial(random_products(0).instantiate({}), GAP)
 
 
 def _agrees_with_scip(seed: int) -> None:
-    instance = random_products(seed).at({})
+    instance = random_products(seed).instantiate({})
     ours = solve_spatial(instance, GAP, 60.0, 1e-6)
     scip = solve(instance, "minlp-scip", 1e-5, 60.0)
     assert ours.status in ("optimal", "infeasible")
@@ -57,7 +57,7 @@ def test_many_random_programs_with_products_agree_with_scip(seed: int) -> None:
 
 
 def test_random_programs_are_of_every_kind() -> None:
-    instances = [random_products(seed).at({}) for seed in range(40)]
+    instances = [random_products(seed).instantiate({}) for seed in range(40)]
     assert any(i.implications.Q.nnz for i in instances)
     assert any((i.products.first == i.products.second).any() for i in instances)
     assert any(i.integer[i.products.second].any() for i in instances)
@@ -70,7 +70,7 @@ def test_random_programs_are_of_every_kind() -> None:
 def test_user_problems_agree_with_scip(problem: Problem) -> None:
     rng = np.random.default_rng(0)
     for _ in range(2):
-        theta = problem.drawn(rng)
+        theta = problem.sample_parameters(rng)
         settings = MethodSettings(gap=1e-3, time_limit=60.0)
         ours = solve_instance(problem, theta, "branch-and-bound", settings).result
         scip = solve_instance(problem, theta, "minlp-scip", settings).result
@@ -85,7 +85,7 @@ def test_user_problems_agree_with_scip(problem: Problem) -> None:
 @pytest.mark.parametrize("nodes", [1, 4, 16])
 def test_a_limit_of_nodes_leaves_a_valid_bound(nodes: int) -> None:
     problem = planar_push(2)
-    instance = problem.instance(problem.drawn(np.random.default_rng(1)))
+    instance = problem.instance(problem.sample_parameters(np.random.default_rng(1)))
     best = solve_spatial(instance, 1e-4, tolerance=1e-6)
     assert best.objective is not None
     early, again = (solve_spatial(instance, 1e-4, tolerance=1e-6, nodes=nodes) for _ in range(2))
@@ -104,7 +104,7 @@ def test_a_factor_that_nothing_bounds_is_refused() -> None:
     p.between("row", np.array([x[0] * x[1]]), 1.0, 2.0)
     p.minimise("cost", x[0] ** 2 + x[1] ** 2)
     with pytest.raises(UsageError, match="nothing bounds it"):
-        solve_spatial(p.at({}))
+        solve_spatial(p.instantiate({}))
 
 
 def test_no_point_is_proved_where_a_product_cannot_be_so_large() -> None:
@@ -113,7 +113,7 @@ def test_no_point_is_proved_where_a_product_cannot_be_so_large() -> None:
     p.between("large", np.array([x[0] * x[1]]), 0.3, np.inf)
     p.between("small", np.array([x[0] + x[1]]), -np.inf, 1.05)
     p.minimise("cost", x[0] + x[1])
-    found = solve_spatial(p.at({}), GAP, 60.0)
+    found = solve_spatial(p.instantiate({}), GAP, 60.0)
     assert found.status == "infeasible"
     assert found.nodes > 1  # what propagation does not see
 
@@ -121,8 +121,8 @@ def test_no_point_is_proved_where_a_product_cannot_be_so_large() -> None:
 @pytest.mark.parametrize("most", [4, 40_000])
 def test_remembered_boxes_cover_whatever_changes(most: int) -> None:
     """Flights whose start and goal move: bounds and proofs as from the root, nothing is lost."""
-    rng, memory = np.random.default_rng(0), SpatialMemory(GAP, 1e-6)
-    memory.recall.most = most
+    rng, memory = np.random.default_rng(0), WarmStartedSpatialTree(GAP, 1e-6)
+    memory.warm_start.max_leaves = most
     found = []
     for _ in range(6):
         start = FLIGHT["start"] + np.array([0.1, 0.1, 0.05, 0.05]) * rng.normal(size=4)

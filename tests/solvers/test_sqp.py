@@ -12,11 +12,11 @@ from small_programs import random_numbers, small_program
 from climbplan.errors import UsageError
 from climbplan.program import Program
 from climbplan.solvers.convex.sessions import ConvexBackend
-from climbplan.solvers.ipopt.instances import middle, solve_pinned
-from climbplan.solvers.sqp.elimination import eliminated, settled, thin_product
+from climbplan.solvers.ipopt.instances import compute_box_center, solve_fixed_integers
+from climbplan.solvers.sqp.elimination import eliminate_equations, multiply_sparse, propagate_fixed
 from climbplan.solvers.sqp.envelopes import EnvelopeSolver
 from climbplan.solvers.sqp.method import SqpOptions, SqpSolver
-from climbplan.solvers.sqp.step import DaqpSteps, Quadratic, SessionSteps
+from climbplan.solvers.sqp.step import DaqpStepSolver, QuadraticProgram, SessionStepSolver
 
 TIGHT = 1e-5
 NONE = np.zeros(0, np.int64)
@@ -29,7 +29,7 @@ def test_agrees_with_ipopt_on_pinned_cart_poles_with_damping() -> None:
     held = dropped = 0
     for _ in range(8):
         theta = random_theta(rng)
-        instance = _DAMPED.at(theta)
+        instance = _DAMPED.instantiate(theta)
         solver = SqpSolver(instance)
         for gain in (1.0, 0.0):
             start = rollout(_DAMPED, theta, gain)
@@ -38,7 +38,7 @@ def test_agrees_with_ipopt_on_pinned_cart_poles_with_damping() -> None:
                 if flip >= 0:
                     other_contacts[touch.start + flip] = 1.0 - start[touch.start + flip]
                 found = solver.solve(other_contacts, NONE, start)
-                other = solve_pinned(instance, other_contacts).v
+                other = solve_fixed_integers(instance, other_contacts).v
                 if instance.violation(other) <= 1e-6:
                     assert found.feasible
                     assert found.x is not None
@@ -57,10 +57,10 @@ def test_agrees_with_ipopt_on_small_bilinear_instances(seed: int) -> None:
     instance = bilinear(seed)
     solver = SqpSolver(instance)
     for bits in ((0.0, 1.0), (1.0, 0.0), (1.0, 1.0)):
-        start = middle(instance)
+        start = compute_box_center(instance)
         start[instance.integer] = bits
         found = solver.solve(start, NONE, start)
-        other = solve_pinned(instance, start).v
+        other = solve_fixed_integers(instance, start).v
         reference = instance.objective(other)
         if found.feasible:
             assert found.x is not None
@@ -75,15 +75,15 @@ def test_balls_choices_and_products_together() -> None:
     rng = np.random.default_rng(2)
     agreed = 0
     for _ in range(6):
-        instance = program.at(random_numbers(rng))
+        instance = program.instantiate(random_numbers(rng))
         solver = SqpSolver(instance)
         for mode in range(3):
             for side in range(2):
-                start = middle(instance)
+                start = compute_box_center(instance)
                 start[instance.integer] = np.eye(3)[mode]
                 chosen = np.array([side])
                 found = solver.solve(start, chosen, start)
-                other = solve_pinned(instance, start, chosen).v
+                other = solve_fixed_integers(instance, start, chosen).v
                 if found.feasible:
                     assert found.x is not None
                     assert instance.violation(found.x, chosen) <= TIGHT
@@ -118,13 +118,13 @@ def test_backends_agree_with_products(backend: ConvexBackend) -> None:
     p.equal("product", x[:1] * x[1:2] - 2.0 * x[2:])
     p.between("sum", np.sum(x, keepdims=True), 4.0, 6.0)
     p.minimise("cost", np.sum((x - np.array([3.0, 0.5, 1.0])) ** 2) + x[2])
-    instance, start = p.at(), np.array([1.0, 3.0, 1.5])
+    instance, start = p.instantiate(), np.array([1.0, 3.0, 1.5])
     best = SqpSolver(instance).solve(start, NONE, start)
     found = SqpSolver(instance, SqpOptions(backend=backend)).solve(start, NONE, start)
     assert best.feasible
     assert found.feasible
     assert found.objective == pytest.approx(best.objective, abs=1e-5)
-    reference = instance.objective(solve_pinned(instance, start).v)
+    reference = instance.objective(solve_fixed_integers(instance, start).v)
     assert best.objective == pytest.approx(reference, abs=1e-5)
 
 
@@ -134,7 +134,7 @@ def test_multipliers_from_the_gradient_are_those_of_daqp() -> None:
     for _ in range(5):
         half, G = rng.normal(size=(4, 4)), rng.normal(size=(6, 4))
         width = rng.uniform(0.0, 0.6, 6)
-        problem = Quadratic(
+        problem = QuadraticProgram(
             half @ half.T + np.eye(4),
             3 * rng.normal(size=4),
             np.full(4, -2.0),
@@ -143,7 +143,7 @@ def test_multipliers_from_the_gradient_are_those_of_daqp() -> None:
             -width,
             width,
         )
-        exact, other = DaqpSteps().solve(problem), SessionSteps("clarabel").solve(problem)
+        exact, other = DaqpStepSolver().solve(problem), SessionStepSolver("clarabel").solve(problem)
         assert exact.d is not None
         assert other.d == pytest.approx(exact.d, abs=1e-6)
         assert other.multipliers == pytest.approx(exact.multipliers, abs=1e-4)
@@ -158,7 +158,7 @@ def test_envelopes_hold_products_only_as_well_as_their_box_is_small() -> None:
     p.equal("circle", x[:1] ** 2 + x[1:] ** 2 - 1.0)
     p.when("right", z[0], x[:1], lower=0.0)
     p.minimise("cost", np.sum((x - np.array([1.0, 0.2])) ** 2))
-    instance, start = p.at(), np.array([0.8, 0.6, 1.0])
+    instance, start = p.instantiate(), np.array([0.8, 0.6, 1.0])
     off = []
     for pieces in (4, 64):
         found = EnvelopeSolver(instance, "clarabel", pieces).solve(start, NONE, start)
@@ -177,7 +177,7 @@ def test_integers_that_contradict_linear_rows_need_no_step() -> None:
     p.when("far", z[0], x[:1] + x[1:], lower=3.0)
     p.equal("circle", x[:1] ** 2 + x[1:] ** 2 - 1.0)
     p.minimise("cost", np.sum(x**2) + x[0])
-    instance = p.at()
+    instance = p.instantiate()
     solver = SqpSolver(instance)
     start = np.array([0.6, 0.7, 1.0])
     dropped = solver.solve(start, NONE, start)
@@ -190,7 +190,7 @@ def test_a_unit_vector_turns_past_the_axes() -> None:
     x = p.continuous("x", (2,), -1.0, 1.0)
     p.equal("circle", x[:1] ** 2 + x[1:] ** 2 - 1.0)
     p.minimise("cost", np.sum(x**2) + x[0] - 0.1 * x[1])
-    solver = SqpSolver(p.at())
+    solver = SqpSolver(p.instantiate())
     found = solver.solve(np.zeros(2), NONE, np.array([0.6, 0.7]))
     assert found.feasible
     assert found.x is not None
@@ -202,7 +202,7 @@ def test_rows_whose_products_contradict_are_dropped_early() -> None:
     x = p.continuous("x", (2,), 0.1, 2.0)
     p.equal("product", x[:1] * x[1:] - 5.0)
     p.minimise("cost", np.sum(x**2))
-    solver = SqpSolver(p.at())
+    solver = SqpSolver(p.instantiate())
     found = solver.solve(np.ones(2), NONE, np.ones(2))
     assert not found.feasible
     assert found.programs <= 8
@@ -213,7 +213,7 @@ def test_cutoff_ends_a_search_that_costs_too_much() -> None:
     x = p.continuous("x", (2,), 0.1, 4.0)
     p.equal("product", x[:1] * x[1:] - 4.0)
     p.minimise("cost", np.sum(x**2))
-    solver = SqpSolver(p.at())
+    solver = SqpSolver(p.instantiate())
     start = np.array([3.0, 1.0])
     assert solver.solve(start, NONE, start).objective == pytest.approx(8.0, rel=1e-5)
     assert solver.solve(start, NONE, start, cutoff=2.0).ending == "cutoff"
@@ -225,7 +225,7 @@ def test_large_instances_are_refused() -> None:
     p.between("rows", x, 0.0, 1.0)
     p.minimise("cost", np.sum(x**2))
     with pytest.raises(UsageError, match="too large"):
-        SqpSolver(p.at())
+        SqpSolver(p.instantiate())
 
 
 def test_settled_fixes_through_products_and_squares() -> None:
@@ -235,11 +235,11 @@ def test_settled_fixes_through_products_and_squares() -> None:
     first, second = np.array([0, 1, 2]), np.array([1, 1, 2])
     value = np.array([0.6, 0.3, 1.0])
     low, high = np.array([-1.0, -1, 0]), np.ones(3)
-    assert settled(A, Q, first, second, value, value, low, high)
+    assert propagate_fixed(A, Q, first, second, value, value, low, high)
     assert low == pytest.approx([0.6, 0.5, np.sqrt(0.75)])
     assert (low == high).all()
     low, high = np.array([-1.0, 0.7, 0]), np.ones(3)
-    assert not settled(A, Q, first, second, value, value, low, high)
+    assert not propagate_fixed(A, Q, first, second, value, value, low, high)
 
 
 def test_elimination_keeps_the_solutions() -> None:
@@ -249,16 +249,16 @@ def test_elimination_keeps_the_solutions() -> None:
     x = rng.normal(size=7)
     e = E @ x
     F, f, pivot = E.copy(), e.copy(), np.zeros(5, np.int64)
-    assert eliminated(F, f, np.ones(7), pivot)
+    assert eliminate_equations(F, f, np.ones(7), pivot)
     assert (pivot >= 0).sum() == 4
     assert f == pytest.approx(F @ x)
     wrong = e.copy()
     wrong[4] += 1.0
-    assert not eliminated(E.copy(), wrong, np.ones(7), np.zeros(5, np.int64))
+    assert not eliminate_equations(E.copy(), wrong, np.ones(7), np.zeros(5, np.int64))
 
 
 def test_thin_product_is_the_product() -> None:
     rng = np.random.default_rng(0)
     left, right = rng.normal(size=(5, 4)), rng.normal(size=(4, 3))
     left[left < 0] = 0.0
-    assert thin_product(left, right) == pytest.approx(left @ right)
+    assert multiply_sparse(left, right) == pytest.approx(left @ right)

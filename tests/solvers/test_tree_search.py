@@ -11,8 +11,8 @@ from random_scenes import stepping_scene
 from climbplan.arrays import BoolArray
 from climbplan.program import Instance
 from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
-from climbplan.solvers.tree.incumbent import Incumbent
-from climbplan.solvers.tree.normal_form import normal_form
+from climbplan.solvers.tree.incumbent import FeasiblePoint
+from climbplan.solvers.tree.normal_form import build_normal_form
 from climbplan.solvers.tree.search import Node, TreeSearch
 
 
@@ -25,7 +25,7 @@ def scene(seed: int) -> Instance:
         step=0.45,
         reach=0.7 + 0.03 * (seed % 4),
         blocked=seed % 2 == 0,
-    ).at()
+    ).instantiate()
 
 
 def best_with(instance: Instance, choice: int, allowed: BoolArray) -> float:
@@ -39,9 +39,9 @@ def best_with(instance: Instance, choice: int, allowed: BoolArray) -> float:
 
 def searching(instance: Instance) -> tuple[TreeSearch, Node]:
     """A search and its root after some cut rounds."""
-    form = normal_form(instance)
+    form = build_normal_form(instance)
     search = TreeSearch(instance, form, 1e-6, np.inf, 1e-7)
-    root = search.root()
+    root = search.create_root()
     point = search._cut_rounds(root, 10, 1e-6, stop_early=False)
     assert point is not None
     return search, replace(root, start=point, bound=point.bound)
@@ -59,7 +59,7 @@ def test_excluded_alternatives_hold_no_better_plan(seed: int) -> None:
     # A worse incumbent excludes less, but its exclusions show errors of the bounds more clearly.
     for share in (1.0, 1.05, 1.5):
         objective = found.objective * share
-        search.incumbents.best = Incumbent(found.x, found.assignment, objective)
+        search.incumbents.best = FeasiblePoint(found.x, found.assignment, objective)
         cutoff = search.incumbents.cutoff
         bounds = search.relaxation.bounds(root.masks)
         _, gains = search._block_gains(root, root.start, *bounds, is_root=True)
@@ -81,7 +81,7 @@ def test_something_is_excluded() -> None:
         assert found.assignment is not None
         assert found.objective is not None
         search, root = searching(instance)
-        search.incumbents.best = Incumbent(found.x, found.assignment, found.objective)
+        search.incumbents.best = FeasiblePoint(found.x, found.assignment, found.objective)
         bounds = search.relaxation.bounds(root.masks)
         _, gains = search._block_gains(root, root.start, *bounds, is_root=True)
         rates = search._rates(root.start, *bounds)
@@ -101,7 +101,7 @@ def test_bounds_of_children_hold_in_them(seed: int) -> None:
         return
     assert search._open
     for bound, _, child in search._open:
-        allowed = search.form.flags(child.masks)
+        allowed = search.form.decode_masks(child.masks)
         narrowed = (allowed != search.form.allowed).any(axis=1)
         choice = int(np.flatnonzero(narrowed)[0])
         least = best_with(instance, choice, allowed[choice])
@@ -118,7 +118,7 @@ def test_what_is_left_and_closed_bounds_the_optimum(seed: int) -> None:
     assert found.objective is not None
     search, root = searching(instance)
     search.gap = search.incumbents.gap = 0.1 + 0.1 * (seed % 3)
-    far = Incumbent(found.x, found.assignment, found.objective * (1.05 + 0.1 * (seed % 5)))
+    far = FeasiblePoint(found.x, found.assignment, found.objective * (1.05 + 0.1 * (seed % 5)))
     search._open.append((root.bound, 0, root))
     for _ in range(40):
         search.incumbents.best = far  # forget better ones: nodes are closed at its cutoff
@@ -141,8 +141,8 @@ def test_a_relaxation_at_the_cutoff_closes_its_node_with_a_bound(seed: int) -> N
     assert found.assignment is not None
     search, root = searching(instance)
     start = replace(root, start=search.relaxation.start())
-    search.incumbents.best = Incumbent(found.x, found.assignment, root.bound * 0.9)
+    search.incumbents.best = FeasiblePoint(found.x, found.assignment, root.bound * 0.9)
     assert np.isinf(search.closed)
     assert search._cut_rounds(start, 10, 1e-6, stop_early=False) is None
     assert search.incumbents.cutoff <= search.closed <= found.objective * (1 + 1e-9)
-    assert not search.exhausted
+    assert not search.proves_infeasible

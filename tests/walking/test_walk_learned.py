@@ -12,10 +12,10 @@ from walk_tasks import walk_task
 from benchmarks.walking import learned
 from benchmarks.walking.online_options import OnlineInputs, OnlineOptions, online_inputs
 from climbplan.walking.online import strategies
-from climbplan.walking.online.library import SECTION, Library, build_library
-from climbplan.walking.online.strategies import StrategyName, commonest, trained
+from climbplan.walking.online.library import SECTION, SectionLibrary, build_library
+from climbplan.walking.online.strategies import StrategyName, select_commonest, train_strategy
 
-TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
+TASK = walk_task(integrator="mean", min_contacts=2, workspace_over_stance=True)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def test_fresh_tasks_are_what_their_titles_say() -> None:
     assert len(stones.ground.height) > 10
     for task in (stairs, stones):
         region = task.ground.nearest(task.start.toes[:, :2])
-        assert task.ground.outside(region, task.start.toes[:, :2]).max() <= 1e-9
+        assert task.ground.compute_distance_outside(region, task.start.toes[:, :2]).max() <= 1e-9
     other = learned.KINDS["stones, 0.5 m/s"](TASK, 4, np.random.default_rng([0, 1, 4]))
     assert other.ground.names != stones.ground.names
 
@@ -67,7 +67,7 @@ def test_reduce_tries_the_gaits_of_the_likeliest_cluster_first(
     compared: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two kinds of motion, told apart by what is asked: each has gaits of its own."""
-    monkeypatch.setattr(strategies, "_COMPARED", compared)
+    monkeypatch.setattr(strategies, "_MAX_COMPARED", compared)
     rng, legs, knots = np.random.default_rng(0), 4, SECTION + 1
     count = 60
     kind = np.arange(count) % 2
@@ -77,33 +77,33 @@ def test_reduce_tries_the_gaits_of_the_likeliest_cluster_first(
     features = rng.normal(0, 0.1, (count, 5))
     features[:, 0] += 5.0 * kind
     motion = np.zeros((count, knots, 12)), rng.normal(0, 1e-3, (count, knots, legs, 3))
-    library = Library(features, *motion, force, contact, np.arange(count))
-    ranking = trained("reduce", library, 0)
+    library = SectionLibrary(features, *motion, force, contact, np.arange(count))
+    ranking = train_strategy("reduce", library, 0)
     for asked in (0, 1):
         wanted = np.array([5.0 * asked, 0, 0, 0, 0])
-        found = ranking.ranked(wanted, 4)
+        found = ranking.rank(wanted, 4)
         assert kind[found].tolist() == [asked] * 4
         assert len({contact[k].tobytes() for k in found}) == 4
         apart = np.linalg.norm(features[found] - wanted, axis=1)
         assert (np.diff(apart) >= 0).all()
-        more = ranking.ranked(wanted, 8)
+        more = ranking.rank(wanted, 8)
         assert kind[more].tolist() == [asked] * 4 + [1 - asked] * 4
 
 
 def test_of_many_gaits_the_commonest_are_told_apart() -> None:
     labels = np.array([0, 1, 1, 2, 3, 3, 3, 4])
-    kept, count = commonest(labels, 5, 3)
+    kept, count = select_commonest(labels, 5, 3)
     assert count == 3
     assert kept.tolist() == [0, 1, 1, -1, 2, 2, 2, -1]  # of the rare ones the first
-    assert commonest(labels, 5, 5) == (labels, 5)
+    assert select_commonest(labels, 5, 5) == (labels, 5)
 
 
 @pytest.mark.parametrize("name", ["forest", "network"])
 def test_gaits_too_rare_to_learn_are_never_proposed(
     inputs: OnlineInputs, name: StrategyName, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(strategies, "_GAITS", 1)
+    monkeypatch.setattr(strategies, "_MAX_GAITS", 1)
     library = inputs.libraries[-1]
-    ranking = trained(name, library, 0)
-    told = {library.contact[k].tobytes() for x in library.features for k in ranking.ranked(x, 9)}
+    ranking = train_strategy(name, library, 0)
+    told = {library.contact[k].tobytes() for x in library.features for k in ranking.rank(x, 9)}
     assert len(told) == 1 < len(np.unique(library.contact, axis=0))

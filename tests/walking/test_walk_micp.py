@@ -11,24 +11,26 @@ from walk_relaxations import ANGLES, SPIN, known, lifted_cost, program_cost
 from walk_tasks import shorter, stairs_task, walk_task
 
 from benchmarks.walking.given_gait import bound_of_gait
-from climbplan.solvers.highs.model import highs, rows_model
+from climbplan.solvers.highs.model import build_rows_model, create_highs
 from climbplan.walking.check.checker import LIMITS, check_trajectory, failures
-from climbplan.walking.micp.frame import Frame
+from climbplan.walking.micp.attitude_box import build_attitude_box
+from climbplan.walking.micp.bound_tightening import tighten_bounds
 from climbplan.walking.micp.limits import MicpLimits
-from climbplan.walking.micp.method import solve_micp
-from climbplan.walking.micp.model import LinearModel
-from climbplan.walking.micp.ranges import Box, ranges_below
-from climbplan.walking.micp.shrinking import shrunk
-from climbplan.walking.micp.statement import relaxation
-from climbplan.walking.micp.tube import tube_about
+from climbplan.walking.micp.linear_model import LinearModel
+from climbplan.walking.micp.relaxation import build_relaxation
+from climbplan.walking.micp.solver import solve_micp
+from climbplan.walking.micp.state_variables import StateVariables
+from climbplan.walking.micp.variable_bounds import VariableBounds, propagate_body_ranges
 from climbplan.walking.plan.answer import WalkAnswer
-from climbplan.walking.problem.draws import StartRanges, drawn_start
+from climbplan.walking.problem.random_tasks import StartRanges, sample_start
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_true_motions_are_in_the_relaxation(seed: int) -> None:
     ranges = StartRanges(1.0, 5.0, 0.3, 0.1, 0.1, 0.5, 0.02)
-    task = drawn_start(shorter(walk_task((1.0, 0, 0)), 5), ranges, np.random.default_rng(seed)).task
+    task = sample_start(
+        shorter(walk_task((1.0, 0, 0)), 5), ranges, np.random.default_rng(seed)
+    ).task
     answer = known(task)
     cost = lifted_cost(task, answer)
     assert 0.9 * answer.objective < cost <= answer.objective * (1 + 1e-6)
@@ -44,11 +46,13 @@ def test_a_motion_that_turns_is_in_the_relaxation() -> None:
     assert np.abs(found.state[:, 8]).max() > 0.3
     cost = lifted_cost(task, answer)
     assert 0.8 * answer.objective < cost <= answer.objective * (1 + 1e-6)
-    about = tube_about(task, found.state, ANGLES, SPIN)
+    about = build_attitude_box(task, found.state, ANGLES, SPIN)
     for heading in (np.zeros(7), about.heading + 0.1):  # wherever axes of arms and forces head
         tube = replace(about, heading=heading)
         for plain in (False, True):
-            program = relaxation(task, tube, answer.objective * 1.01, 1, 1, 1.5, None, plain)
+            program = build_relaxation(
+                task, tube, answer.objective * 1.01, 1, 1, 1.5, linear_inertia=plain
+            )
             assert program_cost(program, found) <= answer.objective * (1 + 1e-6)
 
 
@@ -63,23 +67,23 @@ def test_ways_of_cheaper_motions_are_shorter_than_their_fastest() -> None:
     answer = known(task, 150)
     found = answer.trajectory
     assert found is not None
-    tube = tube_about(task, found.state, ANGLES, SPIN)
-    frame = Frame(task, tube, answer.objective * 1.01, 1, 1, 1.5, None)
+    tube = build_attitude_box(task, found.state, ANGLES, SPIN)
+    frame = StateVariables(task, tube, answer.objective * 1.01, 1, 1, 1.5)
     spared = []
     for n in range(6):
         for last in range(n + 1, 6):
             way = found.state[last, :2] - found.state[n, :2]
-            least, most = frame.ways(n, last)
+            least, most = frame.bound_displacement(n, last)
             assert (way >= least - 1e-9).all()
             assert (way <= most + 1e-9).all()
-            fastest = task.step * frame.v_high[n:last, 0].sum()
+            fastest = task.dt * frame.v_high[n:last, 0].sum()
             spared.append(most[0] < fastest - 0.02)
     assert sum(spared) >= 3
     cost = answer.objective * 1.01
     off = np.array([1e-4, 1e-4])  # next to nothing is left for other velocities
-    box = replace(Box.open(task, cost, frame.most), off=off)
-    narrow = Frame(task, tube, cost, 1, 1, 1.5, box)
-    least, most = narrow.ways(1, 5)
+    box = replace(VariableBounds.create_open(task, cost, frame.max_force), velocity_cost=off)
+    narrow = StateVariables(task, tube, cost, 1, 1, 1.5, bounds=box)
+    least, most = narrow.bound_displacement(1, 5)
     assert most[0] - least[0] < 0.002
     assert 0.5 * (most + least)[0] == pytest.approx(4 * 0.08 * 0.8, rel=1e-3)
 
@@ -90,40 +94,48 @@ def test_shrinking_keeps_cheaper_motions() -> None:
     answer = known(task)
     found = answer.trajectory
     assert found is not None
-    tube = tube_about(task, found.state, ANGLES, SPIN)
-    program = relaxation(task, tube, answer.objective * 1.02, 1, 1, 1.5)
-    box = shrunk(program, 240.0)
+    tube = build_attitude_box(task, found.state, ANGLES, SPIN)
+    program = build_relaxation(task, tube, answer.objective * 1.02, 1, 1, 1.5)
+    box = tighten_bounds(program, 240.0)
     assert box is not None
-    assert (found.state >= box.low - 1e-6).all()
-    assert (found.state <= box.high + 1e-6).all()
-    weights = task.weights.velocity[:2] + task.weights.motion * task.step**2
+    assert (found.state >= box.state_low - 1e-6).all()
+    assert (found.state <= box.state_high + 1e-6).all()
+    weights = task.weights.velocity[:2] + task.weights.motion * task.dt**2
     cheapest = task.weights.velocity[:2] / weights * task.reference.velocity[:-1, :2]
     paid = (weights * (found.state[1:-1, 3:5] - cheapest) ** 2).sum(axis=0)
-    assert (paid <= box.off).all()
-    assert (box.off < answer.objective).all()
-    force = found.force[:-1] @ program.facing / (task.weight / 4)
+    assert (paid <= box.velocity_cost).all()
+    assert (box.velocity_cost < answer.objective).all()
+    force = found.force[:-1] @ program.heading_axes / (task.weight / 4)
     contact = found.gait.contact[:-1]
-    assert (force.sum(axis=1) >= box.push_low - 1e-6).all()
-    assert (force.sum(axis=1) <= box.push_high + 1e-6).all()
-    assert (contact >= box.stands_low).all()
-    assert (contact <= box.stands_high).all()
-    arms = ((found.toes - found.state[:, None, :3])[:-1] @ program.facing)[:, :, :2]
+    assert (force.sum(axis=1) >= box.total_force_low - 1e-6).all()
+    assert (force.sum(axis=1) <= box.total_force_high + 1e-6).all()
+    assert (contact >= box.contact_low).all()
+    assert (contact <= box.contact_high).all()
+    arms = ((found.toes - found.state[:, None, :3])[:-1] @ program.heading_axes)[:, :, :2]
     assert (arms >= box.arm_low - 1e-6)[contact].all()
     assert (arms <= box.arm_high + 1e-6)[contact].all()
     assert (force >= box.force_low - 1e-6)[contact].all()
     assert (force <= box.force_high + 1e-6)[contact].all()
-    assert np.ptp([box.push_low[1:], box.push_high[1:]], axis=0).max() < 0.9 * 2 * 4 * 40 / 15.45
-    again = relaxation(task, tube, answer.objective * 1.02, 1, 1, 1.5, box)
+    assert (
+        np.ptp([box.total_force_low[1:], box.total_force_high[1:]], axis=0).max()
+        < 0.9 * 2 * 4 * 40 / 15.45
+    )
+    again = build_relaxation(task, tube, answer.objective * 1.02, 1, 1, 1.5, bounds=box)
     assert program_cost(again, found) <= answer.objective * (1 + 1e-6)
-    closer = box.tube(tube)
-    assert closer.holds(found.state)
-    before = ranges_below(task, answer.objective * 1.02).velocity
-    assert (box.high - box.low)[2:, 3].sum() < 0.9 * (before[1] - before[0])[2:, 0].sum()
-    assert shrunk(relaxation(task, tube, 0.2 * answer.objective, 1, 1, 1.5), 20.0) is None
+    closer = box.intersect_attitude_box(tube)
+    assert closer.contains(found.state)
+    before = propagate_body_ranges(task, answer.objective * 1.02).velocity
+    assert (box.state_high - box.state_low)[2:, 3].sum() < 0.9 * (before[1] - before[0])[
+        2:, 0
+    ].sum()
+    assert (
+        tighten_bounds(build_relaxation(task, tube, 0.2 * answer.objective, 1, 1, 1.5), 20.0)
+        is None
+    )
 
 
 def test_bound_and_incumbent_enclose_what_is_best() -> None:
-    task = shorter(walk_task((0.5, 0, 0), least_contacts=2), 3)
+    task = shorter(walk_task((0.5, 0, 0), min_contacts=2), 3)
     first, best = known(task, 10), known(task, 400)
     limits = MicpLimits(4.0, 0.01, angles=(0.05, 0.1, 0.05), spin=(0.5, 1.0, 0.5))
     found = solve_micp(task, limits, first)
@@ -132,23 +144,29 @@ def test_bound_and_incumbent_enclose_what_is_best() -> None:
     assert found.objective <= first.objective + 1e-9
     assert 0 < found.bound <= best.objective + 1e-6
     assert not failures(check_trajectory(task, found.trajectory))
-    bounds = [step.bound for step in found.history]
+    bounds = [entry.bound for entry in found.history]
     assert bounds == sorted(bounds)
     assert "within" in found.word
 
 
 def test_the_contacts_of_a_motion_are_bounded_beside_all_others() -> None:
-    task = shorter(walk_task((0.5, 0, 0), least_contacts=2), 3)
+    task = shorter(walk_task((0.5, 0, 0), min_contacts=2), 3)
     best = known(task, 200)
     found = best.trajectory
     assert found is not None
     cost, contact = best.objective * 1.001, found.gait.contact[:-1]
-    tube, open_box = tube_about(task, found.state, ANGLES, SPIN), Box.open(task, cost, 4.0)
-    held = relaxation(task, tube, cost, 1, 1, 1.5, open_box.standing(contact))
+    tube, open_box = (
+        build_attitude_box(task, found.state, ANGLES, SPIN),
+        VariableBounds.create_open(task, cost, 4.0),
+    )
+    held = build_relaxation(task, tube, cost, 1, 1, 1.5, bounds=open_box.fix_contacts(contact))
     assert program_cost(held, found) <= best.objective * (1 + 1e-6)
     if not contact.all():  # all legs down is none of them
-        other = open_box.standing(np.ones_like(contact))
-        assert program_cost(relaxation(task, tube, cost, 1, 1, 1.5, other), found) == np.inf
+        other = open_box.fix_contacts(np.ones_like(contact))
+        assert (
+            program_cost(build_relaxation(task, tube, cost, 1, 1, 1.5, bounds=other), found)
+            == np.inf
+        )
     limits = MicpLimits(1.0, 0.02, angles=(0.05, 0.1, 0.05), spin=(0.5, 1.0, 0.5))
     bound = bound_of_gait(task, limits, [best])
     assert 0.8 * best.objective < bound <= 0.98 * best.objective * (1 + 1e-9)
@@ -157,8 +175,8 @@ def test_the_contacts_of_a_motion_are_bounded_beside_all_others() -> None:
 
 def test_shares_of_a_square_are_its_perspective() -> None:
     model = LinearModel()
-    x, share = model.variable(-2.0, 2.0), model.variable(0.0, 1.0)
-    epigraph = model.square("cost", 3.0, x, (-2.0, 2.0), 1.2, share)
+    x, share = model.add_variable(-2.0, 2.0), model.add_variable(0.0, 1.0)
+    epigraph = model.add_square("cost", 3.0, x, (-2.0, 2.0), 1.2, indicator=share)
     rows, low = model.matrix().toarray(), model.row_lower
     for value, part in ((1.0, 1.0), (0.5, 0.5), (-0.3, 0.25), (0.0, 0.0)):
         at = np.zeros(len(model.lower))
@@ -175,10 +193,10 @@ def test_mixtures_of_contacts_cost_what_they_do() -> None:
     task = shorter(stairs_task(), 6)
     answer = known(task, 150)
     assert answer.trajectory is not None
-    tube = tube_about(task, answer.trajectory.state, 0.3 * ANGLES, 0.3 * SPIN)
-    program = relaxation(task, tube, answer.objective, 1, 1, 1.5)
-    solver = highs(30.0)
-    solver.passModel(rows_model(program.model, relaxed=True))
+    tube = build_attitude_box(task, answer.trajectory.state, 0.3 * ANGLES, 0.3 * SPIN)
+    program = build_relaxation(task, tube, answer.objective, 1, 1, 1.5)
+    solver = create_highs(30.0)
+    solver.passModel(build_rows_model(program.model, relaxed=True))
     solver.run()
     assert solver.getModelStatus() == highspy.HighsModelStatus.kOptimal
     assert solver.getInfo().objective_function_value > 0.15 * answer.objective
@@ -198,7 +216,9 @@ OWN = {"cost.tracking", "cost.force_difference", "cost.known", "contact.enduranc
 def test_rows_have_the_names_of_the_checks(on_steps: bool) -> None:
     task = shorter(stairs_task() if on_steps else walk_task((1.0, 0, 0)), 5)
     state = np.tile(task.start.state, (6, 1))
-    program = relaxation(task, tube_about(task, state, ANGLES, SPIN), 3000.0, 2, 2, 1.5)
+    program = build_relaxation(
+        task, build_attitude_box(task, state, ANGLES, SPIN), 3000.0, 2, 2, 1.5
+    )
     names = set(program.model.names.names)
     assert names - OWN <= set(LIMITS)
     assert {"dynamics.spin", "force.friction", "workspace.toe", "contact.no_slip"} <= names
@@ -207,9 +227,11 @@ def test_rows_have_the_names_of_the_checks(on_steps: bool) -> None:
 def test_an_answer_that_is_off_is_named() -> None:
     task = shorter(walk_task((1.0, 0, 0)), 4)
     state = np.tile(task.start.state, (5, 1))
-    program = relaxation(task, tube_about(task, state, ANGLES, SPIN), 3000.0, 1, 1, 1.5)
-    solver = highs(30.0)
-    solver.passModel(rows_model(program.model, relaxed=True))
+    program = build_relaxation(
+        task, build_attitude_box(task, state, ANGLES, SPIN), 3000.0, 1, 1, 1.5
+    )
+    solver = create_highs(30.0)
+    solver.passModel(build_rows_model(program.model, relaxed=True))
     solver.run()
     x = np.array(solver.getSolution().col_value)
     worst = {block.name: block.residual for block in program.model.residuals(x)}
@@ -220,13 +242,13 @@ def test_an_answer_that_is_off_is_named() -> None:
 
 @pytest.mark.parametrize("integrator", ["euler", "mean"])
 def test_only_euler_steps_are_bounded(integrator: str) -> None:
-    task = shorter(walk_task((1.0, 0, 0), integrator=integrator, whole_stance=True), 4)
+    task = shorter(walk_task((1.0, 0, 0), integrator=integrator, workspace_over_stance=True), 4)
     first = known(task, 20)
     answer = solve_micp(task, MicpLimits(seconds=2.5), first)
     assert answer.trajectory is not None
     assert answer.objective <= first.objective * (1 + 1e-9)
     assert not failures(check_trajectory(task, answer.trajectory))
-    proved = [step.bound for step in answer.history if np.isfinite(step.bound)]
+    proved = [entry.bound for entry in answer.history if np.isfinite(entry.bound)]
     if integrator == "euler":
         assert answer.bound is not None
         assert "bound of motions within" in answer.word

@@ -12,7 +12,7 @@ from walk_tasks import named, walk_task
 
 from climbplan.errors import LimitReached
 from climbplan.walking.offline import search as searching
-from climbplan.walking.offline.search import SearchLimits, _Search
+from climbplan.walking.offline.search import SearchLimits, _IteratedLocalSearch
 from climbplan.walking.offline.sqp import GaitAnswer
 from climbplan.walking.plan.answer import WalkAnswer
 from climbplan.walking.planner import planner
@@ -64,11 +64,13 @@ def test_searches_before_micp_leave_it_half_of_the_time(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(searching, "search", search)
     monkeypatch.setattr(
-        "climbplan.walking.micp.method.solve_micp",
+        "climbplan.walking.micp.solver.solve_micp",
         lambda task, given, warm, others: limits.append(given.seconds) or warm,
     )
     tube = WalkTubeSpec(seeds=2)
-    planner.solve_task(walk_task(), WalkSolverSpec(method="micp", time_limit=40.0, tube=tube))
+    planner.solve_task(
+        walk_task(), WalkSolverSpec(method="micp", time_limit=40.0, attitude_box=tube)
+    )
     assert limits[:2] == [10.0, 10.0]
     assert 30.0 < limits[2] < 39.9
 
@@ -90,7 +92,7 @@ def test_the_polish_begins_no_gait_after_the_limit(
 
     monkeypatch.setattr(searching, "warm_up", lambda task: None)
     monkeypatch.setattr(searching, "solve_gait", solve_gait)
-    search = _Search(task, SearchLimits(seconds))
+    search = _IteratedLocalSearch(task, SearchLimits(seconds))
     search.good = [GaitAnswer(trajectory, float(k), 1.0, 1, True) for k in range(5)]
     assert search.polished().trajectory is None
     assert len(calls) == polished

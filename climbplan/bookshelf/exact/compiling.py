@@ -2,6 +2,6 @@
 
 from pathlib import Path
 
-from climbplan.solvers.compiling import compiler
+from climbplan.solvers.compiling import create_compiler
 
-compiled = compiler(Path(__file__).parent, "*.py")
+compiled = create_compiler(Path(__file__).parent, "*.py")

@@ -22,7 +22,7 @@ from climbplan.learning.model import StrategyModel
 from climbplan.methods.envelope_rounds import EnvelopeOptions
 from climbplan.methods.pipeline import PipelineOptions
 from climbplan.methods.table import MethodResult, solve_instance
-from climbplan.methods.task import Kept, Method, MethodSettings, MpccOptions
+from climbplan.methods.task import Method, MethodSettings, MpccOptions, SharedCache
 from climbplan.program import Problem, Program
 from climbplan.reformulations.complementarity import Complementarity
 from climbplan.reformulations.envelopes import Squares
@@ -87,7 +87,7 @@ class ByTable:
     problem: Problem
     method: Method
     settings: MethodSettings
-    kept: Kept = field(default_factory=Kept)
+    kept: SharedCache = field(default_factory=SharedCache)
 
     def solve(self, scene: Scene) -> SceneAnswer:
         """The method's placement, as far as it holds."""

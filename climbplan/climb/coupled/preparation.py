@@ -14,7 +14,7 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.climb.coupled.statement import coupled_program, loadable
 from climbplan.climb.postures.explanation import explain_infeasible
-from climbplan.climb.postures.statement import PostureMargins, posture_program
+from climbplan.climb.postures.statement import PostureMargins, build_posture_program
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import LimitReached
 from climbplan.program import Program
@@ -58,10 +58,10 @@ def prepare(scene: ClimbScene, margins: PostureMargins) -> Prepared:
     options = scene.spec.solver
     deadline = time.monotonic() + options.time_limit
     scene = loadable(scene)
-    postures = posture_program(scene, margins)
-    alone = postures.at()
+    postures = build_posture_program(scene, margins)
+    alone = postures.instantiate()
     left = max(deadline - time.monotonic(), 0.0)
-    first = solve(alone, options.posture, gap=options.gap, time_limit=left)
+    first = solve(alone, options.posture_solver, gap=options.gap, time_limit=left)
     if first.status == "infeasible":
         raise explain_infeasible(scene, postures, alone)
     if first.x is None or first.assignment is None:
@@ -70,7 +70,7 @@ def prepare(scene: ClimbScene, margins: PostureMargins) -> Prepared:
         )
     origin = postures.value("com", first.x)
     program = coupled_program(scene, margins, origin)
-    instance = program.at()
+    instance = program.instantiate()
     guess = np.clip(np.zeros(instance.size), instance.lower, instance.upper)
     guess[: alone.size] = first.x  # forces come behind the posture program's variables
     return Prepared(

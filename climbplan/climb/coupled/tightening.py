@@ -19,8 +19,8 @@ from climbplan.program.box import propagated_box
 from climbplan.program.instance import Balls, Instance
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
-from climbplan.solvers.convex.sessions import session, solve_convex
-from climbplan.solvers.separable_cost import separable_cost
+from climbplan.solvers.convex.sessions import create_session, solve_convex
+from climbplan.solvers.separable_cost import factor_cost
 
 _NARROW = 1e-4  # ranges below this are left alone
 _SLACK = 1e-6  # beyond each bound, for what the convex solver leaves
@@ -60,7 +60,7 @@ def tightened(
     high = np.minimum(within.upper, whole.upper)
     relaxed = _without_choices(instance)
     form = LocalForm.of(relaxed)
-    solver = session("clarabel")
+    solver = create_session("clarabel")
     every = factors(instance)
     programs, done = 0, 0
     for _ in range(passes):
@@ -122,7 +122,7 @@ def _feasibility(local: Instance, instance: Instance, best: float | None) -> Ins
     """The relaxation without its cost, which is at most `best` as a ball where it is of squares."""
     n = local.size
     bare = replace(local, P=sparse.csc_matrix((n, n)), q=np.zeros(n), constant=0.0)
-    cost = separable_cost(instance)
+    cost = factor_cost(instance)
     if best is None or cost.slope.any():
         return bare
     left = best - cost.constant + _SLACK * max(abs(best), 1e-3)

@@ -10,9 +10,9 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.climb.forces.reduction import ReducedForces, halfspaces
+from climbplan.climb.forces.reduction import ReducedForces, build_halfspaces
 
-_LOOSER, _REGULARISATION = 1e-8, 1e-6
+_LOOSE_TOLERANCE, _REGULARISATION = 1e-8, 1e-6
 _TOLERANCE = 1e-10  # feasibility and gap, in units of the load
 
 
@@ -24,13 +24,13 @@ class ConeOptima:
     solved: BoolArray  # (B,)
 
 
-def clarabel_settings(robust: bool = False) -> clarabel.DefaultSettings:
+def build_clarabel_settings(robust: bool = False) -> clarabel.DefaultSettings:
     """Quiet, one thread, tight; or robust: less tight, for what the tight ones give up on."""
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
     settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = (
-        _LOOSER if robust else _TOLERANCE
+        _LOOSE_TOLERANCE if robust else _TOLERANCE
     )
     if robust:
         settings.static_regularization_constant = _REGULARISATION
@@ -55,29 +55,29 @@ def solve_with_clarabel(*problem: Any) -> clarabel.DefaultSolution | None:
 def solve_clarabel(group: ReducedForces) -> ConeOptima:
     """Minimise a group's objective and preference over the exact cones, one call an instant."""
     b, n, q = len(group.instant), group.contacts, group.unknowns
-    linear = halfspaces(group)
+    linear = build_halfspaces(group)
     # s >= 0 and s <= largest_s, then torque, contact and commands, then (mu n . f, t . f, b . f)
     # in a cone, and what the forces leave of the stiffness
     m = 2 + linear.A.shape[1]
-    end = m + 3 * n
-    size = end + group.stability.shape[1]
+    cone_end = m + 3 * n
+    size = cone_end + group.stability.shape[1]
     A, upper = np.zeros((b, size, q + 1)), np.zeros((b, size))
     A[:, 0, 0], A[:, 1, 0] = -1.0, 1.0
     upper[:, 1] = group.largest_s
     A[:, 2:m], upper[:, 2:m] = linear.A, linear.upper
-    steep = np.ones((b, n, 3))
-    steep[..., 0] = group.usable_mu
-    A[:, m:end, 1:] = -(steep[..., None] * group.frame_null_space).reshape(b, 3 * n, q)
-    held = group.frame_particular.copy()
-    held[..., 0] -= group.reserve[:, None]
-    upper[:, m:end] = (steep * held).reshape(b, 3 * n)
-    A[:, end:, 1:], upper[:, end:] = group.stability, group.stability_upper
+    slopes = np.ones((b, n, 3))
+    slopes[..., 0] = group.usable_mu
+    A[:, m:cone_end, 1:] = -(slopes[..., None] * group.frame_null_space).reshape(b, 3 * n, q)
+    reserved = group.frame_particular.copy()
+    reserved[..., 0] -= group.reserve[:, None]
+    upper[:, m:cone_end] = (slopes * reserved).reshape(b, 3 * n)
+    A[:, cone_end:, 1:], upper[:, cone_end:] = group.stability, group.stability_upper
 
     cones = [clarabel.NonnegativeConeT(m), *[clarabel.SecondOrderConeT(3)] * n]
-    if size > end:
+    if size > cone_end:
         cones.append(clarabel.PSDTriangleConeT(6))
     gradient = group.gradient + group.preference_gradient
-    settings = clarabel_settings()
+    settings = build_clarabel_settings()
     # All entries are stored, zeros as well: one sparsity pattern for the whole batch.
     indptr = np.arange(q + 2) * size
     indices = np.tile(np.arange(size), q + 1)

@@ -15,17 +15,17 @@ import numpy as np
 from climbplan.climb.forces.cones import (
     FEASIBLE,
     ConicProgram,
+    ConstraintName,
     InstantCones,
-    Name,
-    command_rows,
-    friction_ends,
-    friction_rows,
-    inward_rows,
-    on_forces,
-    selector,
+    build_command_rows,
+    build_friction_offsets,
+    build_friction_rows,
+    build_penetration_rows,
+    expand_contact_rows,
+    pad_force_rows,
 )
 
-_TAKES_PART = 1e-6  # multiplier relative to the largest
+_MULTIPLIER_TOLERANCE = 1e-6  # multiplier relative to the largest
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Member:
     whole.
     """
 
-    name: Name
+    name: ConstraintName
     contact: int = -1  # place among the points of contact, of joints among the limbs in contact
     joint: int = -1  # for torques and commands
 
@@ -49,7 +49,7 @@ class Relaxation:
     multiplier: dict[Member, float]
 
 
-def all_members(cones: InstantCones) -> list[Member]:
+def list_members(cones: InstantCones) -> list[Member]:
     """Every constraint of an instant that may take part in a conflict."""
     points, limbs = range(cones.contacts), range(len(cones.limb))
     return [
@@ -62,79 +62,81 @@ def all_members(cones: InstantCones) -> list[Member]:
     ]
 
 
-def relax(cones: InstantCones, members: list[Member]) -> Relaxation | None:
+def relax_members(cones: InstantCones, members: list[Member]) -> Relaxation | None:
     """The elastic relaxation of equilibrium with some constraints; None if Clarabel fails."""
     n = cones.contacts
     program = ConicProgram(3 * n + len(members))
-    pad = np.zeros((6, len(members)))
-    program.zero("force.equilibrium", np.hstack([cones.grasp, pad]), -cones.load)
+    slack_columns = np.zeros((6, len(members)))
+    program.zero("force.equilibrium", np.hstack([cones.grasp, slack_columns]), -cones.load)
     slacks = np.zeros((len(members), program.size))
     slacks[:, 3 * n :] = -np.eye(len(members))
     program.below("slack", slacks, np.zeros(len(members)))
     for index, member in enumerate(members):
         i, slack = member.contact, 3 * n + index
         if member.name == "force.friction":
-            rows = friction_rows(cones, i, program.size)
+            rows = build_friction_rows(cones, i, program.size)
             rows[0, slack] = -1.0
-            program.cone(str(index), rows, friction_ends(cones, i))
+            program.cone(str(index), rows, build_friction_offsets(cones, i))
         elif member.name == "torque.limit":
-            one = cones.torque[i, member.joint : member.joint + 1]
-            rows = on_forces(np.vstack([one, -one]), program.size)
+            torque_row = cones.torque[i, member.joint : member.joint + 1]
+            rows = pad_force_rows(np.vstack([torque_row, -torque_row]), program.size)
             rows[:, slack] = -1.0
-            own = cones.links[i, member.joint]
-            program.below(str(index), rows, cones.largest_s - np.array([own, -own]))
+            link_term = cones.links[i, member.joint]
+            program.below(str(index), rows, cones.largest_s - np.array([link_term, -link_term]))
         elif member.name == "kinematics.joint_bounds":
-            rows = command_rows(cones, i, member.joint, program.size)
+            rows = build_command_rows(cones, i, member.joint, program.size)
             rows[:, slack] = -1.0
             program.below(str(index), rows, cones.room[i, member.joint])
         elif member.name == "force.inward":
-            rows = inward_rows(cones, i, program.size)
+            rows = build_penetration_rows(cones, i, program.size)
             rows[0, slack] = -1.0
             program.below(str(index), rows, -cones.least_depth[i : i + 1])
         elif member.name == "static.stability":
-            rows = on_forces(cones.stiffness_lost, program.size)
+            rows = pad_force_rows(cones.stiffness_lost, program.size)
             rows[:, slack] = -cones.stiffness  # of which more is missing than there is
             program.semidefinite(str(index), rows, cones.stiffness)
         else:
-            rows = -selector(cones.axes[i, :1], i, program.size)
+            rows = -expand_contact_rows(cones.axes[i, :1], i, program.size)
             rows[0, slack] = -1.0
             program.below(str(index), rows, np.array([-cones.least_pressure]))
     cost = np.zeros(program.size)
     cost[3 * n :] = 1.0
-    answer = program.minimise(cost)
-    if answer is None:
+    solution = program.minimise(cost)
+    if solution is None:
         return None
-    weights = {
-        member: float(np.abs(answer.multipliers[str(index)]).max())
+    multipliers = {
+        member: float(np.abs(solution.multipliers[str(index)]).max())
         for index, member in enumerate(members)
     }
-    return Relaxation(answer.value, weights)
+    return Relaxation(solution.value, multipliers)
 
 
-def conflicting_members(cones: InstantCones) -> list[Member] | None:
+def find_irreducible_conflict(cones: InstantCones) -> list[Member] | None:
     """An irreducible set of constraints that cannot hold together, the weightiest first.
 
     None if the instant is feasible within FEASIBLE, or if Clarabel cannot tell.
     """
-    relaxation = relax(cones, all_members(cones))
+    relaxation = relax_members(cones, list_members(cones))
     if relaxation is None or relaxation.missed <= FEASIBLE:
         return None
     # A cone holds contact as well: where no friction whatever would do, it is not friction's fault.
-    smooth = relax(cones, [m for m in all_members(cones) if m.name != "force.friction"])
-    if smooth is not None and smooth.missed > FEASIBLE:
-        relaxation = smooth
+    without_friction = relax_members(
+        cones, [m for m in list_members(cones) if m.name != "force.friction"]
+    )
+    if without_friction is not None and without_friction.missed > FEASIBLE:
+        relaxation = without_friction
     weight = relaxation.multiplier
-    least = _TAKES_PART * max(weight.values())
-    members = sorted((m for m in weight if weight[m] > least), key=lambda m: -weight[m])
-    if not _conflict(cones, members):
+    min_weight = _MULTIPLIER_TOLERANCE * max(weight.values())
+    members = sorted((m for m in weight if weight[m] > min_weight), key=lambda m: -weight[m])
+    if not _is_conflicting(cones, members):
         members = sorted(weight, key=lambda m: -weight[m])
     for member in reversed(members.copy()):
-        rest = [m for m in members if m != member]
-        if _conflict(cones, rest):
-            members = rest
+        reduced = [m for m in members if m != member]
+        if _is_conflicting(cones, reduced):
+            members = reduced
     return members
 
 
-def _conflict(cones: InstantCones, members: list[Member]) -> bool:
-    relaxation = relax(cones, members)
+def _is_conflicting(cones: InstantCones, members: list[Member]) -> bool:
+    relaxation = relax_members(cones, members)
     return relaxation is not None and relaxation.missed > FEASIBLE

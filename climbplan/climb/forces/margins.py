@@ -24,28 +24,35 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.forces.cones import ConicProgram, instant_cones
+from climbplan.climb.forces.cones import ConicProgram, build_instant_cones
 from climbplan.climb.forces.solving import SolvedForces, solve_forces
 from climbplan.climb.forces.statement import (
     TORQUE_MARGIN,
     ForceStatement,
-    depths_of,
-    free_depths_of,
-    standing_use,
+    compute_contact_torque_ratio,
+    compute_free_penetration,
+    compute_penetration,
 )
 from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.climb.schema.margins import MarginsSpec
 from climbplan.mechanics.friction import split_force
 from climbplan.mechanics.stability import loaded_stiffness
 
-_KEPT = 0.95  # of the largest share: at all of it forces have no room left, and cost what they may
-_TRIED = (_KEPT, 0.5 * _KEPT)  # parts of the largest share solved at in turn
-_SLIPPERY = (0.5, 0.0)  # parts of the friction that surfaces may lack, tried in turn
-_ARCS = 4  # times the first order of a command's depth is put right
-_EXACT = 1e-4  # [m] by which that may miss the margin
-_BETTER = 1e-3  # share by which an answer is better than another
-_WHOLE = 0.05  # share that may be missing where a margin counts as kept: rounding, arcs
-_SMOOTH = 1e-9  # least friction coefficient divided by
+_KEPT_FRACTION = (
+    0.95  # of the largest share: at all of it forces have no room left, and cost what they may
+)
+_TRIED_FRACTIONS = (
+    _KEPT_FRACTION,
+    0.5 * _KEPT_FRACTION,
+)  # parts of the largest share solved at in turn
+_SLIP_FRACTIONS = (0.5, 0.0)  # parts of the friction that surfaces may lack, tried in turn
+_MAX_ARC_CORRECTIONS = 4  # times the first order of a command's depth is put right
+_PENETRATION_TOLERANCE = 1e-4  # [m] by which that may miss the margin
+_MIN_IMPROVEMENT = 1e-3  # share by which an answer is better than another
+_COMPLETE_TOLERANCE = (
+    0.05  # share that may be missing where a margin counts as kept: rounding, arcs
+)
+_MIN_MU = 1e-9  # least friction coefficient divided by
 
 
 @dataclass(frozen=True)
@@ -66,142 +73,181 @@ def solve_with_margins(
     """
     margins = scene.spec.margins
     if not margins.asked:
-        plain = solve_forces(statement, solver, facets)
-        return MarginedForces(plain, np.ones(len(statement.arms)), statement)
-    found = _on_friction(scene, statement, _slippery(statement, margins.slip), solver, facets)
-    for part in _SLIPPERY:
-        lost = np.setdiff1d(found.solved.missing, found.solved.unbalanced)
-        if not len(lost):
+        without_margins = solve_forces(statement, solver, facets)
+        return MarginedForces(without_margins, np.ones(len(statement.arms)), statement)
+    margined = _solve_on_friction(
+        scene, statement, _reduce_friction(statement, margins.slip), solver, facets
+    )
+    for slip_fraction in _SLIP_FRACTIONS:
+        infeasible = np.setdiff1d(margined.solved.missing, margined.solved.unbalanced)
+        if not len(infeasible):
             break
         # No forces at all on so little friction: on some more
-        less = _slippery(statement, part * margins.slip).take(lost)
-        again = _on_friction(scene, statement.take(lost), less, solver, facets)
-        found = _joined(found, again, lost)
-    return found
+        with_more_friction = _reduce_friction(statement, slip_fraction * margins.slip).take(
+            infeasible
+        )
+        replacement = _solve_on_friction(
+            scene, statement.take(infeasible), with_more_friction, solver, facets
+        )
+        margined = _merge_answers(margined, replacement, infeasible)
+    return margined
 
 
-def _slippery(statement: ForceStatement, slip: float) -> ForceStatement:
+def _reduce_friction(statement: ForceStatement, slip: float) -> ForceStatement:
     """The problems on surfaces that lack a share of their friction, as far as S_mu leaves less."""
     factor = min(1.0, statement.safety_friction * (1.0 - slip))
     return replace(statement, mu=statement.mu * factor)
 
 
-def _joined(found: MarginedForces, again: MarginedForces, rows: IntArray) -> MarginedForces:
+def _merge_answers(
+    margined: MarginedForces, replacement: MarginedForces, rows: IntArray
+) -> MarginedForces:
     """Answers of which some (rows) were found again."""
-    force, share = found.solved.force.copy(), found.share.copy()
-    force[rows], share[rows] = again.solved.force, again.share
+    force, fraction = margined.solved.force.copy(), margined.share.copy()
+    force[rows], fraction[rows] = replacement.solved.force, replacement.share
     solved = replace(
-        found.solved,
+        margined.solved,
         force=force,
-        missing=rows[again.solved.missing],
-        solved_again=found.solved.solved_again + again.solved.solved_again,
+        missing=rows[replacement.solved.missing],
+        solved_again=margined.solved.solved_again + replacement.solved.solved_again,
     )
-    return replace(found, solved=solved, share=share)
+    return replace(margined, solved=solved, share=fraction)
 
 
-def _on_friction(
+def _solve_on_friction(
     scene: MotionScene,
-    known: ForceStatement,
+    unreduced: ForceStatement,
     statement: ForceStatement,
     solver: str,
     facets: int,
 ) -> MarginedForces:
     """Forces with as much of the margins as can be had on a friction; known: with its own."""
     margins = scene.spec.margins
-    asked = with_margins(statement, margins)
-    solved = _best(statement, asked, solver, facets)
+    required = apply_margins(statement, margins)
+    solved = _maximise_margins(statement, required, solver, facets)
     force = solved.force
-    share = kept_share(known, margins, force)
-    share[solved.missing] = 0.0
-    at = force.copy()  # the answer whose arcs are known
-    lost = np.concatenate([solved.missing, solved.unbalanced])
-    rows = np.setdiff1d(np.arange(len(force)), lost)
-    for _ in range(_ARCS if scene.spec.force.sag == "compensated" else 0):
-        free = free_depths_of(statement, at)
-        short = statement.standing & (free < margins.depth - _EXACT)
-        rows = np.intersect1d(rows, np.flatnonzero(short.any(axis=1)))
+    fraction = compute_margin_fraction(unreduced, margins, force)
+    fraction[solved.missing] = 0.0
+    linearisation = force.copy()  # the answer whose arcs are known
+    infeasible = np.concatenate([solved.missing, solved.unbalanced])
+    rows = np.setdiff1d(np.arange(len(force)), infeasible)
+    for _ in range(
+        _MAX_ARC_CORRECTIONS if scene.spec.force.deflection_compensation == "compensated" else 0
+    ):
+        free_penetration = compute_free_penetration(statement, linearisation)
+        is_too_shallow = statement.standing & (
+            free_penetration < margins.depth - _PENETRATION_TOLERANCE
+        )
+        rows = np.intersect1d(rows, np.flatnonzero(is_too_shallow.any(axis=1)))
         if not len(rows):
             break
-        part, deeper = statement.take(rows), margins.depth - free + depths_of(statement, at)
-        again = _best(part, _deeper(asked.take(rows), deeper[rows]), solver, facets)
-        kept = kept_share(known.take(rows), margins, again.force)
-        kept[again.missing] = -np.inf
-        better = kept > share[rows] + _BETTER
-        at[rows] = again.force
-        force[rows[better]], share[rows[better]] = again.force[better], kept[better]
-        rows = np.setdiff1d(rows, rows[again.missing])
-    return MarginedForces(replace(solved, force=force), share, asked)
+        subproblem, target_penetration = (
+            statement.take(rows),
+            margins.depth - free_penetration + compute_penetration(statement, linearisation),
+        )
+        solution = _maximise_margins(
+            subproblem,
+            _set_min_penetration(required.take(rows), target_penetration[rows]),
+            solver,
+            facets,
+        )
+        kept_fraction = compute_margin_fraction(unreduced.take(rows), margins, solution.force)
+        kept_fraction[solution.missing] = -np.inf
+        is_better = kept_fraction > fraction[rows] + _MIN_IMPROVEMENT
+        linearisation[rows] = solution.force
+        force[rows[is_better]], fraction[rows[is_better]] = (
+            solution.force[is_better],
+            kept_fraction[is_better],
+        )
+        rows = np.setdiff1d(rows, rows[solution.missing])
+    return MarginedForces(replace(solved, force=force), fraction, required)
 
 
-def _deeper(asked: ForceStatement, depth: Array) -> ForceStatement:
+def _set_min_penetration(required: ForceStatement, penetration: Array) -> ForceStatement:
     """The problems with other depths (K, N), to first order, of toes in contact."""
-    return replace(asked, least_depth=np.where(asked.standing, depth, asked.least_depth))
+    return replace(
+        required, least_depth=np.where(required.standing, penetration, required.least_depth)
+    )
 
 
-def kept_share(statement: ForceStatement, margins: MarginsSpec, force: Array) -> Array:
+def compute_margin_fraction(statement: ForceStatement, margins: MarginsSpec, force: Array) -> Array:
     """(K,) the least part of its margin that forces (K, C, 3) keep, at most 1.
 
     Of pressures and friction each of the points at which a limb is pushed has its part.
     """
     contact, weight = statement.contact, statement.robot.weight / statement.points
-    parts = split_force(force, statement.normal)
-    spare = parts.normal - parts.shear / np.maximum(statement.usable_mu, _SMOOTH)
-    left = loaded_stiffness(statement.braced, force).left
-    held = np.maximum(statement.mu * parts.normal, _SMOOTH)
-    factor = margins.factors(statement.rounds)
-    kept = np.ones(len(force))
-    for margin, value in (
-        (factor * margins.pressure * weight, _least(parts.normal, contact)),
-        (factor * margins.friction * weight, _least(spare, contact)),
-        (np.full(len(force), margins.slip), _least(1 - parts.shear / held, contact)),
+    components = split_force(force, statement.normal)
+    slip_reserve = components.normal - components.shear / np.maximum(statement.usable_mu, _MIN_MU)
+    stiffness_ratio = loaded_stiffness(statement.braced, force).left
+    max_shear = np.maximum(statement.mu * components.normal, _MIN_MU)
+    round_factor = margins.factors(statement.rounds)
+    fraction = np.ones(len(force))
+    for margin, attained in (
+        (
+            round_factor * margins.normal_force * weight,
+            _min_over_contacts(components.normal, contact),
+        ),
+        (round_factor * margins.friction * weight, _min_over_contacts(slip_reserve, contact)),
+        (
+            np.full(len(force), margins.slip),
+            _min_over_contacts(1 - components.shear / max_shear, contact),
+        ),
         (
             np.full(len(force), margins.depth),
-            _least(free_depths_of(statement, force), statement.standing),
+            _min_over_contacts(compute_free_penetration(statement, force), statement.standing),
         ),
-        (np.full(len(force), margins.torque), 1 - standing_use(statement, force)),
-        (np.full(len(force), margins.stiffness), left),
+        (np.full(len(force), margins.torque), 1 - compute_contact_torque_ratio(statement, force)),
+        (np.full(len(force), margins.stiffness), stiffness_ratio),
     ):
-        part = np.ones(len(force))
-        np.divide(value, margin, out=part, where=margin > 0)
-        kept = np.minimum(kept, part)
-    return np.where(kept > 1 - _WHOLE, 1.0, kept)
+        kept_part = np.ones(len(force))
+        np.divide(attained, margin, out=kept_part, where=margin > 0)
+        fraction = np.minimum(fraction, kept_part)
+    return np.where(fraction > 1 - _COMPLETE_TOLERANCE, 1.0, fraction)
 
 
-def _best(
-    statement: ForceStatement, asked: ForceStatement, solver: str, facets: int
+def _maximise_margins(
+    statement: ForceStatement, required: ForceStatement, solver: str, facets: int
 ) -> SolvedForces:
     """Forces with all that is asked, or with the largest common share of it."""
-    solved = solve_forces(asked, solver, facets)
-    short = solved.missing
-    if not len(short):
+    solved = solve_forces(required, solver, facets)
+    infeasible = solved.missing
+    if not len(infeasible):
         return solved
     force = solved.force
-    bare, wanted = statement.take(short), asked.take(short)
-    plain = solve_forces(bare, solver, facets)
-    force[short] = plain.force
-    left = np.setdiff1d(np.arange(len(short)), plain.missing)
-    least = _attained(bare, wanted, plain.force)
-    largest = np.zeros(len(short))
-    for k in left:
-        largest[k] = _largest_share(least, wanted, int(k))
-    for part in _TRIED:
-        left = left[largest[left] > 0]
-        if not len(left):
+    unmargined, infeasible_required = statement.take(infeasible), required.take(infeasible)
+    unmargined_solution = solve_forces(unmargined, solver, facets)
+    force[infeasible] = unmargined_solution.force
+    open_rows = np.setdiff1d(np.arange(len(infeasible)), unmargined_solution.missing)
+    attained = _clip_to_attained(unmargined, infeasible_required, unmargined_solution.force)
+    max_fraction = np.zeros(len(infeasible))
+    for k in open_rows:
+        max_fraction[k] = _find_max_fraction(attained, infeasible_required, int(k))
+    for tried_fraction in _TRIED_FRACTIONS:
+        open_rows = open_rows[max_fraction[open_rows] > 0]
+        if not len(open_rows):
             break
-        there = solve_forces(_between(least, wanted, part * largest).take(left), solver, facets)
-        held = np.setdiff1d(np.arange(len(left)), there.missing)
-        force[short[left[held]]] = there.force[held]
-        left = left[there.missing]
-    again = solved.solved_again + plain.solved_again
-    return SolvedForces(force, short[plain.missing], solved.unbalanced, again)
+        solution = solve_forces(
+            _interpolate_margins(attained, infeasible_required, tried_fraction * max_fraction).take(
+                open_rows
+            ),
+            solver,
+            facets,
+        )
+        solved_rows = np.setdiff1d(np.arange(len(open_rows)), solution.missing)
+        force[infeasible[open_rows[solved_rows]]] = solution.force[solved_rows]
+        open_rows = open_rows[solution.missing]
+    num_resolved = solved.solved_again + unmargined_solution.solved_again
+    return SolvedForces(
+        force, infeasible[unmargined_solution.missing], solved.unbalanced, num_resolved
+    )
 
 
-def with_margins(statement: ForceStatement, margins: MarginsSpec) -> ForceStatement:
+def apply_margins(statement: ForceStatement, margins: MarginsSpec) -> ForceStatement:
     """The force problems with their margins as bounds; what a spec bounds more tightly stays."""
     weight = statement.robot.weight / statement.points * margins.factors(statement.rounds)
     return replace(
         statement,
-        least_pressure=np.maximum(statement.least_pressure, margins.pressure * weight),
+        least_pressure=np.maximum(statement.least_pressure, margins.normal_force * weight),
         reserve=np.maximum(statement.reserve, margins.friction * weight),
         least_depth=np.maximum(statement.least_depth, margins.depth),
         largest_s=np.minimum(statement.largest_s, (1 - TORQUE_MARGIN) * (1 - margins.torque)),
@@ -209,57 +255,68 @@ def with_margins(statement: ForceStatement, margins: MarginsSpec) -> ForceStatem
     )
 
 
-def _attained(bare: ForceStatement, asked: ForceStatement, force: Array) -> ForceStatement:
+def _clip_to_attained(
+    unmargined: ForceStatement, required: ForceStatement, force: Array
+) -> ForceStatement:
     """The problems with bounds that forces (K, N, 3) meet: those asked, as far as they do.
 
     Torque is left bounded as it is: those forces have the least, and a share of nothing beyond it
     would leave none of the others either.
     """
-    contact = bare.contact
-    parts = split_force(force, bare.normal)
-    spare = parts.normal - parts.shear / np.maximum(bare.usable_mu, _SMOOTH)
-    depth = np.where(bare.standing, depths_of(bare, force), asked.least_depth)
-    left = loaded_stiffness(bare.braced, force).left
-    pressure, spare = _least(parts.normal, contact), _least(spare, contact)
+    contact = unmargined.contact
+    components = split_force(force, unmargined.normal)
+    slip_reserve = components.normal - components.shear / np.maximum(unmargined.usable_mu, _MIN_MU)
+    penetration = np.where(
+        unmargined.standing, compute_penetration(unmargined, force), required.least_depth
+    )
+    stiffness_ratio = loaded_stiffness(unmargined.braced, force).left
+    pressure, slip_reserve = (
+        _min_over_contacts(components.normal, contact),
+        _min_over_contacts(slip_reserve, contact),
+    )
     return replace(
-        bare,
-        least_pressure=np.clip(pressure, bare.least_pressure, asked.least_pressure),
-        reserve=np.clip(spare, bare.reserve, asked.reserve),
-        least_depth=np.clip(depth, bare.least_depth, asked.least_depth),
-        stiffness_left=np.clip(left, bare.stiffness_left, asked.stiffness_left),
+        unmargined,
+        least_pressure=np.clip(pressure, unmargined.least_pressure, required.least_pressure),
+        reserve=np.clip(slip_reserve, unmargined.reserve, required.reserve),
+        least_depth=np.clip(penetration, unmargined.least_depth, required.least_depth),
+        stiffness_left=np.clip(stiffness_ratio, unmargined.stiffness_left, required.stiffness_left),
     )
 
 
-def _least(values: Array, contact: BoolArray) -> Array:
+def _min_over_contacts(values: Array, contact: BoolArray) -> Array:
     """(K,) least of (K, N) over the toes in contact."""
     return np.asarray(np.where(contact, values, np.inf).min(axis=1))
 
 
-_MOVED = ("least_pressure", "reserve", "least_depth", "largest_s", "stiffness_left")
+_MARGIN_FIELDS = ("least_pressure", "reserve", "least_depth", "largest_s", "stiffness_left")
 
 
-def _between(least: ForceStatement, asked: ForceStatement, share: Array) -> ForceStatement:
+def _interpolate_margins(
+    attained: ForceStatement, required: ForceStatement, fraction: Array
+) -> ForceStatement:
     """The problems with a share (K,) of what is asked beyond the least."""
-    moved = {}
-    for name in _MOVED:
-        low, high = vars(least)[name], vars(asked)[name]
-        part = share if low.ndim == 1 else share[:, None]
-        moved[name] = low + part * (high - low)
-    return replace(least, **moved)
+    interpolated = {}
+    for name in _MARGIN_FIELDS:
+        low, high = vars(attained)[name], vars(required)[name]
+        weight = fraction if low.ndim == 1 else fraction[:, None]
+        interpolated[name] = low + weight * (high - low)
+    return replace(attained, **interpolated)
 
 
-def _largest_share(least: ForceStatement, asked: ForceStatement, k: int) -> float:
+def _find_max_fraction(attained: ForceStatement, required: ForceStatement, k: int) -> float:
     """The largest t of instant k; 0 where Clarabel finds none."""
-    low, high = (instant_cones(statement, k) for statement in (least, asked))
-    program, ends = (ConicProgram(3 * low.contacts + 1) for _ in range(2))
-    program.forces(low)
-    ends.forces(high)
+    attained_cones, required_cones = (
+        build_instant_cones(statement, k) for statement in (attained, required)
+    )
+    program, end_program = (ConicProgram(3 * attained_cones.contacts + 1) for _ in range(2))
+    program.forces(attained_cones)
+    end_program.forces(required_cones)
     # b(t) - A f in a cone, b(t) = b(0) + t (b(1) - b(0))
-    for (_, _, A, b), (_, _, _, end) in zip(program.blocks, ends.blocks, strict=True):
-        A[:, -1] = b - end
-    last = np.zeros((1, program.size))
-    last[0, -1] = 1.0
-    program.below("most", last, np.ones(1))
-    program.below("none", -last, np.zeros(1))
-    answer = program.minimise(-last[0])
-    return 0.0 if answer is None else float(np.clip(answer.x[-1], 0.0, 1.0))
+    for (_, _, A, b), (_, _, _, end_value) in zip(program.blocks, end_program.blocks, strict=True):
+        A[:, -1] = b - end_value
+    fraction_row = np.zeros((1, program.size))
+    fraction_row[0, -1] = 1.0
+    program.below("most", fraction_row, np.ones(1))
+    program.below("none", -fraction_row, np.zeros(1))
+    solution = program.minimise(-fraction_row[0])
+    return 0.0 if solution is None else float(np.clip(solution.x[-1], 0.0, 1.0))

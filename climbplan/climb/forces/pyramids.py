@@ -14,11 +14,16 @@ from typing import Protocol
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.climb.forces.reduction import Halfspaces, ReducedForces, halfspaces, set_friction
+from climbplan.climb.forces.reduction import (
+    Halfspaces,
+    ReducedForces,
+    build_halfspaces,
+    write_friction_rows,
+)
 from climbplan.mechanics.friction import regular_corners
 
-_COARSE = 3  # corners that close the second pyramid on its far side
-_WINDOW = 0.75  # half width of the fine part, in sides of the first pyramid
+_NUM_COARSE_CORNERS = 3  # corners that close the second pyramid on its far side
+_FINE_WINDOW = 0.75  # half width of the fine part, in sides of the first pyramid
 
 
 @dataclass(frozen=True)
@@ -42,38 +47,42 @@ def solve_pyramids(group: ReducedForces, facets: int, solver: RowSolver) -> Opti
     """Optima over inscribed pyramids of `facets` sides; solved where both passes are."""
     b, n = group.limb.shape
     corners = np.broadcast_to(regular_corners(facets), (b, n, facets))
-    rows = halfspaces(group, corners)
+    rows = build_halfspaces(group, corners)
     first = solver(group, rows)
-    set_friction(group, rows, _refined(_shear_direction(group, first.x[:, 1:]), facets))
-    second = solver(group, rows, _carried_over(first.active, rows))
+    write_friction_rows(
+        group, rows, _place_corners(_compute_shear_direction(group, first.x[:, 1:]), facets)
+    )
+    second = solver(group, rows, _build_warm_start(first.active, rows))
     return Optima(second.x, second.active, first.solved & second.solved)
 
 
-def _shear_direction(group: ReducedForces, y: Array) -> Array:
+def _compute_shear_direction(group: ReducedForces, y: Array) -> Array:
     """(B, n) angle of each tangential force from the tangent [rad]."""
     force = group.frame_particular + np.einsum("bniq,bq->bni", group.frame_null_space, y)
     return np.arctan2(force[..., 2], force[..., 1])
 
 
-def _refined(direction: Array, facets: int) -> Array:
+def _place_corners(direction: Array, facets: int) -> Array:
     """(B, n, F) corners around `direction` (B, n), one of them on it."""
-    fine = max(1, facets - _COARSE)
-    fine -= 1 - fine % 2  # odd, so that one corner is in the middle
-    coarse = facets - fine
-    width = _WINDOW * 2 * np.pi / facets if fine > 1 else 0.0
-    near = np.linspace(-width, width, fine)
-    far = width + (2 * np.pi - 2 * width) * np.arange(1, coarse + 1) / (coarse + 1)
-    return np.asarray(direction[..., None] + np.concatenate([near, far]))
+    num_fine = max(1, facets - _NUM_COARSE_CORNERS)
+    num_fine -= 1 - num_fine % 2  # odd, so that one corner is in the middle
+    num_coarse = facets - num_fine
+    width = _FINE_WINDOW * 2 * np.pi / facets if num_fine > 1 else 0.0
+    fine_angles = np.linspace(-width, width, num_fine)
+    coarse_angles = width + (2 * np.pi - 2 * width) * np.arange(1, num_coarse + 1) / (
+        num_coarse + 1
+    )
+    return np.asarray(direction[..., None] + np.concatenate([fine_angles, coarse_angles]))
 
 
-def _carried_over(active: BoolArray, rows: Halfspaces) -> BoolArray:
+def _build_warm_start(active: BoolArray, rows: Halfspaces) -> BoolArray:
     """Rows to start the second pass from: the same joints and contacts, and the facet that begins
     at the middle corner wherever friction was active."""
     n, facets = rows.contacts, rows.facets
-    sliding = active[:, rows.friction].reshape(-1, n, facets).any(axis=-1)
+    is_sliding = active[:, rows.friction].reshape(-1, n, facets).any(axis=-1)
     friction = np.zeros((len(active), n, facets), bool)
-    fine = max(1, facets - _COARSE)
-    friction[:, :, (fine - (1 - fine % 2)) // 2] = sliding
-    start = active.copy()
-    start[:, rows.friction] = friction.reshape(len(active), -1)
-    return start
+    num_fine = max(1, facets - _NUM_COARSE_CORNERS)
+    friction[:, :, (num_fine - (1 - num_fine % 2)) // 2] = is_sliding
+    initial_active = active.copy()
+    initial_active[:, rows.friction] = friction.reshape(len(active), -1)
+    return initial_active

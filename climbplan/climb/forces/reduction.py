@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.climb.forces.statement import ForceStatement, of_limbs
+from climbplan.climb.forces.statement import ForceStatement, sum_over_limb_points
 from climbplan.mechanics.equilibrium import balance_load
 from climbplan.mechanics.friction import contact_frame, project_to_cone, pyramid_rows
 
@@ -20,8 +20,8 @@ from climbplan.mechanics.friction import contact_frame, project_to_cone, pyramid
 # picks those for which the limbs bend least, which makes the answer unique. Below a threshold such
 # a term leaves the optimum of a linear program where it is; measured, it costs 1e-9 of the optimum.
 PREFERENCE = 1e-6
-BEND = 0.1  # [m]
-_DEFINITE = 1e-2  # part of PREFERENCE on y itself, for limbs that are stiff in some direction
+DEFLECTION_SCALE = 0.1  # [m]
+_REGULARISATION = 1e-2  # part of PREFERENCE on y itself, for limbs that are stiff in some direction
 BALANCE_TOLERANCE = 1e-9  # load that contacts in a line may leave unbalanced, relative
 
 
@@ -92,8 +92,8 @@ class ReducedForces:
         much against its own friction cone, so rounding is moved into equilibrium.
         """
         force = self.particular + np.einsum("bniq,bq->bni", self.null_space, y)
-        safe = self.usable_mu * (1 - 1e-12)
-        return self.unit * project_to_cone(force, self.normal, safe)
+        safe_mu = self.usable_mu * (1 - 1e-12)
+        return self.unit * project_to_cone(force, self.normal, safe_mu)
 
 
 @dataclass(frozen=True)
@@ -106,51 +106,55 @@ class Reduction:
 
 def reduce_forces(statement: ForceStatement) -> Reduction:
     """Eliminate equilibrium from the force problems of all instants."""
-    count = statement.contact.sum(axis=1)
+    num_contacts = statement.contact.sum(axis=1)
     groups: list[ReducedForces] = []
     unbalanced: list[IntArray] = []
-    for n in np.unique(count):
-        rows = np.flatnonzero(count == n)
+    for n in np.unique(num_contacts):
+        rows = np.flatnonzero(num_contacts == n)
         # Instants with the same limbs in contact follow each other: they resemble each other.
-        pattern = np.lexsort((rows, *statement.contact[rows].T))
-        rows = rows[pattern]
+        contact_order = np.lexsort((rows, *statement.contact[rows].T))
+        rows = rows[contact_order]
         limbs = np.nonzero(statement.contact[rows])[1].reshape(len(rows), n)
         if n == 0:
             unbalanced.append(rows[np.any(statement.load[rows] != 0, axis=1)])
             continue
         arms = np.take_along_axis(statement.arms[rows], limbs[..., None], axis=1)
         load = statement.load[rows] / statement.unit
-        for at, balance in balance_load(arms, load, statement.length):
-            holds = balance.residual <= BALANCE_TOLERANCE
-            unbalanced.append(rows[at[~holds]])
-            kept = at[holds]
-            if len(kept):
-                particular = balance.particular[holds].reshape(len(kept), n, 3)
-                null_space = balance.null_space[holds].reshape(len(kept), n, 3, -1)
-                groups.append(_reduced(statement, rows[kept], limbs[kept], particular, null_space))
-    none = np.empty(0, np.int64)
-    return Reduction(tuple(groups), np.sort(np.concatenate([none, *unbalanced])))
+        for group_rows, balance in balance_load(arms, load, statement.length):
+            is_balanced = balance.residual <= BALANCE_TOLERANCE
+            unbalanced.append(rows[group_rows[~is_balanced]])
+            balanced_rows = group_rows[is_balanced]
+            if len(balanced_rows):
+                particular = balance.particular[is_balanced].reshape(len(balanced_rows), n, 3)
+                null_space = balance.null_space[is_balanced].reshape(len(balanced_rows), n, 3, -1)
+                groups.append(
+                    _reduce_group(
+                        statement, rows[balanced_rows], limbs[balanced_rows], particular, null_space
+                    )
+                )
+    no_instants = np.empty(0, np.int64)
+    return Reduction(tuple(groups), np.sort(np.concatenate([no_instants, *unbalanced])))
 
 
-def _reduced(
+def _reduce_group(
     statement: ForceStatement, rows: IntArray, limbs: IntArray, particular: Array, null_space: Array
 ) -> ReducedForces:
-    at = (rows[:, None], limbs)
-    axes = contact_frame(statement.normal[at]).axes
+    contact_index = (rows[:, None], limbs)
+    axes = contact_frame(statement.normal[contact_index]).axes
     frame_null_space = axes @ null_space
-    torque = statement.torque_per_force[at] * statement.unit
+    torque = statement.torque_per_force[contact_index] * statement.unit
     b, n, q = len(rows), limbs.shape[1], null_space.shape[-1]
     points = statement.points
     gradient = np.ones((b, q + 1))
     gradient[:, 1:] = frame_null_space[:, :, 0].sum(axis=1)
     gradient[:, 1:] *= -statement.normal_force_weight * statement.unit
-    deflected = statement.compliance[at] * (statement.unit / BEND)
-    deflected_particular = (deflected @ particular[..., None]).reshape(b, 3 * n, 1)
-    deflected_null_space = (deflected @ null_space).reshape(b, 3 * n, q)
+    scaled_compliance = statement.compliance[contact_index] * (statement.unit / DEFLECTION_SCALE)
+    deflected_particular = (scaled_compliance @ particular[..., None]).reshape(b, 3 * n, 1)
+    deflected_null_space = (scaled_compliance @ null_space).reshape(b, 3 * n, q)
     transposed = PREFERENCE * np.swapaxes(deflected_null_space, 1, 2)
     preference = np.zeros((b, q + 1, q + 1))
     preference[:, 1:, 1:] = transposed @ deflected_null_space
-    preference += PREFERENCE * _DEFINITE * np.eye(q + 1)
+    preference += PREFERENCE * _REGULARISATION * np.eye(q + 1)
     preference_gradient = np.zeros((b, q + 1))
     preference_gradient[:, 1:] = (transposed @ deflected_particular)[..., 0]
     return ReducedForces(
@@ -158,13 +162,15 @@ def _reduced(
         limb=limbs,
         particular=particular,
         null_space=null_space,
-        torque_particular=of_limbs(np.einsum("bnij,bnj->bni", torque, particular), points)
+        torque_particular=sum_over_limb_points(
+            np.einsum("bnij,bnj->bni", torque, particular), points
+        )
         + statement.links_share[rows[:, None], limbs[:, ::points] // points],
-        torque_null_space=of_limbs(torque @ null_space, points),
+        torque_null_space=sum_over_limb_points(torque @ null_space, points),
         normal=axes[:, :, 0],
         frame_particular=(axes @ particular[..., None])[..., 0],
         frame_null_space=frame_null_space,
-        usable_mu=statement.usable_mu[at],
+        usable_mu=statement.usable_mu[contact_index],
         gradient=gradient,
         preference=preference,
         preference_gradient=preference_gradient,
@@ -206,38 +212,46 @@ class Halfspaces:
         return slice(start, start + self.contacts * self.facets)
 
 
-def halfspaces(group: ReducedForces, corners: Array | None = None, facets: int = 0) -> Halfspaces:
+def build_halfspaces(
+    group: ReducedForces, corners: Array | None = None, facets: int = 0
+) -> Halfspaces:
     """Torque and contact rows, and friction rows for polygons with `corners` (B, n, F) [rad].
 
     Without corners the friction rows are left at zero for `set_friction`.
     """
     b, n, q = len(group.instant), group.contacts, group.unknowns
     facets = facets if corners is None else corners.shape[-1]
-    t = group.torque_particular[0].size  # torques in one direction
-    m = 2 * t + n * (1 + facets)
+    num_torques = group.torque_particular[0].size  # torques in one direction
+    m = 2 * num_torques + n * (1 + facets)
     A = np.zeros((b, m + group.further.shape[1], q + 1))
     upper = np.zeros((b, m + group.further.shape[1]))
     # Torque: +-(T f0 + T Z y) - s <= 0
-    A[:, : 2 * t, 0] = -1.0
-    A[:, :t, 1:] = group.torque_null_space.reshape(b, t, q)
-    np.negative(A[:, :t, 1:], out=A[:, t : 2 * t, 1:])
-    upper[:, t : 2 * t] = group.torque_particular.reshape(b, t)
-    np.negative(upper[:, t : 2 * t], out=upper[:, :t])
+    A[:, : 2 * num_torques, 0] = -1.0
+    A[:, :num_torques, 1:] = group.torque_null_space.reshape(b, num_torques, q)
+    np.negative(A[:, :num_torques, 1:], out=A[:, num_torques : 2 * num_torques, 1:])
+    upper[:, num_torques : 2 * num_torques] = group.torque_particular.reshape(b, num_torques)
+    np.negative(upper[:, num_torques : 2 * num_torques], out=upper[:, :num_torques])
     # Contact: -n . (f0 + Z y) <= -least pressure
-    np.negative(group.frame_null_space[:, :, 0], out=A[:, 2 * t : 2 * t + n, 1:])
-    upper[:, 2 * t : 2 * t + n] = group.frame_particular[:, :, 0] - group.least_pressure[:, None]
+    np.negative(
+        group.frame_null_space[:, :, 0], out=A[:, 2 * num_torques : 2 * num_torques + n, 1:]
+    )
+    upper[:, 2 * num_torques : 2 * num_torques + n] = (
+        group.frame_particular[:, :, 0] - group.least_pressure[:, None]
+    )
     A[:, m:, 1:], upper[:, m:] = group.further, group.further_upper
-    rows = Halfspaces(A, upper, n, facets, t)
+    rows = Halfspaces(A, upper, n, facets, num_torques)
     if corners is not None:
-        set_friction(group, rows, corners)
+        write_friction_rows(group, rows, corners)
     return rows
 
 
-def set_friction(group: ReducedForces, rows: Halfspaces, corners: Array) -> None:
+def write_friction_rows(group: ReducedForces, rows: Halfspaces, corners: Array) -> None:
     """Write the friction rows of polygons with `corners` (B, n, F) into `rows`."""
     b, n, q = len(group.instant), group.contacts, group.unknowns
-    facet = pyramid_rows(group.usable_mu, corners)  # (B, n, F, 3)
-    rows.A[:, rows.friction, 1:] = (facet @ group.frame_null_space).reshape(b, n * rows.facets, q)
-    held = group.frame_particular.copy()
-    held[..., 0] -= group.reserve[:, None]  # the cone begins where the reserve ends
-    rows.upper[:, rows.friction] = -(facet @ held[..., None]).reshape(b, -1)
+    facet_rows = pyramid_rows(group.usable_mu, corners)  # (B, n, F, 3)
+    rows.A[:, rows.friction, 1:] = (facet_rows @ group.frame_null_space).reshape(
+        b, n * rows.facets, q
+    )
+    reserved = group.frame_particular.copy()
+    reserved[..., 0] -= group.reserve[:, None]  # the cone begins where the reserve ends
+    rows.upper[:, rows.friction] = -(facet_rows @ reserved[..., None]).reshape(b, -1)

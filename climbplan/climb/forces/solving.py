@@ -18,11 +18,11 @@ from climbplan.climb.forces.clarabel import solve_clarabel
 from climbplan.climb.forces.daqp import solve_daqp
 from climbplan.climb.forces.pyramids import solve_pyramids
 from climbplan.climb.forces.reduction import ReducedForces, Reduction, reduce_forces
-from climbplan.climb.forces.restrictions import Restrictions, stability_cone
+from climbplan.climb.forces.restrictions import LazyConstraints, build_stability_cone
 from climbplan.climb.forces.statement import RESIDUAL_LIMIT, ForceStatement, check_forces
 from climbplan.errors import UsageError
 
-_CUT_ROUNDS = 8  # times an instant is solved again with new restrictions
+_MAX_CUT_ROUNDS = 8  # times an instant is solved again with new restrictions
 
 _log = logging.getLogger(__name__)
 
@@ -36,27 +36,27 @@ class _Answers:
 GroupSolver = Callable[[ReducedForces, int], _Answers]
 
 
-def _by_daqp(group: ReducedForces, facets: int) -> _Answers:
+def _solve_by_daqp(group: ReducedForces, facets: int) -> _Answers:
     optima = solve_pyramids(group, facets, solve_daqp)
     return _Answers(group.forces(optima.x[:, 1:]), optima.solved)
 
 
-def _by_osqp(group: ReducedForces, facets: int) -> _Answers:
+def _solve_by_osqp(group: ReducedForces, facets: int) -> _Answers:
     from climbplan.climb.forces.osqp import solve_osqp
 
     optima = solve_pyramids(group, facets, solve_osqp)
     return _Answers(group.forces(optima.x[:, 1:]), optima.solved)
 
 
-def _by_clarabel(group: ReducedForces, facets: int) -> _Answers:
+def _solve_by_clarabel(group: ReducedForces, facets: int) -> _Answers:
     optima = solve_clarabel(group)
     return _Answers(group.forces(optima.x[:, 1:]), optima.solved)
 
 
 SOLVERS: dict[str, GroupSolver] = {
-    "daqp": _by_daqp,
-    "clarabel": _by_clarabel,
-    "osqp": _by_osqp,
+    "daqp": _solve_by_daqp,
+    "clarabel": _solve_by_clarabel,
+    "osqp": _solve_by_osqp,
 }
 
 
@@ -78,31 +78,31 @@ def solve_forces(statement: ForceStatement, solver: str, facets: int) -> SolvedF
     force = np.zeros(statement.arms.shape)
     solved = np.ones(len(force), bool)
     for group in reduction.groups:
-        _enter(group, SOLVERS[solver](group, facets), force, solved)
-    restrictions = Restrictions(statement)
-    broken = restrictions.broken_by(force)
-    for _ in range(_CUT_ROUNDS):
-        broken = broken[solved[broken]]
-        if not len(broken):
+        _store_answers(group, SOLVERS[solver](group, facets), force, solved)
+    constraints = LazyConstraints(statement)
+    violating = constraints.broken_by(force)
+    for _ in range(_MAX_CUT_ROUNDS):
+        violating = violating[solved[violating]]
+        if not len(violating):
             break
-        _solve_restricted(reduction, restrictions, broken, solver, facets, force, solved)
-        broken = np.intersect1d(broken, restrictions.broken_by(force))
-    held = solved & (check_forces(statement, force).worst <= RESIDUAL_LIMIT)
-    held[reduction.unbalanced] = True  # nothing to solve
-    left = np.flatnonzero(~held)
-    if len(left):
-        _log.info("%d instants without an answer of %s, solved by Clarabel", len(left), solver)
-        restrictions.reserve = 0.0  # a motion that needs it will say so
-        _solve_restricted(reduction, restrictions, left, "clarabel", facets, force, solved)
-        held = solved & (check_forces(statement, force).worst <= RESIDUAL_LIMIT)
-        held[reduction.unbalanced] = True
-    missing = np.flatnonzero(~held)
-    return SolvedForces(force, missing, reduction.unbalanced, len(left))
+        _solve_constrained(reduction, constraints, violating, solver, facets, force, solved)
+        violating = np.intersect1d(violating, constraints.broken_by(force))
+    is_accepted = solved & (check_forces(statement, force).worst <= RESIDUAL_LIMIT)
+    is_accepted[reduction.unbalanced] = True  # nothing to solve
+    unsolved = np.flatnonzero(~is_accepted)
+    if len(unsolved):
+        _log.info("%d instants without an answer of %s, solved by Clarabel", len(unsolved), solver)
+        constraints.reserve = 0.0  # a motion that needs it will say so
+        _solve_constrained(reduction, constraints, unsolved, "clarabel", facets, force, solved)
+        is_accepted = solved & (check_forces(statement, force).worst <= RESIDUAL_LIMIT)
+        is_accepted[reduction.unbalanced] = True
+    missing = np.flatnonzero(~is_accepted)
+    return SolvedForces(force, missing, reduction.unbalanced, len(unsolved))
 
 
-def _solve_restricted(
+def _solve_constrained(
     reduction: Reduction,
-    restrictions: Restrictions,
+    constraints: LazyConstraints,
     instants: IntArray,
     solver: str,
     facets: int,
@@ -111,22 +111,26 @@ def _solve_restricted(
 ) -> None:
     """Solve some instants again, with all restrictions found so far."""
     for group in reduction.groups:
-        at = np.flatnonzero(np.isin(group.instant, instants))
-        if len(at):
-            part = group.take(at)
-            rows = restrictions.commands(part.instant).and_also(restrictions.depths(part.instant))
-            A, upper = rows.of_limbs(part.limb), rows.upper
+        rows_in_group = np.flatnonzero(np.isin(group.instant, instants))
+        if len(rows_in_group):
+            subgroup = group.take(rows_in_group)
+            rows = constraints.commands(subgroup.instant).and_also(
+                constraints.depths(subgroup.instant)
+            )
+            A, upper = rows.of_limbs(subgroup.limb), rows.upper
             if solver == "clarabel":
-                rows = stability_cone(restrictions.statement, part.instant)
-                part = part.stabilised(rows.of_limbs(part.limb), rows.upper)
+                rows = build_stability_cone(constraints.statement, subgroup.instant)
+                subgroup = subgroup.stabilised(rows.of_limbs(subgroup.limb), rows.upper)
             else:
-                rows = restrictions.cuts(part.instant)
-                A = np.concatenate([A, rows.of_limbs(part.limb)], axis=1)
+                rows = constraints.cuts(subgroup.instant)
+                A = np.concatenate([A, rows.of_limbs(subgroup.limb)], axis=1)
                 upper = np.concatenate([upper, rows.upper], axis=1)
-            part = part.restricted(A, upper)
-            _enter(part, SOLVERS[solver](part, facets), force, solved)
+            subgroup = subgroup.restricted(A, upper)
+            _store_answers(subgroup, SOLVERS[solver](subgroup, facets), force, solved)
 
 
-def _enter(group: ReducedForces, answers: _Answers, force: Array, solved: BoolArray) -> None:
+def _store_answers(
+    group: ReducedForces, answers: _Answers, force: Array, solved: BoolArray
+) -> None:
     force[group.instant[:, None], group.limb] = answers.force
     solved[group.instant] = answers.solved

@@ -43,7 +43,7 @@ from climbplan.robots.model import Robot
 
 RESIDUAL_LIMIT = 1e-7  # largest residual of accepted forces, see ForceResiduals
 TORQUE_MARGIN = 1e-8  # s stays this much (relative) below its bound, so that S_tau is met as asked
-COMMAND_RESERVE = 2e-3  # [rad] kept from joint bounds where possible: between two instants joints
+COMMAND_MARGIN = 2e-3  # [rad] kept from joint bounds where possible: between two instants joints
 # move on curves, and need some room beside the straight lines between commands
 
 
@@ -98,11 +98,11 @@ class ForceStatement:
 
     def as_published(self) -> ForceStatement:
         """The problem of chapter 5.1.4: no bounds on commands, no word on stability."""
-        free = np.full(self.joint_angles.shape, np.inf)
+        unbounded = np.full(self.joint_angles.shape, np.inf)
         return replace(
             self,
-            room_below=free,
-            room_above=free,
+            room_below=unbounded,
+            room_above=unbounded,
             stiffness_left=np.full(len(self.arms), -np.inf),
             least_pressure=np.zeros(len(self.arms)),
             reserve=np.zeros(len(self.arms)),
@@ -121,13 +121,13 @@ class ForceStatement:
 
     def take(self, rows: IntArray) -> ForceStatement:
         """The same problems for some of the instants."""
-        fixed = {"max_torque"}  # arrays that are not by instant
-        parts: dict[str, Any] = {
+        constant_names = {"max_torque"}  # arrays that are not by instant
+        selected: dict[str, Any] = {
             name: value[rows]
             for name, value in vars(self).items()
-            if isinstance(value, np.ndarray) and name not in fixed
+            if isinstance(value, np.ndarray) and name not in constant_names
         }
-        return replace(self, **parts)
+        return replace(self, **selected)
 
     @property
     def usable_mu(self) -> Array:
@@ -146,23 +146,25 @@ class ForceStatement:
         return np.asarray(self.link_torques / self.max_torque)
 
 
-def state_forces(scene: MotionScene, instants: Instants, margin: float = 0.0) -> ForceStatement:
+def build_force_statement(
+    scene: MotionScene, instants: Instants, margin: float = 0.0
+) -> ForceStatement:
     """The force problems of a scene's instants; margin: part of soles that is not pressed on."""
     robot, force, count = scene.robot.pressed_within(margin), scene.spec.force, instants.count
-    asked = -np.inf if force.least_depth is None else force.least_depth
+    min_penetration = -np.inf if force.min_penetration is None else force.min_penetration
     arms = pushed_points(robot, instants.toes, instants.normal) - instants.com[:, None]
     load = total_load(robot, instants.external_wrench, instants.rpy, instants.joint_angles)
     length = robot.reach
-    size = np.hypot(
+    load_norms = np.hypot(
         np.linalg.norm(load[:, :3], axis=1), np.linalg.norm(load[:, 3:], axis=1) / length
     )
-    heaviest = float(size.max(initial=0.0))
+    max_load = float(load_norms.max(initial=0.0))
     # Without any load the torque limits set the scale.
-    unit = heaviest if heaviest > 0 else float(robot.max_torque.min() / length)
+    unit = max_load if max_load > 0 else float(robot.max_torque.min() / length)
     pose = instants.rpy, instants.joint_angles, instants.normal
-    jacobian, of_toes = point_jacobian(robot, *pose), contact_jacobian(robot, *pose)
+    jacobian, toe_jacobian = point_jacobian(robot, *pose), contact_jacobian(robot, *pose)
     contact = by_point(robot, instants.contact, 1)
-    compensated = force.sag == "compensated"
+    compensated = force.deflection_compensation == "compensated"
     bending = joint_bending(robot, jacobian, arms, contact, compensated)
     points = contact.shape[1] // instants.contact.shape[1]
     return ForceStatement(
@@ -175,7 +177,7 @@ def state_forces(scene: MotionScene, instants: Instants, margin: float = 0.0) ->
         compliance=limb_compliance(robot, jacobian),
         joint_angles=instants.joint_angles,
         bending=bending,
-        inward=commanded_depth(of_toes, instants.normal, bending),
+        inward=commanded_depth(toe_jacobian, instants.normal, bending),
         room_below=np.maximum(instants.joint_angles - robot.joint_lower, 0.0),
         room_above=np.maximum(robot.joint_upper - instants.joint_angles, 0.0),
         max_torque=robot.max_torque,
@@ -184,11 +186,11 @@ def state_forces(scene: MotionScene, instants: Instants, margin: float = 0.0) ->
         safety_friction=force.safety_friction,
         least_safety_torque=force.safety_torque,
         largest_s=np.full(count, (1 - TORQUE_MARGIN) / force.safety_torque),
-        stiffness_left=np.full(count, force.stiffness_left),
+        stiffness_left=np.full(count, force.min_stiffness_ratio),
         normal_force_weight=force.normal_force_weight,
-        least_pressure=np.full(count, force.least_pressure / points),
+        least_pressure=np.full(count, force.min_normal_force / points),
         reserve=np.zeros(count),
-        least_depth=np.full(instants.contact.shape, asked),
+        least_depth=np.full(instants.contact.shape, min_penetration),
         unit=unit,
         length=length,
         robot=robot,
@@ -196,29 +198,31 @@ def state_forces(scene: MotionScene, instants: Instants, margin: float = 0.0) ->
     )
 
 
-def torques_of(statement: ForceStatement, force: Array) -> Array:
+def compute_joint_torques(statement: ForceStatement, force: Array) -> Array:
     """Joint torques J^T f (K, N, J) [N m] of forces (K, C, 3)."""
-    return of_limbs(np.einsum("knij,kni->knj", statement.jacobian, force), statement.points)
+    return sum_over_limb_points(
+        np.einsum("knij,kni->knj", statement.jacobian, force), statement.points
+    )
 
 
-def torque_use(statement: ForceStatement, force: Array) -> Array:
+def compute_torque_ratio(statement: ForceStatement, force: Array) -> Array:
     """(K,) largest part of its limit that a motor's torque has under forces (K, C, 3)."""
-    return np.asarray(_limb_use(statement, force).max(axis=1))
+    return np.asarray(_compute_limb_torque_ratios(statement, force).max(axis=1))
 
 
-def standing_use(statement: ForceStatement, force: Array) -> Array:
+def compute_contact_torque_ratio(statement: ForceStatement, force: Array) -> Array:
     """(K,) the same of the limbs in contact alone: no force helps those in the air."""
-    use = _limb_use(statement, force)
-    return np.asarray(np.where(statement.standing, use, 0.0).max(axis=1))
+    ratios = _compute_limb_torque_ratios(statement, force)
+    return np.asarray(np.where(statement.standing, ratios, 0.0).max(axis=1))
 
 
-def _limb_use(statement: ForceStatement, force: Array) -> Array:
+def _compute_limb_torque_ratios(statement: ForceStatement, force: Array) -> Array:
     """(K, N) largest part of its limit that a torque of each limb's motors has."""
-    torques = torques_of(statement, force) + statement.link_torques
+    torques = compute_joint_torques(statement, force) + statement.link_torques
     return np.asarray((np.abs(torques) / statement.max_torque).max(axis=2))
 
 
-def of_limbs(values: Array, points: int) -> Array:
+def sum_over_limb_points(values: Array, points: int) -> Array:
     """Sums (B, N, ...) over the points of each limb, of values (B, N points, ...)."""
     return (
         values
@@ -227,49 +231,52 @@ def of_limbs(values: Array, points: int) -> Array:
     )
 
 
-def commands_of(statement: ForceStatement, force: Array) -> Array:
+def compute_commands(statement: ForceStatement, force: Array) -> Array:
     """Joint commands theta - D f (K, N, J) [rad] that press with forces (K, C, 3)."""
-    return np.asarray(statement.joint_angles - _bent(statement, force))
+    return np.asarray(statement.joint_angles - _compute_deflection(statement, force))
 
 
-def _bent(statement: ForceStatement, force: Array) -> Array:
+def _compute_deflection(statement: ForceStatement, force: Array) -> Array:
     return np.einsum("knjml,kml->knj", statement.bending, force, optimize=True)
 
 
-def beyond_bounds(statement: ForceStatement, force: Array, reserve: float = 0.0) -> Array:
+def compute_bound_violation(statement: ForceStatement, force: Array, margin: float = 0.0) -> Array:
     """(K, N, J) by how much commands leave the joint bounds, or a reserve within them [rad]."""
-    bent = _bent(statement, force)
-    low, high = (kept(room, reserve) for room in (statement.room_below, statement.room_above))
-    return np.maximum(np.maximum(bent - low, -bent - high), 0.0)
+    deflection = _compute_deflection(statement, force)
+    max_below, max_above = (
+        reduce_margin(bound_margin, margin)
+        for bound_margin in (statement.room_below, statement.room_above)
+    )
+    return np.maximum(np.maximum(deflection - max_below, -deflection - max_above), 0.0)
 
 
-def depths_of(statement: ForceStatement, force: Array) -> Array:
+def compute_penetration(statement: ForceStatement, force: Array) -> Array:
     """(K, N) how deep inside their surfaces toes are commanded by forces (K, C, 3) [m]."""
     return np.asarray(np.einsum("kiml,kml->ki", statement.inward, force, optimize=True))
 
 
-def free_depths_of(statement: ForceStatement, force: Array) -> Array:
+def compute_free_penetration(statement: ForceStatement, force: Array) -> Array:
     """(K, N) how deep toes would be inside their surfaces if nothing held them [m].
 
     `depths_of` is the first order of this: limbs that bend far move on arcs.
     """
-    command = commands_of(statement, force)
-    free = toe_world(statement.robot, np.zeros((len(force), 3)), statement.rpy, command)
+    command = compute_commands(statement, force)
+    free_toes = toe_world(statement.robot, np.zeros((len(force), 3)), statement.rpy, command)
     points, normal = statement.points, statement.normal[:, :: statement.points]
-    touching = contact_points(statement.robot, free, normal)
+    free_contacts = contact_points(statement.robot, free_toes, normal)
     arms = statement.arms
     if points > 1:  # to the middles of soles
         arms = arms.reshape(len(arms), -1, points, 3).mean(axis=2)
-    return np.asarray(np.einsum("kni,kni->kn", normal, arms - touching))
+    return np.asarray(np.einsum("kni,kni->kn", normal, arms - free_contacts))
 
 
-def depth_missing(statement: ForceStatement, force: Array) -> Array:
+def compute_penetration_shortfall(statement: ForceStatement, force: Array) -> Array:
     """(K, N) by how much toes in contact are not commanded as deep as asked [m]."""
-    depth = depths_of(statement, force)
-    return np.where(statement.standing, np.maximum(statement.least_depth - depth, 0.0), 0.0)
+    penetration = compute_penetration(statement, force)
+    return np.where(statement.standing, np.maximum(statement.least_depth - penetration, 0.0), 0.0)
 
 
-def _stiffness_missing(statement: ForceStatement, force: Array) -> Array:
+def _compute_stiffness_shortfall(statement: ForceStatement, force: Array) -> Array:
     """(K,) share of the elastic stiffness that forces take beyond what they may."""
     if (statement.stiffness_left == -np.inf).all():
         return np.zeros(len(force))
@@ -278,16 +285,16 @@ def _stiffness_missing(statement: ForceStatement, force: Array) -> Array:
     )
 
 
-def kept(room: Array, reserve: float) -> Array:
+def reduce_margin(margin: Array, reserve: float) -> Array:
     """Rooms [rad] less a reserve, as far as there is room for it: no force bends no joint."""
-    return np.maximum(room - reserve, 0.0)
+    return np.maximum(margin - reserve, 0.0)
 
 
-def objective_of(statement: ForceStatement, force: Array) -> Array:
+def compute_objective(statement: ForceStatement, force: Array) -> Array:
     """s - w sum n . f (K,) of forces (K, C, 3), with s as small as their torques allow."""
-    s = torque_use(statement, force)
-    pressure = split_force(force, statement.normal).normal.sum(axis=1)
-    return np.asarray(s - statement.normal_force_weight * pressure)
+    s = compute_torque_ratio(statement, force)
+    normal_force = split_force(force, statement.normal).normal.sum(axis=1)
+    return np.asarray(s - statement.normal_force_weight * normal_force)
 
 
 @dataclass(frozen=True)
@@ -310,21 +317,24 @@ class ForceResiduals:
 
 def check_forces(statement: ForceStatement, force: Array) -> ForceResiduals:
     """Residuals of forces (K, C, 3) against the exact constraints, cones included."""
-    unbalanced = wrench_of(statement.arms, force) + statement.load
-    unbalanced[:, 3:] /= statement.length
-    parts = split_force(force, statement.normal)
-    held = np.maximum(parts.normal - statement.reserve[:, None] * statement.contact, 0.0)
-    excess = parts.shear - statement.usable_mu * held
-    missing = statement.least_pressure[:, None] * statement.contact - parts.normal
-    stray = np.abs(force).max(axis=-1) * ~statement.contact
-    bounded = torque_use(statement, force) * statement.least_safety_torque
-    left = standing_use(statement, force) * (1 - TORQUE_MARGIN) / statement.largest_s
+    residual_wrench = wrench_of(statement.arms, force) + statement.load
+    residual_wrench[:, 3:] /= statement.length
+    components = split_force(force, statement.normal)
+    cone_force = np.maximum(components.normal - statement.reserve[:, None] * statement.contact, 0.0)
+    excess = components.shear - statement.usable_mu * cone_force
+    missing_pressure = statement.least_pressure[:, None] * statement.contact - components.normal
+    airborne_force = np.abs(force).max(axis=-1) * ~statement.contact
+    safety_ratio = compute_torque_ratio(statement, force) * statement.least_safety_torque
+    margin_ratio = (
+        compute_contact_torque_ratio(statement, force) * (1 - TORQUE_MARGIN) / statement.largest_s
+    )
     return ForceResiduals(
-        equilibrium=np.linalg.norm(unbalanced, axis=1) / statement.unit,
+        equilibrium=np.linalg.norm(residual_wrench, axis=1) / statement.unit,
         friction=np.maximum(excess, 0.0).max(axis=1) / statement.unit,
-        contact=np.maximum(np.maximum(missing, stray), 0.0).max(axis=1) / statement.unit,
-        torque=np.maximum(np.maximum(bounded, left) - 1.0, 0.0),
-        command=beyond_bounds(statement, force).max(axis=(1, 2)),
-        inward=depth_missing(statement, force).max(axis=1),
-        stability=_stiffness_missing(statement, force),
+        contact=np.maximum(np.maximum(missing_pressure, airborne_force), 0.0).max(axis=1)
+        / statement.unit,
+        torque=np.maximum(np.maximum(safety_ratio, margin_ratio) - 1.0, 0.0),
+        command=compute_bound_violation(statement, force).max(axis=(1, 2)),
+        inward=compute_penetration_shortfall(statement, force).max(axis=1),
+        stability=_compute_stiffness_shortfall(statement, force),
     )

@@ -1,11 +1,14 @@
-"""What is proved impossible about a climb, whatever method would plan it.
+"""Proofs that a climb has no plan, whatever method would search for it.
 
-Methods restrict the problem, so what they cannot do proves nothing. Each proof here rests on facts
-that every plan of the stated climb satisfies (`verify` holds plans to them), and on values that the
-spec states (`climbplan.schema.stated`): the way against the steps allowed, toes against the length
-of the limbs, the directions of all friction cones against the load, forces and moments of all that
-is within reach of start and goal, and the outer statement of the postures, which has all of the
-geometry and the choice of regions in it.
+Methods restrict the problem, so their failure proves nothing. Each proof here is a relaxation: it
+uses only facts that every plan of the stated climb satisfies, which `verify` checks, and values
+that the spec states (`climbplan.schema.stated`). The relaxations are, from cheap to expensive:
+
+- the distance to the goal against the number and the length of the steps;
+- toes against the stretched length of the limbs;
+- the sum of all friction cones against the load's direction;
+- forces and moments of all regions within reach of start and goal;
+- the outer relaxation of the posture problem, with all of the geometry and region assignment.
 """
 
 from __future__ import annotations
@@ -19,16 +22,16 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import Array
-from climbplan.climb.planner.holding import pyramid, unheld
-from climbplan.climb.postures.explanation import violated
-from climbplan.climb.postures.outer import (
+from climbplan.climb.planner.static_feasibility import build_pyramid_edges, find_unsupported_places
+from climbplan.climb.postures.explanation import describe_violations
+from climbplan.climb.postures.outer_relaxation import (
     SLACK,
-    longest_reach,
-    outer_program,
-    own_toes,
-    shoulder_balls,
+    bound_shoulders,
+    build_outer_program,
+    compute_max_reach,
+    find_stated_toes,
 )
-from climbplan.climb.postures.ways import ways_too_long
+from climbplan.climb.postures.travel_distance import find_excessive_travel
 from climbplan.climb.scene.climb_scene import ClimbScene, MotionScene, Stance, load_wrench
 from climbplan.climb.schema.model import PostureSpec
 from climbplan.errors import Conflict, Infeasible, Remedy
@@ -37,153 +40,187 @@ from climbplan.schema.stated import stated
 from climbplan.solvers.registry import solve
 from climbplan.terrain.surfaces import Region
 
-PROOF_SHARE = 0.08  # of a time limit that the search for a proof may use
-_LOOSE = 0.5  # relative gap: any point of the outer statement will do
+PROOF_TIME_FRACTION = 0.08  # of a time limit that the search for a proof may use
+_LOOSE_GAP = 0.5  # relative gap: any point of the outer statement will do
 
 
-def proof_of_infeasibility(
+def prove_infeasibility(
     scene: ClimbScene, deadline: float, nodes: float = np.inf
 ) -> Infeasible | None:
-    """The error that says why no plan exists, None where that is not proved.
+    """Return the error that says why no plan exists, or None where that is not proved.
 
-    deadline: `time.monotonic` [s] at which the search for a proof ends, after `nodes` at most.
+    Args:
+        scene: The climb.
+        deadline: `time.monotonic` [s] at which the search for a proof ends.
+        nodes: Largest number of branch-and-bound nodes of that search.
     """
-    from climbplan.solvers.elastic import least_violations
+    from climbplan.solvers.elastic import minimise_violations
 
-    open_end = scene.spec.task.rounds == "auto"  # as many as it takes are never too few
-    far = [] if open_end else list(too_far(scene))
-    conflicts = [*buried(scene), *far, *out_of_reach(scene), *no_support(scene)]
+    rounds_are_free = scene.spec.task.rounds == "auto"  # as many as it takes are never too few
+    too_long = [] if rounds_are_free else list(find_paths_too_long(scene))
+    conflicts = [
+        *find_buried_postures(scene),
+        *too_long,
+        *find_unreachable_toes(scene),
+        *find_missing_support(scene),
+    ]
     if not conflicts and scene.terrain.scan is None:
         # Regions of a scan are those that were found: its faces may hold where they do not
-        conflicts = [Conflict(u.where, (str(u),), in_words=True) for u in unheld(scene)]
+        conflicts = [
+            Conflict(place.place, (str(place),), in_words=True)
+            for place in find_unsupported_places(scene)
+        ]
     if conflicts:
-        return Infeasible("no plan exists", _needed(conflicts), stage="proof")
-    if scene.terrain.curved or open_end:
+        return Infeasible("no plan exists", _mark_remedies_necessary(conflicts), stage="proof")
+    if scene.terrain.curved or rounds_are_free:
         return None
-    left = deadline - time.monotonic()
-    if left <= 0:
+    remaining = deadline - time.monotonic()
+    if remaining <= 0:
         return None
-    program = outer_program(scene)
-    instance = program.at()
-    result = solve(instance, "branch-and-bound", gap=_LOOSE, time_limit=left, nodes=nodes)
+    program = build_outer_program(scene)
+    instance = program.instantiate()
+    result = solve(instance, "branch-and-bound", gap=_LOOSE_GAP, time_limit=remaining, nodes=nodes)
     if result.status != "infeasible":
         return None
-    found = least_violations(instance, _straight(scene))
-    if found is not None:
-        conflicts = list(violated(scene, program, found))
+    closest_point = minimise_violations(instance, _interpolate_postures(scene))
+    if closest_point is not None:
+        conflicts = list(describe_violations(scene, program, closest_point))
     head = "no plan exists: no toes and bodies on the way are within reach of each other"
     if conflicts:
         head += "; the closest found still have"
-    return Infeasible(head, _needed(conflicts), stage="proof")
+    return Infeasible(head, _mark_remedies_necessary(conflicts), stage="proof")
 
 
-def _needed(conflicts: list[Conflict]) -> list[Conflict]:
-    """A change that a proof names takes the proof away, and may leave no plan all the same."""
+def _mark_remedies_necessary(conflicts: list[Conflict]) -> list[Conflict]:
+    """Return the conflicts with remedies marked as necessary but perhaps not sufficient."""
     return [replace(conflict, enough=False) for conflict in conflicts]
 
 
-def _straight(scene: ClimbScene) -> Array:
-    """Toes (M, N, 3) and bodies (M, 3) on the straight way, as a point of the outer program."""
-    share = np.linspace(0.0, 1.0, scene.spec.task.round_count + 1)[1:]
+def _interpolate_postures(scene: ClimbScene) -> Array:
+    """Return toes (M, N, 3) and bodies (M, 3) on the straight line to the goal, as a program point."""
+    fraction = np.linspace(0.0, 1.0, scene.spec.task.round_count + 1)[1:]
     start, goal = scene.start, scene.goal
-    toes = start.toes + share[:, None, None] * (goal.toes - start.toes)
-    coms = start.com + share[:, None] * (goal.com - start.com)
+    toes = start.toes + fraction[:, None, None] * (goal.toes - start.toes)
+    coms = start.com + fraction[:, None] * (goal.com - start.com)
     return np.concatenate([toes.ravel(), coms.ravel()])
 
 
-def buried(scene: MotionScene) -> Iterator[Conflict]:
-    """Start and goal with the body's origin inside an obstacle, however the goal may be missed."""
+def find_buried_postures(scene: MotionScene) -> Iterator[Conflict]:
+    """Yield a conflict for start or goal with the body's origin inside an obstacle.
+
+    The goal counts as inside only if every origin within its tolerance is.
+    """
     goal = scene.spec.task.goal
-    for name, com, room in (
+    for name, com, tolerance in (
         ("start posture", scene.start.com, 0.0),
         ("goal posture", scene.goal.com, goal.tolerance),
     ):
         for solid in scene.terrain.obstacles:
-            depth = -float(solid.face_distance(com)) - room
+            depth = -float(solid.face_distance(com)) - tolerance
             if depth > SLACK:
-                text = f"the body's middle is {1e3 * (depth + room):.0f} mm inside {solid.name!r}"
+                text = (
+                    f"the body's middle is {1e3 * (depth + tolerance):.0f} mm inside {solid.name!r}"
+                )
                 remedy = Remedy(f"another task.{name.split()[0]}.com")
                 yield Conflict(name, (text,), (remedy,), in_words=True)
 
 
-def too_far(scene: ClimbScene) -> Iterator[Conflict]:
-    """The way to the goal against the rounds and the steps that the spec states."""
+def find_paths_too_long(scene: ClimbScene) -> Iterator[Conflict]:
+    """Yield distances to the goal that the stated rounds and step lengths cannot cover."""
     spec = scene.spec
-    ends = zip(own_toes(spec.task.start, scene), own_toes(spec.task.goal, scene), strict=True)
-    given = [all(both) for both in ends]
-    for way in ways_too_long(scene):
-        open_end = way.limb is not None and not given[way.limb]
-        if way.key == "rotation_max_deg":
-            open_end = not stated(spec, "task.goal.rpy_deg")
-        if stated(spec, f"posture.steps.{way.key}") and not open_end:
-            yield way.conflict
+    ends = zip(
+        find_stated_toes(spec.task.start, scene),
+        find_stated_toes(spec.task.goal, scene),
+        strict=True,
+    )
+    has_stated_ends = [all(both) for both in ends]
+    for excess in find_excessive_travel(scene):
+        end_is_free = excess.limb is not None and not has_stated_ends[excess.limb]
+        if excess.key == "rotation_max_deg":
+            end_is_free = not stated(spec, "task.goal.rpy_deg")
+        if stated(spec, f"posture.steps.{excess.key}") and not end_is_free:
+            yield excess.conflict
 
 
-def out_of_reach(scene: MotionScene) -> Iterator[Conflict]:
-    """Start and goal on their own: toes, or all places for a toe, beyond a limb's length."""
-    reach = longest_reach(scene)
+def find_unreachable_toes(scene: MotionScene) -> Iterator[Conflict]:
+    """Yield limbs whose toe, or every possible toe, is beyond the limb's length at start or goal."""
+    reach = compute_max_reach(scene)
     if not np.isfinite(reach).all():
         return
     task = scene.spec.task
-    for name, posture, stance, room in (
+    for name, posture, stance, tolerance in (
         ("start posture", task.start, scene.start, 0.0),
         ("goal posture", task.goal, scene.goal, task.goal.tolerance),
     ):
-        exact = name == "start posture"
-        for limb, own in enumerate(own_toes(posture, scene)):
-            over = _beyond(scene, stance, limb, own, exact) - reach[limb] - room
-            if own:
-                over -= room  # the toe too may be that far off
-            if over <= SLACK:
+        rotation_is_fixed = name == "start posture"
+        for limb, has_stated_toe in enumerate(find_stated_toes(posture, scene)):
+            shortfall = (
+                _measure_min_distance(scene, stance, limb, has_stated_toe, rotation_is_fixed)
+                - reach[limb]
+                - tolerance
+            )
+            if has_stated_toe:
+                shortfall -= tolerance  # the toe too may be that far off
+            if shortfall <= SLACK:
                 continue
-            what = "its toe" if own else "any place where it may stand"
+            target = "its toe" if has_stated_toe else "any place where it may stand"
             limb_name = scene.robot.limb_names[limb]
             text = (
-                f"{limb_name} cannot reach {what} ({1e3 * over:.1f} mm too far for its links "
+                f"{limb_name} cannot reach {target} ({1e3 * shortfall:.1f} mm too far for its links "
                 f"stretched out, {1e3 * reach[limb]:.0f} mm)"
             )
-            yield Conflict(name, (text,), _nearer(posture, name), in_words=True)
+            yield Conflict(name, (text,), _suggest_nearer(posture, name), in_words=True)
 
 
-def _nearer(posture: PostureSpec, name: str) -> tuple[Remedy, ...]:
+def _suggest_nearer(posture: PostureSpec, name: str) -> tuple[Remedy, ...]:
+    """Return the remedy to state a posture in which toes are nearer to the body."""
     key = f"task.{name.split()[0]}"
     toes = f" or {key}.toes" if posture.toes else ""
     return (Remedy(f"another {key}.com{toes}"),)
 
 
-def _beyond(scene: MotionScene, stance: Stance, limb: int, own: bool, exact: bool) -> float:
-    """Least distance [m] from a limb's shoulder to its toe, or to all places for it.
+def _measure_min_distance(
+    scene: MotionScene, stance: Stance, limb: int, has_stated_toe: bool, rotation_is_fixed: bool
+) -> float:
+    """Return the smallest distance [m] from a limb's shoulder to its toe, or to any region for it.
 
-    exact: the rotation is the stance's; else any that the spec allows.
+    Args:
+        scene: The climb.
+        stance: Start or goal.
+        limb: Index of the limb.
+        has_stated_toe: Whether the spec states the toe; else every allowed region counts.
+        rotation_is_fixed: Whether the body has the stance's rotation; else any that the spec
+            allows.
     """
     shoulder = scene.robot.shoulder_body
-    if exact:
+    if rotation_is_fixed:
         balls = [(shoulder @ rotation_world_body(stance.rpy).T, np.zeros(len(shoulder)))]
     else:
-        balls = shoulder_balls(scene)
-    least = 0.0
+        balls = bound_shoulders(scene)
+    min_distance = 0.0
     for centre, radius in balls:
         point = stance.com + centre[limb]
-        if own:
+        if has_stated_toe:
             distance = float(np.linalg.norm(stance.toes[limb] - point))
         else:
             allowed = np.flatnonzero(scene.terrain.allowed[limb])
             distance = min(scene.terrain.surfaces[r].distance(point) for r in allowed)
-        least = max(least, distance - radius[limb])
-    return least
+        min_distance = max(min_distance, distance - radius[limb])
+    return min_distance
 
 
-def no_support(scene: MotionScene) -> Iterator[Conflict]:
-    """Friction cones of all places together against the direction of the load.
+def find_missing_support(scene: MotionScene) -> Iterator[Conflict]:
+    """Yield a conflict if the friction cones of all regions together cannot balance the load's
+    force.
 
-    Whatever limbs stand wherever, however hard they press: if no sum of forces within the cones of
-    the regions that they may use balances weight, payload and stated force, nothing carries the
-    robot. A safety factor counts only if the spec states it.
+    Moments, reach and the number of limbs are left out. If no sum of forces within the cones of the
+    allowed regions balances weight, payload and stated force, nothing carries the robot. A safety
+    factor counts only if the spec states it.
     """
     if scene.grippers is not None or scene.terrain.curved:
         return  # grippers pull; a tube has normals all round
-    own = scene.robot.weight * np.array([0.0, 0.0, -1.0])
-    load = own + load_wrench(scene.spec, scene.robot, np.zeros(3))[:3]
+    weight = scene.robot.weight * np.array([0.0, 0.0, -1.0])
+    load = weight + load_wrench(scene.spec, scene.robot, np.zeros(3))[:3]
     if not load.any():
         return
     safety = 1.0
@@ -192,29 +229,31 @@ def no_support(scene: MotionScene) -> Iterator[Conflict]:
     allowed = np.asarray(scene.terrain.allowed.any(axis=0))
     regions = [
         surface
-        for surface, used in zip(scene.terrain.surfaces, allowed, strict=True)
-        if used and isinstance(surface, Region)
+        for surface, is_allowed in zip(scene.terrain.surfaces, allowed, strict=True)
+        if is_allowed and isinstance(surface, Region)
     ]
-    if _balance(regions, safety, load):
+    if _can_balance(regions, safety, load):
         return
-    needed = _least_factor(regions, safety, load)
+    min_factor = _find_min_friction_factor(regions, safety, load)
     names = ", ".join(repr(r.name) for r in regions[:4]) + (", ..." if len(regions) > 4 else "")
     factor = f" (S_mu {safety:g})" if safety > 1 else ""
     text = f"no forces within the friction cones of {names}{factor} carry the robot"
     remedies: list[Remedy] = []
-    if needed is not None:
+    if min_factor is not None:
         # Three digits, upwards, and a little more: at the least friction forces are boundless
-        mu = math.ceil(1e3 * 1.05 * needed * max(r.friction for r in regions)) / 1e3
-        same = all(r.friction == scene.spec.terrain.friction for r in regions)
-        remedies.append(Remedy(f"mu > {mu:g}", "terrain.friction" if same else "", mu))
+        mu = math.ceil(1e3 * 1.05 * min_factor * max(r.friction for r in regions)) / 1e3
+        has_common_friction = all(r.friction == scene.spec.terrain.friction for r in regions)
+        remedies.append(
+            Remedy(f"mu > {mu:g}", "terrain.friction" if has_common_friction else "", mu)
+        )
     yield Conflict("every round", (text,), tuple(remedies), in_words=True)
 
 
-def _balance(regions: list[Region], safety: float, load: Array, factor: float = 1.0) -> bool:
-    """Whether forces within pyramids about the cones can balance the load."""
+def _can_balance(regions: list[Region], safety: float, load: Array, factor: float = 1.0) -> bool:
+    """Return whether forces within pyramids about the cones can balance the load."""
     from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 
-    edges = np.concatenate([pyramid(r, factor * r.friction / safety) for r in regions])
+    edges = np.concatenate([build_pyramid_edges(r, factor * r.friction / safety) for r in regions])
     program = LinearProgram(
         np.ones(len(edges)),
         np.zeros(len(edges)),
@@ -226,12 +265,12 @@ def _balance(regions: list[Region], safety: float, load: Array, factor: float = 
     return solve_linear(program).x is not None
 
 
-def _least_factor(regions: list[Region], safety: float, load: Array) -> float | None:
-    """The least factor on all friction coefficients with which the load is carried, to 1 %."""
+def _find_min_friction_factor(regions: list[Region], safety: float, load: Array) -> float | None:
+    """Return the smallest factor on all friction coefficients that balances the load, to 1 %."""
     low, high = 1.0, 64.0
-    if not _balance(regions, safety, load, high):
+    if not _can_balance(regions, safety, load, high):
         return None
     while high > 1.01 * low:
         middle = math.sqrt(low * high)
-        low, high = (low, middle) if _balance(regions, safety, load, middle) else (middle, high)
+        low, high = (low, middle) if _can_balance(regions, safety, load, middle) else (middle, high)
     return high

@@ -17,7 +17,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.scene.climb_scene import ClimbScene, Stance, normals_under
-from climbplan.errors import Conflict, NotProved, ReachFailure, Remedy
+from climbplan.errors import Conflict, ReachFailure, Remedy, Unresolved
 from climbplan.program import Program
 from climbplan.program.instance import Instance
 from climbplan.robots.kinematics import require_reachable, sole_turns, to_body
@@ -25,8 +25,8 @@ from climbplan.robots.kinematics import require_reachable, sole_turns, to_body
 if TYPE_CHECKING:
     from climbplan.solvers.elastic import Violations
 
-_SHOWN = 6  # violations listed
-_SMALL = 5e-4  # [m or rad] below which a violation is not worth a line
+_MAX_CONFLICTS = 6  # violations listed
+_MIN_VIOLATION = 5e-4  # [m or rad] below which a violation is not worth a line
 
 # The bound of the convex statement is one of that statement: exact rotations may cost less.
 BOUND_SCOPE = (
@@ -38,7 +38,7 @@ DEFAULT_STEPS = (
     "steps (`posture.steps`) and toes of the goal are our choice where the spec does not state them"
 )
 
-_WORDS = {
+_MESSAGES = {
     "steps.com": "body step {mm} longer than com_max",
     "steps.toe": "toe step {mm} longer than toe_max",
     "steps.first_toe": "toe step {mm} longer than toe_max",
@@ -59,40 +59,40 @@ _WORDS = {
     "limbs.clearance": "limb {mm} too close to stay {alternative}",
 }
 
-_TURN = "workspace.turn"  # with the limb's name
+_WEDGE_BLOCK = "workspace.turn"  # with the limb's name
 
-Change = Callable[[ClimbScene, float], Remedy | None]
+SuggestChange = Callable[[ClimbScene, float], Remedy | None]
 
 
-def _up(value: float, digits: int = 3) -> float:
+def _round_up(value: float, digits: int = 3) -> float:
     """Upwards to so many decimals."""
     return math.ceil(value * 10**digits - 1e-6) / 10**digits
 
 
-def _step(key: str) -> Change:
+def _suggest_step(key: str) -> SuggestChange:
     def change(scene: ClimbScene, amount: float) -> Remedy:
-        value = _up(getattr(scene.spec.posture.steps, key) + amount)
-        return Remedy(f"steps of {1e3 * value:.0f} mm", f"posture.steps.{key}", value)
+        step_limit = _round_up(getattr(scene.spec.posture.steps, key) + amount)
+        return Remedy(f"steps of {1e3 * step_limit:.0f} mm", f"posture.steps.{key}", step_limit)
 
     return change
 
 
-def _turn(scene: ClimbScene, amount: float) -> Remedy:
-    value = _up(scene.spec.posture.steps.rotation_max_deg + float(np.rad2deg(amount)), 1)
+def _suggest_rotation_step(scene: ClimbScene, amount: float) -> Remedy:
+    value = _round_up(scene.spec.posture.steps.rotation_max_deg + float(np.rad2deg(amount)), 1)
     return Remedy(f"turns of {value:g} deg", "posture.steps.rotation_max_deg", value)
 
 
-def _tolerance(scene: ClimbScene, amount: float) -> Remedy:
-    value = _up(scene.spec.task.goal.tolerance + amount)
+def _suggest_tolerance(scene: ClimbScene, amount: float) -> Remedy:
+    value = _round_up(scene.spec.task.goal.tolerance + amount)
     return Remedy(f"a goal met to {1e3 * value:.0f} mm", "task.goal.tolerance", value)
 
 
-def _goal_turn(scene: ClimbScene, amount: float) -> Remedy:
-    value = _up(scene.spec.task.goal.rotation_tolerance_deg + float(np.rad2deg(amount)), 1)
+def _suggest_rotation_tolerance(scene: ClimbScene, amount: float) -> Remedy:
+    value = _round_up(scene.spec.task.goal.rotation_tolerance_deg + float(np.rad2deg(amount)), 1)
     return Remedy(f"a goal met to {value:g} deg", "task.goal.rotation_tolerance_deg", value)
 
 
-def _clearance(key: str) -> Change:
+def _suggest_clearance(key: str) -> SuggestChange:
     def change(scene: ClimbScene, amount: float) -> Remedy | None:
         value = math.floor(1e3 * (getattr(scene.spec.posture, key) - amount) + 1e-6) / 1e3
         if value < 0:
@@ -102,29 +102,31 @@ def _clearance(key: str) -> Change:
     return change
 
 
-def _without(key: str, words: str) -> Change:
-    return lambda scene, amount: Remedy(words, f"posture.{key}", "false")
+def _suggest_without(key: str, description: str) -> SuggestChange:
+    return lambda scene, amount: Remedy(description, f"posture.{key}", "false")
 
 
 # What in the spec stands for a block, changed by the amount that is missing. Whether it is enough
 # is found out by planning with it (`climbplan.climb.planner.remedies`).
-_CHANGES: dict[str, Change] = {
-    "steps.com": _step("com_max"),
-    "steps.toe": _step("toe_max"),
-    "steps.rotation": _turn,
-    "goal.com": _tolerance,
-    "goal.toes": _tolerance,
-    "goal.rotation": _goal_turn,
-    "body.clearance": _clearance("body_clearance"),
-    "limbs.clearance": _clearance("limb_clearance"),
+_SUGGESTIONS: dict[str, SuggestChange] = {
+    "steps.com": _suggest_step("com_max"),
+    "steps.toe": _suggest_step("toe_max"),
+    "steps.rotation": _suggest_rotation_step,
+    "goal.com": _suggest_tolerance,
+    "goal.toes": _suggest_tolerance,
+    "goal.rotation": _suggest_rotation_tolerance,
+    "body.clearance": _suggest_clearance("body_clearance"),
+    "limbs.clearance": _suggest_clearance("limb_clearance"),
     **{
-        f"workspace.stance{when}": _without("stance_workspace", "toes anywhere within reach")
+        f"workspace.stance{when}": _suggest_without(
+            "stance_workspace", "toes anywhere within reach"
+        )
         for when in ("", "_lift", "_place")
     },
 }
 
 
-class NoPostures(NotProved):
+class NoPostures(Unresolved):
     """The convex statement has no solution.
 
     changes: of the spec, for what the closest sequence violates; not tried yet. blocks: that it
@@ -146,136 +148,156 @@ class NoPostures(NotProved):
 
 def explain_infeasible(scene: ClimbScene, program: Program, instance: Instance) -> NoPostures:
     """The error to raise for a posture program that is proved to have no solution."""
-    from climbplan.climb.postures.passage import closed_way
-    from climbplan.climb.postures.ways import ways_too_long
-    from climbplan.solvers.elastic import least_violations
+    from climbplan.climb.postures.bottleneck_path import find_closed_passage
+    from climbplan.climb.postures.travel_distance import find_excessive_travel
+    from climbplan.solvers.elastic import minimise_violations
 
-    for conflicts, because in (
-        ([*_stances(scene), *closed_way(scene)], f"method micp has {BOUND_SCOPE}"),
-        ([way.conflict for way in ways_too_long(scene)], DEFAULT_STEPS),
+    for conflicts, reason in (
+        (
+            [*_find_unreachable_stances(scene), *find_closed_passage(scene)],
+            f"method micp has {BOUND_SCOPE}",
+        ),
+        ([travel.conflict for travel in find_excessive_travel(scene)], DEFAULT_STEPS),
     ):
         if conflicts:
             # Each remedy meets its own conflict; if it is enough is found out by planning with it
             changes = tuple(r for c in conflicts for r in c.remedies)
-            bare = [replace(c, remedies=()) for c in conflicts]
-            return NoPostures("no posture sequence found", bare, changes, because=because)
-    head = "no posture sequence found under the given bounds"
-    found = least_violations(instance, _straight(scene, program))
-    if found is None:
-        return NoPostures(head, [])
-    conflicts = list(violated(scene, program, found))
+            without_remedies = [replace(c, remedies=()) for c in conflicts]
+            return NoPostures(
+                "no posture sequence found", without_remedies, changes, because=reason
+            )
+    headline = "no posture sequence found under the given bounds"
+    violations = minimise_violations(instance, _interpolate_postures(scene, program))
+    if violations is None:
+        return NoPostures(headline, [])
+    conflicts = list(describe_violations(scene, program, violations))
     if conflicts:
-        head += "; the closest one found still has"
-    blocks = frozenset(_block(name) for _, name, _, _ in _lines(program, found))
-    return NoPostures(head, conflicts, needed_changes(scene, program, found), blocks)
+        headline += "; the closest one found still has"
+    blocks = frozenset(
+        _base_block_name(name) for _, name, _, _ in _collect_violations(program, violations)
+    )
+    return NoPostures(headline, conflicts, suggest_changes(scene, program, violations), blocks)
 
 
-def _stances(scene: ClimbScene) -> Iterator[Conflict]:
+def _find_unreachable_stances(scene: ClimbScene) -> Iterator[Conflict]:
     """Start and goal on their own: can the limbs stand there at all?"""
     for name, stance in (("start", scene.start), ("goal", scene.goal)):
         try:
             normal = normals_under(scene.terrain, stance.toes, stance.region)
             turns = sole_turns(scene.robot, stance.rpy, normal)
-            require_reachable(scene.robot, _toes_body(stance), f"{name} posture", turns)
+            require_reachable(
+                scene.robot, _transform_toes_to_body(stance), f"{name} posture", turns
+            )
         except ReachFailure as failure:
-            yield Conflict(f"{name} posture", (_reach_words(failure),), in_words=True)
+            yield Conflict(f"{name} posture", (_describe_unreachable_toe(failure),), in_words=True)
 
 
-def _toes_body(stance: Stance) -> Array:
+def _transform_toes_to_body(stance: Stance) -> Array:
     return to_body(stance.com, stance.rpy, stance.toes)
 
 
-def _reach_words(failure: ReachFailure) -> str:
+def _describe_unreachable_toe(failure: ReachFailure) -> str:
     gap = f" by {1e3 * failure.missing:.1f} mm" if failure.missing > 0 else ""
     return f"{failure.limb} cannot reach its toe ({failure.reason}{gap})"
 
 
-def _straight(scene: ClimbScene, program: Program) -> Array:
+def _interpolate_postures(scene: ClimbScene, program: Program) -> Array:
     """Postures on the straight way from start to goal, as a point of the program."""
-    share = np.linspace(0.0, 1.0, scene.spec.task.round_count + 1)[1:]
+    fraction = np.linspace(0.0, 1.0, scene.spec.task.round_count + 1)[1:]
 
-    def mixed(start: Array, goal: Array) -> Array:
-        at = share.reshape(-1, *[1] * start.ndim)
-        return start + at * (goal - start)
+    def interpolate(start: Array, goal: Array) -> Array:
+        weight = fraction.reshape(-1, *[1] * start.ndim)
+        return start + weight * (goal - start)
 
     start, goal = scene.start, scene.goal
     return program.point(
         {
-            "toe": mixed(start.toes, goal.toes),
-            "com": mixed(start.com, goal.com),
-            "rpy": mixed(start.rpy, goal.rpy),
+            "toe": interpolate(start.toes, goal.toes),
+            "com": interpolate(start.com, goal.com),
+            "rpy": interpolate(start.rpy, goal.rpy),
         }
     )
 
 
-Line = tuple[float, str, tuple[int, ...], str]
+ViolationEntry = tuple[float, str, tuple[int, ...], str]
 """Amount [m or rad], block, entry of the block, and the alternative that was chosen there."""
 
 
-def _lines(program: Program, found: Violations) -> list[Line]:
+def _collect_violations(program: Program, violations: Violations) -> list[ViolationEntry]:
     """All violations worth a line, largest first."""
-    lines: list[Line] = []
+    entries: list[ViolationEntry] = []
     blocks = program.blocks
 
-    def collect(name: str, shape: tuple[int, ...], values: Array, chosen: list[str]) -> None:
-        for place, (index, value) in enumerate(np.ndenumerate(values.reshape(shape))):
-            if value > _SMALL:
-                lines.append((float(value), name, index, chosen[place] if chosen else ""))
+    def collect(name: str, shape: tuple[int, ...], values: Array, chosen_names: list[str]) -> None:
+        for flat_index, (index, value) in enumerate(np.ndenumerate(values.reshape(shape))):
+            if value > _MIN_VIOLATION:
+                entries.append(
+                    (float(value), name, index, chosen_names[flat_index] if chosen_names else "")
+                )
 
     start = 0
     for rows in blocks.rows:
-        collect(rows.name, rows.shape, found.rows[start : start + len(rows.expression)], [])
+        collect(rows.name, rows.shape, violations.rows[start : start + len(rows.expression)], [])
         start += len(rows.expression)
-    for ball, values in zip(blocks.balls, found.balls, strict=True):
+    for ball, values in zip(blocks.balls, violations.balls, strict=True):
         collect(ball.name, ball.shape, values, [])
     start = 0
     for choice in blocks.choices:
         count = len(choice.alternatives)
-        here = slice(start, start + count)
+        entry_slice = slice(start, start + count)
         names = [
-            own[k].name for own, k in zip(choice.alternatives, found.assignment[here], strict=True)
+            alternatives[k].name
+            for alternatives, k in zip(
+                choice.alternatives, violations.assignment[entry_slice], strict=True
+            )
         ]
-        collect(choice.name, choice.shape, found.choices[here], names)
+        collect(choice.name, choice.shape, violations.choices[entry_slice], names)
         start += count
-    return sorted(lines, key=lambda line: -line[0])
+    return sorted(entries, key=lambda line: -line[0])
 
 
-def violated(scene: ClimbScene, program: Program, found: Violations) -> Iterator[Conflict]:
+def describe_violations(
+    scene: ClimbScene, program: Program, violations: Violations
+) -> Iterator[Conflict]:
     """The largest violations, one line each."""
-    for value, name, index, chosen in _lines(program, found)[:_SHOWN]:
-        words = _words(scene, name, value, chosen)
-        yield Conflict(_place(scene, name, index), (words,), in_words=True)
+    for value, name, index, alternative in _collect_violations(program, violations)[
+        :_MAX_CONFLICTS
+    ]:
+        description = _describe_violation(scene, name, value, alternative)
+        yield Conflict(_describe_place(scene, name, index), (description,), in_words=True)
 
 
-def needed_changes(scene: ClimbScene, program: Program, found: Violations) -> tuple[Remedy, ...]:
+def suggest_changes(
+    scene: ClimbScene, program: Program, violations: Violations
+) -> tuple[Remedy, ...]:
     """For every block that is violated the change of the spec that its largest amount asks for."""
     changes: dict[str, Remedy] = {}
-    for value, name, _, _ in _lines(program, found):
-        change = _CHANGES.get(_block(name))
+    for value, name, _, _ in _collect_violations(program, violations):
+        change = _SUGGESTIONS.get(_base_block_name(name))
         remedy = change(scene, value) if change is not None else None
         if remedy is not None:
             changes.setdefault(remedy.key, remedy)
     return tuple(changes.values())
 
 
-def _block(name: str) -> str:
+def _base_block_name(name: str) -> str:
     """The block's name without the number of an obstacle or the name of a limb."""
-    if name.startswith(_TURN):
-        return _TURN
-    return name if name in _WORDS else name.rpartition("_")[0]
+    if name.startswith(_WEDGE_BLOCK):
+        return _WEDGE_BLOCK
+    return name if name in _MESSAGES else name.rpartition("_")[0]
 
 
-def _words(scene: ClimbScene, name: str, value: float, chosen: str) -> str:
-    words = _WORDS[_block(name)]
-    alternative = repr(chosen)
-    if _block(name) in ("body.clearance", "limbs.clearance"):
-        alternative = side_words(scene, chosen)
-    return words.format(
+def _describe_violation(scene: ClimbScene, name: str, value: float, chosen_name: str) -> str:
+    template = _MESSAGES[_base_block_name(name)]
+    alternative = repr(chosen_name)
+    if _base_block_name(name) in ("body.clearance", "limbs.clearance"):
+        alternative = describe_side(scene, chosen_name)
+    return template.format(
         mm=f"{1e3 * value:.0f} mm", deg=f"{np.rad2deg(value):.1f} deg", alternative=alternative
     )
 
 
-_SIDES = (
+_SIDE_NORMALS = (
     ("right of", (1, 0, 0)),
     ("left of", (-1, 0, 0)),
     ("in front of", (0, 1, 0)),
@@ -285,31 +307,31 @@ _SIDES = (
 )
 
 
-def side_words(scene: ClimbScene, alternative: str) -> str:
+def describe_side(scene: ClimbScene, alternative: str) -> str:
     """`beam face 5` in the robot's terms: "below 'beam' (face 5)"; free regions by their names."""
-    name, found, number = alternative.rpartition(" face ")
-    if not found:
+    name, separator, number = alternative.rpartition(" face ")
+    if not separator:
         return f"in free region {alternative!r}"
     solid = next((s for s in scene.terrain.obstacles if s.name == name), None)
     if solid is None:
         return repr(alternative)
     normal = solid.A[int(number)]
-    for words, axis in _SIDES:
+    for side, axis in _SIDE_NORMALS:
         if normal @ np.array(axis) > 0.95:
-            return f"{words} {name!r} (face {number})"
-    shown = ", ".join(f"{v:.2f}" for v in normal)
-    return f"beyond face {number} of {name!r} (normal {shown})"
+            return f"{side} {name!r} (face {number})"
+    components = ", ".join(f"{v:.2f}" for v in normal)
+    return f"beyond face {number} of {name!r} (normal {components})"
 
 
-def _place(scene: ClimbScene, name: str, index: tuple[int, ...]) -> str:
+def _describe_place(scene: ClimbScene, name: str, index: tuple[int, ...]) -> str:
     """Round and limb of an entry of a block."""
     names = scene.robot.limb_names
     if name.startswith("goal."):
         return f"goal, {names[index[0]]}" if name == "goal.toes" else "goal"
     if name == "steps.first_toe":
         return "round 1"
-    words = f"round {index[0] + 1}"
-    if _block(name) == _TURN:
-        return f"{words}, {name.removeprefix(_TURN + '_')}"
-    per_limb = len(index) > 1 and name != "steps.rotation"
-    return f"{words}, {names[index[1]]}" if per_limb else words
+    round_label = f"round {index[0] + 1}"
+    if _base_block_name(name) == _WEDGE_BLOCK:
+        return f"{round_label}, {name.removeprefix(_WEDGE_BLOCK + '_')}"
+    has_limb_index = len(index) > 1 and name != "steps.rotation"
+    return f"{round_label}, {names[index[1]]}" if has_limb_index else round_label

@@ -13,17 +13,21 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.explanation import BOUND_SCOPE, NoPostures, explain_infeasible
-from climbplan.climb.postures.statement import LinearRotation, PostureMargins, posture_program
+from climbplan.climb.postures.statement import (
+    LinearisedRotation,
+    PostureMargins,
+    build_posture_program,
+)
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.climb.scene.within_reach import between
-from climbplan.errors import LimitReached, NotProved, UsageError
+from climbplan.errors import LimitReached, Unresolved, UsageError
 from climbplan.program import Program
 from climbplan.solvers.registry import solve
-from climbplan.solvers.result import Known, SolverResult
+from climbplan.solvers.result import KnownResult, SolverResult
 
 LINEAR_ROTATION_LIMIT = np.deg2rad(15.0)  # beyond it eq. (5.5) is off by over 3 % about one axis
 
-_MANY = 1000  # alternatives from which a problem's size is told before
+_MIN_REPORTED_ALTERNATIVES = 1000  # alternatives from which a problem's size is told before
 _log = logging.getLogger(__name__)
 
 
@@ -40,14 +44,14 @@ class PostureResult:
     solver: str
     sizes: dict[str, Any]
     warnings: tuple[str, ...]
-    known: Known | None = None  # for planning again with wider margins
+    warm_start: KnownResult | None = None  # for planning again with wider margins
 
 
 def plan_postures(
     scene: ClimbScene,
     margins: PostureMargins | None = None,
     save_model: Path | None = None,
-    earlier: PostureResult | None = None,
+    previous: PostureResult | None = None,
     nodes: float = np.inf,
     explain: bool = True,
 ) -> PostureResult:
@@ -60,28 +64,28 @@ def plan_postures(
     of statement and search together. Raises NoPostures naming round, limb and
     constraint if `explain`, which takes as long as a search, or LimitReached without an incumbent.
     """
-    begin = time.monotonic()
-    refuse_unsuitable(scene)
+    start_time = time.monotonic()
+    reject_nonconvex(scene)
     options = scene.spec.solver
-    relaxed = options.method == "sl1-relaxation"
-    if relaxed and scene.by_round is None:
+    is_relaxation = options.method == "sl1-relaxation"
+    if is_relaxation and scene.by_round is None:
         scene = replace(scene, by_round=between(scene))
-    if earlier is None:
-        _tell_size(scene)
-    program = posture_program(scene, margins)
-    instance = program.at()
+    if previous is None:
+        _log_size(scene)
+    program = build_posture_program(scene, margins)
+    instance = program.instantiate()
     if save_model is not None:
         from climbplan.solvers.model_file import save_model as write_model
 
         write_model(instance, save_model)
-    left = max(options.time_limit - (time.monotonic() - begin), 0.0)
-    known = None if earlier is None else earlier.known
-    solver = options.method if relaxed else options.posture
-    result = solve(instance, solver, options.gap, left, known, nodes)
-    if result.x is None and relaxed:
-        words = f"{options.method}: no plan, {result.log[-1]}"
-        because = "alternatives are settled by rounding and not given up again"
-        raise NotProved(words, because=because, stage="posture")
+    remaining = max(options.time_limit - (time.monotonic() - start_time), 0.0)
+    known = None if previous is None else previous.warm_start
+    solver = options.method if is_relaxation else options.posture_solver
+    result = solve(instance, solver, options.gap, remaining, known, nodes)
+    if result.x is None and is_relaxation:
+        message = f"{options.method}: no plan, {result.log[-1]}"
+        reason = "alternatives are settled by rounding and not given up again"
+        raise Unresolved(message, because=reason, stage="posture")
     if result.status == "infeasible":
         if not explain:
             raise NoPostures("no posture sequence found under the given bounds", [])
@@ -90,30 +94,32 @@ def plan_postures(
         limit = f"within {options.time_limit:g} s"
         if result.nodes >= nodes:
             limit = f"in the {nodes:g} nodes that the search may take"
-        elif result.time < 0.9 * left:
+        elif result.time < 0.9 * remaining:
             limit = "in the memory that open nodes may take"
-        searched = f"{result.nodes} nodes searched"
-        raise LimitReached(f"posture planner: no plan {limit} ({searched})", stage="posture")
-    rounds = to_rounds(scene, program, result)
+        search_effort = f"{result.nodes} nodes searched"
+        raise LimitReached(f"posture planner: no plan {limit} ({search_effort})", stage="posture")
+    rounds = extract_rounds(scene, program, result)
     return PostureResult(
         rounds=rounds,
         status="optimal" if result.status == "optimal" else "feasible",
         objective=result.objective,
-        bound=None if relaxed else result.bound,
-        gap=None if relaxed else result.gap,
+        bound=None if is_relaxation else result.bound,
+        gap=None if is_relaxation else result.gap,
         nodes=result.nodes,
         solver=result.solver,
-        sizes={**program.counts(), **({} if relaxed else {"bound_holds_for": BOUND_SCOPE})},
-        warnings=rotation_warnings(scene, rounds),
-        known=Known(result.assignment, result.bound),
+        sizes={**program.counts(), **({} if is_relaxation else {"bound_holds_for": BOUND_SCOPE})},
+        warnings=warn_of_large_rotations(scene, rounds),
+        warm_start=KnownResult(result.assignment, result.bound),
     )
 
 
-def _tell_size(scene: ClimbScene) -> None:
+def _log_size(scene: ClimbScene) -> None:
     """Say how large a large problem is before it is stated and solved."""
     m, n = scene.spec.task.round_count, scene.robot.limb_count
-    alternatives = sum(len(own) for each in scene.alternatives for own in each)
-    if alternatives >= _MANY:
+    alternatives = sum(
+        len(region_indices) for per_limb in scene.alternatives for region_indices in per_limb
+    )
+    if alternatives >= _MIN_REPORTED_ALTERNATIVES:
         regions = len(scene.terrain.regions)
         _log.info(
             "%-9s %d regions x %d limbs x %d rounds: %d choices among %d alternatives",
@@ -122,7 +128,7 @@ def _tell_size(scene: ClimbScene) -> None:
         )
 
 
-def refuse_unsuitable(scene: ClimbScene) -> None:
+def reject_nonconvex(scene: ClimbScene) -> None:
     """UsageError for what a convex statement cannot hold: curved terrain, lower step bounds."""
     steps = scene.spec.posture.steps
     if scene.terrain.curved:
@@ -134,7 +140,7 @@ def refuse_unsuitable(scene: ClimbScene) -> None:
         )
 
 
-def to_rounds(scene: ClimbScene, program: Program, result: SolverResult) -> Rounds:
+def extract_rounds(scene: ClimbScene, program: Program, result: SolverResult) -> Rounds:
     """Postures from a solution vector, toes put exactly on their regions."""
     assert result.x is not None
     assert result.assignment is not None
@@ -150,20 +156,20 @@ def to_rounds(scene: ClimbScene, program: Program, result: SolverResult) -> Roun
         for limb in range(n):
             toes[j, limb] = scene.terrain.surfaces[region[j, limb]].project(toes[j, limb])
     return Rounds(
-        com=_with_start(scene.start.com, program.value("com", result.x)),
-        rpy=_with_start(scene.start.rpy, program.value("rpy", result.x)),
+        com=_prepend_start(scene.start.com, program.value("com", result.x)),
+        rpy=_prepend_start(scene.start.rpy, program.value("rpy", result.x)),
         toes=toes,
         region=region,
     )
 
 
-def _with_start(start: Array, rest: Array) -> Array:
-    return np.concatenate([start[None], rest])
+def _prepend_start(start: Array, following: Array) -> Array:
+    return np.concatenate([start[None], following])
 
 
-def rotation_warnings(scene: ClimbScene, rounds: Rounds) -> tuple[str, ...]:
+def warn_of_large_rotations(scene: ClimbScene, rounds: Rounds) -> tuple[str, ...]:
     """Rounds whose rotation leaves the range of the linearisation."""
-    level = LinearRotation.of(scene).level
+    level = LinearisedRotation.from_scene(scene).level
     largest = np.abs(rounds.rpy - level).max(axis=1)
     beyond = np.flatnonzero(largest > LINEAR_ROTATION_LIMIT)
     if len(beyond) == 0:

@@ -18,8 +18,8 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.climb.clearance.limbs import standing_room
-from climbplan.climb.postures.limb_shape import LimbShape, limb_shape
-from climbplan.climb.postures.turning import state_turns
+from climbplan.climb.postures.coxa_wedges import add_coxa_wedges
+from climbplan.climb.postures.limb_shape import LimbShape, linearise_limb
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.program import Polytope, Program
 from climbplan.program.affine_array import AffineArray
@@ -30,8 +30,8 @@ from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region
 
 Entries = Any  # an AffineArray, which NumPy's signatures do not know
-_SAME_WAY = 1 - 1e-9  # cosine between normals that are one
-_KNEE_ERROR = 3e-3  # [m] room for what the knee to first order is off, some mm at most
+_PARALLEL_COSINE = 1 - 1e-9  # cosine between normals that are one
+_KNEE_TOLERANCE = 3e-3  # [m] room for what the knee to first order is off, some mm at most
 
 
 @dataclass(frozen=True)
@@ -46,21 +46,21 @@ class PostureMargins:
 
 
 @dataclass(frozen=True)
-class LinearRotation:
+class LinearisedRotation:
     """Rotations to first order, eq. (5.5), about a reference: R v = R0 (v + Theta' x v).
 
     Theta' = rates (Theta - Theta0), where rates are the identity about a level body.
     """
 
-    about: tuple[float, float, float]  # Theta0: roll, pitch, yaw [rad]
+    reference_rpy: tuple[float, float, float]  # Theta0: roll, pitch, yaw [rad]
 
     @classmethod
-    def of(cls, scene: ClimbScene) -> LinearRotation:
+    def from_scene(cls, scene: ClimbScene) -> LinearisedRotation:
         """About the level body at the start's yaw, or about a start that is far from level."""
         roll, pitch, yaw = (float(angle) for angle in scene.start.rpy)
         limit = np.deg2rad(scene.spec.posture.rotation_limit_deg)
-        tilted = max(abs(roll), abs(pitch)) > limit
-        return cls((roll, pitch, yaw) if tilted else (0.0, 0.0, yaw))
+        is_tilted = max(abs(roll), abs(pitch)) > limit
+        return cls((roll, pitch, yaw) if is_tilted else (0.0, 0.0, yaw))
 
     @property
     def reference(self) -> Array:
@@ -70,12 +70,12 @@ class LinearRotation:
     @property
     def level(self) -> Array:
         """(roll, pitch, yaw) at which the first order is exact."""
-        return np.array(self.about)
+        return np.array(self.reference_rpy)
 
     @property
     def rates(self) -> Array:
         """(3, 3) body-frame turn by small changes of roll, pitch and yaw."""
-        roll, pitch, _ = self.about
+        roll, pitch, _ = self.reference_rpy
         if roll == 0.0 and pitch == 0.0:
             return np.eye(3)
         cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
@@ -86,14 +86,14 @@ class LinearRotation:
         # R0 (v + Theta' x v) = u + (R0 Theta') x u with u = R0 v, and t x u = t [u]x for rows t
         u = vector @ self.reference.T
         x, y, z = np.moveaxis(u, -1, 0)
-        none = np.zeros_like(x)
-        crossed = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=-1)
-        turning = (self.reference @ self.rates).T @ crossed.reshape(*x.shape, 3, 3)
-        arm = (rpy - self.level).along(turning) + u
-        return arm
+        zeros = np.zeros_like(x)
+        skew = np.stack([zeros, -z, y, z, zeros, -x, -y, x, zeros], axis=-1)
+        rotation_jacobian = (self.reference @ self.rates).T @ skew.reshape(*x.shape, 3, 3)
+        rotated = (rpy - self.level).along(rotation_jacobian) + u
+        return rotated
 
 
-def region_polytope(region: Region) -> Polytope:
+def build_region_polytope(region: Region) -> Polytope:
     """A contact region as rows in space: A_r p <= b_r and the equation of its plane."""
     return Polytope(
         name=region.name,
@@ -105,8 +105,8 @@ def region_polytope(region: Region) -> Polytope:
     )
 
 
-def body_polytope(
-    free: FreeRegion, hull: Array, clearance: float, rotation: LinearRotation
+def build_body_polytope(
+    free: FreeRegion, hull: Array, clearance: float, rotation: LinearisedRotation
 ) -> Polytope:
     """Body poses (com, Theta) before and after a round for which the hull stays in a free region.
 
@@ -116,23 +116,23 @@ def body_polytope(
     """
     rows, bounds = [], []
     for normal, offset in zip(free.A, free.b, strict=True):
-        turned = rotation.reference.T @ normal
-        arms = np.cross(hull, turned) @ rotation.rates
+        normal_body = rotation.reference.T @ normal
+        arms = np.cross(hull, normal_body) @ rotation.rates
         rows.append(np.hstack([np.broadcast_to(normal, arms.shape), arms]))
-        bounds.append(offset - clearance - hull @ turned + arms @ rotation.level)
+        bounds.append(offset - clearance - hull @ normal_body + arms @ rotation.level)
     A, b = np.vstack(rows), np.concatenate(bounds)
     zero = np.zeros_like(A)
-    both = np.block([[A, zero], [zero, A]])
-    return Polytope.halfspaces(free.name, both, np.concatenate([b, b]))
+    both_poses = np.block([[A, zero], [zero, A]])
+    return Polytope.halfspaces(free.name, both_poses, np.concatenate([b, b]))
 
 
-def limb_polytopes(
+def build_limb_polytopes(
     solid: Solid,
     limb: LimbShape,
-    keep: float,
-    knee_keep: float,
-    rotation: LinearRotation,
-    stood: BoolArray | None = None,
+    clearance: float,
+    knee_clearance: float,
+    rotation: LinearisedRotation,
+    is_support_face: BoolArray | None = None,
 ) -> list[Polytope]:
     """Toes and body poses before and after a round for which a limb stays beyond one face.
 
@@ -145,69 +145,82 @@ def limb_polytopes(
     zero = np.zeros(3)
     for k, (normal, offset) in enumerate(zip(solid.A, solid.b, strict=True)):
         # Beyond the face: normal . p >= offset + keep for toe, shoulder and knee
-        turned = rotation.reference.T @ normal
+        normal_body = rotation.reference.T @ normal
         shoulder = limb.shoulder
-        arm = np.cross(shoulder, turned) @ rotation.rates
-        up = limb.highest * max(0.0, -float(normal[2]))
+        arm = np.cross(shoulder, normal_body) @ rotation.rates
+        knee_allowance = limb.max_knee_height * max(0.0, -float(normal[2]))
         rows = [[*-normal, *zero, *zero], [*zero, *-normal, *-arm]]
-        bounds = [-keep, shoulder @ turned - arm @ rotation.level - keep - up]
+        bounds = [
+            -clearance,
+            shoulder @ normal_body - arm @ rotation.level - clearance - knee_allowance,
+        ]
         if (knee := limb.knee) is not None:
             # knee = com + R k + G (toe - com - R s), G = R0 J R0'
-            follow = knee.by_toe.T @ turned
-            with_toe = rotation.reference @ follow
-            arm = np.cross(knee.at, turned) - np.cross(knee.stance, follow)
+            jacobian_normal = knee.toe_jacobian.T @ normal_body
+            toe_row = rotation.reference @ jacobian_normal
+            arm = np.cross(knee.position, normal_body) - np.cross(knee.stance, jacobian_normal)
             arm = arm @ rotation.rates
-            lifted = float((knee.lifted @ turned).min(initial=0.0))
-            rows.append([*-with_toe, *(with_toe - normal), *-arm])
-            still = knee.at @ turned - knee.stance @ follow
-            bounds.append(still - arm @ rotation.level - knee_keep + lifted)
-        if stood is not None and stood[k]:
+            min_lift_offset = float((knee.lift_offsets @ normal_body).min(initial=0.0))
+            rows.append([*-toe_row, *(toe_row - normal), *-arm])
+            nominal_term = knee.position @ normal_body - knee.stance @ jacobian_normal
+            bounds.append(nominal_term - arm @ rotation.level - knee_clearance + min_lift_offset)
+        if is_support_face is not None and is_support_face[k]:
             rows, bounds = rows[1:], bounds[1:]
-        both = np.asarray(np.kron(np.eye(2), np.array(rows)), np.float64)
+        both_postures = np.asarray(np.kron(np.eye(2), np.array(rows)), np.float64)
         name = f"{solid.name} face {k}"
         bound = np.array(bounds) - offset
-        faces.append(Polytope.halfspaces(name, both, np.concatenate([bound, bound])))
+        faces.append(Polytope.halfspaces(name, both_postures, np.concatenate([bound, bound])))
     return faces
 
 
-def _limb_free(p: Program, scene: ClimbScene, postures: Entries, margins: PostureMargins) -> None:
+def _add_limb_clearance(
+    p: Program, scene: ClimbScene, postures: Entries, margins: PostureMargins
+) -> None:
     """Standing limbs stay beyond one face of every obstacle during a round.
 
     postures: (M, N, 18) toe, com and Theta before and after each round.
     """
     robot, terrain = scene.robot, scene.terrain
-    keep = standing_room(scene) + margins.limbs
-    knee_keep = keep + _KNEE_ERROR + margins.knees
-    rotation = LinearRotation.of(scene)
+    clearance = standing_room(scene) + margins.limbs
+    knee_clearance = clearance + _KNEE_TOLERANCE + margins.knees
+    rotation = LinearisedRotation.from_scene(scene)
     if not terrain.obstacles:
         return
-    shapes = [limb_shape(scene, i, rotation.reference) for i in range(robot.limb_count)]
+    shapes = [linearise_limb(scene, i, rotation.reference) for i in range(robot.limb_count)]
     for index, solid in enumerate(terrain.obstacles):
-        per_limb = []
+        alternatives_by_limb = []
         for i in range(robot.limb_count):
             corners = np.concatenate(
                 [terrain.regions[r].vertices for r in np.flatnonzero(terrain.allowed[i])]
             )
-            beyond = (corners @ solid.A.T - solid.b).max(axis=0) >= keep  # a toe may stand there
-            stood = _stood_faces(scene, i, index)
-            beyond |= stood
-            faces = limb_polytopes(solid, shapes[i], keep, knee_keep, rotation, stood)
-            per_limb.append([f for f, usable in zip(faces, beyond, strict=True) if usable])
-        p.one_of(f"limbs.clearance_{index}", postures, per_limb * len(postures), unit="m")
+            is_usable = (corners @ solid.A.T - solid.b).max(
+                axis=0
+            ) >= clearance  # a toe may stand there
+            is_support_face = _find_support_faces(scene, i, index)
+            is_usable |= is_support_face
+            faces = build_limb_polytopes(
+                solid, shapes[i], clearance, knee_clearance, rotation, is_support_face
+            )
+            alternatives_by_limb.append(
+                [f for f, is_face_usable in zip(faces, is_usable, strict=True) if is_face_usable]
+            )
+        p.one_of(
+            f"limbs.clearance_{index}", postures, alternatives_by_limb * len(postures), unit="m"
+        )
 
 
-def _stood_faces(scene: ClimbScene, limb: int, obstacle: int) -> BoolArray:
+def _find_support_faces(scene: ClimbScene, limb: int, obstacle: int) -> BoolArray:
     """(F,) faces of an obstacle with a surface on them that a limb may stand on."""
     terrain = scene.terrain
     solid = terrain.obstacles[obstacle]
-    stood = np.zeros(len(solid.b), bool)
+    is_support_face = np.zeros(len(solid.b), bool)
     if not terrain.stood_upon[limb, obstacle]:
-        return stood
+        return is_support_face
     for r in np.flatnonzero(terrain.allowed[limb]):
         region = terrain.regions[r]
         if lies_on(region, solid):
-            stood |= (solid.A @ region.normal) > _SAME_WAY
-    return stood
+            is_support_face |= (solid.A @ region.normal) > _PARALLEL_COSINE
+    return is_support_face
 
 
 def sum_of_squares(expression: Expression | AffineArray) -> Any:
@@ -219,22 +232,26 @@ def sum_of_squares(expression: Expression | AffineArray) -> Any:
 
 # States that toes (M, N, 3) stand in one region each: program, toes, body origins (M, 3), regions
 # by limb. Its choices are the program's first.
-StateContacts = Callable[[Program, Expression, Expression, list[list[Region]]], None]
+AddContacts = Callable[[Program, Expression, Expression, list[list[Region]]], None]
 
 
-def state_regions(
+def add_contact_regions(
     p: Program, toe: Expression, com: Expression, regions: list[list[Region]]
 ) -> None:
     """Every toe in one contact region, whatever its forces."""
-    polytopes = {id(region): region_polytope(region) for own in regions for region in own}
-    per_limb = [[polytopes[id(region)] for region in own] for own in regions]
+    polytopes = {
+        id(region): build_region_polytope(region)
+        for limb_regions in regions
+        for region in limb_regions
+    }
+    per_limb = [[polytopes[id(region)] for region in limb_regions] for limb_regions in regions]
     p.one_of("contact.region", toe, per_limb * len(toe), unit="m")
 
 
-def posture_program(
+def build_posture_program(
     scene: ClimbScene,
     margins: PostureMargins | None = None,
-    state_contacts: StateContacts = state_regions,
+    state_contacts: AddContacts = add_contact_regions,
 ) -> Program:
     """M rounds of postures for a scene with flat contact regions."""
     spec, robot, terrain = scene.spec.posture, scene.robot, scene.terrain
@@ -246,7 +263,7 @@ def posture_program(
     weights, steps = spec.weights, spec.steps
     limit = np.deg2rad(spec.rotation_limit_deg)
 
-    rotation = LinearRotation.of(scene)
+    rotation = LinearisedRotation.from_scene(scene)
 
     p = Program("posture")
     toe_scalars = p.continuous("toe", (m, n, 3), unit="m")
@@ -272,44 +289,57 @@ def posture_program(
         balls.append(("stance", robot.stance_body, stance_radius))
     # The k-th limb to move does so when the body has covered k / N of its way: it leaves its old
     # place and reaches its new one from there.
-    share = np.empty(n)
-    share[list(scene.gait)] = np.arange(n) / n
-    moving = [x[:-1, None] + share[:, None] * np.diff(x, axis=0)[:, None] for x in (coms, turns)]
+    fraction = np.empty(n)
+    fraction[list(scene.gait)] = np.arange(n) / n
+    poses_at_move = [
+        x[:-1, None] + fraction[:, None] * np.diff(x, axis=0)[:, None] for x in (coms, turns)
+    ]
     for label, origin, radius in balls:
         arm = toe - com[:, None] - rotation.apply(rpy[:, None], origin)
         p.ball(f"workspace.{label}", arm, np.tile(radius, (m, 1)), unit="m")
-        if spec.intermediate_reach:
-            for when, feet in (("lift", toes[:-1]), ("place", toes[1:])):
-                arm = feet - moving[0] - rotation.apply(moving[1], origin)
-                room = np.tile(radius, (m, 1))
-                if label == "stance" and when == "lift":
+        if spec.check_reach_during_round:
+            for event, feet in (("lift", toes[:-1]), ("place", toes[1:])):
+                arm = feet - poses_at_move[0] - rotation.apply(poses_at_move[1], origin)
+                radii = np.tile(radius, (m, 1))
+                if label == "stance" and event == "lift":
                     # Where the start's toes stand no tightening changes
-                    room[0] = np.maximum(radius, robot.stance_radius)
-                p.ball(f"workspace.{label}_{when}", arm, room, unit="m")
+                    radii[0] = np.maximum(radius, robot.stance_radius)
+                p.ball(f"workspace.{label}_{event}", arm, radii, unit="m")
 
     if spec.stance_workspace:
         frame = rotation.reference, rotation.rates, rotation.level
         start = scene.start.com, scene.start.rpy, scene.start.toes
-        within = stance_radius, margins.turn, start
-        state_turns(p, robot, *within, frame, (toes, coms, turns), (moving[0], moving[1]))
+        wedge_limits = stance_radius, margins.turn, start
+        add_coxa_wedges(
+            p,
+            robot,
+            *wedge_limits,
+            frame,
+            (toes, coms, turns),
+            (poses_at_move[0], poses_at_move[1]),
+        )
 
     # D: every toe in one contact region, H_ri => A_r p_i <= b_r
     if scene.by_round is None:
-        own = [[scene.standing[r] for r in np.flatnonzero(terrain.allowed[i])] for i in range(n)]
-        state_contacts(p, toe_scalars, com_scalars, own)
+        regions_by_limb = [
+            [scene.standing[r] for r in np.flatnonzero(terrain.allowed[i])] for i in range(n)
+        ]
+        state_contacts(p, toe_scalars, com_scalars, regions_by_limb)
     else:
-        known = {
-            int(r): region_polytope(scene.standing[r])
+        polytopes = {
+            int(r): build_region_polytope(scene.standing[r])
             for r in np.flatnonzero(terrain.allowed.any(axis=0))
         }
-        near = [[known[int(r)] for r in each] for row in scene.alternatives for each in row]
-        p.one_of("contact.region", toe_scalars, near, unit="m")
+        alternatives = [
+            [polytopes[int(r)] for r in each] for row in scene.alternatives for each in row
+        ]
+        p.one_of("contact.region", toe_scalars, alternatives, unit="m")
 
     # The body's way through each round stays in one convex free region
-    keep = spec.body_clearance + margins.clearance
+    clearance = spec.body_clearance + margins.clearance
     poses = np.concatenate([coms[:-1], turns[:-1], coms[1:], turns[1:]], axis=-1)  # (M, 12)
     for index, choice in enumerate(terrain.free_choices):
-        free = [body_polytope(r, robot.body_hull, keep, rotation) for r in choice]
+        free = [build_body_polytope(r, robot.body_hull, clearance, rotation) for r in choice]
         p.one_of(f"body.clearance_{index}", poses, [free] * m, unit="m")
 
     # Standing limbs pass every obstacle on one side in each round
@@ -325,15 +355,17 @@ def posture_program(
         ],
         axis=-1,
     )
-    _limb_free(p, scene, postures, margins)
+    _add_limb_clearance(p, scene, postures, margins)
 
     # Goal: within tolerance, and as close as the weights say
     goal = scene.goal
     tolerance = scene.spec.task.goal.tolerance
     p.ball("goal.com", com[-1] - goal.com, tolerance, unit="m")
     p.ball("goal.toes", toe[-1] - goal.toes, tolerance, unit="m")
-    turned = np.deg2rad(scene.spec.task.goal.rotation_tolerance_deg)
-    p.between("goal.rotation", rpy[-1] - goal.rpy, -turned, turned, unit="rad")
+    rotation_tolerance = np.deg2rad(scene.spec.task.goal.rotation_tolerance_deg)
+    p.between(
+        "goal.rotation", rpy[-1] - goal.rpy, -rotation_tolerance, rotation_tolerance, unit="rad"
+    )
     p.minimise("goal", weights.goal * sum_of_squares(toe[-1] - goal.toes))
     p.minimise("goal_com", weights.goal_com * sum_of_squares(com[-1] - goal.com))
     p.minimise("goal_rotation", weights.goal_rotation * sum_of_squares(rpy[-1] - goal.rpy))

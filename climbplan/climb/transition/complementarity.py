@@ -1,4 +1,4 @@
-"""A transition as one nonlinear program that also finds the contact sequence (chapter 5.3).
+"""A transition as a program with complementarity constraints that finds the sequence (ch. 5.3).
 
 Every toe may move in every round. Where f is a limb's contact force on a surface, d its toe's
 distance from the surface, u in [0, 1] whether it holds the body, and dp its step,
@@ -21,8 +21,8 @@ cones are pyramids here; the motion is then planned again with the sequence and 
 on the cones as they are.
 
 The same program with u binary and all pairs as rows, products of at most `COMPLEMENTS`, says
-whether a point complements, and is what other methods solve (`transition_problem`). Rows beside
-those of every round (`round_rows`):
+whether a point is complementary, and is what other methods solve (`problem.py`). Constraints in
+addition to those of every round (`round_constraints.py`):
 
     contact.distance    d >= 0 where a surface bounds the room
     contact.pairs       n . f d of every surface, the product of all d, u |dp|^2
@@ -44,25 +44,25 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from climbplan.climb.transition.round_rows import RoundRows, at_points
+from climbplan.climb.transition.round_constraints import RoundConstraints, repeat_at_points
 from climbplan.program.trajectory import Trajectory
 from climbplan.robots.stated_limbs import StatedLimbs
-from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compiled
+from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compile_trajectory
 
 FACETS = 8
 POINTS = 2  # at which a toe has to be in reach: before and after the round
-MOST_LOAD = 1.5  # of a limb, in units of the weight
+MAX_LOAD = 1.5  # of a limb, in units of the weight
 DISTANCE = 0.2  # [m] distances and steps are measured in, so that both sides are about one
 COMPLEMENTS = 2e-3  # largest product of a pair that complements
-_ROUND_OFF = 5e-3  # [m] within which a distance from a polygon is smooth
-_STRETCH_ROOM = 1e-3  # off full stretch, of the cosine of the knee's angle
-_ITERATIONS = 200
+_SMOOTHING = 5e-3  # [m] within which a distance from a polygon is smooth
+_STRETCH_MARGIN = 1e-3  # off full stretch, of the cosine of the knee's angle
+_MAX_ITERATIONS = 200
 _FORCE_PREFERENCE = 1e-4
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What a program is built for."""
+    """The dimensions of a program."""
 
     rounds: int  # M
     stated: StatedLimbs
@@ -73,7 +73,7 @@ class Shape:
 
     @property
     def limbs(self) -> int:
-        """N."""
+        """Number N of limbs."""
         return self.stated.limbs
 
     @property
@@ -87,32 +87,32 @@ class Shape:
             "hold": (1, n),  # u
             "face_weight": (self.faces, n * self.solids),  # g
             "s": (1, 1),
-            **at_points(self.stated.found, POINTS),
+            **repeat_at_points(self.stated.found, POINTS),
         }
 
     @property
     def numbers(self) -> dict[str, tuple[int, int]]:
         """Names and shapes of the numbers, the same in all rounds."""
-        most = self.limbs * self.surfaces
+        num_pairs = self.limbs * self.surfaces
         return {
-            "axes": (3, 3 * most),  # columns normal, tangent, bitangent
-            "offset": (1, most),
-            "bounds_room": (1, most),  # 1 if all free space is in front of it
-            "edge_row": (3, most * self.edges),
-            "edge_end": (1, most * self.edges),
+            "axes": (3, 3 * num_pairs),  # columns normal, tangent, bitangent
+            "offset": (1, num_pairs),
+            "bounds_room": (1, num_pairs),  # 1 if all free space is in front of it
+            "edge_row": (3, num_pairs * self.edges),
+            "edge_end": (1, num_pairs * self.edges),
             "face_row": (3, self.solids * self.faces),
             "face_end": (1, self.solids * self.faces),
-            "mu": (1, most),
+            "mu": (1, num_pairs),
             "load": (6, 1),
-            **at_points(self.stated.given, POINTS),
+            **repeat_at_points(self.stated.given, POINTS),
         }
 
 
 @dataclass(frozen=True)
 class ComplementarityProgram:
-    """The compiled program with all products in the objective, and the one that judges its points.
+    """The compiled program with penalised products, and the one that checks complementarity.
 
-    Both have the same variables; the numbers of the first end with the weight of the products.
+    Both have the same variables; the parameters of the first end with the products' weight.
     """
 
     shape: Shape
@@ -122,43 +122,43 @@ class ComplementarityProgram:
 
 
 @lru_cache(maxsize=8)
-def complementarity_program(shape: Shape) -> ComplementarityProgram:
+def compile_complementarity_program(shape: Shape) -> ComplementarityProgram:
     """Build and compile the program of a shape."""
     settings = {
-        "max_iter": _ITERATIONS,
+        "max_iter": _MAX_ITERATIONS,
         "tol": 1e-5,
         "constr_viol_tol": 1e-6,
         "acceptable_tol": 1e-3,
         "mu_strategy": "adaptive",
     }
-    stated = complementarity_statement(shape)
+    stated = state_complementarity(shape)
     stated.relax(COMPLEMENTS)
-    penalised = compiled(_stated(shape, penalised=True), settings, expand=True)
+    penalised = compile_trajectory(_state(shape, penalised=True), settings, expand=True)
     rows = ca.Function("rows", [stated.x, stated.p], [stated.rows])
     return ComplementarityProgram(shape, penalised, stated, rows)
 
 
-def complementarity_statement(shape: Shape) -> Trajectory:
-    """The program of a shape with all pairs as rows and holds as binaries."""
-    return _stated(shape, penalised=False)
+def state_complementarity(shape: Shape) -> Trajectory:
+    """State the program of a shape with all pairs as constraints and contacts as binaries."""
+    return _state(shape, penalised=False)
 
 
-def _stated(shape: Shape, penalised: bool) -> Trajectory:
-    """penalised: products as a cost with the weight "penalty", binaries' among them."""
+def _state(shape: Shape, penalised: bool) -> Trajectory:
+    """State the program; penalised: products, also of binaries, cost with the weight "penalty"."""
     numbers = {**shape.numbers, **({"penalty": (1, 1)} if penalised else {})}
-    rows = RoundRows("complementarity", shape.stated, shape.variables, numbers)
-    pairs = _round(shape, rows)
+    rows = RoundConstraints("complementarity", shape.stated, shape.variables, numbers)
+    pairs = _state_round(shape, rows)
     if penalised:
         hold = rows.symbols["hold"]
         products = ca.vertcat(pairs, hold * (1 - hold))
         rows.stage.minimise("pairs", rows.symbols["penalty"] * ca.sum1(ca.vec(products)))
     else:
         rows.stage.between("contact.pairs", pairs, upper=COMPLEMENTS)
-    return rows.trajectory(shape.rounds, binaries=["hold"])
+    return rows.build_trajectory(shape.rounds, binaries=["hold"])
 
 
-def _round(shape: Shape, rows: RoundRows) -> Any:
-    """All rows but the pairs; the products (S + 2, N) of the pairs but the binaries' own."""
+def _state_round(shape: Shape, rows: RoundConstraints) -> Any:
+    """State all constraints but the pairs; return the products (S + 2, N), without binaries'."""
     n, count = shape.limbs, shape.surfaces
     stage, s = rows.stage, rows.symbols
     old, new, hold, local = s["toe_before"], s["toe"], s["hold"], s["force"]
@@ -174,7 +174,7 @@ def _round(shape: Shape, rows: RoundRows) -> Any:
     friction = shear - ca.repmat(most, FACETS, 1)
     stage.between("force.friction", friction, upper=0.0, unit="weight")
     pressing = local[0, :] @ of_limb
-    load = ca.vertcat(pressing - MOST_LOAD * hold, s["least_load"] * hold - pressing)
+    load = ca.vertcat(pressing - MAX_LOAD * hold, s["least_load"] * hold - pressing)
     stage.between("switch.load", load, upper=0.0, unit="weight")
     out = s["face_row"].T @ new - ca.repmat(s["face_end"].T, 1, n)  # (B F, N)
     outside = s["face_weight"] * ca.reshape(out, shape.faces, n * shape.solids)
@@ -183,35 +183,37 @@ def _round(shape: Shape, rows: RoundRows) -> Any:
 
     each = (ca.repmat(local[k, :], 3, 1) * axis for k, axis in enumerate((normal, along, across)))
     pushes = sum(each, ca.SX.zeros(3, n * count))
-    force, moment = pushes @ of_limb, rows.foot_moments(normal, pushes)
+    force, moment = pushes @ of_limb, rows.compute_foot_moments(normal, pushes)
     if moment is not None:
         moment = moment @ of_limb
-    limbs = [rows.limbs(point, k) for k, point in enumerate((old, new))]
-    rows.reach(limbs, _STRETCH_ROOM)
-    torque = rows.torques(limbs[0], force, moment)
-    rows.command(limbs[0], torque)
-    rows.torque(limbs[0], torque)
-    rows.toe_steps()
-    rows.equilibrium(limbs[0], force, moment)
+    limbs = [rows.build_limbs(point, k) for k, point in enumerate((old, new))]
+    rows.add_reach(limbs, _STRETCH_MARGIN)
+    torque = rows.compute_torques(limbs[0], force, moment)
+    rows.add_command_limits(limbs[0], torque)
+    rows.add_torque_limits(limbs[0], torque)
+    rows.add_toe_steps()
+    rows.add_equilibrium(limbs[0], force, moment)
     stage.between("switch.supporting", ca.sum2(hold))
-    rows.body_step()
-    rows.costs(_FORCE_PREFERENCE)
+    rows.add_body_step()
+    rows.add_costs(_FORCE_PREFERENCE)
 
-    before = ca.reshape(local[0, :] * _distance(shape, s, old[:, limb_of]), count, n)
-    after = ca.reshape(_distance(shape, s, new[:, limb_of]), count, n)
+    before = ca.reshape(local[0, :] * _compute_distance(shape, s, old[:, limb_of]), count, n)
+    after = ca.reshape(_compute_distance(shape, s, new[:, limb_of]), count, n)
     placed: Any = 1
     for k in range(count):
         placed *= after[k, :] / DISTANCE
-    return ca.vertcat(before / DISTANCE, placed, hold * ca.sum1(rows.step**2) / DISTANCE**2)
+    return ca.vertcat(before / DISTANCE, placed, hold * ca.sum1(rows.toe_step**2) / DISTANCE**2)
 
 
-def _distance(shape: Shape, s: Mapping[str, Any], points: Any) -> Any:
-    """Distances (1, N S) of points (3, N S), one for each limb and surface, from that surface."""
+def _compute_distance(shape: Shape, s: Mapping[str, Any], points: Any) -> Any:
+    """Compute distances (1, N S) of points (3, N S) from the surface of each limb and index."""
     plane = ca.sum1(s["axes"][:, ::3] * points) - s["offset"]
     if shape.edges == 0:
         return plane
     at_edge = points[:, np.repeat(range(points.shape[1]), shape.edges).tolist()]
-    past = ca.fmax(ca.sum1(s["edge_row"] * at_edge) - s["edge_end"], 0)
-    square = plane**2 + ca.sum1(ca.reshape(past, shape.edges, points.shape[1]) ** 2)
-    polygon = ca.sqrt(square + _ROUND_OFF**2) - _ROUND_OFF
+    edge_excess = ca.fmax(ca.sum1(s["edge_row"] * at_edge) - s["edge_end"], 0)
+    squared_distance = plane**2 + ca.sum1(
+        ca.reshape(edge_excess, shape.edges, points.shape[1]) ** 2
+    )
+    polygon = ca.sqrt(squared_distance + _SMOOTHING**2) - _SMOOTHING
     return s["bounds_room"] * plane + (1 - s["bounds_room"]) * polygon

@@ -1,4 +1,4 @@
-"""Poses and footholds of a transition with its sequence fixed, by IPOPT from the search's way."""
+"""Optimise poses and footholds of a fixed contact sequence by IPOPT, from the path of the search."""
 
 from __future__ import annotations
 
@@ -9,103 +9,119 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import Rounds
-from climbplan.climb.transition.motion_numbers import (
-    JOINT_ROOM,
+from climbplan.climb.transition.motion_data import (
+    JOINT_MARGIN,
     MARGIN,
-    links_beside,
-    motion_numbers,
-    open_footholds,
-    shape_of,
-    toes_of,
+    build_motion_data,
+    build_shape,
+    find_free_footholds,
+    find_links_to_separate,
+    get_toes,
 )
-from climbplan.climb.transition.motion_statement import motion_program
-from climbplan.climb.transition.pose_ways import Sequence
-from climbplan.climb.transition.stances import Laboratory
+from climbplan.climb.transition.motion_statement import compile_motion_program
+from climbplan.climb.transition.pose_paths import Sequence
+from climbplan.climb.transition.stance_forces import SearchTables
 from climbplan.program.trajectory import Trajectory
 
-ACCEPTED = 1e-5  # largest violation of a row; the force planner and the verification are stricter
+ACCEPTANCE_TOLERANCE = (
+    1e-5  # largest violation of a row; the force planner and the verification are stricter
+)
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What IPOPT found for one sequence; not yet checked by forces and verification."""
+    """A solution of the motion program for one sequence, before forces and verification."""
 
     rounds: Rounds
-    first: Array  # (3,) where the body waits at the first lift [m]
+    first_position: Array  # (3,) of the body at the first lift [m]
     violation: float  # of the worst row, by our own evaluation
     block: str  # of that row
     iterations: int
     seconds: float
-    word: str  # IPOPT's return status
-    safety_torque: float  # S_tau up to which the program has this motion whatever is asked
+    status: str  # IPOPT's return status
+    safety_torque: float  # S_tau of this motion: smaller required values do not change it
 
     @property
-    def accepted(self) -> bool:
-        """Whether every row holds."""
-        return self.violation <= ACCEPTED
+    def is_accepted(self) -> bool:
+        """Whether all constraints hold."""
+        return self.violation <= ACCEPTANCE_TOLERANCE
 
 
 def plan_motion(
-    lab: Laboratory,
+    tables: SearchTables,
     sequence: Sequence,
     safety_torque: float | None = None,
-    share: float = 0.0,
-    parted: bool = False,
-    met: Rounds | None = None,
-    joint_room: float = JOINT_ROOM,
+    margin_fraction: float = 0.0,
+    separate: bool = False,
+    colliding_motion: Rounds | None = None,
+    joint_margin: float = JOINT_MARGIN,
 ) -> Motion:
-    """The motion of least cost near the search's way.
+    """Find a locally optimal motion of a sequence near the path of the search.
 
-    safety_torque: S_tau asked for instead of the spec's; share: of its margins that forces keep.
-    parted: with rows that keep limbs off the terrain, the body and one another; met: a motion
-    without these in which they came too close. joint_room: off joint bounds [rad].
+    Args:
+        tables: Footholds and poses of the search.
+        sequence: The contact sequence.
+        safety_torque: Required S_tau; None takes the spec's.
+        margin_fraction: Fraction of the spec's margins that forces keep.
+        separate: Whether limbs are constrained to stay clear of terrain, body and one another.
+        colliding_motion: A motion without these constraints in which they came too close.
+        joint_margin: Distance of angles from joint bounds [rad].
     """
-    scene = lab.scene
+    scene = tables.scene
     begin = time.perf_counter()
     rounds = len(sequence.states) - 1
-    beside = links_beside(lab, sequence, met) if parted else ()
-    program = motion_program(shape_of(scene, rounds, parted, beside))
+    link_pairs = find_links_to_separate(tables, sequence, colliding_motion) if separate else ()
+    program = compile_motion_program(build_shape(scene, rounds, separate, link_pairs))
     stated = program.stated
-    least = scene.spec.force.safety_torque if safety_torque is None else safety_torque
-    numbers = motion_numbers(lab, stated, sequence, least, share, parted, beside, joint_room)
+    min_safety_torque = scene.spec.force.safety_torque if safety_torque is None else safety_torque
+    numbers = build_motion_data(
+        tables,
+        stated,
+        sequence,
+        min_safety_torque,
+        margin_fraction,
+        separate,
+        link_pairs,
+        joint_margin,
+    )
     bounds, p = numbers.bounds, stated.theta(numbers.parameters)
-    until = time.monotonic() + scene.spec.solver.time_limit
-    point = program.solver.solve(numbers.start, p, bounds, until)
+    deadline = time.monotonic() + scene.spec.solver.time_limit
+    point = program.solver.solve(numbers.start, p, bounds, deadline)
     v = np.clip(point.v, bounds.lower, bounds.upper)
     rows = program.solver.rows(v, p)
-    found = stated.residuals(rows, (bounds.row_lower, bounds.row_upper))
-    worst = max(found, key=lambda block: block.residual)
+    residuals = stated.residuals(rows, (bounds.row_lower, bounds.row_upper))
+    worst = max(residuals, key=lambda block: block.residual)
     number = worst.index[0] // (stated.sizes()[worst.name] // rounds) + 1
     return Motion(
-        rounds=rounds_at(lab, stated, sequence, v),
-        first=first_at(stated, v),
+        rounds=read_rounds(tables, stated, sequence, v),
+        first_position=read_first_position(stated, v),
         violation=worst.residual,
         block=f"round {number}, {worst.name}",
         iterations=point.iterations,
         seconds=time.perf_counter() - begin,
-        word=point.word,
+        status=point.word,
         safety_torque=(1 - MARGIN) / max(float(v[stated.place("s")].max()), 1e-12),
     )
 
 
-def rounds_at(lab: Laboratory, stated: Trajectory, sequence: Sequence, v: Array) -> Rounds:
-    """Postures of a point of the program, toes put exactly on their surfaces.
+def read_rounds(tables: SearchTables, stated: Trajectory, sequence: Sequence, v: Array) -> Rounds:
+    """Read the postures of a point of the program, with toes exactly on their surfaces.
 
-    The first is the start; where the body waits at the first lift tells `first_at`.
+    The first is the start; `read_first_position` returns the body's place at the first lift.
     """
-    scene, limb = lab.scene, np.arange(lab.scene.robot.limb_count)
+    scene, limb = tables.scene, np.arange(tables.scene.robot.limb_count)
     states = np.array(sequence.states)
-    toes, region = toes_of(lab, sequence), lab.footholds.region[limb, states]
+    toes, region = get_toes(tables, sequence), tables.footholds.region[limb, states]
     pose = np.vstack([v[stated.place("pose")], np.append(scene.goal.com, scene.goal.rpy)])
     pose[0, :3] = scene.start.com
-    found = v[stated.place("toe")].reshape(-1, len(limb), 3)
-    for j, i in np.argwhere(open_footholds(sequence)):  # never in the start posture
-        stays = states[j - 1, i] == states[j, i]
+    toe_values = v[stated.place("toe")].reshape(-1, len(limb), 3)
+    for j, i in np.argwhere(find_free_footholds(sequence)):  # never in the start posture
+        is_standing = states[j - 1, i] == states[j, i]
         surface = scene.terrain.surfaces[region[j, i]]
-        toes[j, i] = toes[j - 1, i] if stays else surface.project(found[j - 1, i])
+        toes[j, i] = toes[j - 1, i] if is_standing else surface.project(toe_values[j - 1, i])
     return Rounds(pose[:, :3], pose[:, 3:], toes, region)
 
 
-def first_at(stated: Trajectory, v: Array) -> Array:
-    """(3,) where the body waits at the first lift, at a point of the program."""
+def read_first_position(stated: Trajectory, v: Array) -> Array:
+    """Read the position (3,) of the body at the first lift, at a point of the program [m]."""
     return np.asarray(v[stated.place("pose")][0, :3])

@@ -1,27 +1,27 @@
-"""The motion of a transition with its contact sequence fixed, as one nonlinear program.
+"""The motion of a transition with a fixed contact sequence, as one nonlinear program.
 
-In round j the body waits at pose j - 1 while some limbs move; then it goes on to pose j. Variables
-are the poses between start and goal, toes on footholds between, contact forces on the limbs that
-hold the body and the share s of the torque limits they take. Beside the rows of every round
-(`round_rows`):
+In round j the body waits at pose j - 1 while some limbs move; then it moves to pose j. Variables
+are the poses between start and goal, toes on intermediate footholds, contact forces on the standing
+limbs, and the fraction s of the torque limits in use. The cost is the weighted sum of squared steps
+and s (`round_constraints.py`). In addition to the constraints of every round there:
 
     transition.reach, kinematics.toes, transition.joints
-                           of every toe old, new, and hovering over both
+                           for every toe old, new, and hovering over both
     force.friction         |f_t|^2 <= (mu / S_mu)^2 (n . f - reserve)^2
-    force.contact          n . f >= least load of a limb that supports
-    force.inward           toes commanded into their surface by the least depth, to first order
-    force.inside           and by what margins ask, where a free toe would really be
-    steps.rotation         turns of the body within their bound
-    body.clearance         hull corners beyond a face of every solid, the face pinned
-    limbs.clearance        joints beyond such faces, and
-    limbs.self_collision   links beyond a face of the body each, and links of two limbs on both
-                           sides of a plane, where limbs came too close without
-    foothold.plane         toes on footholds between lie on their surface,
+    force.contact          n . f >= minimum load of a supporting limb
+    force.inward           commanded penetration of toes >= minimum depth, to first order
+    force.inside           commanded penetration >= margin, by exact kinematics
+    steps.rotation         bounds on rotation steps of the body
+    body.clearance         hull corners beyond a fixed face of every solid
+    limbs.clearance        joints beyond fixed faces of solids, if limbs came too close without
+    limbs.self_collision   links beyond faces of the body, and links of two limbs on both sides of
+                           a plane, likewise
+    foothold.plane         toes on intermediate footholds lie on their surface,
     foothold.inside        within its edges,
     foothold.stays         and stay until their limb moves
 
-One program serves all sequences of so many rounds and limbs: which limbs move, where toes are
-fixed, normals, friction and faces are numbers (`motion_numbers`), and so is which rows hold.
+One program serves all sequences with the same numbers of rounds and limbs. Which limbs move, fixed
+toes, normals, friction and faces are parameters (`motion_data.py`), as are the constraints' bounds.
 """
 
 from __future__ import annotations
@@ -33,44 +33,44 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from climbplan.climb.postures.nlp.statement import CONVEXITY
-from climbplan.climb.transition.round_rows import RoundRows, at_points
+from climbplan.climb.postures.nlp.statement import CHORD_FACTOR
+from climbplan.climb.transition.round_constraints import RoundConstraints, repeat_at_points
 from climbplan.program.trajectory import Trajectory
 from climbplan.robots.stated_limbs import StatedLimbs
-from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compiled
+from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compile_trajectory
 
 CORNERS = 8
-POINTS = 4  # at which a toe has to be in reach
+POINTS = 4  # per round at which a toe has to be in reach
 _FORCE_PREFERENCE = 1e-5  # on squared forces in units of the weight
-_STRETCH_ROOM = 1e-4  # off full stretch, of the cosine of the knee's angle
-_EDGE_ROOM = 5e-3  # [m] off the edges of surfaces
-_ITERATIONS = 80
+_STRETCH_MARGIN = 1e-4  # off full stretch, of the cosine of the knee's angle
+_EDGE_MARGIN = 5e-3  # [m] off the edges of surfaces
+_MAX_ITERATIONS = 80
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What a program is built for."""
+    """The dimensions of a program."""
 
     rounds: int  # M
     stated: StatedLimbs
     solids: int  # S
     edges: int  # E, of the surfaces of footholds between
-    pieces: int = 0  # C capsules of a limb that keep off the body; 0: limbs are not looked at
+    num_capsules: int = 0  # C capsules of a limb that keep off the body; 0: limbs are not looked at
     # (Q, 4) limb and capsule, and limb and capsule, that keep off one another
-    beside: tuple[tuple[int, int, int, int], ...] = ()
+    link_pairs: tuple[tuple[int, int, int, int], ...] = ()
 
     @property
     def limbs(self) -> int:
-        """N."""
+        """Number N of limbs."""
         return self.stated.limbs
 
     @property
     def variables(self) -> dict[str, tuple[int, int]]:
         """Names and shapes of the variables of one round: the pose it starts from, toes after."""
         n = self.limbs
-        own = {"pose": (6, 1), "toe": (3, n), "force": (3, n), "s": (1, 1)}
+        shapes = {"pose": (6, 1), "toe": (3, n), "force": (3, n), "s": (1, 1)}
         # With the toe old, new, hovering over both
-        return own | at_points(self.stated.found, POINTS)
+        return shapes | repeat_at_points(self.stated.found, POINTS)
 
     @property
     def every_round(self) -> dict[str, tuple[int, int]]:
@@ -80,37 +80,37 @@ class Shape:
             "normal_old": (3, n),
             "normal_new": (3, n),
             "mu": (1, n),  # mu / S_mu of the surface under each limb, 0 for those that move
-            **at_points(self.stated.given, POINTS),
+            **repeat_at_points(self.stated.given, POINTS),
             "edge_row": (3, n * self.edges),  # of each toe's new surface
             "edge_end": (1, n * self.edges),
             "plane": (1, n),  # offset of the new surface
             "face": (3, self.solids),
             "face_end": (1, self.solids),
             "load": (6, 1),  # payload and external wrench [weight, weight m]
-            **self._parting,
+            **self._separation,
         }
 
     @property
-    def _parting(self) -> dict[str, tuple[int, int]]:
-        """Faces that joints are to be beyond, world, and links, body frame."""
-        if not self.pieces:
+    def _separation(self) -> dict[str, tuple[int, int]]:
+        """Shapes of faces that joints (world frame) and links (body frame) stay beyond."""
+        if not self.num_capsules:
             return {}
         joints = POINTS * self.solids * (self.stated.joints - 1) * self.limbs
-        links = POINTS * self.pieces * self.limbs
+        links = POINTS * self.num_capsules * self.limbs
         return {
             "joint_face": (3, joints),
             "joint_end": (1, joints),
             "link_face": (3, links),
             "link_end": (1, links),  # with the radius of the link
-            **self._between,
+            **self._limb_separation,
         }
 
     @property
-    def _between(self) -> dict[str, tuple[int, int]]:
-        """Directions that part links of two limbs, and by how much [m]; which limbs move."""
-        if not self.beside:
+    def _limb_separation(self) -> dict[str, tuple[int, int]]:
+        """Shapes of planes that separate links of two limbs, and of the flags of moving limbs."""
+        if not self.link_pairs:
             return {}
-        count = POINTS * len(self.beside)
+        count = POINTS * len(self.link_pairs)
         return {"limb_face": (3, count), "limb_end": (1, count), "moves": (1, self.limbs)}
 
     @property
@@ -125,104 +125,118 @@ class Shape:
         }
 
 
-def motion_statement(shape: Shape) -> Trajectory:
-    """The program of a shape, as it is stated."""
-    return _round(shape).trajectory(shape.rounds, shape.every_round)
+def state_motion(shape: Shape) -> Trajectory:
+    """State the program of a shape."""
+    return _state_round(shape).trajectory(shape.rounds, shape.every_round)
 
 
 @lru_cache(maxsize=8)
-def motion_program(shape: Shape) -> CompiledTrajectory:
+def compile_motion_program(shape: Shape) -> CompiledTrajectory:
     """Build and compile the program of a shape."""
     settings = {
-        "max_iter": _ITERATIONS,
+        "max_iter": _MAX_ITERATIONS,
         "tol": 1e-6,
         "constr_viol_tol": 1e-8,
         "mu_init": 1e-2,
         "mu_strategy": "monotone",
         "bound_relax_factor": 0.0,
     }
-    return compiled(motion_statement(shape), settings, expand=True)
+    return compile_trajectory(state_motion(shape), settings, expand=True)
 
 
-def _round(shape: Shape) -> RoundRows:
-    """One round between two poses."""
-    rows = RoundRows(
+def _state_round(shape: Shape) -> RoundConstraints:
+    """State one round between two poses."""
+    rows = RoundConstraints(
         "transition", shape.stated, shape.variables, {**shape.every_round, **shape.common}
     )
     stage, s = rows.stage, rows.symbols
     old, new, force = s["toe_before"], s["toe"], s["force"]
-    over = (old + s["lift"] * s["normal_old"], new + s["lift"] * s["normal_new"])
-    limbs = [rows.limbs(p, k) for k, p in enumerate((old, new, *over))]
-    rows.reach(limbs, _STRETCH_ROOM)
+    hovering = (old + s["lift"] * s["normal_old"], new + s["lift"] * s["normal_new"])
+    limbs = [rows.build_limbs(p, k) for k, p in enumerate((old, new, *hovering))]
+    rows.add_reach(limbs, _STRETCH_MARGIN)
 
     pressure = ca.sum1(s["normal_old"] * force)
     shear = force - ca.repmat(pressure, 3, 1) * s["normal_old"]
     friction = ca.sum1(shear**2) - (s["mu"] * (pressure - s["reserve"])) ** 2
     stage.between("force.friction", friction, upper=0.0, unit="weight^2")
     stage.between("force.contact", s["least_load"] - pressure, upper=0.0, unit="weight")
-    moment = rows.foot_moments(s["normal_old"], force)
-    torque = rows.torques(limbs[0], force, moment)
-    rows.torque(limbs[0], torque)
-    inward = rows.torques(limbs[0], s["normal_old"])
-    depth = ca.sum1(inward * s["softness"] * torque)
+    moment = rows.compute_foot_moments(s["normal_old"], force)
+    torque = rows.compute_torques(limbs[0], force, moment)
+    rows.add_torque_limits(limbs[0], torque)
+    normal_torque = rows.compute_torques(limbs[0], s["normal_old"])
+    depth = ca.sum1(normal_torque * s["softness"] * torque)
     stage.between("force.inward", s["least_depth"] - depth, upper=0.0, unit="m")
-    inside = s["margin_depth"] - rows.commanded_depth(limbs[0], old, torque)
-    stage.between("force.inside", inside, upper=0.0, unit="m")
-    rows.command(limbs[0], torque)
+    missing_depth = s["margin_depth"] - rows.compute_commanded_depth(limbs[0], old, torque)
+    stage.between("force.inside", missing_depth, upper=0.0, unit="m")
+    rows.add_command_limits(limbs[0], torque)
 
-    at_edge = new[:, np.repeat(range(shape.limbs), shape.edges).tolist()]
-    beyond = ca.sum1(s["edge_row"] * at_edge) - s["edge_end"]
-    stage.between("foothold.inside", beyond, upper=-_EDGE_ROOM, unit="m")
-    rows.toe_steps()
-    stage.equal("foothold.stays", rows.step, "m")
+    toe_by_edge = new[:, np.repeat(range(shape.limbs), shape.edges).tolist()]
+    edge_excess = ca.sum1(s["edge_row"] * toe_by_edge) - s["edge_end"]
+    stage.between("foothold.inside", edge_excess, upper=-_EDGE_MARGIN, unit="m")
+    rows.add_toe_steps()
+    stage.equal("foothold.stays", rows.toe_step, "m")
     stage.equal("foothold.plane", ca.sum1(s["normal_new"] * new) - s["plane"], "m")
-    rows.equilibrium(limbs[0], force, moment)
-    rows.body_step()
-    stage.between("steps.rotation", rows.turning, unit="rad")
-    corners = ca.repmat(s["pose"][:3], 1, CORNERS) + rows.turn @ s["hull"]
-    room = corners.T @ s["face"] - ca.repmat(s["face_end"], CORNERS, 1)
-    if shape.pieces:
-        # A turning corner leaves its chord by a bulge; four of them at one end are enough
-        room -= 4 * CONVEXITY * ca.sqrt(ca.sumsqr(s["hull"][:, 0])) * ca.sumsqr(rows.turning)
-        _keep_apart(shape, rows, [standing.angles for standing in limbs])
-    stage.between("body.clearance", room, unit="m")
-    rows.costs(_FORCE_PREFERENCE)
+    rows.add_equilibrium(limbs[0], force, moment)
+    rows.add_body_step()
+    stage.between("steps.rotation", rows.rotation_step, unit="rad")
+    corners = ca.repmat(s["pose"][:3], 1, CORNERS) + rows.rotation @ s["hull"]
+    clearance = corners.T @ s["face"] - ca.repmat(s["face_end"], CORNERS, 1)
+    if shape.num_capsules:
+        # A rotating corner deviates from its chord; four such bulges at one end are a bound
+        clearance -= (
+            4 * CHORD_FACTOR * ca.sqrt(ca.sumsqr(s["hull"][:, 0])) * ca.sumsqr(rows.rotation_step)
+        )
+        _add_separation(shape, rows, [standing.angles for standing in limbs])
+    stage.between("body.clearance", clearance, unit="m")
+    rows.add_costs(_FORCE_PREFERENCE)
     return rows
 
 
-def _keep_apart(shape: Shape, rows: RoundRows, angles: list[Any]) -> None:
-    """Joints beyond a face of every solid, links beyond one of body and other limbs, all pinned."""
+def _add_separation(shape: Shape, rows: RoundConstraints, angles: list[Any]) -> None:
+    """Add constraints that keep joints and links beyond fixed faces of solids, body and limbs."""
     s, n = rows.symbols, shape.limbs
-    clear, beside, parted = [], [], []
-    held: list[tuple[Any, Any]] = []  # links of limbs that do not move in the round
-    for k, own in enumerate(angles):
-        joints = shape.stated.points(s, own)[1:-1]
-        world = [rows.world(point) for point in joints]
+    terrain_distance, body_distance, limb_distance = [], [], []
+    standing_links: list[tuple[Any, Any]] = []  # links of limbs that do not move in the round
+    for k, joint_angles in enumerate(angles):
+        joints = shape.stated.points(s, joint_angles)[1:-1]
+        world = [rows.transform_to_world(point) for point in joints]
         for solid in range(shape.solids):
             for j, point in enumerate(world):
-                at = ((k * shape.solids + solid) * len(world) + j) * n
-                face, end = (s[name][:, at : at + n] for name in ("joint_face", "joint_end"))
-                clear.append(ca.sum1(face * point) - end)
-        links = shape.stated.pieces(s, own)
+                column = ((k * shape.solids + solid) * len(world) + j) * n
+                face, end = (
+                    s[name][:, column : column + n] for name in ("joint_face", "joint_end")
+                )
+                terrain_distance.append(ca.sum1(face * point) - end)
+        links = shape.stated.pieces(s, joint_angles)
         for c, ends in enumerate(links):
-            at = (k * shape.pieces + c) * n
-            face, end = (s[name][:, at : at + n] for name in ("link_face", "link_end"))
-            beside += [ca.sum1(face * point) - end for point in ends]
-        held = held or links
-        for q, pair in enumerate(shape.beside):
-            one, other = (_link(s, links, held, *pair[at : at + 2]) for at in (0, 2))
-            at = k * len(shape.beside) + q
-            face, end = s["limb_face"][:, at], s["limb_end"][:, at]
-            parted += [ca.dot(face, p - r) - end for p in one for r in other]
-    rows.stage.between("limbs.clearance", ca.vertcat(*clear), 0.0, unit="m")
-    apart = ca.vertcat(ca.vec(ca.vertcat(*beside)), *parted)
-    rows.stage.between("limbs.self_collision", apart, 0.0, unit="m")
+            column = (k * shape.num_capsules + c) * n
+            face, end = (s[name][:, column : column + n] for name in ("link_face", "link_end"))
+            body_distance += [ca.sum1(face * point) - end for point in ends]
+        standing_links = standing_links or links
+        for q, pair in enumerate(shape.link_pairs):
+            first, second = (
+                _build_link_ends(s, links, standing_links, *pair[column : column + 2])
+                for column in (0, 2)
+            )
+            column = k * len(shape.link_pairs) + q
+            face, end = s["limb_face"][:, column], s["limb_end"][:, column]
+            limb_distance += [ca.dot(face, p - r) - end for p in first for r in second]
+    rows.stage.between("limbs.clearance", ca.vertcat(*terrain_distance), 0.0, unit="m")
+    distances = ca.vertcat(ca.vec(ca.vertcat(*body_distance)), *limb_distance)
+    rows.stage.between("limbs.self_collision", distances, 0.0, unit="m")
 
 
-def _link(
-    s: dict[str, Any], there: list[tuple[Any, Any]], held: list[tuple[Any, Any]], limb: int, c: int
+def _build_link_ends(
+    s: dict[str, Any],
+    links: list[tuple[Any, Any]],
+    standing_links: list[tuple[Any, Any]],
+    limb: int,
+    c: int,
 ) -> list[Any]:
-    """Ends (3,) of a limb's link where the limb is at a point: `held` unless it moves."""
+    """Build the ends (3,) of a limb's link at a point; a standing limb stays at the first one."""
     moves = s["moves"][limb]
-    both = zip(there[c], held[c], strict=True)
-    return [moves * now[:, limb] + (1 - moves) * then[:, limb] for now, then in both]
+    ends = zip(links[c], standing_links[c], strict=True)
+    return [
+        moves * moving_end[:, limb] + (1 - moves) * standing_end[:, limb]
+        for moving_end, standing_end in ends
+    ]

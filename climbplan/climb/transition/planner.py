@@ -1,4 +1,4 @@
-"""The transition planner: sequences, balanced poses, and the motion that holds (chapter 5.3)."""
+"""The transition planner: contact sequences, balanced poses, and a verified motion (chapter 5.3)."""
 
 from __future__ import annotations
 
@@ -18,72 +18,84 @@ from climbplan.climb.plan.climb_plan import (
 )
 from climbplan.climb.scene.climb_scene import on_scan
 from climbplan.climb.schema.transition_loading import LoadedTransition
-from climbplan.climb.transition.carrying import (
-    Complete,
-    Found,
-    Run,
-    assemble,
-    carry_through,
-    transition_cost,
-)
+from climbplan.climb.transition.following_climb import plan_following_climb
 from climbplan.climb.transition.footholds import Poses
-from climbplan.climb.transition.homotopy import run_start
-from climbplan.climb.transition.mission import climb_after
-from climbplan.climb.transition.pose_ways import Sequence
-from climbplan.climb.transition.refusal import OutOfReach, no_sequence
-from climbplan.climb.transition.remedies import with_remedies
+from climbplan.climb.transition.homotopy import run_from_start
+from climbplan.climb.transition.infeasibility_report import OutOfReach, explain_no_sequence
+from climbplan.climb.transition.pose_paths import Sequence
+from climbplan.climb.transition.remedies import find_remedies
 from climbplan.climb.transition.scene import TransitionScene, build_transition
-from climbplan.climb.transition.search import Search
-from climbplan.climb.transition.stances import Laboratory, stance_instants
-from climbplan.errors import Infeasible, NoPlanFound, NotProved, UsageError
+from climbplan.climb.transition.search import SequenceSearch
+from climbplan.climb.transition.sequence_planning import (
+    CompleteMotion,
+    MethodResult,
+    PlanningRun,
+    assemble_plan,
+    compute_cost,
+    plan_and_verify_sequence,
+)
+from climbplan.climb.transition.stance_forces import SearchTables, build_stance_instants
+from climbplan.errors import Infeasible, NoPlanFound, Unresolved, UsageError
 from climbplan.progress import Progress
 
-_MOST = 800  # cone programs, of a millisecond each
-_SAME = 1e-3  # [m] between poses that are looked at
+_MAX_BALANCE_PROGRAMS = 800  # cone programs
+_POSE_TOLERANCE = 1e-3  # [m] between poses that differ
 
 
-def balanced_poses(scene: TransitionScene, deadline: float) -> Poses:
-    """Poses that balance the stance sets of all sequences within reach, beside the straight way.
+def find_balanced_poses(scene: TransitionScene, deadline: float) -> Poses:
+    """Find poses off the straight path that balance the stance sets of all reachable sequences.
 
-    A robot of many limbs braces: where its body is matters little. A quadruped stands on three
-    legs, and has to have its body where these hold it: for each stance set, at heights along the
-    way, the least level shift that balances it is a cone program.
+    A robot with many limbs braces, so the place of its body matters little. A quadruped on three
+    legs has to shift its body: for each stance set, at heights along the path, a cone program finds
+    the smallest level shift that balances it.
+
+    Args:
+        scene: The scene.
+        deadline: Time limit in `time.monotonic` seconds.
     """
-    kinematic = Search(scene, forces=False, deadline=deadline)
-    kinematic.sequences()
-    share = np.linspace(0.0, 1.0, scene.spec.search.heights)
+    kinematic = SequenceSearch(scene, forces=False, deadline=deadline)
+    kinematic.list_sequences()
+    fraction = np.linspace(0.0, 1.0, scene.spec.search.heights)
     start, goal = scene.start, scene.goal
-    way = Poses(
-        start.com + share[:, None] * (goal.com - start.com),
-        start.rpy + share[:, None] * (goal.rpy - start.rpy),
+    straight_path = Poses(
+        start.com + fraction[:, None] * (goal.com - start.com),
+        start.rpy + fraction[:, None] * (goal.rpy - start.rpy),
     )
-    pairs = list(itertools.product(kinematic.stances(), range(way.count)))[:_MOST]
+    pairs = list(itertools.product(kinematic.list_stances(), range(straight_path.count)))[
+        :_MAX_BALANCE_PROGRAMS
+    ]
     if not pairs:
         return Poses(np.zeros((0, 3)), np.zeros((0, 3)))
-    stance: IntArray = np.array([own for own, _ in pairs], np.int64)
-    number: IntArray = np.array([k for _, k in pairs], np.int64)
-    lifts = stance_instants(kinematic.lab.at(way), stance, number)
+    stance: IntArray = np.array([stance_set for stance_set, _ in pairs], np.int64)
+    pose_index: IntArray = np.array([k for _, k in pairs], np.int64)
+    lifts = build_stance_instants(kinematic.tables.with_poses(straight_path), stance, pose_index)
     # The search's friction pyramids are inscribed in the cones of the balance
-    narrower = float(np.cos(np.pi / scene.spec.force.facets))
-    most = scene.spec.posture.steps.com_max
-    com = way.com[number] + balancing_shifts(scene, lifts, most, narrower, follow=False)
+    cone_scale = float(np.cos(np.pi / scene.spec.force.facets))
+    max_shift = scene.spec.posture.steps.com_max
+    com = straight_path.com[pose_index] + balancing_shifts(
+        scene, lifts, max_shift, cone_scale, follow=False
+    )
     rows: dict[tuple[int, ...], int] = {}
-    for row, place in enumerate(np.rint(com / _SAME).astype(int).tolist()):
-        rows.setdefault(tuple(place), row)
-    kept = sorted(rows.values())
-    return Poses(com[kept], way.rpy[number[kept]])
+    for row, cell in enumerate(np.rint(com / _POSE_TOLERANCE).astype(int).tolist()):
+        rows.setdefault(tuple(cell), row)
+    selected = sorted(rows.values())
+    return Poses(com[selected], straight_path.rpy[pose_index[selected]])
 
 
-_FOR_SEARCH = 0.6  # share of the time limit that `auto` gives to the search
-_FOR_PLANS = 0.8  # share that it uses for plans of the spec as it is; the rest is for remedies
+_SEARCH_TIME_FRACTION = 0.6  # of the time limit, that `auto` gives to the search
+_PLANNING_TIME_FRACTION = 0.8  # for plans of the spec as it is; the rest is for remedies
 
 
 def plan_transition(loaded: LoadedTransition, report: Progress | None = None) -> ClimbPlan:
-    """A transition plan for a loaded spec.
+    """Plan a transition for a loaded spec; the plan has passed its verification.
 
-    Raises NotProved where no sequence exists on the poses searched, saying which contacts slip,
-    and LimitReached where none of the sequences or starts tried led to a plan. Every plan was
-    verified as it stands in memory; the file is verified on its own.
+    Args:
+        loaded: The spec.
+        report: Called with a stage and the fraction that is done.
+
+    Raises:
+        Unresolved: No sequence exists on the poses searched; the message names slipping contacts.
+        LimitReached: None of the sequences or starts led to a plan in time.
     """
     clock = StageClock(report or (lambda stage, fraction: None))
     begin = time.monotonic()
@@ -91,79 +103,84 @@ def plan_transition(loaded: LoadedTransition, report: Progress | None = None) ->
     options = loaded.spec.solver
     try:
         scene = build_transition(loaded)
-        run = Run(loaded, scene, clock, climb_after(loaded, scene, clock))
-        return assemble(run, _METHODS[options.method](run))
+        run = PlanningRun(loaded, scene, clock, plan_following_climb(loaded, scene, clock))
+        return assemble_plan(run, _METHODS[options.method](run))
     except NoPlanFound as error:
         if options.method != "auto" or isinstance(error, Infeasible):
             raise
-        refused = with_remedies(loaded, error, plan_transition, begin + options.time_limit)
-        raise refused from error
+        failure = find_remedies(loaded, error, plan_transition, begin + options.time_limit)
+        raise failure from error
 
 
-def searched(scene: TransitionScene, deadline: float) -> tuple[Search, list[Sequence]]:
-    """Sequences on the grid of poses, or where that has none on poses that balance stances too.
+def search_sequences(
+    scene: TransitionScene, deadline: float
+) -> tuple[SequenceSearch, list[Sequence]]:
+    """Search sequences on the grid of poses; if there are none, also on poses that balance stances.
 
-    Raises NotProved where there are none.
+    Raises:
+        Unresolved: There are no sequences.
     """
-    search = Search(scene, deadline=deadline)
-    found = search.sequences()
-    if not found:
-        beside = balanced_poses(scene, deadline)
-        search = Search(scene, deadline=deadline, beside=beside)
-        found = search.sequences()
-    if not found:
-        raise no_sequence(scene, deadline, search.beside)
-    return search, found
+    search = SequenceSearch(scene, deadline=deadline)
+    sequences = search.list_sequences()
+    if not sequences:
+        extra_poses = find_balanced_poses(scene, deadline)
+        search = SequenceSearch(scene, deadline=deadline, extra_poses=extra_poses)
+        sequences = search.list_sequences()
+    if not sequences:
+        raise explain_no_sequence(scene, deadline, search.extra_poses)
+    return search, sequences
 
 
-def _by_search(run: Run, share: float = 1.0) -> Found:
-    """All sequences, and the motion of the best that holds; share: of the time limit."""
+def _plan_by_search(run: PlanningRun, time_fraction: float = 1.0) -> MethodResult:
+    """Enumerate sequences and plan the best one whose motion passes its verification."""
     scene, clock = run.scene, run.clock
     with clock.stage("search"):
-        deadline = time.monotonic() + share * scene.spec.solver.time_limit
-        search, found = searched(scene, deadline)
-    outcome = [""] * len(found)
-    done: Complete | None = None
-    iterations = tried = 0
-    for sequence in found[: scene.spec.search.tried]:
+        deadline = time.monotonic() + time_fraction * scene.spec.solver.time_limit
+        search, candidates = search_sequences(scene, deadline)
+    outcomes = [""] * len(candidates)
+    motion: CompleteMotion | None = None
+    iterations = num_tried = 0
+    for sequence in candidates[: scene.spec.search.max_planned]:
         if time.monotonic() > deadline:
-            outcome[tried] = "time limit"
+            outcomes[num_tried] = "time limit"
             break
-        attempt = carry_through(run, search.lab, sequence)
+        attempt = plan_and_verify_sequence(run, search.tables, sequence)
         iterations += attempt.iterations
-        outcome[tried] = attempt.reason or "chosen"
-        tried += 1
-        if attempt.complete is not None:
-            done = attempt.complete
+        outcomes[num_tried] = attempt.reason or "chosen"
+        num_tried += 1
+        if attempt.motion is not None:
+            motion = attempt.motion
             break
-    if done is None:
-        refused = [f"{search.name(s)}: {o}" for s, o in zip(found, outcome, strict=True) if o]
-        raise NotProved(
-            "\n".join(["no sequence could be planned to the end", *refused[:5]]),
+    if motion is None:
+        failures = [
+            f"{search.format_name(s)}: {o}" for s, o in zip(candidates, outcomes, strict=True) if o
+        ]
+        raise Unresolved(
+            "\n".join(["no sequence could be planned to the end", *failures[:5]]),
             because="the motion of a sequence is found by a local method, for the sequences tried",
             stage="motion",
         )
     sizes = {
         "search": {
-            "sequences": len(found),
-            "stance sets": search.tally.stances,
-            "force problems": search.tally.problems,
-            "poses": search.lab.poses.count,
+            "sequences": len(candidates),
+            "stance sets": search.statistics.stances,
+            "force problems": search.statistics.problems,
+            "poses": search.tables.poses.count,
         },
-        "motion": {"iterations": iterations, "tried": tried},
+        "motion": {"iterations": iterations, "tried": num_tried},
     }
     sequences = Sequences(
-        name=tuple(search.name(s) for s in found),
-        cost=np.array([s.cost for s in found]),
-        safety_torque=np.array([s.safety_torque for s in found]),
-        safety_friction=np.array([s.safety_friction for s in found]),
-        outcome=tuple(outcome),
+        name=tuple(search.format_name(s) for s in candidates),
+        cost=np.array([s.cost for s in candidates]),
+        safety_torque=np.array([s.safety_torque for s in candidates]),
+        safety_friction=np.array([s.safety_friction for s in candidates]),
+        outcome=tuple(outcomes),
     )
-    return Found(done, sizes, sequences, _warnings(search))
+    return MethodResult(motion, sizes, sequences, _list_warnings(search))
 
 
-def _by_complementarity(run: Run, seconds: float | None = None) -> Found:
-    """The cheapest motion of several random starts that holds to the end, in so many seconds."""
+def _plan_by_complementarity(run: PlanningRun, seconds: float | None = None) -> MethodResult:
+    """Plan from random starts by complementarity and select the cheapest verified motion."""
     scene, clock = run.scene, run.clock
     if scene.spec.task.sequence is not None:
         raise UsageError(
@@ -172,14 +189,14 @@ def _by_complementarity(run: Run, seconds: float | None = None) -> Found:
         )
     options = scene.spec.solver
     deadline = time.monotonic() + (options.time_limit if seconds is None else seconds)
-    found: list[Complete] = []
+    motions: list[CompleteMotion] = []
     reasons: list[str] = []
     iterations = 0
 
-    def carry(lab: Laboratory, sequence: Sequence) -> str:
-        attempt = carry_through(run, lab, sequence)
-        if attempt.complete is not None:
-            found.append(attempt.complete)
+    def try_sequence(tables: SearchTables, sequence: Sequence) -> str:
+        attempt = plan_and_verify_sequence(run, tables, sequence)
+        if attempt.motion is not None:
+            motions.append(attempt.motion)
         return attempt.reason
 
     for number in range(options.starts):
@@ -187,60 +204,65 @@ def _by_complementarity(run: Run, seconds: float | None = None) -> Found:
             reasons.append("time limit")
             break
         with clock.stage("homotopy"):
-            start = run_start(scene, scene.spec.seed + number, carry, deadline)
+            start = run_from_start(scene, scene.spec.seed + number, try_sequence, deadline)
         iterations += start.iterations
         reasons += [start.reason] if start.reason else []
-    if not found:
-        raise NotProved(
+    if not motions:
+        raise Unresolved(
             "\n".join(["no start of complementarity led to a plan", *reasons[:5]]),
             because="method complementarity is local",
             stage="homotopy",
         )
-    best = min(found, key=lambda done: transition_cost(scene, done.rounds, done.forces))
-    return Found(best, {"homotopy": {"iterations": iterations, "starts that hold": len(found)}})
-
-
-def _automatic(run: Run) -> Found:
-    """By search, and where that finds nothing by one program that finds its own sequence."""
-    began = time.monotonic()
-    try:
-        return _by_search(run, _FOR_SEARCH)
-    except NoPlanFound as error:
-        spent = time.monotonic() - began
-        task = run.scene.spec.task
-        left = _FOR_PLANS * run.scene.spec.solver.time_limit - spent
-        if task.sequence is not None or left <= 0 or isinstance(error, OutOfReach):
-            raise
-        first, seconds = error, spent
-    try:
-        found = _by_complementarity(run, left)
-    except NoPlanFound as error:
-        lacked = error.message.partition("\n")[0]
-        raise NotProved(
-            f"{first.message}\ntried: enumerate ({seconds:.1f} s), complementarity "
-            f"({time.monotonic() - began - spent:.1f} s): {lacked}",
-            first.conflicts,
-            because=first.because if isinstance(first, NotProved) else "a limit was reached",
-            stage=first.stage,
-            remedies=first.remedies,
-        ) from first
-    lacked = first.message.partition("\n")[0].partition(";")[0]
-    return replace(
-        found, warnings=(f"found by complementarity; by enumerate not: {lacked}", *found.warnings)
+    best = min(motions, key=lambda done: compute_cost(scene, done.rounds, done.forces))
+    return MethodResult(
+        best, {"homotopy": {"iterations": iterations, "starts that hold": len(motions)}}
     )
 
 
-_METHODS: dict[str, Callable[[Run], Found]] = {
-    "auto": _automatic,
-    "enumerate": _by_search,
-    "complementarity": _by_complementarity,
+def _plan_automatically(run: PlanningRun) -> MethodResult:
+    """Plan by search; if that fails, by the complementarity program, which finds its sequence."""
+    began = time.monotonic()
+    try:
+        return _plan_by_search(run, _SEARCH_TIME_FRACTION)
+    except NoPlanFound as error:
+        elapsed = time.monotonic() - began
+        task = run.scene.spec.task
+        remaining = _PLANNING_TIME_FRACTION * run.scene.spec.solver.time_limit - elapsed
+        if task.sequence is not None or remaining <= 0 or isinstance(error, OutOfReach):
+            raise
+        first, seconds = error, elapsed
+    try:
+        result = _plan_by_complementarity(run, remaining)
+    except NoPlanFound as error:
+        missing = error.message.partition("\n")[0]
+        raise Unresolved(
+            f"{first.message}\ntried: enumerate ({seconds:.1f} s), complementarity "
+            f"({time.monotonic() - began - elapsed:.1f} s): {missing}",
+            first.conflicts,
+            because=first.because if isinstance(first, Unresolved) else "a limit was reached",
+            stage=first.stage,
+            remedies=first.remedies,
+        ) from first
+    missing = first.message.partition("\n")[0].partition(";")[0]
+    return replace(
+        result,
+        warnings=(f"found by complementarity; by enumerate not: {missing}", *result.warnings),
+    )
+
+
+_METHODS: dict[str, Callable[[PlanningRun], MethodResult]] = {
+    "auto": _plan_automatically,
+    "enumerate": _plan_by_search,
+    "complementarity": _plan_by_complementarity,
 }
 
 
-def _warnings(search: Search) -> tuple[str, ...]:
-    if not search.tally.truncated:
+def _list_warnings(search: SequenceSearch) -> tuple[str, ...]:
+    if not search.statistics.truncated:
         return ()
-    if search.tally.late:
+    if search.statistics.timed_out:
         return ("the time limit ended the search: there may be more sequences than those listed",)
-    most = search.scene.spec.search.most
-    return (f"more sequences exist than the {most} listed: search.most asks for more",)
+    max_sequences = search.scene.spec.search.max_sequences
+    return (
+        f"more sequences exist than the {max_sequences} listed: search.max_sequences asks for more",
+    )

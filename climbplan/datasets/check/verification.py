@@ -32,9 +32,9 @@ from climbplan.verification.check import Check, LeftOut
 from climbplan.verification.held import held_against
 from climbplan.verification.verification import Verification, mark_verified
 from climbplan.walking.check.checker import check_trajectory
-from climbplan.walking.dynamics.cost import objective
+from climbplan.walking.dynamics.cost import compute_objective
 from climbplan.walking.online import dataset_rows as walks
-from climbplan.walking.online.library import sections_of
+from climbplan.walking.online.library import cut_sections
 
 MEANINGS = {
     "file.spec_hash": "sha256 of the spec's text is the stored one",
@@ -137,7 +137,7 @@ def _spec(data: Dataset, model: type[Model]) -> Model | None:
 
 
 def _program_checks(data: Dataset, problem: Problem) -> Iterator[Check]:
-    if data.frame != programs.frame_of(problem):
+    if data.frame != programs.build_frame(problem):
         raise UsageError(
             f"problem {problem.name!r} does not have the variables and parameters of the dataset "
             f"(made for {data.frame.problem!r})"
@@ -145,7 +145,7 @@ def _program_checks(data: Dataset, problem: Problem) -> Iterator[Check]:
     spec = _spec(data, ProgramDatasetSpec)
     tolerance = (spec.problem.solver if spec is not None else ProgramSolverSpec()).tolerance
     rows = np.flatnonzero(data.feasible)
-    integer = programs.integer_variables(problem)
+    integer = programs.mask_integer_variables(problem)
     worst, off, apart = np.zeros(len(rows)), np.zeros(len(rows)), np.zeros(len(rows))
     for k, row in enumerate(rows):
         x, chosen = data.solution["x"][row], data.solution["assignment"][row]
@@ -161,20 +161,20 @@ def _program_checks(data: Dataset, problem: Problem) -> Iterator[Check]:
 
 def _walk_checks(data: Dataset, path: Path) -> Iterator[Check]:
     """Every walk by the exact check: the margin of the worst of its checks."""
-    task = walks.task_of_frame(data.frame, path)
+    task = walks.read_frame_task(data.frame, path)
     rows = np.flatnonzero(data.feasible)
     worst, off, apart, features = (np.zeros(len(rows)) for _ in range(4))
     lacks: dict[str, LeftOut] = {}
     for k, row in enumerate(rows):
-        own, found = walks.walk_of(task, data, int(row))
+        own, found = walks.read_walk(task, data, int(row))
         checks = check_trajectory(own, found)
         worst[k] = max(float(not check.passed) for check in checks)
         lacks |= {out.model: out for check in checks if (out := check.left_out) is not None}
-        cost = objective(own, found.state, found.force)
+        cost = compute_objective(own, found.state, found.force)
         off[k] = abs(cost - data.objective[row]) / max(1.0, abs(cost))
         contact = found.gait.contact[:-1].astype(np.int64).ravel()
         apart[k] = float(np.abs(contact - data.integers[row]).max())
-        made = sections_of(own, found, 0).features
+        made = cut_sections(own, found, 0).features
         features[k] = float(np.abs(made - data.solution["section_features"][row]).max())
     left = LeftOut(", ".join(lacks), "walks that hold in their model only") if lacks else None
     yield replace(_worst("rows.walks", worst, 0.0, rows=rows), left_out=left)
@@ -191,11 +191,11 @@ def _terrain_checks(data: Dataset, path: Path) -> Iterator[Check]:
     proved = 0
     for k, row in enumerate(feasible):
         patches = Patches.from_vector(data.parameters[row])
-        instance = statement.program.at(statement.theta(patches))
+        instance = statement.program.instantiate(statement.theta(patches))
         residual[k] = instance.violation(terrains.point_of(statement, data, int(row)))
     for k, row in enumerate(infeasible):
         patches = Patches.from_vector(data.parameters[row])
-        instance = statement.program.at(statement.theta(patches))
+        instance = statement.program.instantiate(statement.theta(patches))
         x = terrains.point_of(statement, data, row)
         linear[k] = terrains.linear_violation(instance, x)
         nodes = int(data.solution["nodes"][row])

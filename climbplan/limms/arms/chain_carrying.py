@@ -1,4 +1,4 @@
-"""Arms on arms carry the box from where it stands: carriers, added arms, program, way there."""
+"""Chains of arms carry the box from where it stands: carriers, added arms, program, approach."""
 
 from __future__ import annotations
 
@@ -9,14 +9,19 @@ from itertools import pairwise, permutations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.arms.added import Grip, grips, grounds, pairs
-from climbplan.limms.arms.branches import delivery, noted, solved_branches
-from climbplan.limms.arms.carrying import brought
-from climbplan.limms.arms.held_branches import HeldTask, way_points
+from climbplan.limms.arms.added_arms import (
+    CarrierPose,
+    combine_carrier_poses,
+    find_carrier_poses,
+    find_ground_heights,
+)
+from climbplan.limms.arms.branch_choices import HeldTask, list_way_points
+from climbplan.limms.arms.branch_search import build_held_task, note_failure, solve_branches
+from climbplan.limms.arms.carrying import bring_box
 from climbplan.limms.budget.search_budget import SearchBudget
-from climbplan.limms.modules.limbs import arm
-from climbplan.limms.motion.assembly import latch_arm, latch_from_ground, root_pose
-from climbplan.limms.motion.between_legs import Settle, as_it_is, come_down
+from climbplan.limms.modules.limbs import build_arm
+from climbplan.limms.motion.assembly import compute_end_pose, latch_arm, latch_from_ground
+from climbplan.limms.motion.between_subtasks import Settle, bring_module_down, keep_plan
 from climbplan.limms.motion.moving import Blocked
 from climbplan.limms.motion.reaching import move_joints
 from climbplan.limms.motion.timeline import ADDED_ARM, PartialPlan
@@ -28,138 +33,179 @@ from climbplan.limms.scene.phases import Limb
 
 @dataclass(frozen=True)
 class Chain:
-    """One connection with its modules; the second, if there is one, is the added arm."""
+    """One connection with its modules; a second module is the added arm."""
 
     connection: Connection
     modules: tuple[int, ...]
 
 
-def carry_on_chains(
-    world: PartialPlan,
+def plan_chain_carrying(
+    partial_plan: PartialPlan,
     action: Action,
     budget: SearchBudget,
     rng: np.random.Generator,
-    given: tuple[Chain, ...] | None = None,
-    settle: Settle = as_it_is,
+    *,
+    chains_of_modules: tuple[Chain, ...] | None = None,
+    settle: Settle = keep_plan,
 ) -> PartialPlan | None:
-    """The world after chains of modules carried the box, or None; given: their modules."""
-    scene = world.scene
-    task = delivery(scene, budget)
+    """Plan the motion of chains of modules that carry the box; None where it fails.
+
+    Args:
+        partial_plan: Where everything is.
+        action: The action with its connections.
+        budget: The budget.
+        rng: Random generator.
+        chains_of_modules: The chains with their modules; None to assign them.
+        settle: Follows the motion.
+    """
+    scene = partial_plan.scene
+    task = build_held_task(scene, budget)
     if task is None:
         return None
     name = action.describe(scene)
-    for chains in _owners(scene, action.connections) if given is None else (given,):
+    for chains in (
+        _assign_modules(scene, action.connections)
+        if chains_of_modules is None
+        else (chains_of_modules,)
+    ):
         budget.begin(f"{name}: arms come to their anchors")
         try:
-            hanging, still = _carriers(world, chains, task, rng)
+            with_carriers, poses = _latch_carriers(partial_plan, chains, task, rng)
         except Blocked as error:
             budget.notes.append(f"{name}: {error}")
             continue
-        for chosen in pairs(still):
+        for chosen in combine_carrier_poses(poses):
             try:
-                ready, limbs = _added(hanging, chains, chosen, rng)
+                ready, limbs = _latch_added_arms(with_carriers, chains, chosen, rng)
             except Blocked as error:
                 budget.notes.append(f"{name}: {error}")
                 continue
-            for arms, outcome in solved_branches(scene, limbs, task, name, budget):
-                with noted(budget, name):
-                    return settle(brought(ready, arms, outcome, rng))
+            for arms, outcome in solve_branches(scene, limbs, task, name, budget):
+                with note_failure(budget, name):
+                    return settle(bring_box(ready, arms, outcome, rng))
     return None
 
 
-def _owners(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[Chain, ...]]:
-    """Which modules, least way to their anchors; who is latched to an anchor starts its chain."""
+def _assign_modules(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[Chain, ...]]:
+    """Yield the assignment of least distance; a module on an anchor starts the chain there."""
     needed = sum(c.links for c in connections)
     best: tuple[float, tuple[int, ...]] | None = None
-    places = find_module_stands(scene)
+    stands = find_module_stands(scene)
     for modules in permutations(range(scene.num_modules), needed):
-        cost, taken = 0.0, 0
+        cost, num_used = 0.0, 0
         for connection in connections:
             anchor = scene.wall_offset + connection.root
-            for place in range(connection.links):
-                module = modules[taken + place]
-                held = int(scene.start_anchor[module])
-                if (held == anchor) != (place == 0 and anchor in scene.start_anchor):
+            for index in range(connection.links):
+                module = modules[num_used + index]
+                anchor_at_start = int(scene.start_anchor[module])
+                if (anchor_at_start == anchor) != (index == 0 and anchor in scene.start_anchor):
                     cost = np.inf
-                elif held != anchor:
-                    away = places[module] - scene.wall_position[connection.root]
-                    cost += float(np.linalg.norm(away)) * (1.0 if place else 1.001)
-            taken += connection.links
+                elif anchor_at_start != anchor:
+                    offset = stands[module] - scene.wall_position[connection.root]
+                    cost += float(np.linalg.norm(offset)) * (1.0 if index else 1.001)
+            num_used += connection.links
         if np.isfinite(cost) and (best is None or cost < best[0]):
             best = (cost, modules)
     if best is None:
         return
-    chains, taken = [], 0
+    chains, num_used = [], 0
     for connection in connections:
-        chains.append(Chain(connection, best[1][taken : taken + connection.links]))
-        taken += connection.links
+        chains.append(Chain(connection, best[1][num_used : num_used + connection.links]))
+        num_used += connection.links
     yield tuple(chains)
 
 
-def _carriers(
-    world: PartialPlan, chains: Sequence[Chain], task: HeldTask, rng: np.random.Generator
-) -> tuple[PartialPlan, list[list[Grip]]]:
-    """First modules of all chains latched to their anchors; where their free ends may be held.
+def _latch_carriers(
+    partial_plan: PartialPlan, chains: Sequence[Chain], task: HeldTask, rng: np.random.Generator
+) -> tuple[PartialPlan, list[list[CarrierPose]]]:
+    """Latch the first modules of all chains, and find where their free ends may be held.
 
     Raises:
-        Blocked: a module does not get to its anchor, or no place for an added arm is good.
+        Blocked: A module does not reach its anchor, or no pose holds an added arm.
     """
-    scene = world.scene
+    scene = partial_plan.scene
     for chain in chains:
         name = scene.module_names[chain.modules[0]]
-        for number, module in enumerate(chain.modules):
+        for index, module in enumerate(chain.modules):
             anchor = scene.wall_offset + chain.connection.root
-            if number or anchor not in (world.base_anchor[module], world.tip_anchor[module]):
-                world = come_down(world, module, rng)
-        world, _ = latch_arm(world, chain.modules[0], chain.connection.root, name, rng)
-    path = _path(task)
-    still = []
+            if index or anchor not in (
+                partial_plan.base_anchor[module],
+                partial_plan.tip_anchor[module],
+            ):
+                partial_plan = bring_module_down(partial_plan, module, rng)
+        partial_plan, _ = latch_arm(
+            partial_plan, chain.modules[0], chain.connection.root, name, rng
+        )
+    path = _sample_path(task)
+    poses = []
     for chain in chains:
         carrier = chain.modules[0]
         if chain.connection.links == 1:
-            end = 0 if world.base_anchor[carrier] >= 0 else 1
-            still.append([Grip(root_pose(world, carrier, end), world.angles[carrier], 0.0)])
+            end = 0 if partial_plan.base_anchor[carrier] >= 0 else 1
+            poses.append(
+                [
+                    CarrierPose(
+                        compute_end_pose(partial_plan, carrier, end),
+                        partial_plan.angles[carrier],
+                        0.0,
+                    )
+                ]
+            )
             continue
-        found = grips(world, carrier, chain.connection.side, path, grounds(scene))
-        if not found:
+        candidates = find_carrier_poses(
+            partial_plan,
+            carrier,
+            side=chain.connection.side,
+            path=path,
+            ground=find_ground_heights(scene),
+        )
+        if not candidates:
             name = scene.module_names[carrier]
             raise Blocked(f"module {name} holds no place from which another serves the way")
-        still.append(found)
-    return world, still
+        poses.append(candidates)
+    return partial_plan, poses
 
 
-def _path(task: HeldTask) -> Array:
-    corners = way_points(task)
-    share = np.linspace(0, 1, 9)[:, None]
-    return np.vstack([first + share * (last - first) for first, last in pairwise(corners)])
+def _sample_path(task: HeldTask) -> Array:
+    """Return placements (n, D) along the straight path of the box."""
+    corners = list_way_points(task)
+    fractions = np.linspace(0, 1, 9)[:, None]
+    return np.vstack([first + fractions * (last - first) for first, last in pairwise(corners)])
 
 
-def _added(
-    world: PartialPlan, chains: Sequence[Chain], chosen: Sequence[Grip], rng: np.random.Generator
+def _latch_added_arms(
+    partial_plan: PartialPlan,
+    chains: Sequence[Chain],
+    chosen: Sequence[CarrierPose],
+    rng: np.random.Generator,
 ) -> tuple[PartialPlan, list[Limb]]:
-    """Carriers hold their ends where they are to be, and added arms come to them.
+    """Plan carriers that move their free ends into place, and added arms that latch to them.
 
     Raises:
-        Blocked: no free way was found.
+        Blocked: No free path was found.
     """
-    scene = world.scene
-    world = world.copy()
-    for chain, grip in zip(chains, chosen, strict=True):
+    scene = partial_plan.scene
+    partial_plan = partial_plan.copy()
+    for chain, pose in zip(chains, chosen, strict=True):
         if chain.connection.links > 1:
             carrier = chain.modules[0]
-            wall_end = 0 if world.base_anchor[carrier] >= 0 else 1
-            root = root_pose(world, carrier, wall_end)
+            wall_end = 0 if partial_plan.base_anchor[carrier] >= 0 else 1
+            root = compute_end_pose(partial_plan, carrier, wall_end)
             name = f"{scene.module_names[carrier]}: hold out"
-            move_joints(world, carrier, root, wall_end, grip.carrier, name, rng)
+            move_joints(
+                partial_plan, carrier, root, wall_end, goal=pose.carrier, name=name, rng=rng
+            )
     limbs = []
-    for chain, grip in zip(chains, chosen, strict=True):
-        carrier, last = chain.modules[0], chain.modules[-1]
-        wall_end = 0 if world.base_anchor[carrier] >= 0 else 1
+    for chain, pose in zip(chains, chosen, strict=True):
+        carrier, added_arm = chain.modules[0], chain.modules[-1]
+        wall_end = 0 if partial_plan.base_anchor[carrier] >= 0 else 1
         box_end = 1 - wall_end
         if chain.connection.links > 1:
             anchor = scene.end_anchor(carrier, 1 - wall_end)
-            name = f"{scene.module_names[last]} onto {scene.module_names[carrier]}"
-            world = latch_from_ground(world, last, grip.root, anchor, ADDED_ARM, name, rng)
+            name = f"{scene.module_names[added_arm]} onto {scene.module_names[carrier]}"
+            partial_plan = latch_from_ground(
+                partial_plan, added_arm, pose.root, anchor, mode=ADDED_ARM, name=name, rng=rng
+            )
             box_end = 0
-        limbs.append(arm(last, chain.connection.side, grip.root, box_end))
-    return world, limbs
+        limbs.append(build_arm(added_arm, chain.connection.side, pose.root, box_end))
+    return partial_plan, limbs

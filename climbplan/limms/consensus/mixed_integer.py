@@ -23,7 +23,7 @@ from climbplan.limms.consensus.module_rows import add_module_rows
 from climbplan.limms.consensus.problem import FREE, LEAPS, ConsensusProblem
 from climbplan.limms.consensus.variables import VariableColumns, add_variables
 from climbplan.program.linear_rows import LinearRows
-from climbplan.solvers.highs.model import highs, rows_model, run_highs
+from climbplan.solvers.highs.model import build_rows_model, create_highs, run_highs
 
 GOAL_WEIGHT = 1000.0  # [1/m] of the distance to the goal
 GOAL_OBJECTIVE = 20.0  # above the objective of every plan that reaches the goal
@@ -77,11 +77,11 @@ class MixedIntegerBlock:
             )
         self._cost, self._lower, self._upper = map(np.array, (table.cost, table.lower, table.upper))
         self._binary = np.flatnonzero(table.integer).astype(np.int32)
-        self._solver: Any = highs(gap=1e-3)
+        self._solver: Any = create_highs(gap=1e-3)
         # Tight tolerances are for proofs; the consensus moves this solution anyway
         self._solver.setOptionValue("primal_feasibility_tolerance", 1e-7)
         self._solver.setOptionValue("mip_feasibility_tolerance", 1e-6)
-        self._solver.passModel(rows_model(table))
+        self._solver.passModel(build_rows_model(table))
         self._has_fixed_integers = False
         self._lengths = LinkLengthCuts(problem, self.columns.points, self._solver)
         self._behaviour: Behaviour = self.behaviours[0]

@@ -1,8 +1,8 @@
-"""Leaps that all four legs can do: take-off and landing found before any program is solved.
+"""Feasible leaps of all four legs: take-off and landing, found before any program is solved.
 
-Poses of a leg on a grid of box centres over its foothold, with their Jacobians, are listed once.
-Leaps are then drawn at random, and each leg looks for a pair of poses that has the speed at both
-ends, turns from one into the other in the time of the flight, and serves start and goal as well.
+Poses of a leg on a grid of box centres over its foothold are listed once with their Jacobians.
+Leaps are then sampled at random. Each leg looks for a pair of poses that has the speed at both
+ends, turns from one to the other during the flight, and reaches start and goal.
 """
 
 from __future__ import annotations
@@ -14,30 +14,30 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.limms.legs.gaits import patch_under
-from climbplan.limms.modules.chain import BRANCHES, in_range
-from climbplan.limms.modules.limbs import leg, limb_angles, limb_points
+from climbplan.limms.legs.gaits import find_patch
+from climbplan.limms.modules.chain import BRANCHES, range_excess
+from climbplan.limms.modules.limbs import build_leg, compute_limb_angles, compute_limb_points
 from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, Scene
 from climbplan.limms.scene.phases import Limb
 
-HEIGHTS = np.arange(0.2, 0.72, 0.06)  # [m] of the box's centre over the ground at both ends
-GRID = np.arange(-0.78, 0.79, 0.06)  # [m] of the box's centre over a foothold
-FOOT_CLEARANCE = np.arange(-0.2, 0.75, 0.05)  # [m] of take-off from the start, towards the goal
-DRAWS = 800
-ENOUGH = 4
-SPEED_SHARE = 0.9  # of joint speeds
-SLOW_SHARE = 0.85  # of joint speeds times flight
-EDGE = 0.04  # [m] of feet from edges
-OWN_SIDE = 0.025  # [m]
-GROUND_MARGIN = 0.1  # [rad] of joint ranges
-CLOSING = 0.2  # [rad] of joint ranges where the latches close
-ELBOW = 0.12  # [rad] bent at least
-_TINY = 1e-5
+HEIGHTS = np.arange(0.2, 0.72, 0.06)  # [m] of the centre of the box above ground at both ends
+GRID = np.arange(-0.78, 0.79, 0.06)  # [m] of the centre of the box from a foothold
+TAKEOFF_OFFSETS = np.arange(-0.2, 0.75, 0.05)  # [m] of take-off from the start, towards the goal
+MAX_SAMPLES = 800
+MAX_LEAPS = 4
+SPEED_FRACTION = 0.9  # of joint speeds
+TURN_FRACTION = 0.85  # of joint speeds times duration of the flight
+EDGE_MARGIN = 0.04  # [m] of feet from edges
+FACE_CLEARANCE = 0.025  # [m]
+RANGE_MARGIN = 0.1  # [rad] of joint ranges
+APPROACH_MARGIN = 0.2  # [rad] of joint ranges where latches close
+MIN_ELBOW = 0.12  # [rad]
+_STEP = 1e-5
 
 
 @dataclass(frozen=True)
 class Leap:
-    """One leap: the box at take-off and landing, footholds before and after, branches."""
+    """A leap: the box at take-off and landing, footholds before and after, branches."""
 
     takeoff: Array  # (3,) [m]
     landing: Array  # (3,)
@@ -47,8 +47,8 @@ class Leap:
     after: Array  # (4, 3)
     patches: tuple[int, int]
     branches: tuple[tuple[int, int, int], ...]
-    angles: Array  # (4, 2, 6) at take-off and landing, without turns between [rad]
-    slack: float  # of joint speeds, share
+    angles: Array  # (4, 2, 6) at take-off and landing, without full turns between [rad]
+    slack: float  # fraction of joint speeds that is left
 
 
 @dataclass(frozen=True)
@@ -58,148 +58,180 @@ class _Poses:
     over: Array  # (n, 3) centre - foothold [m]
     angles: Array  # (n, 6) [rad]
     jacobian: Array  # (n, 6, 3) [rad/m]
-    level: IntArray  # (n,) number of the height
+    level: IntArray  # (n,) index of the height
 
 
 def find_leaps(
     scene: Scene, goal: Array, rng: np.random.Generator, deadline: float = np.inf
 ) -> list[Leap]:
-    """Leaps from where the box starts towards its goal, those with most slack first.
+    """Find leaps from the start of the box towards its goal, those with most slack first.
 
-    deadline: `time.monotonic` [s] after which no more are drawn.
+    Args:
+        scene: The scene.
+        goal: Goal of the box (3,) [m].
+        rng: Random generator.
+        deadline: Time after which no more are sampled, as `time.monotonic` [s].
     """
     start = scene.box_start[0]
-    first = patch_under(scene, start, start[2])
-    last = patch_under(scene, goal, goal[2])
+    first = find_patch(scene, start, start[2])
+    last = find_patch(scene, goal, goal[2])
     drop = scene.patches[first].height - scene.patches[last].height
-    ways = goal[:2] - start[:2]
-    far = float(np.linalg.norm(ways))
-    along = np.array([*(ways / far), 0.0]) if far > 1e-6 else np.array([1.0, 0.0, 0.0])
-    poses = [[_poses(scene, side, branch) for branch in BRANCHES] for side in range(4)]
-    found: list[Leap] = []
-    fastest = 0.45 * scene.module.max_joint_speed
-    for _ in range(DRAWS):
+    displacement = goal[:2] - start[:2]
+    distance = float(np.linalg.norm(displacement))
+    direction = (
+        np.array([*(displacement / distance), 0.0])
+        if distance > 1e-6
+        else np.array([1.0, 0.0, 0.0])
+    )
+    poses = [[_list_poses(scene, side, branch) for branch in BRANCHES] for side in range(4)]
+    leaps: list[Leap] = []
+    max_speed = 0.45 * scene.module.max_joint_speed
+    for _ in range(MAX_SAMPLES):
         if time.monotonic() > deadline:
             break
-        up, ahead = rng.uniform(-0.2, 0.6) * fastest, rng.uniform(0.4, 1.0) * fastest
-        one, other = rng.integers(len(HEIGHTS), size=2)
-        fall = up**2 + 2 * GRAVITY * (HEIGHTS[one] + drop - HEIGHTS[other])
-        if fall <= 0:
+        vertical_speed, forward_speed = (
+            rng.uniform(-0.2, 0.6) * max_speed,
+            rng.uniform(0.4, 1.0) * max_speed,
+        )
+        first_level, last_level = rng.integers(len(HEIGHTS), size=2)
+        square = vertical_speed**2 + 2 * GRAVITY * (
+            HEIGHTS[first_level] + drop - HEIGHTS[last_level]
+        )
+        if square <= 0:
             continue
-        duration = float((up + np.sqrt(fall)) / GRAVITY)
-        if ahead * duration < 0.35:
+        duration = float((vertical_speed + np.sqrt(square)) / GRAVITY)
+        if forward_speed * duration < 0.35:
             continue
-        leap = _leap(
+        leap = _build_leap(
             scene,
             poses,
-            along * ahead + [0, 0, up],
-            duration,
-            (int(one), int(other)),
-            (first, last),
-            (start, goal),
-            along,
+            speed=direction * forward_speed + [0, 0, vertical_speed],
+            duration=duration,
+            levels=(int(first_level), int(last_level)),
+            patches=(first, last),
+            ends=(start, goal),
+            direction=direction,
         )
         if leap is not None:
-            found.append(leap)
-            if len(found) >= ENOUGH:
+            leaps.append(leap)
+            if len(leaps) >= MAX_LEAPS:
                 break
-    found.sort(key=lambda leap: -leap.slack)
-    return found
+    leaps.sort(key=lambda leap: -leap.slack)
+    return leaps
 
 
-def _poses(scene: Scene, side: int, branch: tuple[int, int, int]) -> _Poses:
-    limb = leg(0, side, 1, branch)
+def _list_poses(scene: Scene, side: int, branch: tuple[int, int, int]) -> _Poses:
+    """Return the feasible poses of a leg in a branch, with Jacobians by finite differences."""
+    limb = build_leg(0, side, 1, branch)
     x, y, z = (m.ravel() for m in np.meshgrid(GRID, GRID, HEIGHTS, indexing="ij"))
-    over = np.column_stack([x, y, z])
-    half = float(abs(SIDE_NORMALS[side]) @ scene.box_size[0] / 2)
-    over = over[-over @ SIDE_NORMALS[side] >= half + OWN_SIDE]
-    angles, good = pose_of(scene, limb, over, GROUND_MARGIN)
-    over, angles = over[good], angles[good]
-    jacobian = np.zeros((len(over), 6, 3))
+    offsets = np.column_stack([x, y, z])
+    half_edge = float(abs(SIDE_NORMALS[side]) @ scene.box_size[0] / 2)
+    offsets = offsets[-offsets @ SIDE_NORMALS[side] >= half_edge + FACE_CLEARANCE]
+    angles, is_feasible = compute_poses(scene, limb, offsets, RANGE_MARGIN)
+    offsets, angles = offsets[is_feasible], angles[is_feasible]
+    jacobian = np.zeros((len(offsets), 6, 3))
     for axis in range(3):
-        moved, _ = pose_of(scene, limb, over + _TINY * np.eye(3)[axis], GROUND_MARGIN)
-        jacobian[..., axis] = _wrapped(moved - angles) / _TINY
-    level = np.rint((over[:, 2] - HEIGHTS[0]) / (HEIGHTS[1] - HEIGHTS[0])).astype(int)
-    return _Poses(over, angles, jacobian, level)
+        shifted, _ = compute_poses(scene, limb, offsets + _STEP * np.eye(3)[axis], RANGE_MARGIN)
+        jacobian[..., axis] = _wrap(shifted - angles) / _STEP
+    level = np.rint((offsets[:, 2] - HEIGHTS[0]) / (HEIGHTS[1] - HEIGHTS[0])).astype(int)
+    return _Poses(offsets, angles, jacobian, level)
 
 
-def pose_of(scene: Scene, limb: Limb, over: Array, margin: float) -> tuple[Array, BoolArray]:
-    """Angles (n, 6) of a leg with the box's centre at `over` (n, 3) from its foot, and whether it
-    can stand so: in reach, in range, its links off ground and box as far as their ends tell."""
-    feet = np.zeros_like(over)
-    angles = np.zeros((len(over), 6))
-    if not len(over):
+def compute_poses(
+    scene: Scene, limb: Limb, offsets: Array, margin: float
+) -> tuple[Array, BoolArray]:
+    """Return angles (n, 6) of a leg and whether they are feasible, bool (n,).
+
+    Feasible poses are in reach and in range, with links off ground and box as far as points of the
+    links tell.
+
+    Args:
+        scene: The scene.
+        limb: The leg.
+        offsets: Centre of the box from the foot (n, 3) [m].
+        margin: Margin of the joint ranges [rad].
+    """
+    feet = np.zeros_like(offsets)
+    angles = np.zeros((len(offsets), 6))
+    if not len(offsets):
         return angles, np.zeros(0, bool)
-    angles, missing = limb_angles(scene, limb, over, feet, limb.branch)
-    angles = _wrapped(angles)
-    good = (missing <= 0) & (in_range(scene.module, angles, margin) <= 0)
-    good &= np.abs(angles[:, 2]) > ELBOW
-    points = limb_points(scene, limb, over, feet, angles).position
+    angles, reach_error = compute_limb_angles(scene, limb, offsets, feet, limb.branch)
+    angles = _wrap(angles)
+    is_feasible = (reach_error <= 0) & (range_excess(scene.module, angles, margin) <= 0)
+    is_feasible &= np.abs(angles[:, 2]) > MIN_ELBOW
+    points = compute_limb_points(scene, limb, offsets, feet, angles).position
     radius = scene.module.radius
-    good &= (points[:, 2:7, 2] >= radius).all(axis=1)
+    is_feasible &= (points[:, 2:7, 2] >= radius).all(axis=1)
     half = scene.box_size[0] / 2 + radius
-    for share in (0.0, 0.3, 0.6):  # from the elbow to the wrist
-        point = points[:, 3] + share * (points[:, 5] - points[:, 3])
-        good &= ~(np.abs(point - over) < half).all(axis=1)
-    return angles, good
+    for fraction in (0.0, 0.3, 0.6):  # points from elbow to wrist
+        point = points[:, 3] + fraction * (points[:, 5] - points[:, 3])
+        is_feasible &= ~(np.abs(point - offsets) < half).all(axis=1)
+    return angles, is_feasible
 
 
-def _wrapped(angles: Array) -> Array:
+def _wrap(angles: Array) -> Array:
+    """Return angles wrapped to [-pi, pi)."""
     return (angles + np.pi) % (2 * np.pi) - np.pi
 
 
-def _leap(
+def _build_leap(
     scene: Scene,
     poses: Sequence[Sequence[_Poses]],
+    *,
     speed: Array,
     duration: float,
     levels: tuple[int, int],
     patches: tuple[int, int],
     ends: tuple[Array, Array],
-    along: Array,
+    direction: Array,
 ) -> Leap | None:
-    """The leap with a drawn speed and drawn heights, if every leg can do it."""
+    """Return the leap with a sampled speed and heights, or None unless every leg can do it."""
     start = ends[0]
     ground = [scene.patches[k].height for k in patches]
-    arriving = speed - np.array([0, 0, GRAVITY * duration])
-    takeoffs = start + FOOT_CLEARANCE[:, None] * along
+    landing_speed = speed - np.array([0, 0, GRAVITY * duration])
+    takeoffs = start + TAKEOFF_OFFSETS[:, None] * direction
     takeoffs[:, 2] = ground[0] + HEIGHTS[levels[0]]
     landings = takeoffs + speed * duration
     landings[:, 2] = ground[1] + HEIGHTS[levels[1]]
     choices: list[list[tuple[float, int, int, int] | None]] = []
     for side in (1, 0, 2, 3):
-        each = _pairs(
+        matches = _match_poses(
             scene,
             side,
             poses[side],
-            (speed, arriving),
-            duration,
-            levels,
-            patches,
-            (takeoffs, landings),
-            ends,
+            speeds=(speed, landing_speed),
+            duration=duration,
+            levels=levels,
+            patches=patches,
+            centres=(takeoffs, landings),
+            ends=ends,
         )
-        if all(choice is None for choice in each):
+        if all(choice is None for choice in matches):
             return None
-        choices.append(each)
+        choices.append(matches)
     choices = [choices[1], choices[0], choices[2], choices[3]]
     best, slack = -1, -np.inf
-    for k in range(len(FOOT_CLEARANCE)):
-        own = [each[k] for each in choices]
-        worst = min((c[0] for c in own if c is not None), default=-np.inf)
-        if all(c is not None for c in own) and worst > slack:
-            best, slack = k, worst
+    for k in range(len(TAKEOFF_OFFSETS)):
+        at_takeoff = [matches[k] for matches in choices]
+        min_slack = min((c[0] for c in at_takeoff if c is not None), default=-np.inf)
+        if all(c is not None for c in at_takeoff) and min_slack > slack:
+            best, slack = k, min_slack
     if best < 0:
         return None
-    picked = [each[best] for each in choices]
+    chosen = [matches[best] for matches in choices]
     before, after, angles, branches = [], [], [], []
-    for side, choice in enumerate(picked):
+    for side, choice in enumerate(chosen):
         assert choice is not None
         _, branch, i, j = choice
-        its = poses[side][branch]
-        before.append(takeoffs[best] - its.over[i])
-        after.append(landings[best] - its.over[j])
-        angles.append([its.angles[i], its.angles[i] + _wrapped(its.angles[j] - its.angles[i])])
+        leg_poses = poses[side][branch]
+        before.append(takeoffs[best] - leg_poses.over[i])
+        after.append(landings[best] - leg_poses.over[j])
+        angles.append(
+            [
+                leg_poses.angles[i],
+                leg_poses.angles[i] + _wrap(leg_poses.angles[j] - leg_poses.angles[i]),
+            ]
+        )
         branches.append(BRANCHES[branch])
     return Leap(
         takeoffs[best],
@@ -215,10 +247,11 @@ def _leap(
     )
 
 
-def _pairs(
+def _match_poses(
     scene: Scene,
     side: int,
     poses: Sequence[_Poses],
+    *,
     speeds: tuple[Array, Array],
     duration: float,
     levels: tuple[int, int],
@@ -226,43 +259,47 @@ def _pairs(
     centres: tuple[Array, Array],
     ends: tuple[Array, Array],
 ) -> list[tuple[float, int, int, int] | None]:
-    """For each place of take-off: slack, branch, pose at take-off, pose at landing; or None."""
+    """Return slack, branch, and poses at take-off and landing for each take-off place, or None."""
     limit = scene.module.max_joint_speed
     best: list[tuple[float, int, int, int] | None] = [None] * len(centres[0])
-    for number, own in enumerate(poses):
-        fast = [np.abs(own.jacobian @ v).max(axis=1) / limit for v in speeds]
+    for branch, branch_poses in enumerate(poses):
+        speed_use = [np.abs(branch_poses.jacobian @ v).max(axis=1) / limit for v in speeds]
         rows = [
-            np.flatnonzero((own.level == level) & (f <= SPEED_SHARE))
-            for level, f in zip(levels, fast, strict=True)
+            np.flatnonzero((branch_poses.level == level) & (f <= SPEED_FRACTION))
+            for level, f in zip(levels, speed_use, strict=True)
         ]
         if not len(rows[0]) or not len(rows[1]):
             continue
-        # Footholds on their patches, and the box at rest at start and goal over them
-        fits = []
-        limb = leg(0, side, 1, BRANCHES[number])
-        for row, patch, centre, rest, margin in zip(
-            rows, patches, centres, ends, (CLOSING, GROUND_MARGIN), strict=True
+        # Footholds on their patches, with the box at rest at start and goal over them
+        foothold_masks = []
+        limb = build_leg(0, side, 1, BRANCHES[branch])
+        for row, patch, centre, rest_centre, margin in zip(
+            rows, patches, centres, ends, (APPROACH_MARGIN, RANGE_MARGIN), strict=True
         ):
-            feet = centre[:, None] - own.over[row]  # (A, n, 3)
-            stands = scene.patches[patch].contains(feet, EDGE)
+            feet = centre[:, None] - branch_poses.over[row]  # (A, n, 3)
+            is_foothold = scene.patches[patch].contains(feet, EDGE_MARGIN)
             half = float(abs(SIDE_NORMALS[side]) @ scene.box_size[0] / 2)
-            over = rest - feet
-            stands &= -over @ SIDE_NORMALS[side] >= half + OWN_SIDE
-            at = np.argwhere(stands)
-            _, good = pose_of(scene, limb, over[stands], margin)
-            stands[tuple(at[~good].T)] = False
-            fits.append(stands)
-        turn = np.abs(_wrapped(own.angles[rows[1]][None] - own.angles[rows[0]][:, None])).max(-1)
-        use = np.maximum(fast[0][rows[0]][:, None], fast[1][rows[1]][None])
-        use = np.maximum(use, turn / (limit * duration) * SPEED_SHARE / SLOW_SHARE)
+            offsets = rest_centre - feet
+            is_foothold &= -offsets @ SIDE_NORMALS[side] >= half + FACE_CLEARANCE
+            footholds = np.argwhere(is_foothold)
+            _, is_feasible = compute_poses(scene, limb, offsets[is_foothold], margin)
+            is_foothold[tuple(footholds[~is_feasible].T)] = False
+            foothold_masks.append(is_foothold)
+        joint_travel = np.abs(
+            _wrap(branch_poses.angles[rows[1]][None] - branch_poses.angles[rows[0]][:, None])
+        ).max(-1)
+        utilisation = np.maximum(speed_use[0][rows[0]][:, None], speed_use[1][rows[1]][None])
+        utilisation = np.maximum(
+            utilisation, joint_travel / (limit * duration) * SPEED_FRACTION / TURN_FRACTION
+        )
         for k in range(len(best)):
-            i, j = np.flatnonzero(fits[0][k]), np.flatnonzero(fits[1][k])
+            i, j = np.flatnonzero(foothold_masks[0][k]), np.flatnonzero(foothold_masks[1][k])
             if not len(i) or not len(j):
                 continue
-            part = use[np.ix_(i, j)]
-            least = np.unravel_index(int(np.argmin(part)), part.shape)
-            slack = SPEED_SHARE - float(part[least])
-            here = best[k]
-            if slack >= 0 and (here is None or slack > here[0]):
-                best[k] = slack, number, int(rows[0][i[least[0]]]), int(rows[1][j[least[1]]])
+            sub_utilisation = utilisation[np.ix_(i, j)]
+            argmin = np.unravel_index(int(np.argmin(sub_utilisation)), sub_utilisation.shape)
+            slack = SPEED_FRACTION - float(sub_utilisation[argmin])
+            incumbent = best[k]
+            if slack >= 0 and (incumbent is None or slack > incumbent[0]):
+                best[k] = slack, branch, int(rows[0][i[argmin[0]]]), int(rows[1][j[argmin[1]]])
     return best

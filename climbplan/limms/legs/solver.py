@@ -1,4 +1,4 @@
-"""Solving the program of a quadruped with IPOPT through CasADi."""
+"""Solution of the program of a quadruped with IPOPT through CasADi."""
 
 from __future__ import annotations
 
@@ -8,58 +8,59 @@ from dataclasses import dataclass
 from typing import Any
 
 from climbplan.limms.budget.solver_work import Work, measure_work
+from climbplan.limms.legs.leg_phases import BoxCut, LegBoundary, LegCut, LegSample, LegTrajectory
 from climbplan.limms.legs.program import LegProgram
-from climbplan.limms.legs.statement import BoxCut, LegCut, LegEnds, LegSample, LegTrace
 from climbplan.limms.scene.limms_scene import Scene
 from climbplan.limms.scene.phases import Limb
 from climbplan.solvers.ipopt.trajectory import solve_trajectory
 
 
 @dataclass(frozen=True)
-class LegOutcome:
-    """Whether a program was solved, and its answer."""
+class LegProgramOutcome:
+    """Whether a program was solved, and its solution."""
 
     solved: bool
     message: str
-    traces: tuple[LegTrace, ...]
+    traces: tuple[LegTrajectory, ...]
     violation: float
     objective: float
     variables: int
     constraints: int
-    work: Work  # of all programs that were solved for it
+    work: Work  # of all programs solved for this outcome
 
 
 @dataclass(frozen=True)
-class Effort:
-    """How much may be spent on one program."""
+class SolverLimits:
+    """The limits of one program."""
 
     deadline: float  # `time.monotonic` [s]
     iterations: int
-    warm: bool = False  # the guess is an answer of nearly the same program
+    is_warm: bool = False  # the guess solves nearly the same program
 
 
 def solve_legs(
     scene: Scene,
     limbs: Sequence[Limb],
-    guess: Sequence[LegTrace],
-    ends: LegEnds,
+    guess: Sequence[LegTrajectory],
+    ends: LegBoundary,
+    *,
     samples: Sequence[LegSample],
     cuts: Sequence[LegCut | BoxCut],
-    effort: Effort,
-) -> LegOutcome:
+    limits: SolverLimits,
+) -> LegProgramOutcome:
     """Build and solve the program of a contact sequence from a guess, which carries its phases."""
-    began = time.perf_counter()
-    program = LegProgram(scene, limbs, any(trace.phase.swing for trace in guess))
-    for number, trace in enumerate(guess):
-        program.phase(
-            trace,
-            [s for s in samples if s.phase == number],
-            [c for c in cuts if c.phase == number],
+    start_time = time.perf_counter()
+    program = LegProgram(scene, limbs, any(trajectory.phase.swing for trajectory in guess))
+    for index, trajectory in enumerate(guess):
+        program.add_phase(
+            trajectory,
+            [s for s in samples if s.phase == index],
+            [c for c in cuts if c.phase == index],
             ends,
         )
     program.finish(ends)
     settings: dict[str, Any] = {
-        "max_iter": effort.iterations,
+        "max_iter": limits.iterations,
         "tol": 1e-4,
         "constr_viol_tol": 1e-7,
         "acceptable_tol": 1e-2,
@@ -68,16 +69,18 @@ def solve_legs(
         "mu_strategy": "adaptive",
         "mumps_mem_percent": 200,
     }
-    if effort.warm:
+    if limits.is_warm:
         settings |= {"mu_init": 1e-3, "bound_push": 1e-5, "bound_frac": 1e-5}
     answer = solve_trajectory(
         program.store,
         program.outputs,
         settings,
-        began,
-        effort.deadline,
+        start_time,
+        limits.deadline,
         expand=True,
     )
-    return LegOutcome(
-        traces=program.traces(answer.values, guess), work=measure_work(answer), **answer.figures()
+    return LegProgramOutcome(
+        traces=program.read_trajectories(answer.values, guess),
+        work=measure_work(answer),
+        **answer.figures(),
     )

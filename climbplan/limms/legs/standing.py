@@ -1,4 +1,4 @@
-"""The box as body of a quadruped: where its legs may stand when they latch to it."""
+"""The box as the body of a quadruped: footholds from which modules latch to it."""
 
 from __future__ import annotations
 
@@ -9,160 +9,174 @@ from itertools import combinations, pairwise, product
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.limms.arms.held_branches import clearance
+from climbplan.limms.arms.branch_choices import compute_clearance
 from climbplan.limms.legs.footholds import PATCH_MARGIN
 from climbplan.limms.legs.gaits import Gait
-from climbplan.limms.modules.chain import BRANCHES, in_range
-from climbplan.limms.modules.limbs import leg, limb_angles
+from climbplan.limms.modules.chain import BRANCHES, range_excess
+from climbplan.limms.modules.limbs import build_leg, compute_limb_angles
 from climbplan.limms.scene.corridor import Corridor
 from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Scene
 from climbplan.limms.scene.phases import Limb
 
-_SIDEWAYS = np.linspace(-0.45, 0.45, 7)
-_AWAY = np.linspace(0.03, 0.75, 10)
-_NOMINAL = 0.4  # [m] of a foot from its face of the box
-_APART = 0.1  # [m] between footholds that are told apart
-_CHOICES = 10  # of a leg
-_POINTS = 5  # of each straight piece of the way that are looked at
-_CLEAR = 0.01  # [m] off everything
-_RANGE = 0.1  # [rad]
-_CLOSING = 0.18  # [rad] where the latches close
-_LEGS_APART = 0.2  # [m] between the feet of two legs
+_LATERAL_OFFSETS = np.linspace(-0.45, 0.45, 7)
+_DISTANCES = np.linspace(0.03, 0.75, 10)
+_NOMINAL_DISTANCE = 0.4  # [m] of a foot from its face of the box
+_MIN_SPACING = 0.1  # [m] between distinct footholds
+_MAX_CHOICES = 10  # stances of a leg
+_NUM_POINTS = 5  # test points on each straight piece of the path
+_CLEARANCE = 0.01  # [m] from everything
+_RANGE_MARGIN = 0.1  # [rad]
+_APPROACH_MARGIN = 0.18  # [rad] where latches close
+_MIN_FOOT_DISTANCE = 0.2  # [m] between the feet of two legs
 
 
 @dataclass(frozen=True)
-class Stand:
-    """How a leg may stand while the box rests: foothold, branch, how well."""
+class FootStance:
+    """A stance of a leg while the box rests: foothold, branch and cost."""
 
     side: int
     foot: Array  # (3,) [m]
     patch: int
     branch: tuple[int, int, int]
-    trouble: float
+    cost: float
 
 
-def first_stands(scene: Scene, side: int, path: Array, most: int = _CHOICES) -> list[Stand]:
-    """Footholds from which a module latches to a side of the box at rest, best first.
+def find_stances(
+    scene: Scene, side: int, path: Array, max_stances: int = _MAX_CHOICES
+) -> list[FootStance]:
+    """Return stances from which a module latches to a side of the box at rest, best first.
 
-    path: (n, 3) centres of the box, the one at rest first; later ones count as trouble where they
-    are out of reach or where the leg touches something.
+    Args:
+        scene: The scene.
+        side: Side of the box.
+        path: Centres of the box (n, 3), the one at rest first. Later ones add cost where they are
+            out
+            of reach or the leg collides.
+        max_stances: Largest number of stances.
     """
     normal = SIDE_NORMALS[side]
-    along = np.array([-normal[1], normal[0], 0.0])
+    lateral = np.array([-normal[1], normal[0], 0.0])
     half = float(abs(normal) @ scene.box_size[0] / 2)
-    ahead = float((path @ normal).max())  # a foot stands on its own side of the box all the way
+    furthest = float((path @ normal).max())  # a foot stays on its side of the box along the path
     shift = (path[0] + path[-1]) / 2
-    grid = np.array([a * normal + s * along for a in _AWAY for s in _SIDEWAYS])
-    grid += shift + (ahead + half - shift @ normal) * normal
-    found = []
+    grid = np.array([a * normal + s * lateral for a in _DISTANCES for s in _LATERAL_OFFSETS])
+    grid += shift + (furthest + half - shift @ normal) * normal
+    stances = []
     for k, patch in enumerate(scene.patches):
         feet = np.column_stack([grid[:, :2], np.full(len(grid), patch.height)])
         for foot in feet[patch.contains(feet, PATCH_MARGIN)]:
-            best = _best_branch(scene, side, foot, path)
-            if best is not None:
-                trouble, branch = best
-                nominal = float(np.linalg.norm((foot - shift - (half + _NOMINAL) * normal)[:2]))
-                found.append(Stand(side, foot, k, branch, trouble + 0.1 * nominal))
-    found.sort(key=lambda stand: stand.trouble)
-    kept: list[Stand] = []
-    for stand in found:
-        if all(np.linalg.norm(stand.foot - other.foot) > _APART for other in kept):
-            kept.append(stand)
-    return kept[:most]
+            choice = _select_branch(scene, side, foot, path)
+            if choice is not None:
+                cost, branch = choice
+                nominal = float(
+                    np.linalg.norm((foot - shift - (half + _NOMINAL_DISTANCE) * normal)[:2])
+                )
+                stances.append(FootStance(side, foot, k, branch, cost + 0.1 * nominal))
+    stances.sort(key=lambda stand: stand.cost)
+    selected: list[FootStance] = []
+    for stand in stances:
+        if all(np.linalg.norm(stand.foot - earlier.foot) > _MIN_SPACING for earlier in selected):
+            selected.append(stand)
+    return selected[:max_stances]
 
 
-def _best_branch(
+def _select_branch(
     scene: Scene, side: int, foot: Array, path: Array
 ) -> tuple[float, tuple[int, int, int]] | None:
-    """Least trouble of a foothold, and the branch that has it; None if no latch closes there."""
+    """Return least cost and branch of a foothold; None if no latch closes there."""
     best: tuple[float, tuple[int, int, int]] | None = None
     feet = np.tile(foot, (len(path), 1))
     for branch in BRANCHES:
-        limb = leg(0, side, 1, branch)
-        angles, missing = limb_angles(scene, limb, path, feet, branch)
-        excess = in_range(scene.module, angles)
-        if missing[0] > 0 or excess[0] > -_CLOSING:
+        limb = build_leg(0, side, 1, branch)
+        angles, reach_error = compute_limb_angles(scene, limb, path, feet, branch)
+        excess = range_excess(scene.module, angles)
+        if reach_error[0] > 0 or excess[0] > -_APPROACH_MARGIN:
             continue
-        reach = 5 * missing.sum() + np.maximum(excess + _RANGE, 0).sum()
-        if best is not None and reach > best[0]:
+        reach_cost = 5 * reach_error.sum() + np.maximum(excess + _RANGE_MARGIN, 0).sum()
+        if best is not None and reach_cost > best[0]:
             continue
-        gap = clearance(scene, [limb], path, feet[:, None], angles[:, None])
+        gap = compute_clearance(scene, [limb], path, feet[:, None], angles[:, None])
         if gap[0] < -1e-9:
             continue
-        trouble = float(reach + 20 * np.maximum(_CLEAR - gap[1:], 0).sum())
-        if best is None or trouble < best[0]:
-            best = trouble, branch
+        cost = float(reach_cost + 20 * np.maximum(_CLEARANCE - gap[1:], 0).sum())
+        if best is None or cost < best[0]:
+            best = cost, branch
     return best
 
 
-def legs_of(stands: Sequence[Stand]) -> tuple[Limb, ...]:
-    """Legs that stand on first footholds; module numbers are those of the stands' order."""
-    return tuple(leg(i, s.side, 1, s.branch) for i, s in enumerate(stands))
+def build_legs(stances: Sequence[FootStance]) -> tuple[Limb, ...]:
+    """Return legs in these stances; modules are numbered by their order."""
+    return tuple(build_leg(i, s.side, 1, s.branch) for i, s in enumerate(stances))
 
 
-def first_stand_sets(
-    scene: Scene, gait: Gait, way: Corridor, most: int
-) -> Iterator[tuple[Stand, ...]]:
-    """Sets of first footholds that carry the box, least trouble and load first."""
+def find_stance_sets(
+    scene: Scene, gait: Gait, corridor: Corridor, max_sets: int
+) -> Iterator[tuple[FootStance, ...]]:
+    """Yield sets of stances that carry the box, those of least cost and load first."""
     start = scene.box_start[0]
     if gait.steps == 0:
-        corners = np.vstack([start, way.crossings, scene.goal])
+        corners = np.vstack([start, corridor.crossings, scene.goal])
     else:
         corners = np.vstack([start, start + np.array([0, 0, 0.15])])
-    shares = np.linspace(0, 1, _POINTS)[:, None]
-    path = np.vstack([a + shares * (b - a) for a, b in pairwise(corners)])
-    choices = [first_stands(scene, side, path) for side in range(4)]
+    fractions = np.linspace(0, 1, _NUM_POINTS)[:, None]
+    path = np.vstack([a + fractions * (b - a) for a, b in pairwise(corners)])
+    choices = [find_stances(scene, side, path) for side in range(4)]
     if not all(choices):
         return
     sets = np.array(list(product(*(range(len(c)) for c in choices))))
     feet = np.stack(
         [np.array([s.foot for s in c])[sets[:, i]] for i, c in enumerate(choices)], axis=1
     )
-    trouble = sum(np.array([s.trouble for s in c])[sets[:, i]] for i, c in enumerate(choices))
-    load = np.max([largest_share(feet, p) for p in corners], axis=0)
-    apart = np.min(
+    cost = sum(np.array([s.cost for s in c])[sets[:, i]] for i, c in enumerate(choices))
+    load = np.max([compute_max_load_fraction(feet, p) for p in corners], axis=0)
+    foot_distance = np.min(
         [np.linalg.norm(feet[:, i] - feet[:, j], axis=-1) for i, j in combinations(range(4), 2)],
         axis=0,
     )
     limit = scene.module.max_force / scene.weight
-    score = trouble + 5 * np.maximum(load - 0.9 * limit, 0) / limit
-    score = np.where((apart < _LEGS_APART) | ~enough_modules(scene, feet), np.inf, score)
-    for k in np.argsort(score)[:most]:
+    score = cost + 5 * np.maximum(load - 0.9 * limit, 0) / limit
+    score = np.where(
+        (foot_distance < _MIN_FOOT_DISTANCE) | ~has_enough_modules(scene, feet), np.inf, score
+    )
+    for k in np.argsort(score)[:max_sets]:
         if np.isfinite(score[k]):
             yield tuple(c[j] for c, j in zip(choices, sets[k], strict=True))
 
 
-def enough_modules(scene: Scene, feet: Array) -> BoolArray:
-    """Whether as many modules stand on each level as feet (n, 4, 3) need: they do not climb."""
-    stand = scene.start_position[scene.start_anchor < 0, 2]
-    fits = np.ones(len(feet), bool)
+def has_enough_modules(scene: Scene, feet: Array) -> BoolArray:
+    """Return whether as many modules stand on each level as feet (n, 4, 3) need, bool (n,)."""
+    heights = scene.start_position[scene.start_anchor < 0, 2]
+    is_enough = np.ones(len(feet), bool)
     for height in np.unique(feet[..., 2]):
-        there = int((np.abs(stand - height) < 1e-6).sum())
-        fits &= (np.abs(feet[..., 2] - height) < 1e-6).sum(axis=1) <= there
-    return fits
+        num_on_level = int((np.abs(heights - height) < 1e-6).sum())
+        is_enough &= (np.abs(feet[..., 2] - height) < 1e-6).sum(axis=1) <= num_on_level
+    return is_enough
 
 
-def largest_share(feet: Array, box: Array) -> Array:
-    """Largest share (n) of the box's weight on one of four feet (n, 4, 3), at least.
+def compute_max_load_fraction(feet: Array, box: Array) -> Array:
+    """Return the least possible largest fraction (n,) of the weight on one of four feet (n, 4, 3).
 
-    Upright forces that balance weight and moment have one freedom left; it is used to make the
-    largest force least.
+    Vertical forces that balance weight and moment have one degree of freedom. It minimises the
+    largest force.
     """
     x, y = feet[..., 0] - box[0], feet[..., 1] - box[1]
     rows = np.stack([np.ones_like(x), x, y], axis=1)  # (n, 3, 4)
-    some = (np.linalg.pinv(rows) @ np.array([1.0, 0, 0])[:, None])[..., 0]
-    free = np.stack(
+    particular = (np.linalg.pinv(rows) @ np.array([1.0, 0, 0])[:, None])[..., 0]
+    nullspace = np.stack(
         [(-1) ** i * np.linalg.det(rows[:, :, [j for j in range(4) if j != i]]) for i in range(4)],
         axis=-1,
     )
-    # The least largest force is where two are equal or where one vanishes
-    lines = [
-        (some[:, j] - some[:, i], free[:, i] - free[:, j]) for i, j in combinations(range(4), 2)
+    # The minimum is where two forces are equal or one vanishes
+    candidates = [
+        (particular[:, j] - particular[:, i], nullspace[:, i] - nullspace[:, j])
+        for i, j in combinations(range(4), 2)
     ]
-    lines += [(-some[:, i], free[:, i]) for i in range(4)]
-    best = np.full(len(feet), np.inf)
-    for offset, slope in lines:
+    candidates += [(-particular[:, i], nullspace[:, i]) for i in range(4)]
+    min_max_force = np.full(len(feet), np.inf)
+    for offset, slope in candidates:
         safe = np.where(np.abs(slope) > 1e-9, slope, np.inf)
-        force = some + (offset / safe)[:, None] * free
-        best = np.minimum(best, np.where(force.min(axis=1) < -1e-9, np.inf, force.max(axis=1)))
-    return best
+        force = particular + (offset / safe)[:, None] * nullspace
+        min_max_force = np.minimum(
+            min_max_force, np.where(force.min(axis=1) < -1e-9, np.inf, force.max(axis=1))
+        )
+    return min_max_force

@@ -1,4 +1,4 @@
-"""A plan as it grows: stretches of time with constant modes, densely sampled, put end to end."""
+"""A plan under construction: stretches with constant modes, densely sampled, in sequence."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from climbplan.limms.modules.chain import forward
 from climbplan.limms.modules.contact import link_segments
 from climbplan.limms.scene.limms_scene import Points, Pose, Scene
 
-STEP = 0.01  # [s] between samples at most
+STEP = 0.01  # [s] between samples, at most
 
 STABLE, FREE, MANIPULATED, QUADRUPED = 1, 2, 3, 4  # of a box
 DRIVES, ARM, ADDED_ARM, LEG, ADDED_LEG = 1, 2, 3, 4, 5  # of a module
@@ -20,7 +20,7 @@ NOWHERE = -1
 
 @dataclass(frozen=True)
 class Stretch:
-    """Constant modes over (n,) samples; first and last sample are its ends."""
+    """A stretch of time with constant modes over (n,) samples, both ends included."""
 
     name: str
     time: Array  # (n,) from 0 [s]
@@ -38,9 +38,9 @@ class Stretch:
     tip_anchor: IntArray  # (L,)
     grounded: IntArray  # (L,) end that stands on the ground: 0, 1, or -1 none
     force: Array  # (n, 4, 3) on the box at its anchors [N]
-    number: tuple[int, ...]  # (B,) of the boxes in the plan, the one that is brought first
-    others: Array  # (B - 1, 3) where the others stand [m]
-    their_yaws: Array  # (B - 1,) [rad]
+    box_number: tuple[int, ...]  # (B,) boxes by their number in the plan, the moved one first
+    other_positions: Array  # (B - 1, 3) of boxes that stand [m]
+    other_yaws: Array  # (B - 1,) [rad]
 
     def place(self, module: int, base: Pose, angles: Array, rates: Array) -> None:
         """Write the motion of one module: its first end (n, 3) and (n, 3, 3), joints (n, 6)."""
@@ -52,7 +52,7 @@ class Stretch:
 
 @dataclass
 class PartialPlan:
-    """Where everything is now, and what was planned so far."""
+    """The state of planning: where everything is now, and the stretches planned so far."""
 
     scene: Scene
     box: Array  # (3,)
@@ -68,10 +68,10 @@ class PartialPlan:
     stretches: list[Stretch] = field(default_factory=list)
 
     @classmethod
-    def of(cls, scene: Scene, poses: tuple[Array, Array], angles: Array) -> PartialPlan:
-        """At the start: modules stand upright or are latched to anchors."""
-        count = scene.num_modules
-        held = scene.start_anchor >= 0
+    def at_start(cls, scene: Scene, poses: tuple[Array, Array], angles: Array) -> PartialPlan:
+        """Return the state at the start: modules stand upright or are latched to anchors."""
+        num_modules = scene.num_modules
+        is_latched = scene.start_anchor >= 0
         return cls(
             scene=scene,
             box=scene.box_start[0].copy(),
@@ -80,14 +80,14 @@ class PartialPlan:
             base_position=poses[0].copy(),
             base_rotation=poses[1].copy(),
             angles=angles.copy(),
-            mode=np.where(held, ARM, DRIVES),
+            mode=np.where(is_latched, ARM, DRIVES),
             base_anchor=scene.start_anchor.copy(),
-            tip_anchor=np.full(count, NOWHERE),
-            grounded=np.where(held, NOWHERE, 0),
+            tip_anchor=np.full(num_modules, NOWHERE),
+            grounded=np.where(is_latched, NOWHERE, 0),
         )
 
     def copy(self) -> PartialPlan:
-        """An independent copy to try something on."""
+        """Return an independent copy."""
         return PartialPlan(
             self.scene,
             self.box.copy(),
@@ -105,30 +105,30 @@ class PartialPlan:
 
     @property
     def place(self) -> Array:
-        """Where the box is (D,), with its yaw if it turns [m, rad]."""
+        """Placement of the box (D,), with its yaw if it turns [m, rad]."""
         return np.array([*self.box, self.yaw]) if self.scene.uses_yaw else self.box
 
     @property
     def centres(self) -> Array:
-        """Of all boxes (B, 3) [m]."""
+        """Centres of all boxes (B, 3) [m]."""
         return np.vstack([self.box, self.scene.box_start[1:]])
 
     @property
     def yaws(self) -> Array:
-        """Of all boxes (B,) [rad]."""
+        """Yaws of all boxes (B,) [rad]."""
         return np.array([self.yaw, *self.scene.start_yaws[1:]])
 
     def points(self, module: int) -> Points:
-        """Where a module is now."""
+        """Return the points of a module now."""
         base = Pose(self.base_position[module], self.base_rotation[module])
         return forward(self.scene.module, base, self.angles[module])
 
     def segments(self, module: int) -> Array:
-        """Its links (4, 2, 3)."""
+        """Return the link segments of a module now (4, 2, 3) [m]."""
         return link_segments(self.points(module), self.scene.module.radius)
 
-    def rest(self, name: str, time: Array) -> Stretch:
-        """A stretch in which nothing moves; what moves after all is written into its arrays."""
+    def build_rest(self, name: str, time: Array) -> Stretch:
+        """Return a stretch in which nothing moves; motion is written into its arrays afterwards."""
         n = len(time)
         return Stretch(
             name=name,
@@ -147,13 +147,13 @@ class PartialPlan:
             tip_anchor=self.tip_anchor.copy(),
             grounded=self.grounded.copy(),
             force=np.zeros((n, 4, 3)),
-            number=self.scene.box_number,
-            others=self.scene.box_start[1:],
-            their_yaws=self.scene.start_yaws[1:],
+            box_number=self.scene.box_number,
+            other_positions=self.scene.box_start[1:],
+            other_yaws=self.scene.start_yaws[1:],
         )
 
     def add(self, stretch: Stretch) -> None:
-        """Append a stretch; its last sample is where everything is now."""
+        """Append a stretch; its last sample becomes the current state."""
         self.stretches.append(stretch)
         self.box, self.yaw = stretch.box[-1].copy(), float(stretch.turning[-1, 0])
         self.box_mode = stretch.box_mode
@@ -163,10 +163,10 @@ class PartialPlan:
 
     @property
     def duration(self) -> float:
-        """Seconds planned so far."""
+        """Duration planned so far [s]."""
         return float(sum(s.time[-1] for s in self.stretches))
 
 
-def samples(duration: float) -> Array:
-    """Times (n,) from 0 to duration, at most `STEP` apart."""
+def sample_times(duration: float) -> Array:
+    """Return times (n,) from 0 to duration, at most `STEP` apart [s]."""
     return np.linspace(0.0, duration, max(int(np.ceil(duration / STEP)), 2) + 1)

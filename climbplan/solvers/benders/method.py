@@ -1,9 +1,9 @@
-"""Mixed-integer convex programs by generalised Benders decomposition, with memory.
+"""Solve mixed-integer convex programs by generalised Benders decomposition, with stored cuts.
 
-HiGHS proposes integers that satisfy all cuts (`master`), the compiled solver of the tree solves the
-convex program that is left, whose multipliers are a further cut (`cuts`), until the cheapest answer
-and the least that the cuts allow meet. Cuts are kept for the next problem of the same statement,
-where they are read at its numbers: X. Lin, arXiv 2406.00780; Geoffrion 1972.
+The master problem in HiGHS proposes integers that satisfy all cuts (`master`). The compiled solver
+of the tree solves the convex subproblem, whose multipliers are a new cut (`cuts`). Both alternate
+until the best cost and the bound of the master meet (Geoffrion 1972). Cuts are stored for the next
+problem of the same statement, and evaluated at its parameters (X. Lin, arXiv 2406.00780).
 """
 
 from __future__ import annotations
@@ -19,75 +19,78 @@ from scipy import sparse
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-from climbplan.solvers.benders.cuts import Cut, CutForm, Planes
+from climbplan.solvers.benders.benders_cuts import Cut, CutEvaluator, CutPlanes
 from climbplan.solvers.benders.master import Master
 from climbplan.solvers.benders.subproblem import Subproblem
-from climbplan.solvers.highs.model import highs, linear_model, run_highs
-from climbplan.solvers.mixed_integer.conditional import Conditional, conditional_form
-from climbplan.solvers.mixed_integer.form import mixed_integer_program
-from climbplan.solvers.mixed_integer.memory import Move
-from climbplan.solvers.mixed_integer.nodes import MOST
-from climbplan.solvers.mixed_integer.numbers import Impossible
-from climbplan.solvers.mixed_integer.warm_up import warm_up
+from climbplan.solvers.highs.model import build_linear_model, create_highs, run_highs
+from climbplan.solvers.mixed_integer.indicator_form import IndicatorForm, build_indicator_form
+from climbplan.solvers.mixed_integer.leaf_cover import HorizonShift
+from climbplan.solvers.mixed_integer.nodes import UNLIMITED
+from climbplan.solvers.mixed_integer.presolve import build_mixed_integer_program
+from climbplan.solvers.mixed_integer.problem_data import ProvedInfeasible
+from climbplan.solvers.mixed_integer.warm_up import warm_up_kernels
 from climbplan.solvers.result import (
     FEASIBILITY,
     Answer,
     SolverResult,
-    judged,
+    judge_answer,
     relative_gap,
 )
 
-_LEAST = 1e-12  # entries of a ray below this share of the largest are rounding
+_MIN_RAY_ENTRY = 1e-12  # entries of a ray below this fraction of the largest are rounding errors
 
 
-def farkas_ray(form: Conditional, read: CutForm, integers: IntArray, x: Array) -> Cut | None:
-    """A cut that excludes integers (E,), None where none is found. x: (size,) a point near them.
+def compute_farkas_cut(
+    form: IndicatorForm, evaluator: CutEvaluator, integers: IntArray, x: Array
+) -> Cut | None:
+    """Return a cut that excludes integers (E,), or None.
 
-    HiGHS gives the ray for programs that the tree's solver gives up. What it proves is computed
-    from the ray like that of any other cut, so that HiGHS is not believed.
+    HiGHS computes the ray for subproblems that the tree's solver gives up. The cut is evaluated
+    from the ray like any other, so it does not rely on the accuracy of HiGHS. `x` (size,) is a
+    point nearby.
     """
-    program = read.program
+    program = evaluator.program
     lower, upper = program.lower.copy(), program.upper.copy()
     lower[program.entities] = upper[program.entities] = integers
-    on = np.flatnonzero(form.value == lower[form.when])
-    A = sparse.vstack([form.A, form.C[on]]).tocsr()
-    solver = highs()
+    active = np.flatnonzero(form.value == lower[form.indicator])
+    A = sparse.vstack([form.A, form.C[active]]).tocsr()
+    solver = create_highs()
     solver.setOptionValue("presolve", "off")  # which keeps no rays
     solver.passModel(
-        linear_model(
+        build_linear_model(
             np.zeros(form.size),
             0.0,
             lower,
             upper,
             np.zeros(form.size, bool),
             A,
-            np.concatenate([form.row_lower, form.when_lower[on]]),
-            np.concatenate([form.row_upper, form.when_upper[on]]),
+            np.concatenate([form.row_lower, form.indicator_lower[active]]),
+            np.concatenate([form.row_upper, form.indicator_upper[active]]),
         )
     )
     run_highs(solver)
     if solver.getModelStatus() != highspy.HighsModelStatus.kInfeasible:
         return None
-    _, there, ray = solver.getDualRay()
-    if not there:
+    _, has_ray, ray = solver.getDualRay()
+    if not has_ray:
         return None
-    rows = np.concatenate([np.arange(A.shape[0] - len(on)), A.shape[0] - len(on) + on])
+    rows = np.concatenate([np.arange(A.shape[0] - len(active)), A.shape[0] - len(active) + active])
     for y in (np.asarray(ray), -np.asarray(ray)):
-        both = np.concatenate([-(A.T @ y), y])  # bounds take what rows pull at each variable
+        multipliers = np.concatenate([-(A.T @ y), y])  # bounds take what rows pull at each variable
         key = np.concatenate([np.arange(form.size), form.size + rows])
-        keep = np.abs(both) > _LEAST * np.abs(both).max(initial=0.0)
-        cut = Cut(key[keep], both[keep] / np.abs(both).max(initial=1e-300), x, False)
-        plane = read.planes([cut])
-        off = np.where((integers > 0) == plane.star[0], 0.0, plane.slope[0]).sum()
-        if plane.bound[0] - off > 0.0:
+        keep = np.abs(multipliers) > _MIN_RAY_ENTRY * np.abs(multipliers).max(initial=0.0)
+        cut = Cut(key[keep], multipliers[keep] / np.abs(multipliers).max(initial=1e-300), x, False)
+        plane = evaluator.evaluate([cut])
+        deviation = np.where((integers > 0) == plane.star[0], 0.0, plane.slope[0]).sum()
+        if plane.bound[0] - deviation > 0.0:
             return cut
     return None
 
 
 NAME = "benders"
 HOLDS = frozenset({"choices", "integers", "implications"})
-_MOST_CUTS = 300  # that are kept, the latest ones
-_SHARE = 0.5  # of the gap that the master may leave
+_MAX_CUTS = 300  # number of cuts stored, the latest ones
+_MASTER_GAP_FRACTION = 0.5  # fraction of the gap that the master may leave
 
 
 def solve_benders(
@@ -96,47 +99,54 @@ def solve_benders(
     time_limit: float = np.inf,
     tolerance: float = FEASIBILITY,
 ) -> SolverResult:
-    """Globally optimal x of an instance with binaries, implications and choices.
+    """Find the global optimum of an instance with binaries, implications and choices.
 
-    gap: relative gap to prove. time_limit: [s]. tolerance: largest violation of any constraint.
-    Deterministic unless the time limit is hit. Raises UsageError for balls, products and smooth
-    rows, and where a direction without cost is not bounded.
+    The result is deterministic unless the time limit is hit.
+
+    Args:
+        instance: Instance without balls, products and smooth rows.
+        gap: Relative gap to prove.
+        time_limit: Time limit [s].
+        tolerance: Largest violation of any constraint.
+
+    Raises:
+        UsageError: The instance has other features, or a direction without cost is not bounded.
     """
-    return BendersMemory(gap, tolerance).solve(instance, time_limit)
+    return WarmStartedBenders(gap, tolerance).solve(instance, time_limit)
 
 
 @dataclass
 class _State:
-    """What is known of one problem."""
+    """State of the search for one problem."""
 
-    best: Array | None = None  # (size,) in the variables of the conditional form
+    incumbent: Array | None = None  # (size,) in the variables of the indicator form
     cost: float = np.inf
     bound: float = -np.inf
     infeasible: bool = False
     tried: set[bytes] = field(default_factory=set)
-    nodes: int = 0  # of the masters
-    unsolved: int = 0  # sets of integers that no cut, or no good one, was found for
-    left: float = np.inf  # and what they cost at least
-    word: str = ""  # why it ended without a proof
+    num_nodes: int = 0  # nodes of the master problems
+    unsolved: int = 0  # number of sets of integers without a sufficient cut
+    unsolved_bound: float = np.inf  # lower bound on their cost
+    message: str = ""  # reason why the search ended without a proof
 
-    def leave(self, bound: float) -> None:
-        """One set of integers is given up, which costs no less than a bound."""
+    def give_up(self, bound: float) -> None:
+        """Give up one set of integers, whose cost is at least `bound`."""
         self.unsolved += 1
-        self.left = min(self.left, bound)
+        self.unsolved_bound = min(self.unsolved_bound, bound)
 
 
 @dataclass
-class BendersMemory:
+class WarmStartedBenders:
     """Solves instances of one statement in turn; each begins with the cuts of those before."""
 
     gap: float = 1e-4
     tolerance: float = FEASIBILITY
-    work: int = MOST  # dual steps of convex programs after which one problem stops
+    work: int = UNLIMITED  # limit of dual steps for one problem
     cuts: list[Cut] = field(default_factory=list)
     _best: Array | None = None  # (size,) last answer
 
     @property
-    def remembers(self) -> bool:
+    def has_warm_start(self) -> bool:
         """Whether the next problem begins with cuts."""
         return bool(self.cuts)
 
@@ -144,142 +154,159 @@ class BendersMemory:
         self,
         instance: Instance,
         time_limit: float = np.inf,
-        move: Callable[[Conditional], Move] | None = None,
+        move: Callable[[IndicatorForm], HorizonShift] | None = None,
     ) -> SolverResult:
-        """As `solve_benders`. move: where what is remembered stands now."""
-        warm_up(NAME, BendersMemory().solve)
+        """Find the global optimum of an instance, as `solve_benders` does.
+
+        Args:
+            instance: Instance without balls, products and smooth rows.
+            time_limit: Time limit [s].
+            move: Function that returns the shift of the horizon since the last call.
+        """
+        warm_up_kernels(NAME, WarmStartedBenders().solve)
         begin = time.perf_counter()
         deadline = begin + time_limit
         if beyond := instance.features - HOLDS:
             raise UsageError(
                 f"method {NAME!r} holds no {' and no '.join(sorted(beyond))}: use branch-and-bound"
             )
-        form = conditional_form(instance)
-        program = mixed_integer_program(instance, form, deadline)
-        if isinstance(program, Impossible) or program is None:
-            why = "the time limit came while the program was built"
-            why = why if program is None else f"infeasible: {program.why}"
-            nothing = Answer(
-                None, -np.inf, program is not None, 0, time.perf_counter() - begin, NAME, (why,)
+        form = build_indicator_form(instance)
+        program = build_mixed_integer_program(instance, form, deadline)
+        if isinstance(program, ProvedInfeasible) or program is None:
+            message = "the time limit came while the program was built"
+            message = message if program is None else f"infeasible: {program.why}"
+            answer_without_search = Answer(
+                None, -np.inf, program is not None, 0, time.perf_counter() - begin, NAME, (message,)
             )
-            return judged(instance, nothing, self.gap, self.tolerance)
-        read = CutForm(form, program)
+            return judge_answer(instance, answer_without_search, self.gap, self.tolerance)
+        evaluator = CutEvaluator(form, program)
         if move is not None:
-            self._shift(read, move(form))
-        known, state = len(self.cuts), _State()
-        sub = Subproblem(program, self.tolerance)
-        self._search(instance, form, read, sub, state, deadline)
+            self._shift_horizon(evaluator, move(form))
+        num_stored_cuts, state = len(self.cuts), _State()
+        subproblem = Subproblem(program, self.tolerance)
+        self._alternate(instance, form, evaluator, subproblem, state, deadline)
         if state.unsolved:
-            # They are left out of the master, and might be better than all others
-            state.bound = min(state.bound, state.left)
+            # The master excludes them, and they might be better than all others
+            state.bound = min(state.bound, state.unsolved_bound)
             state.infeasible = False
-            state.word = f"{state.unsolved} convex programs could not be solved to the end"
-        if state.best is None and state.bound > program.numbers.ceiling:
+            state.message = f"{state.unsolved} convex programs could not be solved to the end"
+        if state.incumbent is None and state.bound > program.data.max_cost:
             state.infeasible = True  # nothing in the box costs so much
-        tried = f"{sub.count} sets of integers tried, {state.nodes} nodes of masters"
+        summary = (
+            f"{subproblem.num_solved} sets of integers tried, {state.num_nodes} nodes of masters"
+        )
         log = [
-            f"{len(program.entities)} integers, {program.size} unknowns, {known} cuts remembered",
-            f"{tried}, {sub.steps} dual steps",
-            *([state.word] if state.word else []),
+            (
+                f"{len(program.entities)} integers, {program.size} unknowns, "
+                f"{num_stored_cuts} cuts remembered"
+            ),
+            f"{summary}, {subproblem.num_dual_steps} dual steps",
+            *([state.message] if state.message else []),
         ]
-        best = state.best
+        best = state.incumbent
         answer = Answer(
             x=None if best is None else best[: instance.size],
-            assignment=None if best is None else form.alternatives(best),
+            assignment=None if best is None else form.decode_alternatives(best),
             bound=state.bound,
             infeasible=state.infeasible and best is None,
-            nodes=sub.count,
+            nodes=subproblem.num_solved,
             time=time.perf_counter() - begin,
             solver=NAME,
             log=tuple(log),
         )
         self._best = self._best if best is None else best
-        self.cuts = self.cuts[-_MOST_CUTS:]
-        return judged(instance, answer, self.gap, self.tolerance)
+        self.cuts = self.cuts[-_MAX_CUTS:]
+        return judge_answer(instance, answer, self.gap, self.tolerance)
 
-    def _shift(self, read: CutForm, move: Move) -> None:
-        self.cuts = [cut.moved(read.space, move) for cut in self.cuts]
+    def _shift_horizon(self, evaluator: CutEvaluator, shift: HorizonShift) -> None:
+        """Shift the stored cuts and the last answer."""
+        self.cuts = [cut.shift(evaluator.space, shift) for cut in self.cuts]
         if self._best is not None:
-            best, there = self._best.copy(), move.variable >= 0
-            best[move.variable[there]] = self._best[there]
+            best, remains = self._best.copy(), shift.variable >= 0
+            best[shift.variable[remains]] = self._best[remains]
             self._best = best
 
-    def _search(
+    def _alternate(
         self,
         instance: Instance,
-        form: Conditional,
-        read: CutForm,
-        sub: Subproblem,
+        form: IndicatorForm,
+        evaluator: CutEvaluator,
+        subproblem: Subproblem,
         state: _State,
         deadline: float,
     ) -> None:
-        """Master and subproblem in turn until bound and cost meet."""
-        relaxed, integers = sub.relaxed()
-        if np.isposinf(relaxed):
+        """Alternate master and subproblem until bound and cost meet."""
+        relaxation_bound, integers = subproblem.solve_relaxation()
+        if np.isposinf(relaxation_bound):
             state.infeasible = True
             return
-        state.bound = relaxed
+        state.bound = relaxation_bound
         if self._best is not None:
-            integers = np.round(self._best[read.program.entities]).astype(np.int64)
-            n = read.program.numbers
-            integers = np.clip(integers, n.lowest, n.highest)
-        told = 0  # cuts that the master has
-        master = Master(form, read.program, relaxed)
-        if not self._try(instance, form, read, sub, state, integers):
-            state.leave(relaxed)
-            master.add(Planes.without(integers), np.inf)
+            integers = np.round(self._best[evaluator.program.entities]).astype(np.int64)
+            n = evaluator.program.data
+            integers = np.clip(integers, n.root_low, n.root_high)
+        num_added = 0  # number of cuts in the master
+        master = Master(form, evaluator.program, relaxation_bound)
+        if not self._solve_subproblem(instance, form, evaluator, subproblem, state, integers):
+            state.give_up(relaxation_bound)
+            master.add_cuts(CutPlanes.exclude(integers), np.inf)
         while True:
-            master.add(read.planes(self.cuts[told:]), state.cost)
-            told = len(self.cuts)
-            if state.best is not None and relative_gap(state.cost, state.bound) <= self.gap:
+            master.add_cuts(evaluator.evaluate(self.cuts[num_added:]), state.cost)
+            num_added = len(self.cuts)
+            if state.incumbent is not None and relative_gap(state.cost, state.bound) <= self.gap:
                 return
-            left = deadline - time.perf_counter()
-            if left <= 0 or sub.steps >= self.work:
-                state.word = "a limit came before the proof"
+            time_left = deadline - time.perf_counter()
+            if time_left <= 0 or subproblem.num_dual_steps >= self.work:
+                state.message = "a limit came before the proof"
                 return
-            gap = _SHARE * self.gap
-            found = master.solve(gap, left)
-            state.nodes += found.nodes
-            state.bound = max(state.bound, found.bound)
-            if found.infeasible:
-                state.infeasible = state.best is None
-                state.bound = max(state.bound, state.cost) if state.best is not None else np.inf
+            gap = _MASTER_GAP_FRACTION * self.gap
+            answer = master.solve(gap, time_left)
+            state.num_nodes += answer.nodes
+            state.bound = max(state.bound, answer.bound)
+            if answer.infeasible:
+                state.infeasible = state.incumbent is None
+                state.bound = (
+                    max(state.bound, state.cost) if state.incumbent is not None else np.inf
+                )
                 return
-            if found.integers is None:
+            if answer.integers is None:
                 continue
-            if state.best is not None and relative_gap(state.cost, state.bound) <= self.gap:
+            if state.incumbent is not None and relative_gap(state.cost, state.bound) <= self.gap:
                 return
-            again = found.integers.tobytes() in state.tried  # their cut was not good enough
-            if again or not self._try(instance, form, read, sub, state, found.integers):
-                state.leave(found.bound if again else relaxed)
-                master.add(Planes.without(found.integers), state.cost)
+            is_repeated = answer.integers.tobytes() in state.tried  # their cut was not sufficient
+            if is_repeated or not self._solve_subproblem(
+                instance, form, evaluator, subproblem, state, answer.integers
+            ):
+                state.give_up(answer.bound if is_repeated else relaxation_bound)
+                master.add_cuts(CutPlanes.exclude(answer.integers), state.cost)
 
-    def _try(
+    def _solve_subproblem(
         self,
         instance: Instance,
-        form: Conditional,
-        read: CutForm,
-        sub: Subproblem,
+        form: IndicatorForm,
+        evaluator: CutEvaluator,
+        subproblem: Subproblem,
         state: _State,
         integers: IntArray,
     ) -> bool:
-        """The convex program at some integers: its cut, and its answer if that is the best.
+        """Solve the subproblem of some integers; store its cut, and its solution if it is the best.
 
-        False if it could not be solved to the end.
+        Returns:
+            False if no cut was found.
         """
         state.tried.add(integers.tobytes())
-        x, cut = sub.solve(integers)
+        x, cut = subproblem.solve(integers)
         stated = None if x is None else x[: instance.size]
-        met = False
+        is_feasible = False
         if x is not None and stated is not None:
-            met = instance.violation(stated, form.alternatives(x)) <= self.tolerance
-        if not met and (cut is None or cut.feasible):  # rounding stopped the solver
-            star = read.program.start.copy()
-            star[read.program.entities] = integers
-            cut = farkas_ray(form, read, integers, star) or cut
+            is_feasible = instance.violation(stated, form.decode_alternatives(x)) <= self.tolerance
+        if not is_feasible and (cut is None or cut.feasible):  # rounding errors stopped the solver
+            star = evaluator.program.start.copy()
+            star[evaluator.program.entities] = integers
+            cut = compute_farkas_cut(form, evaluator, integers, star) or cut
         if cut is None:
             return False
         self.cuts.append(cut)
-        if met and stated is not None and instance.objective(stated) < state.cost:
-            state.best, state.cost = x, instance.objective(stated)
+        if is_feasible and stated is not None and instance.objective(stated) < state.cost:
+            state.incumbent, state.cost = x, instance.objective(stated)
         return True

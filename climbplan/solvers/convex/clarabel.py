@@ -11,9 +11,9 @@ from scipy import sparse
 
 from climbplan.arrays import Array
 from climbplan.program.instance import Instance
-from climbplan.solvers.interruption import run_deaf
+from climbplan.solvers.interruption import run_uninterruptible
 from climbplan.solvers.result import Answer
-from climbplan.solvers.weak_duality import weak_dual
+from climbplan.solvers.weak_duality import compute_dual_bound
 
 _ACCURACY = 1e-10
 _SOLVED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
@@ -21,14 +21,17 @@ _INFEASIBLE = clarabel.SolverStatus.PrimalInfeasible
 
 
 class ClarabelSession:
-    """Rebuilt when other bounds become finite or equal, else only numbers are passed on."""
+    """Solves convex instances in turn with Clarabel; the solver is reused while its structure is.
+
+    It is rebuilt when other bounds become finite or equal; else only numbers are updated.
+    """
 
     def __init__(self) -> None:
         self._solver: Any = None
         self._shape: tuple[bytes, ...] = ()
 
     def solve(self, instance: Instance) -> Answer:
-        """A x + s = b with s in a zero cone, an orthant and second-order cones."""
+        """Solve A x + s = b with s in a zero cone, an orthant and second-order cones."""
         begin = time.perf_counter()
         n, m = instance.size, instance.A.shape[0]
         rows = sparse.vstack([instance.A, sparse.identity(n, format="csr")]).tocsr()
@@ -37,40 +40,40 @@ class ClarabelSession:
         equal = np.flatnonzero(np.isfinite(lower) & (lower == upper))
         above = np.flatnonzero(np.isfinite(upper) & (lower < upper))
         below = np.flatnonzero(np.isfinite(lower) & (lower < upper))
-        blocks, edges = [rows[equal], rows[above], -rows[below]], []
-        edges += [lower[equal], upper[above], -lower[below]]
+        blocks, right_sides = [rows[equal], rows[above], -rows[below]], []
+        right_sides += [lower[equal], upper[above], -lower[below]]
         cones = [
             clarabel.ZeroConeT(len(equal)),
             clarabel.NonnegativeConeT(len(above) + len(below)),
         ]
         for balls in instance.balls:
             K, d = balls.f.shape
-            # Before the d rows of every ball one without entries, for its radius
+            # The d rows of every ball follow one without entries, for its radius
             entry = sparse.coo_matrix(balls.F)
             row = entry.row + entry.row // d + 1
             shape = (K * (d + 1), n)
             blocks.append(sparse.csr_matrix((-entry.data, (row, entry.col)), shape=shape))
-            edges.append(np.column_stack([balls.radius, balls.f]).ravel())
+            right_sides.append(np.column_stack([balls.radius, balls.f]).ravel())
             cones += [clarabel.SecondOrderConeT(d + 1)] * K
         P = sparse.triu(instance.P, format="csc")
         A = sparse.vstack(blocks).tocsc()
         P.sort_indices()
         A.sort_indices()
-        b = np.concatenate(edges)
+        b = np.concatenate(right_sides)
         pattern = tuple(
-            np.asarray(part, np.int64).tobytes()
-            for part in (equal, above, below, P.indptr, P.indices, A.indptr, A.indices)
+            np.asarray(array, np.int64).tobytes()
+            for array in (equal, above, below, P.indptr, P.indices, A.indptr, A.indices)
         )
         if self._solver is not None and pattern == self._shape:
             self._solver.update(P=P.data, q=instance.q, A=A.data, b=b)
         else:
             settings = clarabel.DefaultSettings()
             settings.verbose = False
-            settings.presolve_enable = False  # it would forbid updates
+            settings.presolve_enable = False  # presolve does not allow updates
             settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = _ACCURACY
             self._solver = clarabel.DefaultSolver(P, instance.q, A, b, cones, settings)
             self._shape = pattern
-        solution = run_deaf(self._solver.solve, P.nnz + A.nnz)
+        solution = run_uninterruptible(self._solver.solve, P.nnz + A.nnz)
         x: Array | None = None
         bound = -np.inf
         if solution.status in _SOLVED:
@@ -83,7 +86,7 @@ class ClarabelSession:
                 y[equal] = z[: len(equal)]
                 y[above] += z[len(equal) : len(equal) + len(above)]
                 y[below] -= z[len(equal) + len(above) :]
-                bound = weak_dual(instance, x, y[:m])
+                bound = compute_dual_bound(instance, x, y[:m])
         infeasible = solution.status == _INFEASIBLE
         return Answer(
             x=x,

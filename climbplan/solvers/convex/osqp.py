@@ -16,23 +16,23 @@ from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.program.box import propagated_box
 from climbplan.program.instance import Instance
-from climbplan.solvers.interruption import run_deaf
+from climbplan.solvers.interruption import run_uninterruptible
 from climbplan.solvers.result import Answer
-from climbplan.solvers.weak_duality import weak_dual
+from climbplan.solvers.weak_duality import compute_dual_bound
 
 _ITERATIONS = 10_000
 _TOLERANCE = 1e-7  # before polishing
-_LEAST = 1e-12
-_NARROW = 1e-6
+_MIN_SCALE = 1e-12  # smallest scale of the cost
+_MIN_WIDTH = 1e-6  # smallest width by which a variable is scaled
 _SOLVED = (osqp.SolverStatus.OSQP_SOLVED, osqp.SolverStatus.OSQP_SOLVED_INACCURATE)
 _INFEASIBLE = osqp.SolverStatus.OSQP_PRIMAL_INFEASIBLE
 
 
 class OsqpSession:
-    """The factorisation is kept while the matrices are the same, the iterate always.
+    """Solves convex quadratic programs in turn with OSQP, from the last iterate.
 
-    Variables are measured in the width of their box and rows have unit length: metres beside
-    cosines cost a first-order method four times the iterations.
+    The factorisation is kept while the matrices are the same. Variables are scaled by the width of
+    their box and rows to unit length, since a first-order method converges slowly with mixed units.
     """
 
     def __init__(self, iterations: int = _ITERATIONS, tolerance: float = _TOLERANCE) -> None:
@@ -43,12 +43,16 @@ class OsqpSession:
         self._A = sparse.csc_matrix((0, 0))
 
     def solve(self, instance: Instance) -> Answer:
-        """Raises UsageError for balls. Rows come first, then the variables' bounds."""
+        """Solve an instance without balls; rows come first, then the variables' bounds.
+
+        Raises:
+            UsageError: The instance has balls.
+        """
         if "balls" in instance.features:
             raise UsageError("OSQP has no second-order cones: use clarabel")
         begin = time.perf_counter()
         if len(self._width) != instance.size:
-            self._width = _width(instance)
+            self._width = _compute_widths(instance)
         D = sparse.diags(self._width)
         rows = sparse.vstack([instance.A, sparse.identity(instance.size)]) @ D
         length = np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1)).ravel())
@@ -56,13 +60,17 @@ class OsqpSession:
         A = (sparse.diags(1.0 / length) @ rows).tocsc()
         P = sparse.triu(D @ instance.P @ D, format="csc")
         q = instance.q * self._width
-        steepness = max(np.abs(P.data).max(initial=0.0), np.abs(q).max(initial=0.0), _LEAST)
+        steepness = max(np.abs(P.data).max(initial=0.0), np.abs(q).max(initial=0.0), _MIN_SCALE)
         P, q = P / steepness, q / steepness
         P.sort_indices()
         A.sort_indices()
         lower = np.concatenate([instance.row_lower, instance.lower]) / length
         upper = np.concatenate([instance.row_upper, instance.upper]) / length
-        if self._solver is not None and _alike(P, self._P) and _alike(A, self._A):
+        if (
+            self._solver is not None
+            and _has_same_pattern(P, self._P)
+            and _has_same_pattern(A, self._A)
+        ):
             if not (np.array_equal(P.data, self._P.data) and np.array_equal(A.data, self._A.data)):
                 self._solver.update(Px=P.data, Ax=A.data)
             self._solver.update(q=q, l=lower, u=upper)
@@ -88,7 +96,7 @@ class OsqpSession:
         if status in _SOLVED or status == osqp.SolverStatus.OSQP_MAX_ITER_REACHED:
             x = np.clip(self._width * answer.x, instance.lower, instance.upper)
             multipliers = steepness * np.asarray(answer.y) / length
-            bound = weak_dual(instance, x, multipliers[: len(instance.row_lower)])
+            bound = compute_dual_bound(instance, x, multipliers[: len(instance.row_lower)])
         return Answer(
             x=x,
             bound=np.inf if status == _INFEASIBLE else bound,
@@ -101,28 +109,29 @@ class OsqpSession:
 
 
 def run_osqp(solver: osqp.OSQP, work: int) -> Any:
-    """OSQP's answer, in the one place that runs it; work: entries of its matrices.
+    """Run OSQP, in the only place that does; `work` is the number of matrix entries.
 
-    Its own handler of Ctrl-C, which ends it, hides the signal from Python: it is sent again. What
-    it prints of that is said by whoever handles the signal.
+    OSQP's own handler of Ctrl-C hides the signal from Python, so it is sent again. Its output is
+    dropped, since the handler of the signal reports the interruption.
     """
     with redirect_stdout(io.StringIO()):
-        answer = run_deaf(lambda: solver.solve(raise_error=False), work)
+        answer = run_uninterruptible(lambda: solver.solve(raise_error=False), work)
     if answer.info.status_val == osqp.SolverStatus.OSQP_SIGINT:
         signal.raise_signal(signal.SIGINT)
     return answer
 
 
-def _width(instance: Instance) -> Array:
-    """Widths of the variables' box, 1 where it is open or a point."""
+def _compute_widths(instance: Instance) -> Array:
+    """Return widths of the variables' box, 1 where it is open or a point."""
     box = propagated_box(instance)
     width = box.upper - box.lower
-    return np.where(np.isfinite(width) & (width > _NARROW), width, 1.0)
+    return np.where(np.isfinite(width) & (width > _MIN_WIDTH), width, 1.0)
 
 
-def _alike(one: sparse.csc_matrix, other: sparse.csc_matrix) -> bool:
+def _has_same_pattern(first: sparse.csc_matrix, second: sparse.csc_matrix) -> bool:
+    """Return whether two matrices have the same sparsity pattern."""
     return (
-        one.shape == other.shape
-        and np.array_equal(one.indptr, other.indptr)
-        and np.array_equal(one.indices, other.indices)
+        first.shape == second.shape
+        and np.array_equal(first.indptr, second.indptr)
+        and np.array_equal(first.indices, second.indices)
     )

@@ -1,8 +1,8 @@
-"""Convex instances (no integers, choices, implications or products) by DAQP, Clarabel or OSQP.
+"""Solve convex instances (no integers, choices, implications or products) by a choice of backends.
 
-A session is built from one instance; others of the same shape only update numbers, and the active
-set or iterate before is the start. Bounds come from the solver's multipliers by weak duality, not
-from its word.
+A session is built from one instance. Others of the same shape only update numbers and start from
+the last active set or iterate. Bounds follow from the solver's multipliers by weak duality; the
+solver's own claims are not used.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-from climbplan.solvers.result import FEASIBILITY, Answer, SolverResult, judged
+from climbplan.solvers.result import FEASIBILITY, Answer, SolverResult, judge_answer
 
 ConvexBackend = Literal["daqp", "clarabel", "osqp"]
 
@@ -26,8 +26,8 @@ class ConvexSession(Protocol):
         """Solve the instance, reusing what has not changed."""
 
 
-def session(backend: ConvexBackend, iterations: int | None = None) -> ConvexSession:
-    """A session of one backend; iterations: limit of OSQP (the published 200 or 600)."""
+def create_session(backend: ConvexBackend, iterations: int | None = None) -> ConvexSession:
+    """Create a session of one backend; `iterations` limits OSQP (the published 200 or 600)."""
     if backend == "daqp":
         from climbplan.solvers.convex.daqp import DaqpSession
 
@@ -49,18 +49,27 @@ def solve_convex(
     gap: float = 1e-4,
     tolerance: float = FEASIBILITY,
 ) -> SolverResult:
-    """Solve one instance, in a session of its own or in a given one.
+    """Solve one instance, in a new session or in a given one.
 
-    Raises UsageError if the instance is not convex, or has balls that the backend cannot hold.
+    Args:
+        instance: Convex instance.
+        backend: Name of the backend, or a session.
+        gap: Relative gap at which the result counts as optimal.
+        tolerance: Largest violation of any constraint.
+
+    Raises:
+        UsageError: The instance is not convex, or has balls that the backend does not support.
     """
-    foreign = instance.features - {"balls"}
-    if foreign:
-        raise UsageError(f"{instance.name}: {', '.join(sorted(foreign))} left, pin or relax first")
+    unsupported = instance.features - {"balls"}
+    if unsupported:
+        raise UsageError(
+            f"{instance.name}: {', '.join(sorted(unsupported))} left, pin or relax first"
+        )
     begin = time.perf_counter()
     crossed = (instance.lower > instance.upper).any()
     if crossed or (instance.row_lower > instance.row_upper).any():
-        spent = time.perf_counter() - begin
-        answer = Answer(None, np.inf, True, 0, spent, "bounds", ("infeasible: bounds cross",))
-        return judged(instance, answer, gap, tolerance)
-    used = session(backend) if isinstance(backend, str) else backend
-    return judged(instance, used.solve(instance), gap, tolerance)
+        duration = time.perf_counter() - begin
+        answer = Answer(None, np.inf, True, 0, duration, "bounds", ("infeasible: bounds cross",))
+        return judge_answer(instance, answer, gap, tolerance)
+    convex_session = create_session(backend) if isinstance(backend, str) else backend
+    return judge_answer(instance, convex_session.solve(instance), gap, tolerance)

@@ -1,10 +1,10 @@
-"""HiGHS: mixed-integer linear programs, convex quadratic ones, and by outer approximation both.
+"""HiGHS: mixed-integer linear and convex quadratic programs, and both by outer approximation.
 
-HiGHS has no mixed-integer quadratic programs, cones or indicators, and answers a model that it
-cannot hold with zeros: return codes and the validity of values are looked at. With binaries and a
+HiGHS supports no mixed-integer quadratic programs, cones or indicators, and answers an unsupported
+model with zeros. Return codes and the validity of values are therefore checked. With binaries and a
 quadratic cost (or balls), each square of the cost gets an epigraph with tangents (Duran and
-Grossmann 1986): a mixed-integer linear program gives a bound and binaries, the convex program at
-those binaries an incumbent, both give new tangents, until bound and incumbent meet.
+Grossmann 1986). A mixed-integer linear program gives a bound and binaries, the convex program at
+those binaries gives an incumbent, and both give new tangents until bound and incumbent meet.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from climbplan.program.box import propagated_box
 from climbplan.program.instance import Instance
 from climbplan.solvers.convex.sessions import solve_convex
 from climbplan.solvers.highs.model import (
-    LeftBehind,
-    highs,
-    linear_model,
-    quadratic_model,
+    SolverAbandoned,
+    build_linear_model,
+    build_quadratic_model,
+    create_highs,
     run_highs,
 )
-from climbplan.solvers.result import Answer, SolverResult, judged, relative_gap
-from climbplan.solvers.separable_cost import SeparableCost, separable_cost
-from climbplan.solvers.weak_duality import weak_dual
+from climbplan.solvers.result import Answer, SolverResult, judge_answer, relative_gap
+from climbplan.solvers.separable_cost import SeparableCost, factor_cost
+from climbplan.solvers.weak_duality import compute_dual_bound
 
 NAME = "highs"
 TOLERANCE = 2e-6
@@ -40,15 +40,15 @@ _FIRST_TANGENTS = 9  # of each square, over its range
 _ROUNDS = 200
 _SOLVED = (highspy.HighsModelStatus.kOptimal,)
 _INFEASIBLE = highspy.HighsModelStatus.kInfeasible
-_VAGUE = highspy.HighsModelStatus.kUnboundedOrInfeasible
+_UNBOUNDED_OR_INFEASIBLE = highspy.HighsModelStatus.kUnboundedOrInfeasible
 _FEASIBLE_POINT = 2  # HiGHS's kSolutionStatusFeasible
-_QUADRATIC_FEASIBILITY = 1e-7  # asked for less, the quadratic solver gives up more often
-_LEAST_TIME = 0.05  # [s] for the program at the integers of the last answer
-_INNER_GAP = 0.5  # share of the gap asked for that the linear programs may leave
+_QUADRATIC_FEASIBILITY = 1e-7  # with smaller tolerances the quadratic solver fails more often
+_MIN_TIME = 0.05  # least time for the program at the integers of the last answer [s]
+_INNER_GAP = 0.5  # fraction of the gap that the linear programs may leave
 
 
 @dataclass(frozen=True)
-class _Linear:
+class _LinearAnswer:
     """One answer of HiGHS."""
 
     x: Array | None
@@ -57,7 +57,7 @@ class _Linear:
     infeasible: bool
     nodes: int
     note: str
-    is_left: bool = False  # nothing may be done with the solver any more
+    is_left: bool = False  # whether the solver still runs and must not be used again
 
 
 def solve_highs(
@@ -68,26 +68,35 @@ def solve_highs(
 ) -> SolverResult:
     """Solve an instance of rows, binaries and balls with HiGHS on one thread.
 
-    gap: relative gap to prove. time_limit: [s]. tolerance: largest violation accepted. At a limit
-    the incumbent and the bound are kept. Raises UsageError for choices, implications and products:
-    reformulate first.
+    At a limit the incumbent and the bound are kept.
+
+    Args:
+        instance: Instance without choices, implications and products.
+        gap: Relative gap to prove.
+        time_limit: Time limit [s].
+        tolerance: Largest violation of any constraint.
+
+    Raises:
+        UsageError: The instance has other features and has to be reformulated first.
     """
-    foreign = instance.features - {"integers", "balls"}
-    if foreign:
+    unsupported = instance.features - {"integers", "balls"}
+    if unsupported:
         raise UsageError(
-            f"{instance.name}: highs cannot hold {', '.join(sorted(foreign))}: reformulate first"
+            f"{instance.name}: highs cannot hold {', '.join(sorted(unsupported))}: reformulate first"
         )
     begin = time.perf_counter()
     if (instance.lower > instance.upper).any() or (instance.row_lower > instance.row_upper).any():
         answer = Answer(None, np.inf, True, 0, 0.0, NAME, ("infeasible: bounds cross",))
-        return judged(instance, answer, gap, tolerance)
+        return judge_answer(instance, answer, gap, tolerance)
     if not instance.integer.any() and "balls" not in instance.features:
-        result = judged(instance, _continuous(instance, begin, time_limit), gap, tolerance)
-        # HiGHS's quadratic solver refuses one in ten small singular programs, or stops early.
+        result = judge_answer(
+            instance, _solve_continuous(instance, begin, time_limit), gap, tolerance
+        )
+        # HiGHS's quadratic solver sometimes fails on small singular programs, or stops early.
         if result.status in ("optimal", "infeasible") or not instance.P.count_nonzero():
             return result
-    answer = _outer_approximation(instance, gap, begin, time_limit, tolerance)
-    return judged(instance, answer, gap, tolerance)
+    answer = _solve_by_outer_approximation(instance, gap, begin, time_limit, tolerance)
+    return judge_answer(instance, answer, gap, tolerance)
 
 
 def save_highs_model(instance: Instance, path: Path) -> None:
@@ -95,15 +104,16 @@ def save_highs_model(instance: Instance, path: Path) -> None:
 
     Variables are x<i> and rows row<k>, in order of the instance.
 
-    Raises UsageError for another suffix or place, or for a form that HiGHS cannot hold.
+    Raises:
+        UsageError: The suffix or folder is unknown, or HiGHS does not support the form.
     """
     if path.suffix not in (".lp", ".mps") or not path.parent.is_dir():
         raise UsageError(f"{path}: expected .lp or .mps in a directory that exists")
     if instance.features - {"integers"}:
         kinds = ", ".join(sorted(instance.features - {"integers"}))
         raise UsageError(f"{instance.name}: {kinds} cannot be written, reformulate first")
-    solver = highs()
-    solver.passModel(_whole_model(instance))
+    solver = create_highs()
+    solver.passModel(_build_model(instance))
     for i in range(instance.size):
         solver.passColName(i, f"x{i}")
     for k in range(instance.A.shape[0]):
@@ -112,8 +122,9 @@ def save_highs_model(instance: Instance, path: Path) -> None:
         raise UsageError(f"{path}: cannot be written")
 
 
-def _whole_model(instance: Instance) -> Any:
-    lp = linear_model(
+def _build_model(instance: Instance) -> Any:
+    """Build the HiGHS model of an instance."""
+    lp = build_linear_model(
         instance.q,
         instance.constant,
         instance.lower,
@@ -123,23 +134,23 @@ def _whole_model(instance: Instance) -> Any:
         instance.row_lower,
         instance.row_upper,
     )
-    return quadratic_model(lp, instance.P) if instance.P.count_nonzero() else lp
+    return build_quadratic_model(lp, instance.P) if instance.P.count_nonzero() else lp
 
 
-def _run(solver: Any, mixed: bool, left: float = np.inf) -> _Linear:
-    """Solve what the solver holds; its word counts only with a clean return code and status.
+def _run_solver(solver: Any, mixed: bool, time_left: float = np.inf) -> _LinearAnswer:
+    """Run HiGHS on its model; its status counts only with a clean return code.
 
-    left: [s] after which a mixed-integer search is left behind.
+    `left` is the time [s] after which a mixed-integer search is abandoned.
     """
     try:
-        code = run_highs(solver, deadline=time.monotonic() + left if mixed else np.inf)
-    except LeftBehind as behind:
-        return _Linear(behind.x, None, behind.bound, False, 0, f"HiGHS: {behind}", True)
+        code = run_highs(solver, deadline=time.monotonic() + time_left if mixed else np.inf)
+    except SolverAbandoned as behind:
+        return _LinearAnswer(behind.x, None, behind.bound, False, 0, f"HiGHS: {behind}", True)
     status = solver.getModelStatus()
     note = f"HiGHS {solver.version()}: {solver.modelStatusToString(status)}"
     if code == highspy.HighsStatus.kError:
-        return _Linear(None, None, -np.inf, False, 0, f"{note} (refused)")
-    if status == _VAGUE:
+        return _LinearAnswer(None, None, -np.inf, False, 0, f"{note} (refused)")
+    if status == _UNBOUNDED_OR_INFEASIBLE:
         solver.setOptionValue("presolve", "off")
         run_highs(solver)
         status = solver.getModelStatus()
@@ -153,132 +164,138 @@ def _run(solver: Any, mixed: bool, left: float = np.inf) -> _Linear:
         bound = float(info.objective_function_value)
     nodes = int(max(info.mip_node_count, 0)) if mixed else int(info.simplex_iteration_count)
     infeasible = status == _INFEASIBLE
-    return _Linear(x, dual, np.inf if infeasible else bound, infeasible, nodes, note)
+    return _LinearAnswer(x, dual, np.inf if infeasible else bound, infeasible, nodes, note)
 
 
-def _continuous(instance: Instance, begin: float, time_limit: float) -> Answer:
-    """A linear or convex quadratic program; the bound is computed from the multipliers."""
-    solver = highs(time_limit)
+def _solve_continuous(instance: Instance, begin: float, time_limit: float) -> Answer:
+    """Solve a linear or convex quadratic program; its bound is computed from the multipliers."""
+    solver = create_highs(time_limit)
     if instance.P.count_nonzero():
         solver.setOptionValue("primal_feasibility_tolerance", _QUADRATIC_FEASIBILITY)
-    solver.passModel(_whole_model(instance))
-    found = _run(solver, mixed=False)
-    bound = np.inf if found.infeasible else -np.inf
-    if found.x is not None and found.row_dual is not None:
-        bound = weak_dual(instance, found.x, -found.row_dual)
-    spent = time.perf_counter() - begin
-    return Answer(found.x, bound, found.infeasible, found.nodes, spent, NAME, (found.note,))
+    solver.passModel(_build_model(instance))
+    answer = _run_solver(solver, mixed=False)
+    bound = np.inf if answer.infeasible else -np.inf
+    if answer.x is not None and answer.row_dual is not None:
+        bound = compute_dual_bound(instance, answer.x, -answer.row_dual)
+    duration = time.perf_counter() - begin
+    return Answer(answer.x, bound, answer.infeasible, answer.nodes, duration, NAME, (answer.note,))
 
 
-class _Tangents:
+class _OuterApproximation:
     """The linear model of rows and tangents: x, then one epigraph for each square."""
 
     def __init__(self, instance: Instance, cost: SeparableCost) -> None:
+        """Build the model without tangents."""
         self.instance, self.cost = instance, cost
         n, S = instance.size, len(cost.offset)
         self.size = n + S
         A = sparse.csr_matrix(instance.A)
-        wide = sparse.csr_matrix((A.data, A.indices, A.indptr), shape=(A.shape[0], n + S))
-        self.lp = linear_model(
+        rows = sparse.csr_matrix((A.data, A.indices, A.indptr), shape=(A.shape[0], n + S))
+        self.lp = build_linear_model(
             np.concatenate([cost.slope, np.ones(S)]),
             cost.constant,
             np.concatenate([instance.lower, np.zeros(S)]),
             np.concatenate([instance.upper, np.full(S, np.inf)]),
             np.concatenate([instance.integer, np.zeros(S, bool)]),
-            wide,
+            rows,
             instance.row_lower,
             instance.row_upper,
         )
 
-    def square_rows(self, u: Array) -> tuple[sparse.csr_matrix, Array]:
-        """t_j - u_j^0 U_j x >= u_j^0 offset_j - 1/2 u_j^0^2 at u^0 (S,): rows and lower ends."""
+    def build_square_tangents(self, u: Array) -> tuple[sparse.csr_matrix, Array]:
+        """Return tangents of the squares at u^0 (S,), as rows and lower ends.
+
+        They are t_j - u_j^0 U_j x >= u_j^0 offset_j - 1/2 u_j^0^2.
+        """
         S = len(u)
         rows = sparse.hstack([-(sparse.diags(u) @ self.cost.U), sparse.identity(S)]).tocsr()
         return rows, u * self.cost.offset - 0.5 * u**2
 
-    def ball_rows(self, x: Array) -> tuple[sparse.csr_matrix, Array]:
-        """Tangent half-spaces of the balls that x lies outside of, as rows >= lower ends."""
-        parts, ends = [sparse.csr_matrix((0, self.size))], [np.zeros(0)]
+    def build_ball_tangents(self, x: Array) -> tuple[sparse.csr_matrix, Array]:
+        """Return tangents of the balls that x violates, as rows and lower ends."""
+        blocks, ends = [sparse.csr_matrix((0, self.size))], [np.zeros(0)]
         for balls in self.instance.balls:
             v = balls.vectors(x)
             length = np.linalg.norm(v, axis=1)
-            out = np.flatnonzero((length > balls.radius) & (length > 0))
+            violated = np.flatnonzero((length > balls.radius) & (length > 0))
             d = v.shape[1]
-            for k in out:
+            for k in violated:
                 direction = v[k] / length[k]
                 row = sparse.csr_matrix(-direction @ balls.F[k * d : (k + 1) * d].toarray())
-                parts.append(
+                blocks.append(
                     sparse.csr_matrix((row.data, row.indices, row.indptr), shape=(1, self.size))
                 )
                 ends.append(np.array([direction @ balls.f[k] - balls.radius[k]]))
-        return sparse.vstack(parts).tocsr(), np.concatenate(ends)
+        return sparse.vstack(blocks).tocsr(), np.concatenate(ends)
 
 
-def _outer_approximation(
+def _solve_by_outer_approximation(
     instance: Instance, gap: float, begin: float, time_limit: float, tolerance: float
 ) -> Answer:
-    cost = separable_cost(instance)
-    tangents = _Tangents(instance, cost)
-    solver = highs(time_limit, _INNER_GAP * gap)
-    solver.passModel(tangents.lp)
+    """Alternate linear and convex programs until bound and incumbent meet."""
+    cost = factor_cost(instance)
+    approximation = _OuterApproximation(instance, cost)
+    solver = create_highs(time_limit, _INNER_GAP * gap)
+    solver.passModel(approximation.lp)
     if len(cost.offset):
         box = propagated_box(instance)
         reach = box.interval(cost.U)
         low, high = reach.lower + cost.offset, reach.upper + cost.offset
         bounded = np.isfinite(low) & np.isfinite(high)
-        for share in np.linspace(0.0, 1.0, _FIRST_TANGENTS):
+        for fraction in np.linspace(0.0, 1.0, _FIRST_TANGENTS):
             low, high = np.where(bounded, low, 0.0), np.where(bounded, high, 0.0)
-            _add(solver, *tangents.square_rows(low + share * (high - low)))
+            _add_rows(solver, *approximation.build_square_tangents(low + fraction * (high - low)))
     linear = not len(cost.offset) and "balls" not in instance.features
     incumbent: Array | None = None
     best, bound, nodes, note = np.inf, -np.inf, 0, ""
-    tried: set[bytes] = set()
-    rounds = 0
+    completed_integers: set[bytes] = set()
+    num_rounds = 0
     infeasible = is_left = False
-    while rounds < _ROUNDS:
-        rounds += 1
-        left = time_limit - (time.perf_counter() - begin)
-        if left <= 0:
+    while num_rounds < _ROUNDS:
+        num_rounds += 1
+        time_left = time_limit - (time.perf_counter() - begin)
+        if time_left <= 0:
             break
-        if np.isfinite(left):
-            solver.setOptionValue("time_limit", float(solver.getRunTime() + left))
-        found = _run(solver, bool(instance.integer.any()), left)
-        nodes += found.nodes
-        note, is_left = found.note, found.is_left
-        if found.infeasible:
+        if np.isfinite(time_left):
+            solver.setOptionValue("time_limit", float(solver.getRunTime() + time_left))
+        answer = _run_solver(solver, bool(instance.integer.any()), time_left)
+        nodes += answer.nodes
+        note, is_left = answer.note, answer.is_left
+        if answer.infeasible:
             # Tangents cut off no incumbent: with one, this is rounding and proves nothing.
             infeasible = incumbent is None
             break
-        bound = max(bound, found.bound)
-        if found.x is None:
+        bound = max(bound, answer.bound)
+        if answer.x is None:
             break
-        x = found.x[: instance.size]
-        left = time_limit - (time.perf_counter() - begin)
-        completed = _completed(instance, x, tried, linear, left)
-        for candidate in (x, completed):
+        x = answer.x[: instance.size]
+        time_left = time_limit - (time.perf_counter() - begin)
+        completion = _complete_integers(instance, x, completed_integers, linear, time_left)
+        for candidate in (x, completion):
             if candidate is None or instance.violation(candidate) > tolerance:
                 continue
             if (value := instance.objective(candidate)) < best:
                 incumbent, best = candidate, value
         if linear or is_left or relative_gap(best, bound) <= gap:
             break
-        for point in (x, completed):
+        for point in (x, completion):
             if point is not None:
                 if len(cost.offset):
-                    _add(solver, *tangents.square_rows(cost.values(point)))
-                _add(solver, *tangents.ball_rows(point))
+                    _add_rows(solver, *approximation.build_square_tangents(cost.values(point)))
+                _add_rows(solver, *approximation.build_ball_tangents(point))
         if incumbent is not None:
             heights = 0.5 * cost.values(incumbent) ** 2
             start = highspy.HighsSolution()
             start.col_value = list(np.concatenate([incumbent, heights]))
             solver.setSolution(start)
-    spent = time.perf_counter() - begin
-    count = "" if is_left else f", {solver.getNumRow()} rows"
-    log = (note, f"{rounds} linear programs{count}")
-    return Answer(incumbent, bound, infeasible, nodes, spent, NAME, log)
+    duration = time.perf_counter() - begin
+    row_count = "" if is_left else f", {solver.getNumRow()} rows"
+    log = (note, f"{num_rounds} linear programs{row_count}")
+    return Answer(incumbent, bound, infeasible, nodes, duration, NAME, log)
 
 
-def _add(solver: Any, rows: sparse.csr_matrix, lower: Array) -> None:
+def _add_rows(solver: Any, rows: sparse.csr_matrix, lower: Array) -> None:
+    """Add rows with lower ends to the solver's model."""
     count = len(lower)
     if count:
         upper = np.full(count, highspy.kHighsInf)
@@ -286,19 +303,19 @@ def _add(solver: Any, rows: sparse.csr_matrix, lower: Array) -> None:
         solver.addRows(count, lower, upper, rows.nnz, start, index, rows.data)
 
 
-def _completed(
-    instance: Instance, x: Array, tried: set[bytes], linear: bool, left: float
+def _complete_integers(
+    instance: Instance, x: Array, completed_integers: set[bytes], linear: bool, time_left: float
 ) -> Array | None:
-    """The best point with the binaries of x, once for each set of binaries; left: [s] for it."""
-    given = np.round(x[instance.integer])
-    key = given.astype(np.int8).tobytes()
-    if key in tried:
+    """Return the best point with the binaries of x, once for each set of binaries."""
+    integers = np.round(x[instance.integer])
+    key = integers.astype(np.int8).tobytes()
+    if key in completed_integers:
         return None
-    tried.add(key)
+    completed_integers.add(key)
     lower, upper = instance.lower.copy(), instance.upper.copy()
-    lower[instance.integer] = upper[instance.integer] = given
-    none = np.zeros(instance.size, bool)
-    pinned = replace(instance, lower=lower, upper=upper, integer=none)
+    lower[instance.integer] = upper[instance.integer] = integers
+    no_integer = np.zeros(instance.size, bool)
+    pinned = replace(instance, lower=lower, upper=upper, integer=no_integer)
     if linear:
-        return _continuous(pinned, time.perf_counter(), max(left, _LEAST_TIME)).x
+        return _solve_continuous(pinned, time.perf_counter(), max(time_left, _MIN_TIME)).x
     return solve_convex(pinned, "clarabel").x

@@ -1,4 +1,4 @@
-"""Linear programs as they stand, by HiGHS: for searches that solve thousands of small ones."""
+"""Solve linear programs by HiGHS, for searches that solve thousands of small ones."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from scipy import sparse
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.errors import LimitReached
-from climbplan.solvers.highs.model import highs, linear_model, run_highs
+from climbplan.solvers.highs.model import build_linear_model, create_highs, run_highs
 
-# Tried one after the other; a small program in a hundred thousand defeats the first
-_WAYS: tuple[dict[str, str | int], ...] = (
+# Tried one after the other, as HiGHS rarely fails with its default options
+_OPTIONS: tuple[dict[str, str | int], ...] = (
     {},
     {"presolve": "off"},
     {"simplex_scale_strategy": 0},
@@ -24,7 +24,7 @@ _WAYS: tuple[dict[str, str | int], ...] = (
 
 @dataclass(frozen=True)
 class LinearProgram:
-    """min cost'x over lower <= x <= upper and row_lower <= A x <= row_upper."""
+    """Minimise cost'x subject to lower <= x <= upper and row_lower <= A x <= row_upper."""
 
     cost: Array  # (n,)
     lower: Array  # (n,)
@@ -33,9 +33,9 @@ class LinearProgram:
     row_lower: Array  # (m,)
     row_upper: Array  # (m,)
 
-    def model(self, integer: BoolArray) -> Any:
-        """For HiGHS; integer: (n,) which of x are whole."""
-        return linear_model(
+    def build_model(self, integer: BoolArray) -> Any:
+        """Build the HiGHS model; `integer` (n,) marks integer variables."""
+        return build_linear_model(
             self.cost,
             0.0,
             self.lower,
@@ -49,22 +49,23 @@ class LinearProgram:
 
 @dataclass(frozen=True)
 class LinearAnswer:
-    """x (n,) and its cost; without a solution None and infinity, which HiGHS has proved."""
+    """Solution x (n,) and its cost; None and infinity where HiGHS has proved infeasibility."""
 
     x: Array | None
     objective: float
 
 
 def solve_linear(program: LinearProgram) -> LinearAnswer:
-    """An optimal vertex, or no solution.
+    """Return an optimal vertex, or that there is none.
 
-    Raises LimitReached if HiGHS ends with neither.
+    Raises:
+        LimitReached: HiGHS ends with neither.
     """
-    solver = highs()
-    solver.passModel(program.model(np.zeros(len(program.cost), bool)))
-    for way in _WAYS:
-        solver.clearSolver()  # or a try starts from the basis that the last one broke
-        for option, value in way.items():
+    solver = create_highs()
+    solver.passModel(program.build_model(np.zeros(len(program.cost), bool)))
+    for options in _OPTIONS:
+        solver.clearSolver()  # else HiGHS starts from the basis of the failed attempt
+        for option, value in options.items():
             solver.setOptionValue(option, value)
         code = run_highs(solver)
         status = solver.getModelStatus()

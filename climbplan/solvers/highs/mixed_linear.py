@@ -1,4 +1,4 @@
-"""Mixed-integer linear programs as they stand, by HiGHS."""
+"""Solve mixed-integer linear programs by HiGHS."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.solvers.highs.linear import LinearProgram
-from climbplan.solvers.highs.model import LeftBehind, highs, run_highs
+from climbplan.solvers.highs.model import SolverAbandoned, create_highs, run_highs
 
 _FEASIBLE_POINT = 2  # HiGHS's kSolutionStatusFeasible
 
 
 @dataclass(frozen=True)
 class MixedLinearProgram(LinearProgram):
-    """min cost'x over bounds and rows, some of x whole."""
+    """Minimise cost'x subject to bounds and rows, with some integer variables."""
 
     integer: BoolArray  # (n,)
 
 
 @dataclass(frozen=True)
 class MixedLinearAnswer:
-    """The incumbent (n,), None without one, and what is proved."""
+    """The incumbent (n,), None without one, and the bound that was proved."""
 
     x: Array | None
     objective: float
@@ -33,7 +33,7 @@ class MixedLinearAnswer:
 
     @property
     def gap(self) -> float:
-        """Relative to the objective; 0 without an incumbent to compare."""
+        """Gap relative to the objective; 0 without an incumbent."""
         if self.x is None:
             return 0.0
         return max(0.0, self.objective - self.bound) / max(abs(self.objective), 1e-9)
@@ -45,16 +45,23 @@ def solve_mixed_linear(
     gap: float = 1e-4,
     start: Array | None = None,
 ) -> MixedLinearAnswer:
-    """The best point found in time [s]; start: (n,) a point to begin with."""
-    solver = highs(time_limit, gap)
-    solver.passModel(program.model(program.integer))
+    """Find the best point within a time limit.
+
+    Args:
+        program: The program.
+        time_limit: Time limit [s].
+        gap: Relative gap to prove.
+        start: (n,) first incumbent.
+    """
+    solver = create_highs(time_limit, gap)
+    solver.passModel(program.build_model(program.integer))
     if start is not None:
         point = highspy.HighsSolution()
         point.col_value = list(start)
         solver.setSolution(point)
     try:
         code = run_highs(solver, deadline=time.monotonic() + time_limit)
-    except LeftBehind as behind:
+    except SolverAbandoned as behind:
         cost = np.inf if behind.x is None else float(program.cost @ behind.x)
         return MixedLinearAnswer(behind.x, cost, behind.bound, False)
     infeasible = solver.getModelStatus() == highspy.HighsModelStatus.kInfeasible

@@ -1,6 +1,6 @@
-"""An instance as a HiGHS model, and the one place that runs HiGHS.
+"""HiGHS models of instances, and the only place that runs HiGHS.
 
-Rows, bounds, binaries; a quadratic cost only without binaries.
+A model has rows, bounds and binaries; a quadratic cost only without binaries.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from scipy import sparse
 from climbplan.arrays import Array, BoolArray
 from climbplan.errors import LimitReached
 from climbplan.program.linear_rows import LinearRows
-from climbplan.solvers.interruption import interruptible, run_aside, run_deaf
+from climbplan.solvers.interruption import interruptible, run_in_thread, run_uninterruptible
 
-_OVERRUN = 0.05  # [s] beyond the time limit that HiGHS keeps by itself nearly always
-_FEASIBILITY = 1e-9  # of rows and of integrality: incumbents are checked by us to 1e-6
+_OVERRUN = 0.05  # time after the limit within which HiGHS nearly always stops by itself [s]
+_FEASIBILITY = 1e-9  # of rows and integrality; incumbents are checked to 1e-6 afterwards
 
 
 class QuietHighs(highspy.Highs):
-    """HiGHS that says nothing from the start: 1.16 names itself as soon as it takes callbacks."""
+    """HiGHS without output from the start: 1.16 prints its name once it accepts callbacks."""
 
     def enableCallbacks(self) -> None:
-        """As it comes, which its constructor calls, without output."""
+        """Disable output before the constructor enables callbacks."""
         self.setOptionValue("output_flag", False)
         super().enableCallbacks()  # type: ignore[no-untyped-call]
 
 
-def highs(time_limit: float = np.inf, gap: float = 0.0) -> Any:
-    """A quiet HiGHS on one thread."""
+def create_highs(time_limit: float = np.inf, gap: float = 0.0) -> Any:
+    """Create a quiet HiGHS on one thread."""
     solver: Any = QuietHighs()  # type: ignore[no-untyped-call]
     solver.setOptionValue("threads", 1)
     solver.setOptionValue("primal_feasibility_tolerance", _FEASIBILITY)
@@ -43,10 +43,10 @@ def highs(time_limit: float = np.inf, gap: float = 0.0) -> Any:
     return solver
 
 
-class LeftBehind(LimitReached):
-    """HiGHS did not stop at its deadline, as within a heuristic, and was left to itself.
+class SolverAbandoned(LimitReached):
+    """Report that HiGHS did not stop at its deadline, as within a heuristic, and was abandoned.
 
-    x, bound: of its last incumbent. Nothing may be done with the solver any more.
+    x and bound are those of its last incumbent. The solver must not be used again.
     """
 
     def __init__(self, x: Array | None, bound: float) -> None:
@@ -56,82 +56,88 @@ class LeftBehind(LimitReached):
 
 @dataclass
 class _Incumbent:
-    """What a mixed-integer search has told so far."""
+    """The last incumbent that a mixed-integer search has reported."""
 
     x: Array | None = None
     bound: float = -np.inf
 
-    def learn(self, event: Any) -> None:
+    def update(self, event: Any) -> None:
+        """Update incumbent and bound from a callback."""
         self.x = np.array(event.data_out.mip_solution)
         self.bound = float(event.data_out.mip_dual_bound)
 
 
 def run_highs(
     solver: Any,
-    looks: float = np.inf,
+    max_polls: float = np.inf,
     patience: float = np.inf,
     deadline: float = np.inf,
 ) -> Any:
-    """Solve what it holds, and return HiGHS's code; Ctrl-C and SIGTERM end it and are passed on.
+    """Run HiGHS on its model and return its code; Ctrl-C and SIGTERM end it and are passed on.
 
-    looks: how often a mixed-integer search may look up before it is stopped (status `kInterrupt`).
-    It does so at the same places of its work on any machine, some ten to thirty times a second,
-    and the iterations of linear programs, which also count work, it does not tell. patience: [s]
-    after a signal until it is left behind, for searches that may be within a heuristic, which does
-    not look up: nothing may be done with `solver` then. Quadratic programs HiGHS solves without
-    looking up: a large one is left behind.
+    A mixed-integer search polls its callback at the same places of its work on any machine, some
+    ten to thirty times a second. The iterations of linear programs are not polled. Quadratic
+    programs are solved without polling: a large one is abandoned on a signal.
 
-    deadline: `time.monotonic` [s] of a mixed-integer search, which looks at its time limit no more
-    often. Raises LeftBehind where it does not stop.
+    Args:
+        solver: The solver with its model.
+        looks: Number of callbacks after which a mixed-integer search is stopped (status
+            `kInterrupt`).
+        patience: Time [s] after a signal until a search is abandoned; it may be within a heuristic,
+            which does not poll. The solver must not be used then.
+        deadline: Time of `time.monotonic` [s] of a mixed-integer search.
+
+    Raises:
+        SolverAbandoned: The search does not stop at its deadline.
     """
     if entries := solver.getHessianNumNz():
-        return run_deaf(solver.run, entries + solver.getNumNz())
+        return run_uninterruptible(solver.run, entries + solver.getNumNz())
     stopping = False
-    looked = 0
+    num_polls = 0
 
     def stop() -> None:
         nonlocal stopping
         stopping = True
 
-    def look(event: Any) -> None:
+    def stop_if_requested(event: Any) -> None:
         if stopping:
             event.interrupt()
 
-    def count(event: Any) -> None:
-        nonlocal looked
-        looked += 1
-        if stopping or looked > looks:
+    def count_poll(event: Any) -> None:
+        nonlocal num_polls
+        num_polls += 1
+        if stopping or num_polls > max_polls:
             event.interrupt()
 
-    watched: list[tuple[Any, Callable[[Any], None]]] = [
-        (solver.cbMipInterrupt, count),
-        (solver.cbSimplexInterrupt, look),
-        (solver.cbIpmInterrupt, look),
+    subscriptions: list[tuple[Any, Callable[[Any], None]]] = [
+        (solver.cbMipInterrupt, count_poll),
+        (solver.cbSimplexInterrupt, stop_if_requested),
+        (solver.cbIpmInterrupt, stop_if_requested),
     ]
-    told = _Incumbent()
+    incumbent = _Incumbent()
     if np.isfinite(deadline):
-        watched.append((solver.cbMipImprovingSolution, told.learn))
-    for moment, watcher in watched:
-        moment.subscribe(watcher)
+        subscriptions.append((solver.cbMipImprovingSolution, incumbent.update))
+    for callback_event, callback in subscriptions:
+        callback_event.subscribe(callback)
     has_returned = True
     try:
         if np.isinf(patience) and np.isinf(deadline):
             with interruptible(stop):
                 return solver.run()
         codes: list[Any] = []
-        has_returned = run_aside(
+        has_returned = run_in_thread(
             lambda: codes.append(solver.run()), stop, patience, deadline + _OVERRUN
         )
         if not codes:
-            raise LeftBehind(told.x, told.bound)
+            raise SolverAbandoned(incumbent.x, incumbent.bound)
         return codes[0]
     finally:
         if has_returned:
-            for moment, watcher in watched:
-                moment.unsubscribe(watcher)
+            for callback_event, callback in subscriptions:
+                callback_event.unsubscribe(callback)
 
 
-def linear_model(
+def build_linear_model(
     cost: Array,
     constant: float,
     lower: Array,
@@ -141,7 +147,7 @@ def linear_model(
     row_lower: Array,
     row_upper: Array,
 ) -> Any:
-    """min cost'x + constant over bounds and rows."""
+    """Build the model: minimise cost'x + constant subject to bounds and rows."""
     lp = highspy.HighsLp()
     lp.num_col_, lp.num_row_ = len(cost), A.shape[0]
     lp.col_cost_, lp.offset_ = cost, constant
@@ -152,14 +158,14 @@ def linear_model(
     lp.a_matrix_.start_, lp.a_matrix_.index_ = A.indptr, A.indices
     lp.a_matrix_.value_ = A.data
     if integer.any():
-        kinds = (highspy.HighsVarType.kContinuous, highspy.HighsVarType.kInteger)
-        lp.integrality_ = [kinds[int(whole)] for whole in integer]
+        types = (highspy.HighsVarType.kContinuous, highspy.HighsVarType.kInteger)
+        lp.integrality_ = [types[int(is_integer)] for is_integer in integer]
     return lp
 
 
-def rows_model(rows: LinearRows, relaxed: bool = False) -> Any:
-    """What was stated as named rows; relaxed: without integrality."""
-    return linear_model(
+def build_rows_model(rows: LinearRows, relaxed: bool = False) -> Any:
+    """Build the model of named rows; `relaxed` drops integrality."""
+    return build_linear_model(
         np.array(rows.cost),
         rows.constant,
         np.array(rows.lower),
@@ -171,8 +177,8 @@ def rows_model(rows: LinearRows, relaxed: bool = False) -> Any:
     )
 
 
-def quadratic_model(lp: Any, P: sparse.csc_matrix) -> Any:
-    """The linear model with 1/2 x'Px added."""
+def build_quadratic_model(lp: Any, P: sparse.csc_matrix) -> Any:
+    """Add 1/2 x'Px to a linear model."""
     lower = sparse.tril(P, format="csc")
     lower.sort_indices()
     hessian = highspy.HighsHessian()

@@ -1,7 +1,6 @@
-"""IPOPT through CasADi with MUMPS: smooth nonlinear programs, integers pinned.
+"""IPOPT through CasADi with MUMPS: smooth nonlinear programs with fixed integers.
 
-Its word is not believed: feasibility and objective of what it returns are computed from the
-instance.
+Feasibility and objective of its point are computed from the instance, not taken from IPOPT.
 """
 
 from __future__ import annotations
@@ -17,15 +16,16 @@ from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 from climbplan.reformulations.nlp_form import Bounds, Manner, NlpForm, nlp_form
 from climbplan.solvers.ipopt.program import IpoptProgram, NlpPoint
-from climbplan.solvers.result import Answer, SolverResult, judged
+from climbplan.solvers.result import Answer, SolverResult, judge_answer
 
 NAME = "ipopt"
 TOLERANCE = 1e-6  # largest violation of an incumbent, in the unit of the rows
-ITERATIONS = 300  # infeasible programs would use up IPOPT's own 3000
+ITERATIONS = 300  # IPOPT's default of 3000 would be spent on infeasible programs
 
 
 @lru_cache(maxsize=32)
-def _compiled(form: NlpForm, iterations: int) -> IpoptProgram:
+def _compile_program(form: NlpForm, iterations: int) -> IpoptProgram:
+    """Compile the program of a form, once for each form."""
     problem = {"x": form.v, "p": form.p, "f": form.f, "g": form.g}
     settings = {
         "max_iter": iterations,
@@ -36,7 +36,7 @@ def _compiled(form: NlpForm, iterations: int) -> IpoptProgram:
     return IpoptProgram("nlp", problem, settings)
 
 
-def minimise(
+def solve_nlp(
     form: NlpForm,
     numbers: Array,
     bounds: Bounds,
@@ -48,38 +48,46 @@ def minimise(
 
     After the deadline the start itself is returned, without building the program's derivatives.
     """
-    inside = np.clip(start, bounds.lower, bounds.upper)
+    clipped_start = np.clip(start, bounds.lower, bounds.upper)
     if time.monotonic() > deadline:
-        return NlpPoint(inside, np.nan, np.zeros(0), 0, "the time was over before it began", False)
-    point = _compiled(form, iterations).solve(inside, numbers, bounds, deadline)
+        return NlpPoint(
+            clipped_start, np.nan, np.zeros(0), 0, "the time was over before it began", False
+        )
+    point = _compile_program(form, iterations).solve(clipped_start, numbers, bounds, deadline)
     # IPOPT widens bounds by 1e-8; its point is brought back into them.
     return replace(point, v=np.clip(point.v, bounds.lower, bounds.upper))
 
 
-def solve_pinned(
+def solve_fixed_integers(
     instance: Instance,
     start: Array,
     assignment: IntArray | None = None,
     deadline: float = np.inf,
     iterations: int = ITERATIONS,
 ) -> NlpPoint:
-    """The program that is left when the integers of `start` (n,) and the choices are kept.
+    """Solve the program with the integers of `start` (n,) and the choices fixed.
 
-    Implications that are active become rows, so nothing leaks. assignment: the alternative of each
-    choice, the least violated at the start if left out.
+    Active implications become rows, so the result does not depend on a relaxation.
+
+    Args:
+        instance: The instance.
+        start: (n,) start.
+        assignment: (C,) alternative of each choice, the least violated at the start if missing.
+        deadline: Time of `time.monotonic` [s].
+        iterations: Largest number of iterations.
     """
     form = nlp_form(instance, Manner("pinned"))
     bounds = form.pinned_bounds(instance, start, assignment)
-    return minimise(form, form.numbers(instance), bounds, start, deadline, iterations)
+    return solve_nlp(form, form.numbers(instance), bounds, start, deadline, iterations)
 
 
-def middle(instance: Instance) -> Array:
-    """A start without knowledge: the middle of each variable's bounds, zero where there are none.
+def compute_box_center(instance: Instance) -> Array:
+    """Return a start without prior knowledge: the center of each variable's bounds.
 
-    With one bound only, the point of the bounded side that is nearest to zero.
+    It is zero without bounds, and with one bound the feasible value nearest to zero.
     """
-    both = np.isfinite(instance.lower) & np.isfinite(instance.upper)
-    low, high = np.where(both, instance.lower, 0.0), np.where(both, instance.upper, 0.0)
+    is_bounded = np.isfinite(instance.lower) & np.isfinite(instance.upper)
+    low, high = np.where(is_bounded, instance.lower, 0.0), np.where(is_bounded, instance.upper, 0.0)
     return np.clip((low + high) / 2, instance.lower, instance.upper)
 
 
@@ -91,18 +99,27 @@ def solve_ipopt(
     start: Array | None = None,
     assignment: IntArray | None = None,
 ) -> SolverResult:
-    """A local optimum of an instance whose integers and choices are given by a start.
+    """Find a local optimum of an instance with integers and choices fixed by a start.
 
-    start: (n,); its integers, rounded, are kept. gap: not used to stop, since a local method has
-    no bound. Status is "feasible" or "limit", never "optimal" or "infeasible". Raises UsageError
-    for integers or choices without a start.
+    The status is "feasible" or "limit", never "optimal" or "infeasible".
+
+    Args:
+        instance: The instance.
+        gap: Not used to stop, since a local method has no bound.
+        time_limit: Time limit [s].
+        tolerance: Largest violation of any constraint.
+        start: (n,) start, whose rounded integers are fixed.
+        assignment: (C,) alternative of each choice.
+
+    Raises:
+        UsageError: Integers or choices without a start.
     """
     if start is None and instance.features & {"integers", "choices"}:
         raise UsageError(f"{instance.name}: {NAME} needs a start whose integers it keeps")
     begin = time.monotonic()
-    first = middle(instance) if start is None else start
-    point = solve_pinned(instance, first, assignment, begin + time_limit)
-    return judged(
+    first = compute_box_center(instance) if start is None else start
+    point = solve_fixed_integers(instance, first, assignment, begin + time_limit)
+    return judge_answer(
         instance,
         Answer(
             x=point.v,

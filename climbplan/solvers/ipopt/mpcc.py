@@ -1,8 +1,8 @@
-"""Complementarity constraints by IPOPT: a homotopy in eps, then the pinned program.
+"""Solve complementarity constraints by IPOPT: a homotopy in eps, then fixed integers.
 
-The homotopy follows chapter 7.2.1 with eps falling step by step, each from the last point. The
-polish rounds the integers and solves what is left with active implications as plain rows: no eps
-leaks into the answer.
+The homotopy follows chapter 7.2.1 with eps falling step by step, each from the last point (Scholtes
+2001). The polish rounds the integers and solves the rest with active implications as plain rows, so
+the answer does not depend on eps.
 """
 
 from __future__ import annotations
@@ -15,19 +15,25 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.program.instance import Instance
 from climbplan.reformulations.complementarity import Complementarity, Rounded
-from climbplan.solvers.ipopt.instances import ITERATIONS, TOLERANCE, middle, minimise, solve_pinned
-from climbplan.solvers.result import Answer, SolverResult, judged
+from climbplan.solvers.ipopt.instances import (
+    ITERATIONS,
+    TOLERANCE,
+    compute_box_center,
+    solve_fixed_integers,
+    solve_nlp,
+)
+from climbplan.solvers.result import Answer, SolverResult, judge_answer
 
 NAME = "mpcc"
-# Wide first: binaries are free, so that the cost chooses. From a point with good integers the
-# straight one does as well in a third of the time.
+# A wide start leaves binaries free, so that the cost determines them. From a point with good
+# integers the single step is as good and faster.
 HOMOTOPY = (1.0, 0.3, 1e-1, 1e-2, 1e-3, 1e-4)
 STRAIGHT = (1e-3,)  # the published relaxation
 
 
 @dataclass(frozen=True)
 class HomotopyStep:
-    """What IPOPT did at one eps."""
+    """IPOPT's result at one eps."""
 
     eps: float
     iterations: int
@@ -40,13 +46,13 @@ class HomotopyStep:
 class RelaxedPoint:
     """The end of a homotopy, before polish."""
 
-    v: Array  # (N,) as the nonlinear program has it
+    v: Array  # (N,) in the variables of the nonlinear program
     rounded: Rounded
-    violation: float  # of the instance at the rounded point: what leaked through eps
+    violation: float  # of the instance at the rounded point, caused by eps
     steps: tuple[HomotopyStep, ...]
 
 
-def follow(
+def follow_homotopy(
     instance: Instance,
     method: Complementarity,
     start: Array,
@@ -56,10 +62,21 @@ def follow(
     deadline: float = np.inf,
     iterations: int = ITERATIONS,
 ) -> RelaxedPoint:
-    """Follow eps from a start (n,) of the statement; deadline in `time.monotonic` seconds.
+    """Follow eps from a start (n,) of the statement.
 
-    blur: how far the start's binaries are drawn towards 1/2, from 0 to 1. Raises UsageError where
-    big-M lacks a bound, ValueError for an empty homotopy.
+    Args:
+        instance: The instance.
+        method: Complementarity reformulation.
+        start: (n,) start.
+        assignment: (C,) alternative of each choice at the start.
+        homotopy: Values of eps, in order.
+        blur: Fraction by which the start's binaries are moved towards 1/2.
+        deadline: Time of `time.monotonic` [s].
+        iterations: Largest number of iterations of each step.
+
+    Raises:
+        UsageError: Big-M lacks a bound.
+        ValueError: The homotopy is empty.
     """
     if not homotopy:
         raise ValueError("a homotopy has at least one eps")
@@ -70,14 +87,14 @@ def follow(
         begin = time.monotonic()
         if steps and begin > deadline:
             break
-        point = minimise(smooth.form, smooth.numbers, smooth.bounds(eps), v, deadline, iterations)
+        point = solve_nlp(smooth.form, smooth.numbers, smooth.bounds(eps), v, deadline, iterations)
         v = point.v
         fraction = smooth.rounded(v).fraction
-        spent = time.monotonic() - begin
-        steps.append(HomotopyStep(eps, point.iterations, point.word, fraction, spent))
+        duration = time.monotonic() - begin
+        steps.append(HomotopyStep(eps, point.iterations, point.word, fraction, duration))
     rounded = smooth.rounded(v)
-    leak = instance.violation(rounded.x, rounded.assignment)
-    return RelaxedPoint(v, rounded, leak, tuple(steps))
+    violation = instance.violation(rounded.x, rounded.assignment)
+    return RelaxedPoint(v, rounded, violation, tuple(steps))
 
 
 def solve_mpcc(
@@ -93,25 +110,38 @@ def solve_mpcc(
     polish: bool = True,
     iterations: int = ITERATIONS,
 ) -> SolverResult:
-    """A local optimum of an instance with integers, judged by the exact check.
+    """Find a local optimum of an instance; the exact check decides its feasibility.
 
-    start: (n,), the middle of the bounds if left out. assignment: alternatives of the choices at
-    the start. blur: how far the start's binaries are drawn towards 1/2: by default not at all for
-    a given start, fully for none. polish: solve the pinned program at the rounded integers.
-    Status is "feasible" or "limit": a local method proves nothing.
+    The status is "feasible" or "limit": a local method proves nothing.
+
+    Args:
+        instance: The instance.
+        gap: Not used to stop.
+        time_limit: Time limit [s].
+        tolerance: Largest violation of any constraint.
+        start: (n,) start, the center of the bounds if missing.
+        assignment: (C,) alternative of each choice at the start.
+        method: Complementarity reformulation.
+        homotopy: Values of eps, in order.
+        blur: Fraction by which the start's binaries are moved towards 1/2; by default 0 with a
+            start and 1 without.
+        polish: Whether to solve the program at the rounded integers.
+        iterations: Largest number of iterations of each program.
     """
     begin = time.monotonic()
     deadline = begin + time_limit
     method = method or Complementarity()
     blur = (1.0 if start is None else 0.0) if blur is None else blur
-    first = middle(instance) if start is None else start
-    relaxed = follow(instance, method, first, assignment, homotopy, blur, deadline, iterations)
+    first = compute_box_center(instance) if start is None else start
+    relaxed = follow_homotopy(
+        instance, method, first, assignment, homotopy, blur, deadline, iterations
+    )
     x, chosen = relaxed.rounded.x, relaxed.rounded.assignment
     count = sum(step.iterations for step in relaxed.steps)
     log = [f"eps {s.eps:g}: {s.word}, {s.iterations} iterations" for s in relaxed.steps]
     log.append(f"rounded from {relaxed.rounded.fraction:.2g}, off by {relaxed.violation:.2g}")
     if polish:
-        point = solve_pinned(instance, x, chosen, deadline, iterations)
+        point = solve_fixed_integers(instance, x, chosen, deadline, iterations)
         count += point.iterations
         log.append(f"polish: {point.word}, {point.iterations} iterations")
         x = point.v
@@ -125,4 +155,4 @@ def solve_mpcc(
         log=tuple(log),
         assignment=chosen,
     )
-    return judged(instance, answer, gap, tolerance)
+    return judge_answer(instance, answer, gap, tolerance)

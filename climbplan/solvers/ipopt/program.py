@@ -1,6 +1,6 @@
-"""IPOPT on a program that is compiled once: numbers change, and it can be stopped.
+"""Run IPOPT on a program that is compiled once: parameters change, and it can be stopped.
 
-The only place that calls IPOPT: each call has a deadline, and Ctrl-C and SIGTERM end it.
+This is the only place that calls IPOPT. Each call has a deadline, and Ctrl-C and SIGTERM end it.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from climbplan.solvers.interruption import Deadline, interruptible
 
 @dataclass(frozen=True)
 class NlpPoint:
-    """Where IPOPT stopped, whatever it says about it."""
+    """The point at which IPOPT stopped, converged or not."""
 
     v: Array  # (N,)
     objective: float
     rows: Array  # (M,)
     iterations: int
     word: str  # IPOPT's return status
-    success: bool  # as IPOPT sees it
+    success: bool  # whether IPOPT reports success
 
 
 class IpoptProgram:
-    """A program in CasADi's form: variables `x`, numbers `p`, cost `f` and rows `g`."""
+    """A program in CasADi's form: variables `x`, parameters `p`, cost `f` and rows `g`."""
 
     def __init__(
         self,
@@ -40,12 +40,17 @@ class IpoptProgram:
         expand: bool = False,
         hessian: ca.Function | None = None,
     ) -> None:
-        """settings: IPOPT's own. expand: one expression graph instead of calls of functions.
+        """Compile a program.
 
-        hessian: the upper triangle of the Lagrangian's second derivatives, of (x, p, weight of the
-        cost, multipliers of the rows); CasADi's own if left out.
+        Args:
+            name: Name for CasADi.
+            problem: Expressions x, p, f and g.
+            settings: Options of IPOPT.
+            expand: Whether to use one expression graph instead of function calls.
+            hessian: Upper triangle of the Lagrangian's Hessian, of (x, p, weight of the cost,
+                multipliers); CasADi's own if missing.
         """
-        # Rows that are zero whatever x is have no entry, which CasADi's solvers do not take
+        # Rows that are identically zero have no entry, which CasADi's solvers do not accept
         problem = {k: ca.densify(v) if k == "g" else v for k, v in problem.items()}
         self.size = int(problem["x"].numel())
         sizes = (problem[key].numel() if key in problem else 0 for key in ("x", "g", "p"))
@@ -66,10 +71,10 @@ class IpoptProgram:
     def solve(self, start: Array, numbers: Any, bounds: Bounds, deadline: float) -> NlpPoint:
         """Run from a start (N,), until `deadline` in `time.monotonic` seconds.
 
-        The point may be off bounds by the 1e-8 that IPOPT widens them by. Ctrl-C and SIGTERM stop
+        The point may violate bounds by the 1e-8 by which IPOPT widens them. Ctrl-C and SIGTERM stop
         IPOPT and are passed on.
         """
-        self._deadline.at = deadline
+        self._deadline.time_limit = deadline
         with interruptible(self._deadline.stop):
             answer = self._solver(
                 x0=start,
@@ -90,5 +95,5 @@ class IpoptProgram:
         )
 
     def rows(self, x: Array, numbers: Any) -> Array:
-        """Values (M,) of the rows at a point (N,), as IPOPT sees them."""
+        """Return the values (M,) of the rows at a point (N,), as in IPOPT."""
         return np.array(self._solver.get_function("nlp_g")(x, numbers)).ravel()

@@ -1,4 +1,4 @@
-"""IPOPT on a stated trajectory: compiled once, or solved once; its point is judged by the rows."""
+"""Solve a stated trajectory with IPOPT, compiled once or solved once; its rows judge the point."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from climbplan.program.trajectory import Trajectory
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.solvers.ipopt.program import IpoptProgram, NlpPoint
 
-FEASIBLE = 1e-6  # largest violation of an answer that is used
+FEASIBLE = 1e-6  # largest violation at which an answer counts as solved
 
 
 @dataclass(frozen=True)
 class TrajectoryAnswer:
-    """Where IPOPT stopped, and what that is worth."""
+    """The point at which IPOPT stopped, and its quality."""
 
-    values: tuple[Array, ...]  # of the outputs
+    values: tuple[Array, ...]  # values of the outputs
     residuals: tuple[BlockResidual, ...]  # of every named block
     solved: bool
-    optimal: bool  # solved, and the solver says that nothing near is better
+    optimal: bool  # whether it is solved and IPOPT reports local optimality
     message: str
     violation: float
     objective: float
@@ -37,32 +37,32 @@ class TrajectoryAnswer:
     iterations: int
 
     def figures(self) -> dict[str, Any]:
-        """What it is worth and how large it was, by name."""
-        kept = ("solved", "message", "violation", "objective", "variables", "constraints")
-        return {name: vars(self)[name] for name in kept}
+        """Return quality and size by name."""
+        names = ("solved", "message", "violation", "objective", "variables", "constraints")
+        return {name: vars(self)[name] for name in names}
 
 
 @dataclass(frozen=True)
 class CompiledTrajectory:
-    """IPOPT, and the statement that it was compiled from: numbers change, rows do not."""
+    """IPOPT, and the statement from which it was compiled: parameters change, rows do not."""
 
     stated: Trajectory
     solver: IpoptProgram
     bounds: Bounds  # as stated
 
     def residuals(self, point: NlpPoint, bounds: Bounds | None = None) -> tuple[BlockResidual, ...]:
-        """Of every named block where IPOPT stopped; bounds: those it was given."""
-        given = bounds or self.bounds
-        return self.stated.residuals(point.rows, (given.row_lower, given.row_upper))
+        """Return residuals of every named block at a point; `bounds` replaces the stated ones."""
+        row_bounds = bounds or self.bounds
+        return self.stated.residuals(point.rows, (row_bounds.row_lower, row_bounds.row_upper))
 
 
-def compiled(
+def compile_trajectory(
     stated: Trajectory,
     settings: Mapping[str, Any],
     expand: bool = False,
     hessian: ca.Function | None = None,
 ) -> CompiledTrajectory:
-    """IPOPT for a statement with parameters. settings: IPOPT's own; the others as its program's."""
+    """Compile a statement with parameters for IPOPT; see `IpoptProgram` for the options."""
     problem = {"x": stated.x, "p": stated.p, "f": stated.cost, "g": stated.rows}
     solver = IpoptProgram(stated.name, problem, settings, expand, hessian)
     return CompiledTrajectory(stated, solver, Bounds(*stated.bounds, *stated.row_bounds))
@@ -76,29 +76,35 @@ def solve_trajectory(
     deadline: float = np.inf,
     expand: bool = False,
 ) -> TrajectoryAnswer:
-    """Solve what was stated, which has no parameters; outputs: what is read from the answer.
+    """Solve a trajectory without parameters.
 
-    settings: IPOPT's own. began: of building, by `perf_counter`; deadline: by `monotonic` [s].
+    Args:
+        trajectory: The statement.
+        outputs: Expressions to evaluate at the answer.
+        settings: Options of IPOPT.
+        began: Start of building by `time.perf_counter` [s].
+        deadline: Time of `time.monotonic` [s].
+        expand: Whether to use one expression graph instead of function calls.
     """
-    program = compiled(trajectory, settings, expand)
-    built = time.perf_counter()
+    program = compile_trajectory(trajectory, settings, expand)
+    build_end = time.perf_counter()
     point = program.solver.solve(trajectory.start, [], program.bounds, deadline)
     residuals = program.residuals(point)
     worst = max(residuals, key=lambda block: block.residual)
     solved = worst.residual <= FEASIBLE  # whatever the solver says of optimality
-    read = ca.Function("read", [trajectory.x], list(outputs))(point.v)
-    where = "" if solved else f" of {worst.name}"
+    outputs_at_solution = ca.Function("read", [trajectory.x], list(outputs))(point.v)
+    worst_block = "" if solved else f" of {worst.name}"
     return TrajectoryAnswer(
-        values=tuple(np.asarray(value) for value in read),
+        values=tuple(np.asarray(value) for value in outputs_at_solution),
         residuals=residuals,
         solved=solved,
         optimal=solved and point.success,
         message=f"{point.word}, {point.iterations} iterations, "
-        f"violation {worst.residual:.1e}{where}",
+        f"violation {worst.residual:.1e}{worst_block}",
         violation=worst.residual,
         objective=point.objective,
-        seconds=time.perf_counter() - built,
-        build_seconds=built - began,
+        seconds=time.perf_counter() - build_end,
+        build_seconds=build_end - began,
         variables=len(point.v),
         constraints=len(point.rows),
         iterations=point.iterations,

@@ -1,7 +1,7 @@
-"""Which integer a node is split at.
+"""Select the integer or factor at which a node is split.
 
-By pseudo-costs, which a few dual steps in both children begin (reliability branching: Achterberg,
-Koch and Martin 2005). A child that these few steps close is a leaf at once.
+Selection uses pseudo-costs, initialised by strong branching with a few dual steps in both children
+(reliability branching: Achterberg, Koch and Martin 2005). A child that these steps close is a leaf.
 """
 
 from __future__ import annotations
@@ -9,56 +9,58 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import IntArray
-from climbplan.solvers.mixed_integer.active_set import EMPTY, _solve
+from climbplan.solvers.mixed_integer.active_set import EMPTY, _solve_least_distance
 from climbplan.solvers.mixed_integer.bounds import (
-    _apply,
-    _bound,
-    _far,
+    _adapt_working_set,
+    _apply_node_ranges,
+    _compute_bound,
+    _compute_closing_value,
+    _compute_max_proximal,
+    _compute_ray_bound,
     _follow_ray,
-    _proved_empty,
-    _reach,
-    _take_over,
 )
-from climbplan.solvers.mixed_integer.compiling import compiled, constant
+from climbplan.solvers.mixed_integer.compiling import as_runtime_constant, compiled
 from climbplan.solvers.mixed_integer.nodes import (
-    BEST,
     BRANCHED,
     FEASIBILITY,
-    HEAP,
-    MOST,
-    PROBES,
-    WORK,
-    Search,
+    INCUMBENT_COST,
+    MAX_DUAL_STEPS,
+    NUM_OPEN,
+    NUM_PROBES,
+    UNLIMITED,
+    SearchState,
     Tree,
-    _child,
-    _close,
-    _cutoff,
-    _push,
-    _slack_cutoff,
-    _store,
+    _close_node,
+    _compute_cutoff,
+    _compute_dual_cutoff,
+    _create_child,
+    _push_open,
+    _store_working_set,
 )
-from climbplan.solvers.mixed_integer.numbers import Numbers
-from climbplan.solvers.mixed_integer.spatial import _wanted_split
-from climbplan.solvers.mixed_integer.working_set import Working, _copy_working
+from climbplan.solvers.mixed_integer.problem_data import ProblemData
+from climbplan.solvers.mixed_integer.spatial import _choose_cell_split
+from climbplan.solvers.mixed_integer.working_set import WorkingSet, _copy_working_set
 
-_PROBE_ITERATIONS = constant(25)
-_RELIABLE = 4  # branchings after which an integer's pseudo-costs are believed
-_PROBED = 8  # integers probed at a node
-_INTEGRAL = 1e-6  # of columns
-_SPACE = 0.1  # share of the average that a split in space is worth, whatever the first ones were
-_STAY = 0.5  # share of the way from the least open bound to the cutoff at which a dive goes on
+_PROBE_ITERATIONS = as_runtime_constant(25)
+_RELIABLE = 4  # branchings after which an integer's pseudo-costs are reliable
+_PROBED = 8  # largest number of integers probed at a node
+_INTEGRAL = 1e-6  # integrality tolerance of columns
+_SPACE = 0.1  # least gain rate of a factor, as a fraction of the average
+_STAY = 0.5  # a dive continues up to this fraction between the least open bound and the cutoff
 
 
 @compiled
-def _measure(n: Numbers, s: Search, w: Working, low: IntArray, high: IntArray) -> int:
-    """How far each undecided entity is from being decided down and up; how many are open."""
+def _measure_infeasibility(
+    n: ProblemData, s: SearchState, w: WorkingSet, low: IntArray, high: IntArray
+) -> int:
+    """Measure how far each undecided entity is from either branch; return how many are open."""
     open_count = 0
-    slack = s.real[FEASIBILITY]
-    for e in range(len(n.column)):
+    slack = s.scalars[FEASIBILITY]
+    for e in range(len(n.value_row)):
         s.distance[0, e] = s.distance[1, e] = 0.0
-        if low[e] == high[e] or n.spatial.cell[e] > 0.0:
+        if low[e] == high[e] or n.spatial.cell_width[e] > 0.0:
             continue
-        r = n.column[e]
+        r = n.value_row[e]
         if r >= 0:
             value = n.norm[r] * w.value[r] + s.offset[r]
             down = value - np.floor(value)
@@ -67,228 +69,237 @@ def _measure(n: Numbers, s: Search, w: Working, low: IntArray, high: IntArray) -
                 down = up = 0.0
             s.distance[0, e], s.distance[1, e] = down, up
         else:
-            for place in range(n.first[e], n.first[e + 1]):
-                r = n.rows_of[place]
-                over = w.value[r] - s.base_upper[r]
-                under = s.base_lower[r] - w.value[r]
-                worst = max(over, under) * n.norm[r]
+            for k in range(n.indicator_start[e], n.indicator_start[e + 1]):
+                r = n.indicator_rows[k]
+                excess_upper = w.value[r] - s.base_upper[r]
+                excess_lower = s.base_lower[r] - w.value[r]
+                worst = max(excess_upper, excess_lower) * n.norm[r]
                 if worst > slack:
-                    here = n.value[r]
-                    s.distance[here, e] = max(s.distance[here, e], worst * n.share[r])
+                    branch = n.value[r]
+                    s.distance[branch, e] = max(s.distance[branch, e], worst * n.inverse_big_m[r])
         if s.distance[0, e] > 0.0 and s.distance[1, e] > 0.0:
             open_count += 1
-    if open_count == 0 and len(n.spatial.first) > 0:  # integers first, as they decide rows
+    if open_count == 0 and len(n.spatial.first) > 0:  # integers first, as they activate rows
         open_count = _measure_products(n, s, w, low, high)
     return open_count
 
 
 @compiled
-def _value_of(n: Numbers, s: Search, w: Working, e: int, low: IntArray, high: IntArray) -> float:
-    """The value of an integer with a column, or of a factor, at a relaxation's solution."""
-    if low[e] == high[e] and n.spatial.cell[e] == 0.0:
+def _evaluate_entity(
+    n: ProblemData, s: SearchState, w: WorkingSet, e: int, low: IntArray, high: IntArray
+) -> float:
+    """Return the value of an integer with a column, or of a factor, at a relaxation's solution."""
+    if low[e] == high[e] and n.spatial.cell_width[e] == 0.0:
         return float(low[e])
-    r = n.column[e]
+    r = n.value_row[e]
     return n.norm[r] * w.value[r] + s.offset[r]
 
 
 @compiled
-def _is_held(n: Numbers, s: Search, w: Working, q: int, low: IntArray, high: IntArray) -> bool:
-    """Whether a row that holds a product has to hold, or would if no integer were split."""
+def _is_product_enforced(
+    n: ProblemData, s: SearchState, w: WorkingSet, q: int, low: IntArray, high: IntArray
+) -> bool:
+    """Return whether a row with the product is active, or would be if no integer were split."""
     p = n.spatial
-    if p.always[q]:
+    if p.is_unconditional[q]:
         return True
-    for place in range(p.since[q], p.since[q + 1]):
-        e = p.entity[place]
+    for k in range(p.indicator_start[q], p.indicator_start[q + 1]):
+        e = p.entity[k]
         if low[e] == high[e]:
             value = low[e]
-        elif n.column[e] >= 0:
-            value = np.int64(np.round(_value_of(n, s, w, e, low, high)))
+        elif n.value_row[e] >= 0:
+            value = np.int64(np.round(_evaluate_entity(n, s, w, e, low, high)))
         else:
             value = 1 if s.distance[1, e] == 0.0 else 0
-        if value == p.value[place]:
+        if value == p.value[k]:
             return True
     return False
 
 
 @compiled
-def _measure_products(n: Numbers, s: Search, w: Working, low: IntArray, high: IntArray) -> int:
-    """Factors of products that are off where it matters are open, too; how many products are."""
+def _measure_products(
+    n: ProblemData, s: SearchState, w: WorkingSet, low: IntArray, high: IntArray
+) -> int:
+    """Measure factors of violated products; return the number of products that are violated."""
     p, open_count = n.spatial, 0
     for q in range(len(p.first)):
-        if not _is_held(n, s, w, q, low, high):
+        if not _is_product_enforced(n, s, w, q, low, high):
             continue
-        i, j, r = p.first[q], p.second[q], p.place[q]
-        x, y = _value_of(n, s, w, i, low, high), _value_of(n, s, w, j, low, high)
-        off = abs(n.norm[r] * w.value[r] + s.offset[r] - x * y)
-        if off * p.weight[q] <= s.real[FEASIBILITY]:
+        i, j, r = p.first[q], p.second[q], p.product_row[q]
+        x, y = _evaluate_entity(n, s, w, i, low, high), _evaluate_entity(n, s, w, j, low, high)
+        error = abs(n.norm[r] * w.value[r] + s.offset[r] - x * y)
+        if error * p.weight[q] <= s.scalars[FEASIBILITY]:
             continue
-        found = False
-        for turn in range(2):
-            e = i if turn == 0 else j
+        can_split = False
+        for factor in range(2):
+            e = i if factor == 0 else j
             if low[e] < high[e]:
-                share = min(off / p.area[q], 1.0)
-                if p.cell[e] > 0.0:  # what is wide still promises most
-                    share *= (high[e] - low[e] + 1.0) / (n.highest[e] - n.lowest[e] + 1.0)
-                s.distance[0, e] = max(s.distance[0, e], share)
-                s.distance[1, e] = max(s.distance[1, e], share)
-                found = True
-        open_count += 1 if found else 0
+                score = min(error / p.max_gap[q], 1.0)
+                if p.cell_width[e] > 0.0:  # wide ranges promise the largest gain
+                    score *= (high[e] - low[e] + 1.0) / (n.root_high[e] - n.root_low[e] + 1.0)
+                s.distance[0, e] = max(s.distance[0, e], score)
+                s.distance[1, e] = max(s.distance[1, e], score)
+                can_split = True
+        open_count += 1 if can_split else 0
     return open_count
 
 
 @compiled
-def _split(n: Numbers, s: Search, e: int) -> int:
-    """The largest value of the lower child."""
-    r = n.column[e]
+def _choose_split(n: ProblemData, s: SearchState, e: int) -> int:
+    """Return the largest value of the lower child."""
+    r = n.value_row[e]
     if r < 0:
         return 0
-    if n.spatial.cell[e] > 0.0:
-        at = n.norm[r] * s.main.value[r] + s.offset[r]
-        return _wanted_split(n.spatial, e, at, s.low[e], s.high[e])
+    if n.spatial.cell_width[e] > 0.0:
+        factor_value = n.norm[r] * s.main.value[r] + s.offset[r]
+        return _choose_cell_split(n.spatial, e, factor_value, s.low[e], s.high[e])
     value = np.int64(np.floor(n.norm[r] * s.main.value[r] + s.offset[r]))
     return min(max(value, s.low[e]), s.high[e] - 1)
 
 
 @compiled
-def _probe_child(n: Numbers, s: Search, e: int, up: int, split: int) -> float:
-    """The bound of a child after a few dual steps."""
+def _probe_child(n: ProblemData, s: SearchState, e: int, up: int, split: int) -> float:
+    """Return the bound of a child after a few dual steps."""
     low, high = s.low[e], s.high[e]
     if up:
         s.low[e] = split + 1
     else:
         s.high[e] = split
-    _copy_working(s.main, s.probe)
-    _apply(n, s, s.low, s.high)
-    _take_over(n, s, s.probe)
-    s.whole[PROBES] += 1
-    found = _solve(s.rows, s.probe, _slack_cutoff(s), _PROBE_ITERATIONS)
-    bound, _ = _bound(n, s, s.probe)
-    if found == EMPTY:
-        bound = max(bound, _proved_empty(s, s.probe) - _reach(n, s))
-        if bound >= _cutoff(s):
-            _follow_ray(s, s.probe, _far(s))
-        if bound > n.ceiling:
+    _copy_working_set(s.main, s.probe)
+    _apply_node_ranges(n, s, s.low, s.high)
+    _adapt_working_set(n, s, s.probe)
+    s.counters[NUM_PROBES] += 1
+    status = _solve_least_distance(s.rows, s.probe, _compute_dual_cutoff(s), _PROBE_ITERATIONS)
+    bound, _ = _compute_bound(n, s, s.probe)
+    if status == EMPTY:
+        bound = max(bound, _compute_ray_bound(s, s.probe) - _compute_max_proximal(n, s))
+        if bound >= _compute_cutoff(s):
+            _follow_ray(s, s.probe, _compute_closing_value(s))
+        if bound > n.max_cost:
             bound = np.inf
     s.low[e], s.high[e] = low, high
     return bound
 
 
 @compiled
-def _score(down: float, up: float) -> float:
+def _score_gains(down: float, up: float) -> float:
+    """Return the product score of the gains of both children."""
     return max(down, 1e-9) * max(up, 1e-9)
 
 
 @compiled
-def _expected(n: Numbers, s: Search, e: int, way: int, average: float) -> float:
-    """Gain of a child by pseudo-costs."""
-    rate = s.gain[way, e] / s.seen[way, e] if s.seen[way, e] > 0 else average
-    if n.spatial.cell[e] > 0.0:
+def _estimate_gain(n: ProblemData, s: SearchState, e: int, up: int, average: float) -> float:
+    """Estimate the gain of a child by pseudo-costs."""
+    rate = s.gain_sum[up, e] / s.num_gains[up, e] if s.num_gains[up, e] > 0 else average
+    if n.spatial.cell_width[e] > 0.0:
         rate = max(rate, _SPACE * average)
-    return rate * s.distance[way, e]
+    return rate * s.distance[up, e]
 
 
 @compiled
-def _probe_way(
-    n: Numbers, s: Search, tree: Tree, node: int, e: int, way: int, split: int
+def _strong_branch(
+    n: ProblemData, s: SearchState, tree: Tree, node: int, e: int, up: int, split: int
 ) -> tuple[float, bool]:
-    """The bound of a child by a probe, and whether that closed the child; teaches pseudo-costs."""
+    """Probe a child and update its pseudo-cost; return its bound and whether it was closed."""
     parent = tree.bound[node]
-    reached = max(parent, _probe_child(n, s, e, way, split))
-    gain = reached - parent
+    child_bound = max(parent, _probe_child(n, s, e, up, split))
+    gain = child_bound - parent
     if not np.isinf(gain):
-        s.gain[way, e] += gain / s.distance[way, e]
-        s.seen[way, e] += 1
-    if reached < _cutoff(s):
-        return reached, False
+        s.gain_sum[up, e] += gain / s.distance[up, e]
+        s.num_gains[up, e] += 1
+    if child_bound < _compute_cutoff(s):
+        return child_bound, False
     # The child is closed, and keeps the multipliers that do it
-    new = _child(n, s, tree, node, e, way, split, reached)
-    _store(tree, new, s.probe)
-    _close(s, tree, new, reached)
-    return reached, True
+    new = _create_child(n, s, tree, node, e, up, split, child_bound)
+    _store_working_set(tree, new, s.probe)
+    _close_node(s, tree, new, child_bound)
+    return child_bound, True
 
 
 @compiled
-def _most_promising(s: Search) -> int:
-    """The integer of largest score."""
-    best = 0
+def _select_best_score(s: SearchState) -> int:
+    """Return the integer of largest score."""
+    selected = 0
     for e in range(1, len(s.score)):
-        if s.score[e] > s.score[best]:
-            best = e
-    return best
+        if s.score[e] > s.score[selected]:
+            selected = e
+    return selected
 
 
 @compiled
-def _branch(n: Numbers, s: Search, tree: Tree, node: int) -> int:
-    """Split a node; the child to go on with, -1 for none."""
-    E = len(n.column)
+def _branch_node(n: ProblemData, s: SearchState, tree: Tree, node: int) -> int:
+    """Split a node; return the child with which the dive continues, or -1."""
+    E = len(n.value_row)
     parent = tree.bound[node]
-    total, times = 0.0, 0
-    for way in range(2):
+    total, num_averaged = 0.0, 0
+    for up in range(2):
         for e in range(E):
-            if s.seen[way, e] > 0:
-                total += s.gain[way, e] / s.seen[way, e]
-                times += 1
-    average = total / times if times > 0 else 1.0
-    # By what pseudo-costs promise: of those that are known well the best, the first few others are
-    # probed.
+            if s.num_gains[up, e] > 0:
+                total += s.gain_sum[up, e] / s.num_gains[up, e]
+                num_averaged += 1
+    average = total / num_averaged if num_averaged > 0 else 1.0
+    # Rank by pseudo-costs: the best reliable integer competes with the first few that are probed
     best, chosen = -1.0, 0
     for e in range(E):
         s.score[e] = -1.0
         if s.distance[0, e] > 0.0 and s.distance[1, e] > 0.0:
-            down, up = _expected(n, s, e, 0, average), _expected(n, s, e, 1, average)
-            score = _score(down, up)
-            if min(s.seen[0, e], s.seen[1, e]) < _RELIABLE:
+            gain_down, gain_up = (
+                _estimate_gain(n, s, e, 0, average),
+                _estimate_gain(n, s, e, 1, average),
+            )
+            score = _score_gains(gain_down, gain_up)
+            if min(s.num_gains[0, e], s.num_gains[1, e]) < _RELIABLE:
                 s.score[e] = score
             elif score > best:
                 best, chosen = score, e
     below, above = parent, parent  # bounds of the children
-    made_below, made_above = False, False  # children that their probes have closed
-    probed = _PROBED
-    if np.isinf(s.real[BEST]) and s.whole[WORK] < MOST:
-        # Steps are counted, and without an incumbent nothing is closed: dive
-        probed = 0
-        e = _most_promising(s)
+    below_closed, above_closed = False, False  # whether probes have closed the children
+    max_probes = _PROBED
+    if np.isinf(s.scalars[INCUMBENT_COST]) and s.counters[MAX_DUAL_STEPS] < UNLIMITED:
+        # The budget of dual steps is best spent on a dive: without an incumbent nothing is closed
+        max_probes = 0
+        e = _select_best_score(s)
         if s.score[e] > best:
             chosen = e
-    for _ in range(probed):
-        e = _most_promising(s)
+    for _ in range(max_probes):
+        e = _select_best_score(s)
         if s.score[e] < 0.0:
             break
         s.score[e] = -1.0
-        split = _split(n, s, e)
-        down, up = parent, parent
-        for way in range(2):
-            reached, closed = _probe_way(n, s, tree, node, e, way, split)
-            if way == 0:
-                down, made_below = reached, closed
+        split = _choose_split(n, s, e)
+        gain_down, gain_up = parent, parent
+        for up in range(2):
+            child_bound, closed = _strong_branch(n, s, tree, node, e, up, split)
+            if up == 0:
+                gain_down, below_closed = child_bound, closed
             else:
-                up, made_above = reached, closed
-        closed = made_below or made_above
-        here = np.inf if closed else _score(down - parent, up - parent)
-        if here > best:
-            best, chosen = here, e
-            below, above = down, up
+                gain_up, above_closed = child_bound, closed
+        closed = below_closed or above_closed
+        score_probed = np.inf if closed else _score_gains(gain_down - parent, gain_up - parent)
+        if score_probed > best:
+            best, chosen = score_probed, e
+            below, above = gain_down, gain_up
         if closed:
             break
-    split = _split(n, s, chosen)
+    split = _choose_split(n, s, chosen)
     tree.state[node] = BRANCHED
     prefer = 0 if s.distance[0, chosen] < s.distance[1, chosen] else 1
     if below != above:
         prefer = 0 if below < above else 1
     follow = -1
-    for turn in range(2):
-        way = prefer if turn == 0 else 1 - prefer
-        if made_above if way else made_below:
+    for child_order in range(2):
+        up = prefer if child_order == 0 else 1 - prefer
+        if above_closed if up else below_closed:
             continue
-        new = _child(n, s, tree, node, chosen, way, split, above if way else below)
-        _store(tree, new, s.main)
+        new = _create_child(n, s, tree, node, chosen, up, split, above if up else below)
+        _store_working_set(tree, new, s.main)
         if follow < 0:
             follow = new
         else:
-            _push(tree, s.whole, new)
-    if follow >= 0 and not np.isinf(s.real[BEST]) and s.whole[HEAP] > 0:
-        cutoff, least = _cutoff(s), tree.bound[tree.heap[0]]
-        if tree.bound[follow] > least + _STAY * max(cutoff - least, 0.0):
-            _push(tree, s.whole, follow)
+            _push_open(tree, s.counters, new)
+    if follow >= 0 and not np.isinf(s.scalars[INCUMBENT_COST]) and s.counters[NUM_OPEN] > 0:
+        cutoff, least_open_bound = _compute_cutoff(s), tree.bound[tree.heap[0]]
+        if tree.bound[follow] > least_open_bound + _STAY * max(cutoff - least_open_bound, 0.0):
+            _push_open(tree, s.counters, follow)
             follow = -1
     return follow

@@ -1,13 +1,13 @@
-"""The decorator of compiled functions of the mixed-integer search."""
+"""Decorate the compiled functions of the mixed-integer search."""
 
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
-from climbplan.solvers.compiling import compiler
+from climbplan.solvers.compiling import create_compiler
 
-SOURCES = (  # files with compiled functions, and those that they take numbers from
+SOURCES = (  # files with compiled functions, and those from which they take constants
     "active_set.py",
     "bounds.py",
     "branching.py",
@@ -15,17 +15,22 @@ SOURCES = (  # files with compiled functions, and those that they take numbers f
     "elimination.py",
     "incumbents.py",
     "nodes.py",
-    "numbers.py",
-    "pairs.py",
+    "problem_data.py",
     "propagation.py",
     "search.py",
     "spatial.py",
-    "tangents.py",
+    "switch_pairs.py",
+    "tangent_cuts.py",
     "working_set.py",
 )
-compiled = compiler(Path(__file__).parent, SOURCES, borrows=True, lets_go=True)
+compiled = create_compiler(
+    Path(__file__).parent, SOURCES, borrows_references=True, releases_gil=True
+)
 
 
-def constant(value: int) -> int:
-    """A number to be given to large functions: Numba compiles these anew for each literal."""
+def as_runtime_constant(value: int) -> int:
+    """Return a number that Numba treats as a run-time value.
+
+    Numba compiles a copy of a large function for each literal that the function is given.
+    """
     return cast("int", np.int64(value))

@@ -1,7 +1,7 @@
-"""The cost over the coordinates of nodes, with the small term that makes it definite.
+"""Express the cost in the coordinates of nodes, with a proximal term that makes it definite.
 
-A proximal term 1/2 sum eps_i (w_i - center_i)^2, whose effect on a bound is subtracted exactly
-(`bounds`), needs a bound on every w_i that the cost leaves flat.
+The proximal term is 1/2 sum eps_i (w_i - center_i)^2. Its largest effect on a bound is subtracted
+(`bounds`), so every w_i in which the cost is flat needs finite bounds.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ _FLAT = 1e-11  # pivot of the Hessian below which a direction is flat, relative
 
 
 class Unbounded(UsageError):
-    """Nothing bounds a direction that costs nothing, so that no bound can be proved."""
+    """Report that a direction without cost is unbounded, so that no lower bound can be proved."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """1/2 w'Hw + g'w + constant, the proximal term, and L L' = H + diag(eps)."""
+    """The cost 1/2 w'Hw + g'w + constant, its proximal term, and L L' = H + diag(eps)."""
 
     H: Array  # (k, k)
     g: Array  # (k,)
@@ -37,8 +37,12 @@ class Cost:
     u: Array  # (k,) L u = g - eps center
 
 
-def cost_over(instance: Instance, space: Coordinates) -> Cost:
-    """The cost over w; raises Unbounded where a direction without cost is not bounded."""
+def build_cost(instance: Instance, space: Coordinates) -> Cost:
+    """Build the cost over the independent variables w.
+
+    Raises:
+        Unbounded: A direction without cost is not bounded.
+    """
     n, k = instance.size, space.X.shape[1]
     P, q = instance.P, instance.q
     X, start = space.X[:n], space.start[:n]  # choices cost nothing
@@ -48,8 +52,8 @@ def cost_over(instance: Instance, space: Coordinates) -> Cost:
     half = 0.5 * (high - low)
     bounded = np.isfinite(half)
     reach = np.where(bounded, np.maximum(half, 1e-9), 1.0)
-    own = float(np.max(np.diag(H) * reach**2, initial=0.0, where=bounded))
-    eta = _PROXIMAL * (own or float(np.sum(np.abs(g) * reach, where=bounded)) or 1.0)
+    max_curvature = float(np.max(np.diag(H) * reach**2, initial=0.0, where=bounded))
+    eta = _PROXIMAL * (max_curvature or float(np.sum(np.abs(g) * reach, where=bounded)) or 1.0)
     eps = np.where(bounded, eta / reach**2, 0.0)
     top = float(np.abs(np.diag(H)).max(initial=0.0))
     # Where bounds leave next to nothing the term need not grow beyond all others
@@ -77,7 +81,7 @@ def cost_over(instance: Instance, space: Coordinates) -> Cost:
 
 
 def _factor(regular: Array, bounded: BoolArray) -> Array | None:
-    """Cholesky factor, None where a direction without bounds is flat."""
+    """Return the Cholesky factor, or None where an unbounded direction is flat."""
     try:
         L: Array = np.linalg.cholesky(regular).astype(float)
     except np.linalg.LinAlgError:
@@ -87,9 +91,9 @@ def _factor(regular: Array, bounded: BoolArray) -> Array | None:
     return None if flat.any() else L
 
 
-def ceiling(H: Array, g: Array, constant: float, lower: Array, upper: Array) -> float:
-    """No point of the box costs more; where it is open, far more than can be told apart."""
-    most = np.maximum(np.abs(lower), np.abs(upper))
-    if np.isfinite(most).all():
-        return constant + float(np.abs(g) @ most + 0.5 * most @ np.abs(H) @ most)
+def compute_max_cost(H: Array, g: Array, constant: float, lower: Array, upper: Array) -> float:
+    """Return an upper bound on the cost over the box; an open box gives a huge finite number."""
+    max_abs = np.maximum(np.abs(lower), np.abs(upper))
+    if np.isfinite(max_abs).all():
+        return constant + float(np.abs(g) @ max_abs + 0.5 * max_abs @ np.abs(H) @ max_abs)
     return 1e15 * max(1.0, abs(constant), float(np.abs(g).max(initial=0.0)))

@@ -1,8 +1,8 @@
-"""Equations eliminated: x = center + X w with the independent variables w.
+"""Eliminate linear equations: x = center + X w with the independent variables w.
 
-Dynamics make states follow from inputs, forces and integers. Each equation gives away its variable
-of largest coefficient, continuous ones before integers, so that what is stated last in time is
-solved for first and entries stay as they are.
+The equations of motion determine states from inputs, forces and integers. Gauss-Jordan elimination
+takes the entry of largest magnitude of each equation as pivot. Continuous variables are preferred
+to integers, so that integers remain independent.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _OFF = 1e-7  # residual of an equation without variables that proves a contradic
 
 @dataclass(frozen=True)
 class Elimination:
-    """x = center + X w."""
+    """General solution x = center + X w of a system of equations."""
 
     X: Array  # (n, k)
     center: Array  # (n,)
@@ -30,57 +30,58 @@ class Elimination:
 
 
 @compiled
-def reduce(E: Array, weight: Array, pivots: IntArray) -> float:
-    """Gauss-Jordan on (p, n + 1) in place; pivot of each equation, -1 where it says nothing.
+def reduce_gauss_jordan(E: Array, weight: Array, pivots: IntArray) -> float:
+    """Reduce the table (p, n + 1) in place; pivot of each equation, -1 where it is redundant.
 
-    Returns the largest right side of an equation without variables.
+    Returns:
+        Largest absolute right side of an equation that has no variables left.
     """
     p, n = E.shape[0], E.shape[1] - 1
     worst = 0.0
     for i in range(p):
-        line = E[i]
-        best, chosen, size = 0.0, -1, 0.0
+        pivot_row = E[i]
+        best_score, pivot, size = 0.0, -1, 0.0
         for j in range(n):
-            a = abs(line[j])
-            if a * weight[j] > best:
-                best, chosen = a * weight[j], j
+            a = abs(pivot_row[j])
+            if a * weight[j] > best_score:
+                best_score, pivot = a * weight[j], j
             size = max(size, a)
-        if chosen < 0 or size < _NOTHING:
+        if pivot < 0 or size < _NOTHING:
             pivots[i] = -1
-            worst = max(worst, abs(line[n]))
+            worst = max(worst, abs(pivot_row[n]))
             continue
-        pivots[i] = chosen
-        scale = line[chosen]
+        pivots[i] = pivot
+        scale = pivot_row[pivot]
         for j in range(n + 1):
-            line[j] /= scale
+            pivot_row[j] /= scale
         for r in range(p):
-            factor = E[r, chosen]
+            factor = E[r, pivot]
             if r == i or factor == 0.0:
                 continue
-            other = E[r]
+            row = E[r]
             for j in range(n + 1):
-                other[j] -= factor * line[j]
-            other[chosen] = 0.0
+                row[j] -= factor * pivot_row[j]
+            row[pivot] = 0.0
             for j in range(n):
-                if abs(other[j]) < 1e-14:
-                    other[j] = 0.0
+                if abs(row[j]) < 1e-14:
+                    row[j] = 0.0
     return worst
 
 
-def eliminated(E: Array, e: Array, integer: BoolArray) -> Elimination:
-    """E x = e (p, n) solved for p of the variables."""
+def eliminate_equations(E: Array, e: Array, integer: BoolArray) -> Elimination:
+    """Solve E x = e, with E of shape (p, n), for one variable of each independent equation."""
     n = E.shape[1]
     size = np.maximum(np.abs(E).max(axis=1, initial=0.0), 1e-300)[:, None]
     table = np.hstack([E, e[:, None]]) / size
     pivots = np.empty(len(E), np.int64)
-    worst = reduce(table, np.where(integer, _INTEGER, 1.0), pivots)
-    solved = pivots >= 0
-    dependent = pivots[solved]
-    kept = np.ones(n, bool)
-    kept[dependent] = False
-    independent = np.flatnonzero(kept)
+    residual = reduce_gauss_jordan(table, np.where(integer, _INTEGER, 1.0), pivots)
+    has_pivot = pivots >= 0
+    dependent = pivots[has_pivot]
+    is_independent = np.ones(n, bool)
+    is_independent[dependent] = False
+    independent = np.flatnonzero(is_independent)
     X, center = np.zeros((n, len(independent))), np.zeros(n)
     X[independent, np.arange(len(independent))] = 1.0
-    X[dependent] = -table[np.ix_(solved, np.append(kept, False))]
-    center[dependent] = table[solved, n]
-    return Elimination(X, center, independent, worst <= _OFF)
+    X[dependent] = -table[np.ix_(has_pivot, np.append(is_independent, False))]
+    center[dependent] = table[has_pivot, n]
+    return Elimination(X, center, independent, residual <= _OFF)

@@ -1,4 +1,4 @@
-"""Incumbents of a node: integers guessed from its relaxation, and points that leave none open."""
+"""Primal heuristics at a node: rounding of its relaxation, and relaxations that are integral."""
 
 from __future__ import annotations
 
@@ -9,128 +9,133 @@ import numpy as np
 from climbplan.arrays import IntArray
 from climbplan.solvers.mixed_integer.active_set import SOLVED
 from climbplan.solvers.mixed_integer.bounds import (
-    _apply,
-    _bound,
-    _objective,
-    _solve_cut,
-    _take_over,
+    _adapt_working_set,
+    _apply_node_ranges,
+    _compute_bound,
+    _evaluate_objective,
+    _solve_with_cuts,
 )
-from climbplan.solvers.mixed_integer.compiling import compiled, constant
+from climbplan.solvers.mixed_integer.compiling import as_runtime_constant, compiled
 from climbplan.solvers.mixed_integer.nodes import (
-    BEST,
     FEASIBILITY,
-    GUESSES,
-    INCUMBENTS,
-    Search,
-    _slack_cutoff,
+    INCUMBENT_COST,
+    NUM_FIXED_SOLVES,
+    NUM_INCUMBENTS,
+    SearchState,
+    _compute_dual_cutoff,
 )
-from climbplan.solvers.mixed_integer.numbers import Numbers
-from climbplan.solvers.mixed_integer.spatial import _cell_of
-from climbplan.solvers.mixed_integer.tangents import _outside
-from climbplan.solvers.mixed_integer.working_set import _copy_working
+from climbplan.solvers.mixed_integer.problem_data import ProblemData
+from climbplan.solvers.mixed_integer.spatial import _locate_cell
+from climbplan.solvers.mixed_integer.tangent_cuts import _max_ball_violation
+from climbplan.solvers.mixed_integer.working_set import _copy_working_set
 
-_CLOSE_ROUNDS = constant(60)  # of tangents at points that may be incumbents
+_CLOSE_ROUNDS = as_runtime_constant(60)  # rounds of tangent cuts at candidates for the incumbent
 
 
 @compiled
-def _guess(n: Numbers, s: Search, low: IntArray, high: IntArray, into: IntArray) -> None:
-    """Every undecided integer at its nearest value; of a group the largest is 1."""
-    E = len(n.column)
+def _round_relaxation(
+    n: ProblemData, s: SearchState, low: IntArray, high: IntArray, rounded: IntArray
+) -> None:
+    """Round every undecided integer to its nearest value; of a group the largest becomes 1."""
+    E = len(n.value_row)
     for e in range(E):
         if low[e] == high[e]:
-            into[e] = low[e]
+            rounded[e] = low[e]
             continue
-        r = n.column[e]
-        if n.spatial.cell[e] > 0.0:
+        r = n.value_row[e]
+        if n.spatial.cell_width[e] > 0.0:
             value = n.norm[r] * s.main.value[r] + s.offset[r]
-            into[e] = _cell_of(n.spatial, e, value, low[e], high[e])
+            rounded[e] = _locate_cell(n.spatial, e, value, low[e], high[e])
         elif r >= 0:
             value = n.norm[r] * s.main.value[r] + s.offset[r]
-            into[e] = min(max(np.int64(np.round(value)), low[e]), high[e])
+            rounded[e] = min(max(np.int64(np.round(value)), low[e]), high[e])
         else:
-            into[e] = 1 if s.distance[1, e] <= s.distance[0, e] else 0
+            rounded[e] = 1 if s.distance[1, e] <= s.distance[0, e] else 0
     for e in range(E):
         if n.group[e] < 0:
             continue
         best, chosen = -np.inf, -1
-        begins = True
+        is_first_of_group = True
         for f in range(E):
             if n.group[f] != n.group[e]:
                 continue
             if f < e:
-                begins = False
+                is_first_of_group = False
                 break
-            value = n.norm[n.column[f]] * s.main.value[n.column[f]] + s.offset[n.column[f]]
+            value = n.norm[n.value_row[f]] * s.main.value[n.value_row[f]] + s.offset[n.value_row[f]]
             if low[f] == high[f]:
                 value = 2.0 * low[f] - 1.0
             if value > best:
                 best, chosen = value, f
-        if begins:
+        if is_first_of_group:
             for f in range(e, E):
                 if n.group[f] == n.group[e] and low[f] < high[f]:
-                    into[f] = 1 if f == chosen else 0
+                    rounded[f] = 1 if f == chosen else 0
 
 
 @compiled
-def _keep(s: Search, chosen: IntArray, objective: float) -> None:
-    """The point at hand is the incumbent from now on."""
-    s.real[BEST] = objective
+def _update_incumbent(s: SearchState, integers: IntArray, objective: float) -> None:
+    """Store the current point as the incumbent."""
+    s.scalars[INCUMBENT_COST] = objective
     for j in range(len(s.w)):
         s.best_w[j] = s.w[j]
-    for e in range(len(chosen)):
-        s.best_whole[e] = chosen[e]
-    s.whole[INCUMBENTS] += 1
+    for e in range(len(integers)):
+        s.best_integers[e] = integers[e]
+    s.counters[NUM_INCUMBENTS] += 1
 
 
 @compiled
-def _try(n: Numbers, s: Search, chosen: IntArray, limit: int) -> bool:
-    """Solve with all integers given; True if that is a better incumbent."""
-    _copy_working(s.main, s.probe)
-    _apply(n, s, chosen, chosen)
-    _take_over(n, s, s.probe)
-    s.whole[GUESSES] += 1
-    close = s.real[FEASIBILITY]
-    found = _solve_cut(n, s, s.probe, _slack_cutoff(s), limit, _CLOSE_ROUNDS, close)
-    if found != SOLVED:
+def _solve_fixed_integers(n: ProblemData, s: SearchState, integers: IntArray, limit: int) -> bool:
+    """Solve the program with all integers fixed; return whether it improves the incumbent."""
+    _copy_working_set(s.main, s.probe)
+    _apply_node_ranges(n, s, integers, integers)
+    _adapt_working_set(n, s, s.probe)
+    s.counters[NUM_FIXED_SOLVES] += 1
+    tolerance = s.scalars[FEASIBILITY]
+    status = _solve_with_cuts(
+        n, s, s.probe, _compute_dual_cutoff(s), limit, _CLOSE_ROUNDS, tolerance
+    )
+    if status != SOLVED:
         return False
-    _bound(n, s, s.probe)
-    if _outside(n, s) > 1.5 * close:
+    _compute_bound(n, s, s.probe)
+    if _max_ball_violation(n, s) > 1.5 * tolerance:
         return False
-    objective = _objective(n, s.w)
-    if objective >= s.real[BEST]:
+    objective = _evaluate_objective(n, s.w)
+    if objective >= s.scalars[INCUMBENT_COST]:
         return False
-    _keep(s, chosen, objective)
+    _update_incumbent(s, integers, objective)
     return True
 
 
 @compiled
-def _leaf(n: Numbers, s: Search, chosen: IntArray) -> bool:
-    """The solution of a node that leaves no integer open, which is the best in it.
+def _accept_integral_node(n: ProblemData, s: SearchState, integers: IntArray) -> bool:
+    """Accept the solution of a node whose relaxation is integral, which is optimal in it.
 
-    True if columns were rounded, so that the point has to be solved for again.
+    Returns:
+        Whether columns were rounded, so that the program has to be solved with integers fixed.
     """
     rounded = False
-    for e in range(len(n.column)):
-        chosen[e] = _decided_value(n, s, e)
-        undecided = s.low[e] < s.high[e] and n.spatial.cell[e] == 0.0
-        rounded = rounded or (undecided and n.column[e] >= 0)
-    objective = _objective(n, s.w)
-    if objective >= s.real[BEST]:
+    for e in range(len(n.value_row)):
+        integers[e] = _find_integral_value(n, s, e)
+        undecided = s.low[e] < s.high[e] and n.spatial.cell_width[e] == 0.0
+        rounded = rounded or (undecided and n.value_row[e] >= 0)
+    objective = _evaluate_objective(n, s.w)
+    if objective >= s.scalars[INCUMBENT_COST]:
         return False
     if not rounded:
-        _keep(s, chosen, objective)
+        _update_incumbent(s, integers, objective)
     return rounded
 
 
 @compiled
-def _decided_value(n: Numbers, s: Search, e: int) -> Any:
-    """The value that an integer has, or may have, at a point that leaves none open."""
+def _find_integral_value(n: ProblemData, s: SearchState, e: int) -> Any:
+    """Return the value of an integer at a point that is integral up to tolerances."""
     if s.low[e] == s.high[e]:
         return s.low[e]
-    r = n.column[e]
-    if n.spatial.cell[e] > 0.0:
+    r = n.value_row[e]
+    if n.spatial.cell_width[e] > 0.0:
         value = n.norm[r] * s.main.value[r] + s.offset[r]
-        return _cell_of(n.spatial, e, value, s.low[e], s.high[e])
+        return _locate_cell(n.spatial, e, value, s.low[e], s.high[e])
     if r >= 0:
         return np.int64(np.round(n.norm[r] * s.main.value[r] + s.offset[r]))
     return 1 if s.distance[1, e] == 0.0 else 0

@@ -1,9 +1,9 @@
-"""Multipliers of a leaf by Clarabel: of its relaxation, or of how far its rows must be let out.
+"""Compute multipliers of a leaf with Clarabel, from its relaxation or its elastic program.
 
-Both are programs over the rows that certificates are checked in: conditional rows whose binary is
-open may fail by what they can in the box, and products have their envelopes. The second has the
-least t >= 0 such that some v has every row and every ball within t: where that is more than 0 its
-multipliers prove that the leaf is empty, and t is their margin.
+Both are programs over the rows in which certificates are checked: indicator rows whose binary is
+open get big-M terms, and products have their envelopes. The elastic program minimises t >= 0 such
+that some v satisfies every row and every ball within t. Where its optimum is positive, its
+multipliers prove that the leaf is infeasible, with the margin t.
 """
 
 from __future__ import annotations
@@ -19,11 +19,10 @@ from climbplan.arrays import Array, IntArray
 from climbplan.certificates.box import Box
 from climbplan.certificates.rows import StatedRows
 from climbplan.program.instance import Instance
-from climbplan.solvers.mixed_integer.telling import Multipliers
+from climbplan.solvers.mixed_integer.multiplier_map import Multipliers
 
-_FIXED = 1e-10  # width of a range, relative, in which a variable is taken as a number
+_FIXED = 1e-10  # relative width of a range at which a variable counts as fixed
 _ACCURACY = 1e-10
-
 
 _INFEASIBLE = (
     clarabel.SolverStatus.PrimalInfeasible,
@@ -31,27 +30,37 @@ _INFEASIBLE = (
 )
 
 
-class Relaxed(NamedTuple):
-    """A relaxation's multipliers, and its point."""
+class Relaxation(NamedTuple):
+    """Multipliers and solution of a relaxation."""
 
     multipliers: Multipliers
     v: Array  # (N,)
 
 
 @dataclass(frozen=True)
-class _Sides:
-    """A v <= b, or with equality."""
+class _Rows:
+    """Rows A v <= b, or A v = b."""
 
     A: sparse.csr_matrix  # (m, N)
     b: Array
-    row: IntArray  # (m,) which row it is of
-    sign: Array  # 1 for an upper side and for an equation, -1 for a lower side
+    row: IntArray  # (m,) index of the stated row, -1 for a bound
+    sign: Array  # (m,) 1 for an upper side and for an equation, -1 for a lower side
 
 
-def leaf_multipliers(instance: Instance, rows: StatedRows, box: Box, empty: bool) -> Relaxed | None:
-    """Of rows with the planes of a leaf's box; without a point, too, where there is none.
+def compute_leaf_multipliers(
+    instance: Instance, rows: StatedRows, box: Box, empty: bool
+) -> Relaxation | None:
+    """Compute the multipliers of a leaf from its relaxation, or from its elastic program.
 
-    None where nothing is free, or the solver finds nothing at all.
+    Args:
+        instance: The stated instance.
+        rows: Its rows, including the planes of the leaf's box.
+        box: Ranges of the leaf.
+        empty: Whether to solve the elastic program, which proves infeasibility.
+
+    Returns:
+        None where no variable is free, or the solver fails. The multipliers have no point where
+        they prove that the relaxation is infeasible.
     """
     n, size = instance.size, len(rows.integer)
     width = box.upper - box.lower
@@ -60,21 +69,34 @@ def leaf_multipliers(instance: Instance, rows: StatedRows, box: Box, empty: bool
         return None
     fixed = np.where(np.isfinite(width), 0.5 * (box.lower + box.upper), 0.0)
     fixed[free] = 0.0
-    equal = np.zeros(len(rows.lower), bool) if empty else _equations(rows, box)
-    parts = [_equal_sides(rows, equal), _both_sides(rows, box, ~equal), _bounds(box, free)]
-    kept = []
-    for part in parts:
-        A = part.A[:, free]
-        said = np.flatnonzero(np.diff(A.indptr))
-        kept.append(
-            _Sides(A[said], (part.b - part.A @ fixed)[said], part.row[said], part.sign[said])
+    equal = np.zeros(len(rows.lower), bool) if empty else _find_equations(rows, box)
+    blocks = [
+        _build_equations(rows, equal),
+        _build_inequalities(rows, box, ~equal),
+        _build_bounds(box, free),
+    ]
+    free_rows = []
+    for block in blocks:
+        A = block.A[:, free]
+        nonempty = np.flatnonzero(np.diff(A.indptr))
+        free_rows.append(
+            _Rows(
+                A[nonempty],
+                (block.b - block.A @ fixed)[nonempty],
+                block.row[nonempty],
+                block.sign[nonempty],
+            )
         )
-    let_out = [np.zeros(len(kept[0].b)), np.full(len(kept[1].b), -1.0), np.zeros(len(kept[2].b))]
-    F, f, reach, lengths = _balls(instance, free, fixed)
-    A = sparse.vstack([*(part.A for part in kept), F])
-    b = np.concatenate([*(part.b for part in kept), f])
-    cones = [clarabel.ZeroConeT(len(kept[0].b))] if len(kept[0].b) else []
-    if inequalities := len(kept[1].b) + len(kept[2].b):
+    elastic_columns = [
+        np.zeros(len(free_rows[0].b)),
+        np.full(len(free_rows[1].b), -1.0),
+        np.zeros(len(free_rows[2].b)),
+    ]
+    F, f, radius_mask, lengths = _build_balls(instance, free, fixed)
+    A = sparse.vstack([*(block.A for block in free_rows), F])
+    b = np.concatenate([*(block.b for block in free_rows), f])
+    cones = [clarabel.ZeroConeT(len(free_rows[0].b))] if len(free_rows[0].b) else []
+    if inequalities := len(free_rows[1].b) + len(free_rows[2].b):
         cones.append(clarabel.NonnegativeConeT(inequalities))
     cones += [clarabel.SecondOrderConeT(int(length)) for length in lengths]
     P = sparse.csc_matrix((size, size))
@@ -85,33 +107,33 @@ def leaf_multipliers(instance: Instance, rows: StatedRows, box: Box, empty: bool
         q += P @ fixed
     P, q = sparse.csc_matrix(P[free][:, free]), q[free]
     if empty:
-        column = np.concatenate([*let_out, -reach])
+        column = np.concatenate([*elastic_columns, -radius_mask])
         positive = sparse.csr_matrix(([-1.0], ([0], [len(free)])), (1, len(free) + 1))
         A = sparse.vstack([positive, sparse.hstack([A, column[:, None]])])
         b = np.append(0.0, b)
         cones = [clarabel.NonnegativeConeT(1), *cones]
         P, q = sparse.csc_matrix((len(q) + 1, len(q) + 1)), np.append(np.zeros(len(q)), 1.0)
-    found = _solved(P, q, A, b, cones)
-    if found is None:
+    solution = _solve_conic(P, q, A, b, cones)
+    if solution is None:
         return None
-    x, z, none = found
+    x, z, infeasible = solution
     z = z[1:] if empty else z
-    y, at = np.zeros(len(rows.lower)), 0
-    for part in kept[:2]:
-        np.add.at(y, part.row, -part.sign * z[at : at + len(part.b)])
-        at += len(part.b)
-    at += len(kept[2].b)
-    inside = np.flatnonzero(reach == 0.0)  # behind each ball's radius its coordinates
-    ball = -z[at:][inside]
+    y, offset = np.zeros(len(rows.lower)), 0
+    for block in free_rows[:2]:
+        np.add.at(y, block.row, -block.sign * z[offset : offset + len(block.b)])
+        offset += len(block.b)
+    offset += len(free_rows[2].b)
+    vector_rows = np.flatnonzero(radius_mask == 0.0)  # behind each ball's radius its coordinates
+    ball = -z[offset:][vector_rows]
     v = fixed.copy()
     v[free] = np.clip(x[: len(free)], box.lower[free], box.upper[free])
-    return Relaxed(Multipliers(None if empty or none else v[:n], y, ball), v)
+    return Relaxation(Multipliers(None if empty or infeasible else v[:n], y, ball), v)
 
 
-def _solved(
+def _solve_conic(
     P: sparse.csc_matrix, q: Array, A: sparse.spmatrix, b: Array, cones: list[Any]
 ) -> tuple[Array, Array, bool] | None:
-    """Point, multipliers, and whether these show that there is no point."""
+    """Solve the conic program; return point, multipliers and whether it is infeasible."""
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _ACCURACY
@@ -125,78 +147,86 @@ def _solved(
     return x, z, solution.status in _INFEASIBLE
 
 
-def _equations(rows: StatedRows, box: Box) -> Any:
-    """(rows,) which have one value and have to hold."""
-    return box.holding(rows)[0] & (rows.lower == rows.upper)
+def _find_equations(rows: StatedRows, box: Box) -> Any:
+    """Return (rows,) mask of rows that are equations and have to hold."""
+    return box.classify_rows(rows)[0] & (rows.lower == rows.upper)
 
 
-def _equal_sides(rows: StatedRows, equal: Any) -> _Sides:
+def _build_equations(rows: StatedRows, equal: Any) -> _Rows:
+    """Build the equations of rows."""
     r = np.flatnonzero(equal)
-    return _Sides(rows.G[r], rows.upper[r], r, np.ones(len(r)))
+    return _Rows(rows.G[r], rows.upper[r], r, np.ones(len(r)))
 
 
-def _both_sides(rows: StatedRows, box: Box, which: Any) -> _Sides:
-    """Rows that hold, and big-M rows of those whose binary is open."""
-    b, (holds, maybe) = rows.binary, box.holding(rows)
-    A, bound, row, signs = [], [], [], []
+def _build_inequalities(rows: StatedRows, box: Box, mask: Any) -> _Rows:
+    """Build rows that are active, and big-M rows of those whose binary is open."""
+    b, (is_active, is_open) = rows.binary, box.classify_rows(rows)
+    A, bound, row, sign_blocks = [], [], [], []
     for sign, side in ((1.0, rows.upper), (-1.0, rows.lower)):
-        r = np.flatnonzero(which & np.isfinite(side) & (holds | maybe))
+        r = np.flatnonzero(mask & np.isfinite(side) & (is_active | is_open))
         G = sparse.csr_matrix(sign * rows.G[r])
         ends = G.data * np.stack([box.lower, box.upper])[:, G.indices]
-        at = np.repeat(np.arange(len(r)), np.diff(G.indptr))
-        most = np.bincount(at, ends.max(axis=0), len(r))
-        M = np.where(holds[r], 0.0, np.maximum(most - sign * side[r], 0.0))
-        known = np.isfinite(M)
-        r, G, M = r[known], G[known], M[known]
-        one = rows.value[r] == 1
+        row_of_entry = np.repeat(np.arange(len(r)), np.diff(G.indptr))
+        max_activity = np.bincount(row_of_entry, ends.max(axis=0), len(r))
+        M = np.where(is_active[r], 0.0, np.maximum(max_activity - sign * side[r], 0.0))
+        is_finite = np.isfinite(M)
+        r, G, M = r[is_finite], G[is_finite], M[is_finite]
+        is_one = rows.value[r] == 1
         slope = sparse.csr_matrix(
-            (np.where(one, M, -M), (np.arange(len(r)), np.maximum(b[r], 0))), G.shape
+            (np.where(is_one, M, -M), (np.arange(len(r)), np.maximum(b[r], 0))), G.shape
         )
         slope.eliminate_zeros()
         A.append(G + slope)
-        bound.append(sign * side[r] + np.where(one, M, 0.0))
+        bound.append(sign * side[r] + np.where(is_one, M, 0.0))
         row.append(r)
-        signs.append(np.full(len(r), sign))
-    return _Sides(
+        sign_blocks.append(np.full(len(r), sign))
+    return _Rows(
         sparse.csr_matrix(sparse.vstack(A)),
         np.concatenate(bound),
         np.concatenate(row),
-        np.concatenate(signs),
+        np.concatenate(sign_blocks),
     )
 
 
-def _bounds(box: Box, free: IntArray) -> _Sides:
+def _build_bounds(box: Box, free: IntArray) -> _Rows:
+    """Build the bounds of free variables."""
     eye = sparse.identity(len(box.lower), format="csr")
     high, low = free[np.isfinite(box.upper[free])], free[np.isfinite(box.lower[free])]
-    none = np.full(len(high) + len(low), -1)
-    return _Sides(
+    no_row = np.full(len(high) + len(low), -1)
+    return _Rows(
         sparse.csr_matrix(sparse.vstack([eye[high], -eye[low]])),
         np.append(box.upper[high], -box.lower[low]),
-        none,
-        np.ones(len(none)),
+        no_row,
+        np.ones(len(no_row)),
     )
 
 
-def _balls(
+def _build_balls(
     instance: Instance, free: IntArray, fixed: Array
 ) -> tuple[sparse.csr_matrix, Array, Array, IntArray]:
-    """(radius, F x + f) of every ball as b - A v, 1 where the radius stands, and their sizes."""
+    """Build (radius, F x + f) of every ball as b - A v.
+
+    Returns:
+        A, b, a mask of the rows of radii, and the cone dimension of each ball.
+    """
     n = instance.size
-    A, b, reach, sizes = [sparse.csr_matrix((0, len(fixed)))], [], [], []
+    A, b, radius_mask, sizes = [sparse.csr_matrix((0, len(fixed)))], [], [], []
     for balls in instance.balls:
         count, d = balls.f.shape
-        into = (np.arange(count * d) // d) * (d + 1) + 1 + np.arange(count * d) % d
+        vector_rows = (np.arange(count * d) // d) * (d + 1) + 1 + np.arange(count * d) % d
         F = sparse.coo_matrix(balls.F)
-        A.append(sparse.csr_matrix((-F.data, (into[F.row], F.col)), (count * (d + 1), len(fixed))))
+        A.append(
+            sparse.csr_matrix((-F.data, (vector_rows[F.row], F.col)), (count * (d + 1), len(fixed)))
+        )
         values = np.zeros(count * (d + 1))
-        values[into] = balls.vectors(fixed[:n]).ravel()
+        values[vector_rows] = balls.vectors(fixed[:n]).ravel()
         values[:: d + 1] = balls.radius
         b.append(values)
-        reach.append((np.arange(count * (d + 1)) % (d + 1) == 0).astype(float))
+        radius_mask.append((np.arange(count * (d + 1)) % (d + 1) == 0).astype(float))
         sizes += [d + 1] * count
     return (
         sparse.csr_matrix(sparse.vstack(A))[:, free],
         np.concatenate([np.zeros(0), *b]),
-        np.concatenate([np.zeros(0), *reach]),
+        np.concatenate([np.zeros(0), *radius_mask]),
         np.array(sizes, np.int64),
     )

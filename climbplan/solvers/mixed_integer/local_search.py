@@ -1,4 +1,4 @@
-"""The best point of a search with products: what its nodes propose, made feasible nearby."""
+"""Primal heuristic of spatial branch and bound: local search from points of relaxations."""
 
 from __future__ import annotations
 
@@ -16,44 +16,51 @@ _STARTS = 3  # local searches that the same integers get once there is an incumb
 
 @dataclass
 class Incumbent:
-    """The best point that was found, and what was tried for it."""
+    """The best feasible point of a search, and the local searches that were run for it."""
 
     instance: Instance
     tolerance: float
     x: Array | None = None
     assignment: IntArray | None = None
     cost: float = np.inf
-    tried: Counter[bytes] = field(default_factory=Counter)
-    searches: int = 0
+    num_starts: Counter[bytes] = field(default_factory=Counter)
+    num_searches: int = 0
     solver: SqpSolver | None = None
 
-    def look(
+    def search_locally(
         self,
         x: Array,
         assignment: IntArray,
         integers: Array | None = None,
-        starts: float = _STARTS,
+        max_starts: float = _STARTS,
     ) -> bool:
-        """A local search from a point (n,) with its integers kept; True if that found a better.
+        """Solve the local nonlinear program from a point with its integers fixed.
 
-        integers: (n,) those of another point. starts: that these integers get.
+        Args:
+            x: (n,) start.
+            assignment: (C,) alternative of each choice, kept fixed.
+            integers: (n,) point whose integer values are used instead of those of `x`.
+            starts: Maximal number of local searches with the same integers.
+
+        Returns:
+            Whether a better incumbent was found.
         """
         instance = self.instance
         values = np.where(instance.integer, np.round(x if integers is None else integers), x)
         key = values[instance.integer].tobytes() + assignment.tobytes()
-        if self.x is not None and self.tried[key] >= starts:
+        if self.x is not None and self.num_starts[key] >= max_starts:
             return False
-        self.tried[key] += 1
-        self.searches += 1
+        self.num_starts[key] += 1
+        self.num_searches += 1
         if self.solver is None:
             self.solver = SqpSolver(instance)
-        found = self.solver.solve(values, assignment, values, self.cost)
-        if found.x is None or not found.feasible:
+        solution = self.solver.solve(values, assignment, values, self.cost)
+        if solution.x is None or not solution.feasible:
             return False
-        return self.take(found.x, assignment)
+        return self.update_if_better(solution.x, assignment)
 
-    def take(self, x: Array, assignment: IntArray) -> bool:
-        """Whether a point is feasible and better than the best so far, which it then is."""
+    def update_if_better(self, x: Array, assignment: IntArray) -> bool:
+        """Accept a point if it is feasible and better than the incumbent; return whether it is."""
         instance = self.instance
         if instance.violation(x, assignment) > self.tolerance:
             return False

@@ -1,4 +1,4 @@
-"""Mixed-integer convex instances by the compiled tree: presolve, search, answer."""
+"""Solve mixed-integer convex instances by branch and bound: presolve, search, answer."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from climbplan.program.instance import Instance
-from climbplan.solvers.mixed_integer import nodes as place
-from climbplan.solvers.mixed_integer.conditional import Conditional, conditional_form
-from climbplan.solvers.mixed_integer.form import mixed_integer_program
-from climbplan.solvers.mixed_integer.memory import Move
-from climbplan.solvers.mixed_integer.nodes import MOST
-from climbplan.solvers.mixed_integer.numbers import Impossible
-from climbplan.solvers.mixed_integer.proof import (
-    certificate_of,
-    certificate_of_nothing,
-    proof_deadline,
+from climbplan.solvers.mixed_integer import nodes as slots
+from climbplan.solvers.mixed_integer.certification import (
+    certify_search,
+    certify_without_search,
+    compute_proof_deadline,
 )
-from climbplan.solvers.mixed_integer.recall import Memory, Recall
-from climbplan.solvers.mixed_integer.telling import Searched
+from climbplan.solvers.mixed_integer.indicator_form import IndicatorForm, build_indicator_form
+from climbplan.solvers.mixed_integer.leaf_cover import HorizonShift
+from climbplan.solvers.mixed_integer.multiplier_map import SearchedTree
+from climbplan.solvers.mixed_integer.nodes import UNLIMITED
+from climbplan.solvers.mixed_integer.presolve import build_mixed_integer_program
+from climbplan.solvers.mixed_integer.problem_data import ProvedInfeasible
 from climbplan.solvers.mixed_integer.tree_run import MEMORY, TreeRun
-from climbplan.solvers.mixed_integer.warm_up import warm_up
+from climbplan.solvers.mixed_integer.warm_start import WarmStart, WarmStartedSolver
+from climbplan.solvers.mixed_integer.warm_up import warm_up_kernels
 from climbplan.solvers.result import (
     FEASIBILITY,
     Answer,
-    Known,
+    KnownResult,
     Proposal,
     SolverResult,
-    judged,
+    judge_answer,
 )
 
 NAME = "branch-and-bound"
@@ -40,114 +40,140 @@ def solve_mixed_integer(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = FEASIBILITY,
-    known: Known | None = None,
-    nodes: int = MOST,
+    known: KnownResult | None = None,
+    nodes: int = UNLIMITED,
     proposals: Sequence[Proposal] = (),
 ) -> SolverResult:
-    """Globally optimal x of an instance with binaries, implications and choices.
+    """Find the global optimum of an instance with binaries, implications and choices.
 
-    gap: relative gap to prove. time_limit: [s]. tolerance: largest violation of any constraint.
-    nodes: limit of the tree. proposals: integers to try first. Deterministic unless the time limit
-    is hit. Raises UsageError where a direction without cost is not bounded.
+    The result is deterministic unless the time limit is hit.
+
+    Args:
+        instance: Instance without products and smooth rows.
+        gap: Relative gap to prove.
+        time_limit: Time limit [s].
+        tolerance: Largest violation of any constraint.
+        known: Bound that is known already.
+        nodes: Largest number of nodes.
+        proposals: Integers to try first.
+
+    Raises:
+        UsageError: A direction without cost is not bounded.
     """
-    return TreeMemory(gap, tolerance).solve(
+    return WarmStartedTree(gap, tolerance).solve(
         instance, time_limit, known=known, nodes=nodes, proposals=proposals
     )
 
 
-class TreeMemory(Memory):
+class WarmStartedTree(WarmStartedSolver):
     """Solves instances of one statement in turn; each tree begins with the leaves of the last."""
 
-    MOST_LEAVES = 400
+    MAX_LEAVES = 400
 
     def solve(
         self,
         instance: Instance,
         time_limit: float = np.inf,
-        move: Callable[[Conditional], Move] | None = None,
-        known: Known | None = None,
-        nodes: int = MOST,
+        move: Callable[[IndicatorForm], HorizonShift] | None = None,
+        known: KnownResult | None = None,
+        nodes: int = UNLIMITED,
         proposals: Sequence[Proposal] = (),
     ) -> SolverResult:
-        """As `solve_mixed_integer`. move: where what is remembered stands now.
+        """Find the global optimum of an instance, as `solve_mixed_integer` does.
 
-        proposals: integers to try first. With some, `work` ends a tree only once it has found
-        something.
+        With proposals the limit of dual steps ends a tree only once it has an incumbent.
+
+        Args:
+            instance: Instance without products and smooth rows.
+            time_limit: Time limit [s].
+            move: Function that returns the shift of the horizon since the last call.
+            known: Bound that is known already.
+            nodes: Largest number of nodes.
+            proposals: Integers to try first.
         """
         name = "tree with certificates" if self.proves else "tree"
-        warm_up(name, TreeMemory(proves=self.proves).solve)
+        warm_up_kernels(name, WarmStartedTree(proves=self.proves).solve)
         begin = time.perf_counter()
-        form = conditional_form(instance)
-        program = mixed_integer_program(instance, form, begin + time_limit)
+        form = build_indicator_form(instance)
+        program = build_mixed_integer_program(instance, form, begin + time_limit)
         if program is None:
             if self.proves:
-                self.certificate = certificate_of_nothing(instance, -np.inf)
-            late = _late(begin, known)
-            return judged(instance, late, self.gap, self.tolerance)
-        if isinstance(program, Impossible):
+                self.certificate = certify_without_search(instance, -np.inf)
+            unsolved = _answer_without_search(begin, known)
+            return judge_answer(instance, unsolved, self.gap, self.tolerance)
+        if isinstance(program, ProvedInfeasible):
             if self.proves:
-                self.certificate = certificate_of_nothing(instance)
-            return judged(instance, _impossible(program.why, begin), self.gap, self.tolerance)
-        leaves = self.recall.begun(form, move)
-        remembers = leaves is not None and len(leaves.low) > 1
-        run = TreeRun.of(program, self.gap, self.tolerance, leaves, self.work)
+                self.certificate = certify_without_search(instance)
+            return judge_answer(
+                instance, _answer_infeasible(program.why, begin), self.gap, self.tolerance
+            )
+        leaves = self.warm_start.select_start(form, move)
+        warm_started = leaves is not None and len(leaves.low) > 1
+        run = TreeRun.create(program, self.gap, self.tolerance, leaves, self.work)
         if proposals:
-            points = np.stack([form.point(p.values, p.alternatives) for p in proposals])
+            points = np.stack([form.encode_point(p.values, p.alternatives) for p in proposals])
             run.propose(np.round(points[:, program.entities]).astype(np.int64))
         deadline = begin + time_limit
-        if leaves is not None and remembers:
-            run.go(deadline, min(nodes, Recall.patience(leaves)))
-            if not run.finished and not run.worked and time.perf_counter() < deadline:
-                run = TreeRun.of(program, self.gap, self.tolerance, leaves.root(), self.work)
-                remembers = False
-        run.go(deadline, nodes)
-        if proposals and run.worked and run.best() is None:
-            run.search.whole[place.WORK] = MOST
-            run.go(deadline, nodes)
-        self.recall.keep(run, form, leaves, remembers, run.best(), self.work)
+        if leaves is not None and warm_started:
+            run.run_until(deadline, min(nodes, WarmStart.compute_node_limit(leaves)))
+            if not run.is_finished and not run.has_used_budget and time.perf_counter() < deadline:
+                run = TreeRun.create(program, self.gap, self.tolerance, leaves.root(), self.work)
+                warm_started = False
+        run.run_until(deadline, nodes)
+        if proposals and run.has_used_budget and run.recover_incumbent() is None:
+            run.search.counters[slots.MAX_DUAL_STEPS] = UNLIMITED
+            run.run_until(deadline, nodes)
+        self.warm_start.store(run, form, leaves, warm_started, run.recover_incumbent(), self.work)
         if self.proves:
-            none = np.zeros(0, np.int64)
-            of = Searched(instance, form, run.program, run.search, run.tree, none)
-            until = proof_deadline(begin, deadline)
-            self.certificate = certificate_of(instance, of, run.bound, until)
-        answer = answer_of(instance, form, run, begin, known)
-        return judged(instance, answer, self.gap, self.tolerance)
+            no_factors = np.zeros(0, np.int64)
+            tree = SearchedTree(instance, form, run.program, run.search, run.tree, no_factors)
+            proof_limit = compute_proof_deadline(begin, deadline)
+            self.certificate = certify_search(instance, tree, run.bound, proof_limit)
+        answer = build_answer(instance, form, run, begin, known)
+        return judge_answer(instance, answer, self.gap, self.tolerance)
 
 
-def answer_of(
-    instance: Instance, form: Conditional, run: TreeRun, begin: float, known: Known | None = None
+def build_answer(
+    instance: Instance,
+    form: IndicatorForm,
+    run: TreeRun,
+    begin: float,
+    known: KnownResult | None = None,
 ) -> Answer:
-    """What a search says of an instance."""
-    x = run.best()
-    whole = run.search.whole
+    """Build the answer of a search."""
+    x = run.recover_incumbent()
+    counters = run.search.counters
     bound = run.bound
     if known is not None:
         bound = max(bound, known.bound)
-    free = int((run.program.numbers.highest > run.program.numbers.lowest).sum())
+    num_undecided = int((run.program.data.root_high > run.program.data.root_low).sum())
     steps = run.search.main.iterations[0] + run.search.probe.iterations[0]
     log = [
-        f"{len(run.program.entities)} integers, {free} undecided after propagation",
+        f"{len(run.program.entities)} integers, {num_undecided} undecided after propagation",
         f"{run.program.size} unknowns, {len(run.program.M)} rows",
-        f"{whole[place.NODES]} nodes, {whole[place.PROBES]} probes, {steps} dual steps",
+        (
+            f"{counters[slots.NUM_PROCESSED]} nodes, {counters[slots.NUM_PROBES]} probes, "
+            f"{steps} dual steps"
+        ),
     ]
-    if run.full:
+    if run.is_full:
         log.append(f"nodes fill {1e-6 * MEMORY:.0f} MB")
-    if whole[place.UNPROVED]:
-        log.append(f"{whole[place.UNPROVED]} leaves could not be solved to the end")
+    if counters[slots.NUM_UNPROVED]:
+        log.append(f"{counters[slots.NUM_UNPROVED]} leaves could not be solved to the end")
     return Answer(
         x=None if x is None else x[: instance.size],
-        assignment=None if x is None else form.alternatives(x),
+        assignment=None if x is None else form.decode_alternatives(x),
         bound=bound,
-        infeasible=x is None and run.exhausted,
-        nodes=int(whole[place.NODES]),
+        infeasible=x is None and run.proves_infeasible,
+        nodes=int(counters[slots.NUM_PROCESSED]),
         time=time.perf_counter() - begin,
         solver=NAME,
         log=tuple(log),
     )
 
 
-def _late(begin: float, known: Known | None) -> Answer:
-    """The limit came before the program was built: nothing is known beyond what was."""
+def _answer_without_search(begin: float, known: KnownResult | None) -> Answer:
+    """Return the answer where the time limit came before the program was built."""
     return Answer(
         x=None,
         bound=-np.inf if known is None else known.bound,
@@ -159,7 +185,8 @@ def _late(begin: float, known: Known | None) -> Answer:
     )
 
 
-def _impossible(why: str, begin: float) -> Answer:
+def _answer_infeasible(why: str, begin: float) -> Answer:
+    """Return the answer of an instance that presolve has proved infeasible."""
     return Answer(
         x=None,
         bound=np.inf,

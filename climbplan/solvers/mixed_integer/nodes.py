@@ -1,4 +1,4 @@
-"""Nodes of the tree, and what a search keeps beside them.
+"""Nodes of the tree, and the state that a search keeps in addition to them.
 
 A node is a range for every integer, its parent's active rows with their multipliers, and a bound.
 """
@@ -12,32 +12,33 @@ from numpy.typing import NDArray
 
 from climbplan.arrays import Array, IntArray
 from climbplan.solvers.mixed_integer.compiling import compiled
-from climbplan.solvers.mixed_integer.numbers import Numbers
+from climbplan.solvers.mixed_integer.problem_data import ProblemData
 from climbplan.solvers.mixed_integer.working_set import (
     _FAR,
     Rows,
-    Working,
-    _clear,
-    _edge,
-    _refactor,
+    WorkingSet,
+    _clear_working_set,
+    _find_right_side,
+    _refactorise,
 )
-from climbplan.solvers.result import LEAST_OBJECTIVE
+from climbplan.solvers.result import MIN_OBJECTIVE_SCALE
 
-OPEN, BRANCHED, CLOSED, EMPTY_NODE, LEFT = 0, 1, 2, 3, 4  # what became of a node
-DONE, GROW, GROW_ROWS, PAUSE = 0, 1, 2, 3  # why a run ends
+OPEN, BRANCHED, CLOSED, EMPTY_NODE, GIVEN_UP = 0, 1, 2, 3, 4  # state of a node
+DONE, GROW, GROW_ROWS, PAUSE = 0, 1, 2, 3  # reason why a run ends
 
-# Numbers of a search, by place: the incumbent's cost, the relaxation's constant, least bound of
-# what was left, relative gap, largest violation of an incumbent
-BEST, CONSTANT, LEFT_BOUND, GAP, FEASIBILITY = 0, 1, 2, 3, 4
-# Counts: nodes made, open, processed; the next one of a dive; what was found and what was left
-COUNT, HEAP, NODES, NEXT, INCUMBENTS, UNPROVED = 0, 1, 2, 3, 4, 5
-# Probed children, guessed incumbents, hints that wait, rounds of tangents at a leaf
-PROBES, GUESSES, HINTED, AGAIN = 6, 7, 8, 9
-WORK = 10  # dual steps after which no further node is begun
-SEEDED = 11  # whether a point waits from which to look for an incumbent
-MOST = 10**15  # nodes or dual steps: no limit
+# Indices into `Search.scalars`: cost of the incumbent, constant of the relaxation, least bound of
+# closed nodes, relative gap, largest violation of an incumbent
+INCUMBENT_COST, CONSTANT, CLOSED_BOUND, GAP, FEASIBILITY = 0, 1, 2, 3, 4
+# Indices into `Search.counters`: nodes created, open and processed, next node of a dive (-1 for
+# none), incumbents found, leaves neither solved nor proved infeasible
+NUM_NODES, NUM_OPEN, NUM_PROCESSED, DIVE_NODE, NUM_INCUMBENTS, NUM_UNPROVED = 0, 1, 2, 3, 4, 5
+# Probed children, programs solved with fixed integers, waiting proposals, cut rounds at a leaf
+NUM_PROBES, NUM_FIXED_SOLVES, NUM_PROPOSALS, CUT_ROUNDS = 6, 7, 8, 9
+MAX_DUAL_STEPS = 10  # dual steps after which no further node is begun
+HAS_START = 11  # whether there is a point from which to start a local search
+UNLIMITED = 10**15  # of nodes or dual steps: no limit
 
-_LOSS = 0.05  # share of the gap that the proximal term may cost a bound
+_LOSS = 0.05  # fraction of the gap by which the proximal term may weaken a bound
 
 
 class Tree(NamedTuple):
@@ -51,99 +52,105 @@ class Tree(NamedTuple):
     row: NDArray[np.int32]  # (cap, K) active rows
     side: NDArray[np.int8]
     multiplier: Array
-    active: NDArray[np.int32]  # (cap,) how many
-    heap: NDArray[np.int32]  # (cap,) open nodes, least bound first
+    active: NDArray[np.int32]  # (cap,) number of active rows
+    heap: NDArray[np.int32]  # (cap,) open nodes as a binary heap, least bound first
 
 
-class Search(NamedTuple):
-    """What a search keeps beside its nodes."""
+class SearchState(NamedTuple):
+    """State of a search in addition to its nodes."""
 
-    real: Array
-    whole: IntArray
+    scalars: Array  # (8,) see the indices above
+    counters: IntArray  # (12,)
     rows: Rows
-    main: Working
-    probe: Working
-    base_lower: Array  # (m,) bounds of rows at the present centre of the proximal term
+    main: WorkingSet
+    probe: WorkingSet
+    base_lower: Array  # (m,) bounds of rows at the current center of the proximal term
     base_upper: Array
     offset: Array  # (m,)
     u: Array  # (k,)
     center: Array  # (k,)
-    tangent_to: IntArray  # (m,) the ball that a row is a tangent to, -1
-    direction: Array  # (m, D) and where: a of a'(F w + f) <= radius
+    tangent_to: IntArray  # (m,) ball to which a row is a tangent, -1 for none
+    direction: Array  # (m, D) normal a of the tangent a'(F w + f) <= radius
     w: Array  # (k,)
     best_w: Array  # (k,)
-    best_whole: IntArray  # (E,)
-    gain: Array  # (2, E) sums of gains by distance, down and up
-    seen: IntArray  # (2, E)
-    distance: Array  # (2, E) at the node at hand
-    low: IntArray  # (E,) the node at hand
+    best_integers: IntArray  # (E,)
+    gain_sum: Array  # (2, E) pseudo-costs: sums of gains by distance, down and up
+    num_gains: IntArray  # (2, E) number of gains in each sum
+    distance: Array  # (2, E) infeasibility of each branch at the current node
+    low: IntArray  # (E,) range of the current node
     high: IntArray
-    hint: IntArray  # (H, E) integers to try first, as many as HINTED
-    chosen: IntArray  # (E,) integers that are tried
-    seed: Array  # (k,) where SEEDED, with integers of `seed_whole`
-    seed_whole: IntArray  # (E,)
+    proposals: IntArray  # (H, E) integers to try first, of which NUM_PROPOSALS wait
+    trial_integers: IntArray  # (E,) integers that are tried
+    start_w: Array  # (k,) start of a local search if HAS_START
+    start_integers: IntArray  # (E,)
     # Scratch
-    spare: Array  # (2, k)
+    scratch: Array  # (2, k)
     shift: Array  # (m,)
     score: Array  # (E,)
     vector: Array  # (D,)
 
 
 @compiled
-def _cutoff(s: Search) -> float:
-    """Bounds from here on are as good as the incumbent."""
-    best = s.real[BEST]
-    if np.isinf(best):
+def _compute_cutoff(s: SearchState) -> float:
+    """Return the bound from which a node cannot improve the incumbent by more than the gap."""
+    incumbent_cost = s.scalars[INCUMBENT_COST]
+    if np.isinf(incumbent_cost):
         return np.inf
-    return best - s.real[GAP] * max(abs(best), LEAST_OBJECTIVE)
+    return incumbent_cost - s.scalars[GAP] * max(abs(incumbent_cost), MIN_OBJECTIVE_SCALE)
 
 
 @compiled
-def _slack_cutoff(s: Search) -> float:
-    """A dual value of nodes that surely reaches the cutoff, proximal term included."""
-    cutoff = _cutoff(s)
+def _compute_dual_cutoff(s: SearchState) -> float:
+    """Return a dual value of nodes that surely reaches the cutoff, proximal term included."""
+    cutoff = _compute_cutoff(s)
     if np.isinf(cutoff):
         return np.inf
-    return cutoff - s.real[CONSTANT] + _LOSS * s.real[GAP] * max(abs(cutoff), LEAST_OBJECTIVE)
+    return (
+        cutoff
+        - s.scalars[CONSTANT]
+        + _LOSS * s.scalars[GAP] * max(abs(cutoff), MIN_OBJECTIVE_SCALE)
+    )
 
 
 @compiled
-def _push(tree: Tree, whole: IntArray, node: int) -> None:
-    heap, at = tree.heap, whole[HEAP]
-    whole[HEAP] += 1
-    heap[at] = node
-    while at > 0:
-        above = (at - 1) // 2
-        if tree.bound[heap[above]] <= tree.bound[heap[at]]:
+def _push_open(tree: Tree, counters: IntArray, node: int) -> None:
+    """Push a node onto the heap of open nodes."""
+    heap, position = tree.heap, counters[NUM_OPEN]
+    counters[NUM_OPEN] += 1
+    heap[position] = node
+    while position > 0:
+        parent = (position - 1) // 2
+        if tree.bound[heap[parent]] <= tree.bound[heap[position]]:
             break
-        heap[above], heap[at] = heap[at], heap[above]
-        at = above
+        heap[parent], heap[position] = heap[position], heap[parent]
+        position = parent
 
 
 @compiled
-def _pop(tree: Tree, whole: IntArray) -> int:
+def _pop_open(tree: Tree, counters: IntArray) -> int:
+    """Pop the open node of least bound."""
     heap = tree.heap
     top = heap[0]
-    whole[HEAP] -= 1
-    count = whole[HEAP]
+    counters[NUM_OPEN] -= 1
+    count = counters[NUM_OPEN]
     heap[0] = heap[count]
-    at = 0
+    position = 0
     while True:
-        child = 2 * at + 1
+        child = 2 * position + 1
         if child >= count:
             break
         if child + 1 < count and tree.bound[heap[child + 1]] < tree.bound[heap[child]]:
             child += 1
-        if tree.bound[heap[at]] <= tree.bound[heap[child]]:
+        if tree.bound[heap[position]] <= tree.bound[heap[child]]:
             break
-        heap[at], heap[child] = heap[child], heap[at]
-        at = child
+        heap[position], heap[child] = heap[child], heap[position]
+        position = child
     return top
 
 
 @compiled
-def _store(tree: Tree, node: int, w: Working) -> None:
-    """Active rows and multipliers for whoever starts from this node."""
+def _store_working_set(tree: Tree, node: int, w: WorkingSet) -> None:
+    """Store active rows and multipliers with a node, as a warm start for its children."""
     count = w.count[0]
     tree.active[node] = count
     for i in range(count):
@@ -153,32 +160,32 @@ def _store(tree: Tree, node: int, w: Working) -> None:
 
 
 @compiled
-def _load(s: Search, tree: Tree, node: int) -> None:
-    """A node's active rows into s.main, with fresh factors; s.rows must be the node's."""
+def _load_working_set(s: SearchState, tree: Tree, node: int) -> None:
+    """Load a node's active rows into s.main and factorise; s.rows must be those of the node."""
     w = s.main
-    _clear(w)
+    _clear_working_set(w)
     count = 0
     for i in range(tree.active[node]):
         row, side = tree.row[node, i], float(tree.side[node, i])
         multiplier = tree.multiplier[node, i]
-        if s.rows.on[row] == 0 or abs(_edge(s.rows, row, side)) > _FAR:
+        if s.rows.enabled[row] == 0 or abs(_find_right_side(s.rows, row, side)) > _FAR:
             continue
         if multiplier < 0.0 and s.rows.lower[row] < s.rows.upper[row]:
             multiplier = 0.0
         w.row[count], w.side[count], w.multiplier[count] = row, side, multiplier
         count += 1
     w.count[0] = count
-    _refactor(s.rows, w)
+    _refactorise(s.rows, w)
 
 
 @compiled
-def _child(
-    n: Numbers, s: Search, tree: Tree, node: int, e: int, up: int, split: int, bound: float
+def _create_child(
+    n: ProblemData, s: SearchState, tree: Tree, node: int, e: int, up: int, split: int, bound: float
 ) -> int:
-    """A new node; active rows have to be stored by the caller."""
-    new = s.whole[COUNT]
-    s.whole[COUNT] += 1
-    for f in range(len(n.column)):
+    """Create a child; the caller has to store its active rows."""
+    new = s.counters[NUM_NODES]
+    s.counters[NUM_NODES] += 1
+    for f in range(len(n.value_row)):
         tree.low[new, f], tree.high[new, f] = s.low[f], s.high[f]
     if up:
         tree.low[new, e] = split + 1
@@ -191,8 +198,9 @@ def _child(
 
 
 @compiled
-def _close(s: Search, tree: Tree, node: int, bound: float) -> None:
+def _close_node(s: SearchState, tree: Tree, node: int, bound: float) -> None:
+    """Close a node at a bound; an infinite bound marks it as infeasible."""
     tree.bound[node] = max(tree.bound[node], bound)
     tree.state[node] = CLOSED if not np.isinf(bound) else EMPTY_NODE
     if not np.isinf(bound):
-        s.real[LEFT_BOUND] = min(s.real[LEFT_BOUND], tree.bound[node])
+        s.scalars[CLOSED_BOUND] = min(s.scalars[CLOSED_BOUND], tree.bound[node])

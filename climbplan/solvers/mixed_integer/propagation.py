@@ -1,8 +1,8 @@
-"""Bounds through plain rows and through conditional ones, and integers that they leave one value.
+"""Feasibility-based bound tightening through plain rows and indicator rows.
 
-Interval arithmetic in compiled code, row by row until nothing moves; every bound is let out by a
-little more than rounding. A conditional row that cannot hold takes its value from its integer; one
-whose integer is decided is a plain row.
+Interval arithmetic is applied row by row until bounds no longer move (Savelsbergh 1994). Every
+bound is relaxed by a little more than rounding errors. An indicator row that cannot hold fixes its
+binary to the other value; one whose binary is fixed acts as a plain row.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.solvers.mixed_integer.compiling import compiled
 
-_PROGRESS = 1e-3  # share of a range by which a bound must move to be worth another look
+_PROGRESS = 1e-3  # fraction of a range by which a bound must move to count as progress
 _ROUNDING = 1e-9
-_WEAK = 1e-7  # entries below this share of a row's largest bound no variable
-_CROSSED = 1e-7  # bounds that cross by more are a proof that nothing is feasible
+_WEAK = 1e-7  # entries below this fraction of a row's largest entry tighten no variable
+_CROSSED = 1e-7  # bounds that cross by more prove infeasibility
 
 Pointer = NDArray[np.int32]
 
 
 @compiled
-def _tighten(
+def _tighten_row(
     begin: int,
     end: int,
     index: Pointer,
@@ -33,139 +33,141 @@ def _tighten(
     upper: Array,
     integer: BoolArray,
 ) -> int:
-    """Bounds of a row's variables from the others'; 1 if one moved, -1 if they cross."""
-    least, most = 0.0, 0.0
-    open_low, open_high = 0, 0
-    top = 0.0
+    """Tighten the bounds of a row's variables; return 1 on progress, -1 if infeasible, else 0."""
+    min_activity, max_activity = 0.0, 0.0
+    num_infinite_min, num_infinite_max = 0, 0
+    max_entry = 0.0
     for e in range(begin, end):
         a, j = data[e], index[e]
         if a == 0.0:
             continue
-        top = max(top, abs(a))
-        one, other = (lower[j], upper[j]) if a > 0 else (upper[j], lower[j])
-        if np.isinf(one):
-            open_low += 1
+        max_entry = max(max_entry, abs(a))
+        low_end, high_end = (lower[j], upper[j]) if a > 0 else (upper[j], lower[j])
+        if np.isinf(low_end):
+            num_infinite_min += 1
         else:
-            least += a * one
-        if np.isinf(other):
-            open_high += 1
+            min_activity += a * low_end
+        if np.isinf(high_end):
+            num_infinite_max += 1
         else:
-            most += a * other
-    size = max(1.0, max(abs(least), abs(most)))
-    if open_low == 0 and least > high + _CROSSED * size:
+            max_activity += a * high_end
+    size = max(1.0, max(abs(min_activity), abs(max_activity)))
+    if num_infinite_min == 0 and min_activity > high + _CROSSED * size:
         return -1
-    if open_high == 0 and most < low - _CROSSED * size:
+    if num_infinite_max == 0 and max_activity < low - _CROSSED * size:
         return -1
-    moved = 0
+    progress = 0
     for e in range(begin, end):
         a, j = data[e], index[e]
-        if abs(a) <= _WEAK * top:
+        if abs(a) <= _WEAK * max_entry:
             continue
-        one, other = (lower[j], upper[j]) if a > 0 else (upper[j], lower[j])
+        low_end, high_end = (lower[j], upper[j]) if a > 0 else (upper[j], lower[j])
         new_low, new_high = -np.inf, np.inf
-        if not np.isinf(high) and open_low - np.isinf(one) == 0:
-            rest = least - (0.0 if np.isinf(one) else a * one)
-            room = (high - rest) / a
+        if not np.isinf(high) and num_infinite_min - np.isinf(low_end) == 0:
+            residual_activity = min_activity - (0.0 if np.isinf(low_end) else a * low_end)
+            implied_bound = (high - residual_activity) / a
             if a > 0:
-                new_high = room + _ROUNDING * size / abs(a)
+                new_high = implied_bound + _ROUNDING * size / abs(a)
             else:
-                new_low = room - _ROUNDING * size / abs(a)
-        if not np.isinf(low) and open_high - np.isinf(other) == 0:
-            rest = most - (0.0 if np.isinf(other) else a * other)
-            room = (low - rest) / a
+                new_low = implied_bound - _ROUNDING * size / abs(a)
+        if not np.isinf(low) and num_infinite_max - np.isinf(high_end) == 0:
+            residual_activity = max_activity - (0.0 if np.isinf(high_end) else a * high_end)
+            implied_bound = (low - residual_activity) / a
             if a > 0:
-                new_low = max(new_low, room - _ROUNDING * size / abs(a))
+                new_low = max(new_low, implied_bound - _ROUNDING * size / abs(a))
             else:
-                new_high = min(new_high, room + _ROUNDING * size / abs(a))
+                new_high = min(new_high, implied_bound + _ROUNDING * size / abs(a))
         if integer[j]:
             new_low = np.ceil(new_low - 1e-6) if not np.isinf(new_low) else new_low
             new_high = np.floor(new_high + 1e-6) if not np.isinf(new_high) else new_high
         width = max(upper[j] - lower[j], _ROUNDING)
         if new_low > lower[j]:
             if np.isinf(lower[j]) or new_low - lower[j] > _PROGRESS * width:
-                moved = 1
+                progress = 1
             lower[j] = new_low
         if new_high < upper[j]:
             if np.isinf(upper[j]) or upper[j] - new_high > _PROGRESS * width:
-                moved = 1
+                progress = 1
             upper[j] = new_high
         if lower[j] > upper[j]:
             if lower[j] > upper[j] + _CROSSED * max(1.0, abs(lower[j])):
                 return -1
-            lower[j], upper[j] = upper[j], lower[j]  # by rounding: one point, let out a little
-    return moved
+            lower[j], upper[j] = upper[j], lower[j]  # crossed by rounding errors only
+    return progress
 
 
 @compiled
-def interval(
+def compute_interval(
     begin: int, end: int, index: Pointer, data: Array, lower: Array, upper: Array
 ) -> tuple[float, float]:
-    """Least and largest value of a row over the box."""
-    least, most = 0.0, 0.0
+    """Return the minimum and the maximum activity of a row over the box."""
+    min_activity, max_activity = 0.0, 0.0
     for e in range(begin, end):
         a, j = data[e], index[e]
         if a > 0.0:
-            least += a * lower[j]
-            most += a * upper[j]
+            min_activity += a * lower[j]
+            max_activity += a * upper[j]
         elif a < 0.0:
-            least += a * upper[j]
-            most += a * lower[j]
-    return least, most
+            min_activity += a * upper[j]
+            max_activity += a * lower[j]
+    return min_activity, max_activity
 
 
 @compiled
-def propagate(
+def propagate_bounds(
     pointer: Pointer,
     index: Pointer,
     data: Array,
     row_lower: Array,
     row_upper: Array,
-    when_pointer: Pointer,
-    when_index: Pointer,
-    when_data: Array,
-    when_lower: Array,
-    when_upper: Array,
-    when: IntArray,
+    indicator_pointer: Pointer,
+    indicator_index: Pointer,
+    indicator_data: Array,
+    indicator_lower: Array,
+    indicator_upper: Array,
+    indicator: IntArray,
     value: IntArray,
     integer: BoolArray,
     lower: Array,
     upper: Array,
-    rounds: int,
+    max_rounds: int,
 ) -> bool:
-    """Tighten lower and upper in place; False if nothing is feasible."""
-    for _ in range(rounds):
-        moved = False
+    """Tighten `lower` and `upper` in place; return False if nothing is feasible."""
+    for _ in range(max_rounds):
+        has_progress = False
         for r in range(len(row_lower)):
-            found = _tighten(
+            outcome = _tighten_row(
                 pointer[r], pointer[r + 1], index, data, row_lower[r], row_upper[r], lower, upper,
                 integer,
             )  # fmt: skip
-            if found < 0:
+            if outcome < 0:
                 return False
-            moved = moved or found > 0
-        for r in range(len(when_lower)):
-            b, begin, end = when[r], when_pointer[r], when_pointer[r + 1]
+            has_progress = has_progress or outcome > 0
+        for r in range(len(indicator_lower)):
+            b, begin, end = indicator[r], indicator_pointer[r], indicator_pointer[r + 1]
             if lower[b] < upper[b]:
-                least, most = interval(begin, end, when_index, when_data, lower, upper)
+                min_activity, max_activity = compute_interval(
+                    begin, end, indicator_index, indicator_data, lower, upper
+                )
                 size = 1.0
-                if not np.isinf(least):
-                    size = max(size, abs(least))
-                if not np.isinf(most):
-                    size = max(size, abs(most))
+                if not np.isinf(min_activity):
+                    size = max(size, abs(min_activity))
+                if not np.isinf(max_activity):
+                    size = max(size, abs(max_activity))
                 if (
-                    least > when_upper[r] + _CROSSED * size
-                    or most < when_lower[r] - _CROSSED * size
+                    min_activity > indicator_upper[r] + _CROSSED * size
+                    or max_activity < indicator_lower[r] - _CROSSED * size
                 ):
                     lower[b] = upper[b] = 1.0 - value[r]
-                    moved = True
+                    has_progress = True
             elif lower[b] == value[r]:
-                found = _tighten(
-                    begin, end, when_index, when_data, when_lower[r], when_upper[r], lower, upper,
-                    integer,
+                outcome = _tighten_row(
+                    begin, end, indicator_index, indicator_data, indicator_lower[r],
+                    indicator_upper[r], lower, upper, integer,
                 )  # fmt: skip
-                if found < 0:
+                if outcome < 0:
                     return False
-                moved = moved or found > 0
-        if not moved:
+                has_progress = has_progress or outcome > 0
+        if not has_progress:
             break
     return True

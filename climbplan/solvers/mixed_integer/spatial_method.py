@@ -1,9 +1,8 @@
-"""Instances with products by the compiled tree: branching on integers and in space.
+"""Solve instances with products by branch and bound on integers and in space.
 
-The tree proves bounds by envelopes that narrow with its nodes. Incumbents come from local searches:
-the integers of a relaxation's point are kept, and sequential quadratic programs start from it; the
-instance itself judges where they end. The tree's pieces and what is tried between them are counted
-in nodes, so that the answer does not depend on the clock.
+The tree proves bounds by envelopes that tighten with its nodes. Incumbents come from local
+searches: the integers of a relaxation's solution are fixed, and sequential quadratic programming
+starts from it. Both alternate by numbers of nodes, so the answer does not depend on the clock.
 """
 
 from __future__ import annotations
@@ -16,37 +15,45 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.program.instance import Instance
-from climbplan.solvers.mixed_integer import nodes as place
-from climbplan.solvers.mixed_integer.conditional import Conditional, conditional_form
-from climbplan.solvers.mixed_integer.form import mixed_integer_program
-from climbplan.solvers.mixed_integer.local_search import Incumbent
-from climbplan.solvers.mixed_integer.memory import Move
-from climbplan.solvers.mixed_integer.narrowing import NarrowingSearch
-from climbplan.solvers.mixed_integer.nodes import MOST
-from climbplan.solvers.mixed_integer.numbers import Impossible, MixedIntegerProgram
-from climbplan.solvers.mixed_integer.proof import (
-    certificate_of,
-    certificate_of_nothing,
-    proof_deadline,
+from climbplan.solvers.mixed_integer import nodes as slots
+from climbplan.solvers.mixed_integer.branch_and_reduce import BranchAndReduce
+from climbplan.solvers.mixed_integer.certification import (
+    certify_search,
+    certify_without_search,
+    compute_proof_deadline,
 )
-from climbplan.solvers.mixed_integer.recall import Memory, Recall
-from climbplan.solvers.mixed_integer.spatial_rows import Factors, factors_of
-from climbplan.solvers.mixed_integer.telling import Searched
+from climbplan.solvers.mixed_integer.indicator_form import IndicatorForm, build_indicator_form
+from climbplan.solvers.mixed_integer.leaf_cover import HorizonShift
+from climbplan.solvers.mixed_integer.local_search import Incumbent
+from climbplan.solvers.mixed_integer.multiplier_map import SearchedTree
+from climbplan.solvers.mixed_integer.nodes import UNLIMITED
+from climbplan.solvers.mixed_integer.presolve import build_mixed_integer_program
+from climbplan.solvers.mixed_integer.problem_data import MixedIntegerProgram, ProvedInfeasible
+from climbplan.solvers.mixed_integer.product_data import ProductFactors, find_factors
 from climbplan.solvers.mixed_integer.tree_run import MEMORY, TreeRun
-from climbplan.solvers.mixed_integer.warm_up import warm_up
+from climbplan.solvers.mixed_integer.warm_start import WarmStart, WarmStartedSolver
+from climbplan.solvers.mixed_integer.warm_up import warm_up_kernels
 from climbplan.solvers.result import (
     FEASIBILITY,
     Answer,
-    Known,
+    KnownResult,
     Proposal,
     SolverResult,
-    judged,
+    judge_answer,
 )
 
 NAME = "branch-and-bound"
-_FIRST, _FURTHER, _MOST_PIECE = 1, 1.5, 200  # nodes of the first piece, growth, most of one
-_SHARE = 0.25  # of the time, for the compiled tree where a certificate is asked for
-_MOST_TOLD = 5_000  # and its nodes: more leaves make certificates that take minutes to check
+_FIRST_PIECE, _PIECE_GROWTH, _MAX_PIECE = (
+    1,
+    1.5,
+    200,
+)  # nodes of the first piece, growth, largest piece
+_TREE_TIME_FRACTION = (
+    0.25  # fraction of the time for the compiled tree where a certificate is required
+)
+_MAX_CERTIFIED_NODES = (
+    5_000  # largest number of its nodes, so that certificates stay quick to check
+)
 
 
 def solve_spatial(
@@ -54,215 +61,273 @@ def solve_spatial(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = FEASIBILITY,
-    known: Known | None = None,
-    nodes: int = MOST,
+    known: KnownResult | None = None,
+    nodes: int = UNLIMITED,
     proposals: Sequence[Proposal] = (),
 ) -> SolverResult:
-    """Globally optimal x of an instance with products, or the best one found in the time or nodes.
+    """Find the global optimum of an instance with products.
 
-    As `method.solve_mixed_integer`. Raises UsageError where nothing bounds a factor of a product.
+    Args:
+        instance: Instance without smooth rows.
+        gap: Relative gap to prove.
+        time_limit: Time limit [s].
+        tolerance: Largest violation of any constraint.
+        known: Bound that is known already.
+        nodes: Largest number of nodes.
+        proposals: Points and integers to try first.
+
+    Raises:
+        UsageError: A factor of a product is not bounded.
     """
-    return SpatialMemory(gap, tolerance).solve(
+    return WarmStartedSpatialTree(gap, tolerance).solve(
         instance, time_limit, known=known, nodes=nodes, proposals=proposals
     )
 
 
-class SpatialMemory(Memory):
-    """Solves instances of one statement in turn; each tree begins with the leaves of the last.
+class WarmStartedSpatialTree(WarmStartedSolver):
+    """Solves instances with products in turn; each tree begins with the leaves of the last.
 
-    Its boxes and integers go on, and the first local search begins where the last answer was. Where
-    proofs are asked for each tree begins with its root.
+    The first local search starts from the last answer. With certificates each tree begins with its
+    root.
     """
 
-    MOST_LEAVES = 40_000  # trees in space have many
+    MAX_LEAVES = 40_000  # trees in space have many
 
     def solve(
         self,
         instance: Instance,
         time_limit: float = np.inf,
-        move: Callable[[Conditional], Move] | None = None,
-        known: Known | None = None,
-        nodes: int = MOST,
+        move: Callable[[IndicatorForm], HorizonShift] | None = None,
+        known: KnownResult | None = None,
+        nodes: int = UNLIMITED,
         proposals: Sequence[Proposal] = (),
     ) -> SolverResult:
-        """As `solve_spatial`. move: where what is remembered stands now.
+        """Find the global optimum of an instance, as `solve_spatial` does.
 
-        Steps of local searches do not count as `work`, of which each tree has few.
+        Steps of local searches, of which each tree has few, do not count as `work`.
+
+        Args:
+            instance: Instance without smooth rows.
+            time_limit: Time limit [s].
+            move: Function that returns the shift of the horizon since the last call.
+            known: Bound that is known already.
+            nodes: Largest number of nodes.
+            proposals: Points and integers to try first.
         """
         name = "tree with certificates" if self.proves else "tree"
-        warm_up(name, SpatialMemory(proves=self.proves).solve, products=True)
+        warm_up_kernels(name, WarmStartedSpatialTree(proves=self.proves).solve, products=True)
         begin = time.perf_counter()
         deadline, gap, tolerance = begin + time_limit, self.gap, self.tolerance
-        factors = factors_of(instance)
+        factors = find_factors(instance)
         if factors is None:
-            self._proves_nothing(instance)
-            return _judged(instance, "bounds cross when they are propagated", begin, gap, tolerance)
-        form = conditional_form(factors.instance)
-        program = mixed_integer_program(factors.instance, form, deadline, factors)
-        if isinstance(program, Impossible):
-            self._proves_nothing(instance)
-            return _judged(instance, program.why, begin, gap, tolerance)
+            self._certify_presolve(instance)
+            return _judge_unsearched(
+                instance, "bounds cross when they are propagated", begin, gap, tolerance
+            )
+        form = build_indicator_form(factors.instance)
+        program = build_mixed_integer_program(factors.instance, form, deadline, factors)
+        if isinstance(program, ProvedInfeasible):
+            self._certify_presolve(instance)
+            return _judge_unsearched(instance, program.why, begin, gap, tolerance)
         if program is None:
-            self._proves_nothing(instance, -np.inf)
-            late = "the time limit came while the program was built"
-            return _judged(instance, late, begin, gap, tolerance, known, infeasible=False)
-        best = Incumbent(instance, tolerance)
+            self._certify_presolve(instance, -np.inf)
+            reason = "the time limit came while the program was built"
+            return _judge_unsearched(
+                instance, reason, begin, gap, tolerance, known, infeasible=False
+            )
+        incumbent = Incumbent(instance, tolerance)
         for proposal in proposals:
-            best.look(proposal.start, proposal.alternatives, proposal.values)
-        leaves = None if self.proves else self.recall.begun(form, move)
-        remembers = leaves is not None and len(leaves.low) > 1
+            incumbent.search_locally(proposal.start, proposal.alternatives, proposal.values)
+        leaves = None if self.proves else self.warm_start.select_start(form, move)
+        warm_started = leaves is not None and len(leaves.low) > 1
         if leaves is not None and leaves.best is not None:
-            best.look(leaves.best[: instance.size], form.alternatives(leaves.best))
-        run = TreeRun.of(program, gap, tolerance, leaves, self.work)
+            incumbent.search_locally(
+                leaves.best[: instance.size], form.decode_alternatives(leaves.best)
+            )
+        run = TreeRun.create(program, gap, tolerance, leaves, self.work)
         if self.proves:
-            answer = self._proved(instance, run, form, factors, best, (begin, deadline), nodes)
-            spent = time.perf_counter() - begin
+            answer = self._solve_with_certificate(
+                instance, run, form, factors, incumbent, (begin, deadline), nodes
+            )
+            duration = time.perf_counter() - begin
             bound = answer.bound if known is None else max(answer.bound, known.bound)
-            return judged(instance, replace(answer, time=spent, bound=bound), gap, tolerance)
-        if leaves is not None and remembers:
-            _search(run, form, best, deadline, min(nodes, Recall.patience(leaves)))
-            if not run.finished and not run.worked and time.perf_counter() < deadline:
-                run = TreeRun.of(program, gap, tolerance, leaves.root(), self.work)
-                remembers = False
-        _search(run, form, best, deadline, nodes)
+            return judge_answer(
+                instance, replace(answer, time=duration, bound=bound), gap, tolerance
+            )
+        if leaves is not None and warm_started:
+            _alternate_searches(
+                run, form, incumbent, deadline, min(nodes, WarmStart.compute_node_limit(leaves))
+            )
+            if not run.is_finished and not run.has_used_budget and time.perf_counter() < deadline:
+                run = TreeRun.create(program, gap, tolerance, leaves.root(), self.work)
+                warm_started = False
+        _alternate_searches(run, form, incumbent, deadline, nodes)
         point = None
-        if best.x is not None and best.assignment is not None:
-            lifted = np.concatenate([best.x, instance.products.values(best.x)])
-            point = form.point(lifted, best.assignment)
-        self.recall.keep(run, form, leaves, remembers, point, self.work)
-        return judged(instance, _answer(run, best, factors, begin, known), gap, tolerance)
+        if incumbent.x is not None and incumbent.assignment is not None:
+            lifted = np.concatenate([incumbent.x, instance.products.values(incumbent.x)])
+            point = form.encode_point(lifted, incumbent.assignment)
+        self.warm_start.store(run, form, leaves, warm_started, point, self.work)
+        return judge_answer(
+            instance, _build_answer(run, incumbent, factors, begin, known), gap, tolerance
+        )
 
-    def _proved(
+    def _solve_with_certificate(
         self,
         instance: Instance,
         run: TreeRun,
-        form: Conditional,
-        factors: Factors,
-        best: Incumbent,
+        form: IndicatorForm,
+        factors: ProductFactors,
+        incumbent: Incumbent,
         times: tuple[float, float],
         nodes: int,
     ) -> Answer:
-        """The answer of a tree from its root, with a certificate of its bound.
+        """Solve a tree from its root, and certify its bound.
 
-        times: begin and deadline. Within a part of the limits: what this tree does not finish a
-        search that narrows its nodes may.
+        The compiled tree gets a part of the limits; branch and reduce continues where it does not
+        finish. `times` are begin and deadline.
         """
         begin, deadline = times
-        _search(
+        _alternate_searches(
             run,
             form,
-            best,
-            min(deadline, begin + _SHARE * (deadline - begin)),
-            min(nodes, _MOST_TOLD),
+            incumbent,
+            min(deadline, begin + _TREE_TIME_FRACTION * (deadline - begin)),
+            min(nodes, _MAX_CERTIFIED_NODES),
         )
-        answer = _answer(run, best, factors, begin, None)
-        if run.finished or run.search.whole[place.NODES] >= nodes:
-            of = Searched(factors.instance, form, run.program, run.search, run.tree, factors.space)
-            until = proof_deadline(begin, deadline)
-            self.certificate = certificate_of(instance, of, run.bound, until)
+        answer = _build_answer(run, incumbent, factors, begin, None)
+        if run.is_finished or run.search.counters[slots.NUM_PROCESSED] >= nodes:
+            tree = SearchedTree(
+                factors.instance, form, run.program, run.search, run.tree, factors.space
+            )
+            proof_limit = compute_proof_deadline(begin, deadline)
+            self.certificate = certify_search(instance, tree, run.bound, proof_limit)
             return answer
-        return self._narrowing(instance, best, answer, deadline, nodes)
+        return self._branch_and_reduce(instance, incumbent, answer, deadline, nodes)
 
-    def _narrowing(
-        self, instance: Instance, best: Incumbent, answer: Answer, deadline: float, nodes: int
+    def _branch_and_reduce(
+        self, instance: Instance, incumbent: Incumbent, answer: Answer, deadline: float, nodes: int
     ) -> Answer:
-        """A search that narrows its nodes, and its certificate."""
+        """Continue with branch and reduce, and store its certificate."""
 
-        def look(x: Array, assignment: IntArray) -> float:
-            best.look(x, assignment, starts=np.inf)
-            return best.cost
+        def search_locally(x: Array, assignment: IntArray) -> float:
+            incumbent.search_locally(x, assignment, max_starts=np.inf)
+            return incumbent.cost
 
-        search = NarrowingSearch(instance, self.gap, best.cost, look)
+        search = BranchAndReduce(instance, self.gap, incumbent.cost, search_locally)
         search.run(deadline, nodes - answer.nodes)
-        self.certificate = search.certificate()
+        self.certificate = search.build_certificate()
         return replace(
             answer,
-            x=best.x,
-            assignment=best.assignment,
+            x=incumbent.x,
+            assignment=incumbent.assignment,
             bound=max(answer.bound, search.bound),
-            infeasible=best.x is None and search.finished and search.bound == np.inf,
-            nodes=answer.nodes + search.count,
-            log=(*answer.log, f"{search.count} nodes narrowed by rows and products"),
+            infeasible=incumbent.x is None and search.is_finished and search.bound == np.inf,
+            nodes=answer.nodes + search.num_nodes,
+            log=(*answer.log, f"{search.num_nodes} nodes narrowed by rows and products"),
         )
 
-    def _proves_nothing(self, instance: Instance, enough: float = np.inf) -> None:
+    def _certify_presolve(self, instance: Instance, required_bound: float = np.inf) -> None:
+        """Store the certificate of an instance that was not searched."""
         if self.proves:
-            self.certificate = certificate_of_nothing(instance, enough)
+            self.certificate = certify_without_search(instance, required_bound)
 
 
-def _answer(
-    run: TreeRun, best: Incumbent, factors: Factors, begin: float, known: Known | None
+def _build_answer(
+    run: TreeRun,
+    incumbent: Incumbent,
+    factors: ProductFactors,
+    begin: float,
+    known: KnownResult | None,
 ) -> Answer:
-    """What a search says."""
-    whole, program = run.search.whole, run.program
-    integers, space, products = len(program.entities), len(factors.space), factors.products.count
+    """Build the answer of a search."""
+    counters, program = run.search.counters, run.program
+    num_integers, num_factors, num_products = (
+        len(program.entities),
+        len(factors.space),
+        factors.products.count,
+    )
     log = [
-        f"{integers} integers, {space} factors of {products} products, {program.size} unknowns",
-        f"{whole[place.NODES]} nodes, {whole[place.PROBES]} probes, {best.searches} local searches",
+        (
+            f"{num_integers} integers, {num_factors} factors of {num_products} products, "
+            f"{program.size} unknowns"
+        ),
+        (
+            f"{counters[slots.NUM_PROCESSED]} nodes, {counters[slots.NUM_PROBES]} probes, "
+            f"{incumbent.num_searches} local searches"
+        ),
     ]
-    if run.full:
+    if run.is_full:
         log.append(f"nodes fill {1e-6 * MEMORY:.0f} MB")
     return Answer(
-        x=best.x,
-        assignment=best.assignment,
+        x=incumbent.x,
+        assignment=incumbent.assignment,
         bound=run.bound if known is None else max(run.bound, known.bound),
-        infeasible=best.x is None and run.exhausted,
-        nodes=int(whole[place.NODES]),
+        infeasible=incumbent.x is None and run.proves_infeasible,
+        nodes=int(counters[slots.NUM_PROCESSED]),
         time=time.perf_counter() - begin,
         solver=NAME,
         log=tuple(log),
     )
 
 
-def _search(run: TreeRun, form: Conditional, best: Incumbent, deadline: float, nodes: int) -> None:
-    """Pieces of the tree with local searches between them."""
-    whole, piece = run.search.whole, float(_FIRST)
-    run.search.real[place.BEST] = best.cost
+def _alternate_searches(
+    run: TreeRun, form: IndicatorForm, incumbent: Incumbent, deadline: float, nodes: int
+) -> None:
+    """Alternate pieces of the tree with local searches."""
+    counters, piece = run.search.counters, float(_FIRST_PIECE)
+    run.search.scalars[slots.INCUMBENT_COST] = incumbent.cost
     while True:
-        run.go(deadline, min(nodes, int(whole[place.NODES] + piece)))
-        piece = min(_FURTHER * piece, _MOST_PIECE)
+        run.run_until(deadline, min(nodes, int(counters[slots.NUM_PROCESSED] + piece)))
+        piece = min(_PIECE_GROWTH * piece, _MAX_PIECE)
         search, program = run.search, run.program
-        whole = search.whole
-        if search.real[place.BEST] < best.cost:  # a node whose products are exact
-            _look_at(program, form, best, search.best_w, search.best_whole, exact=True)
-        if whole[place.SEEDED]:
-            whole[place.SEEDED] = 0
-            _look_at(program, form, best, search.seed, search.seed_whole)
-        search.real[place.BEST] = best.cost
-        left = whole[place.HEAP] > 0 or whole[place.NEXT] >= 0
-        if not left or run.full or run.worked or whole[place.NODES] >= nodes:
+        counters = search.counters
+        if search.scalars[slots.INCUMBENT_COST] < incumbent.cost:  # a node whose products are exact
+            _try_tree_point(
+                program, form, incumbent, search.best_w, search.best_integers, exact=True
+            )
+        if counters[slots.HAS_START]:
+            counters[slots.HAS_START] = 0
+            _try_tree_point(program, form, incumbent, search.start_w, search.start_integers)
+        search.scalars[slots.INCUMBENT_COST] = incumbent.cost
+        has_open = counters[slots.NUM_OPEN] > 0 or counters[slots.DIVE_NODE] >= 0
+        if (
+            not has_open
+            or run.is_full
+            or run.has_used_budget
+            or counters[slots.NUM_PROCESSED] >= nodes
+        ):
             return
         if time.perf_counter() >= deadline:
             return
 
 
-def _look_at(
+def _try_tree_point(
     program: MixedIntegerProgram,
-    form: Conditional,
-    best: Incumbent,
+    form: IndicatorForm,
+    incumbent: Incumbent,
     w: Array,
     integers: IntArray,
     exact: bool = False,
 ) -> None:
-    """A point of the tree as it is, where its products are exact, and a local search from it."""
-    x = program.point(w, integers)
-    stated, assignment = x[: best.instance.size], form.alternatives(x)
-    if exact and best.take(stated, assignment):
+    """Try a point of the tree as an incumbent if it is exact, and search locally from it."""
+    x = program.recover_point(w, integers)
+    stated, assignment = x[: incumbent.instance.size], form.decode_alternatives(x)
+    if exact and incumbent.update_if_better(stated, assignment):
         return
-    best.look(stated, assignment)
+    incumbent.search_locally(stated, assignment)
 
 
-def _judged(
+def _judge_unsearched(
     instance: Instance,
     why: str,
     begin: float,
     gap: float,
     tolerance: float,
-    known: Known | None = None,
+    known: KnownResult | None = None,
     infeasible: bool = True,
 ) -> SolverResult:
-    """The result of a program that was not searched."""
+    """Return the result of a program that was not searched."""
     bound = np.inf if infeasible else -np.inf if known is None else known.bound
-    spent, log = time.perf_counter() - begin, (f"infeasible: {why}" if infeasible else why,)
-    answer = Answer(None, bound, infeasible, 0, spent, NAME, log)
-    return judged(instance, answer, gap, tolerance)
+    duration, log = time.perf_counter() - begin, (f"infeasible: {why}" if infeasible else why,)
+    answer = Answer(None, bound, infeasible, 0, duration, NAME, log)
+    return judge_answer(instance, answer, gap, tolerance)

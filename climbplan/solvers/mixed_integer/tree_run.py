@@ -1,7 +1,7 @@
-"""One search of the compiled tree, in pieces, with the arrays that it works on.
+"""Run the compiled tree in pieces, and grow the arrays on which it works.
 
-Between pieces of some nodes Python looks at the clock and at signals. Where one node may take long
-the search runs aside, and is stopped within the node.
+Between pieces of some nodes Python checks the clock and signals. Where one node may take long, the
+search runs in another thread, and is stopped within the node.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.arrays import Array, IntArray
-from climbplan.solvers.interruption import run_aside
-from climbplan.solvers.mixed_integer import nodes as place
-from climbplan.solvers.mixed_integer.memory import Leaves
-from climbplan.solvers.mixed_integer.nodes import MOST, Search, Tree
-from climbplan.solvers.mixed_integer.numbers import MixedIntegerProgram, with_room
-from climbplan.solvers.mixed_integer.search import run as run_tree
-from climbplan.solvers.mixed_integer.working_set import Rows, working
+from climbplan.solvers.interruption import run_in_thread
+from climbplan.solvers.mixed_integer import nodes as slots
+from climbplan.solvers.mixed_integer.leaf_cover import LeafCover
+from climbplan.solvers.mixed_integer.nodes import UNLIMITED, SearchState, Tree
+from climbplan.solvers.mixed_integer.problem_data import MixedIntegerProgram, extend_rows
+from climbplan.solvers.mixed_integer.search import run_search as run_tree
+from climbplan.solvers.mixed_integer.working_set import Rows, allocate_working_set
 
-_FIRST_ROOM = 256  # nodes
-_LONG = 300_000  # entries of rows from which a node may take a tenth of a second
-_WORK = 2e8  # about how many entries of rows are looked at between two looks at the clock
-_SOON = 1.0  # [s] to a deadline that is kept to a thousandth
-_TANGENTS = 120  # rows of room for the tangents of each ball, to begin with
-MEMORY = 600e6  # [bytes] of nodes
-HINTS = 64  # sets of integers that may be proposed
+_INITIAL_CAPACITY = 256  # initial capacity in nodes
+_LARGE_PROGRAM = 300_000  # entries of rows from which a node may take a tenth of a second
+_WORK_PER_PIECE = 2e8  # approximate number of entries processed between checks of the clock
+_NEAR_DEADLINE = 1.0  # time to a deadline that is kept to a thousandth [s]
+_TANGENTS_PER_BALL = 120  # initial number of spare rows for the tangents of each ball
+MEMORY = 600e6  # memory limit of nodes [bytes]
+MAX_PROPOSALS = 64  # largest number of proposed sets of integers
 
 
 @contextmanager
-def _alarm(deadline: float, stop: NDArray[np.uint8]) -> Iterator[None]:
+def _stop_at(deadline: float, stop: NDArray[np.uint8]) -> Iterator[None]:
     """Set `stop` at the deadline."""
     if np.isinf(deadline):
         yield
@@ -51,227 +51,243 @@ def _alarm(deadline: float, stop: NDArray[np.uint8]) -> Iterator[None]:
 
 @dataclass
 class TreeRun:
-    """One search, in pieces."""
+    """One search, which runs in pieces."""
 
     program: MixedIntegerProgram
-    search: Search
+    search: SearchState
     tree: Tree
-    full: bool = False  # stopped because its nodes fill the memory
+    is_full: bool = False  # whether the nodes have reached the memory limit
 
     @classmethod
-    def of(
+    def create(
         cls,
         program: MixedIntegerProgram,
         gap: float,
         tolerance: float,
-        leaves: Leaves | None = None,
-        work: int = MOST,
+        leaves: LeafCover | None = None,
+        work: int = UNLIMITED,
     ) -> TreeRun:
-        """A tree with its root, or with the leaves of an earlier one."""
-        tangents = _TANGENTS * len(program.numbers.radius)
-        program = replace(program, numbers=with_room(program.numbers, tangents))
-        search = _search(program, tangents, gap, tolerance)
-        search.whole[place.WORK] = work
-        room = _FIRST_ROOM + (0 if leaves is None else 2 * len(leaves.low))
-        tree = _tree(len(program.numbers.column), len(search.main.row), room)
-        n = program.numbers
-        if leaves is not None and leaves.into(program, search, tree):
+        """Create a tree with its root, or with the leaves of an earlier one."""
+        tangents = _TANGENTS_PER_BALL * len(program.data.radius)
+        program = replace(program, data=extend_rows(program.data, tangents))
+        search = _allocate_search(program, tangents, gap, tolerance)
+        search.counters[slots.MAX_DUAL_STEPS] = work
+        capacity = _INITIAL_CAPACITY + (0 if leaves is None else 2 * len(leaves.low))
+        tree = _allocate_tree(len(program.data.value_row), len(search.main.row), capacity)
+        data = program.data
+        if leaves is not None and leaves.start_tree(program, search, tree):
             return cls(program, search, tree)
-        tree.low[0], tree.high[0] = n.lowest, n.highest
+        tree.low[0], tree.high[0] = data.root_low, data.root_high
         tree.bound[0] = -np.inf
-        search.whole[place.COUNT] = search.whole[place.HEAP] = 1
+        search.counters[slots.NUM_NODES] = search.counters[slots.NUM_OPEN] = 1
         return cls(program, search, tree)
 
-    def go(self, deadline: float, nodes: int = MOST) -> None:
-        """Search until the gap is proved, nothing is left, or a limit.
+    def run_until(self, deadline: float, nodes: int = UNLIMITED) -> None:
+        """Search until the gap is proved, no node is open, or a limit is reached.
 
-        deadline: of `time.perf_counter` [s]. What is open at a limit stays open.
+        Args:
+            deadline: Time of `time.perf_counter` [s]; open nodes stay open.
+            nodes: Largest number of nodes.
         """
         stop = self.search.rows.stop
         stop[0] = 0
-        if self.program.M.size < _LONG:
-            # A node may find tangents to balls for a long time
-            if deadline - time.perf_counter() > _SOON and not len(self.program.numbers.radius):
-                self._pieces(deadline, nodes)
+        if self.program.M.size < _LARGE_PROGRAM:
+            # A node with balls may add tangents for a long time
+            if deadline - time.perf_counter() > _NEAR_DEADLINE and not len(
+                self.program.data.radius
+            ):
+                self._run_pieces(deadline, nodes)
                 return
-            with _alarm(deadline, stop):
-                self._pieces(deadline, nodes)
+            with _stop_at(deadline, stop):
+                self._run_pieces(deadline, nodes)
             return
-        with _alarm(deadline, stop):
-            run_aside(lambda: self._pieces(deadline, nodes), lambda: stop.fill(1))
+        with _stop_at(deadline, stop):
+            run_in_thread(lambda: self._run_pieces(deadline, nodes), lambda: stop.fill(1))
 
-    def _pieces(self, deadline: float, nodes: int) -> None:
+    def _run_pieces(self, deadline: float, nodes: int) -> None:
+        """Run pieces of nodes and check the deadline between them."""
         m, k = self.program.M.shape
-        piece = int(np.clip(_WORK / (max(m, 1) * max(k, 1) * 40), 1, 2000))
+        piece = int(np.clip(_WORK_PER_PIECE / (max(m, 1) * max(k, 1) * 40), 1, 2000))
         while True:
-            end = run_tree(self.program.numbers, self.search, self.tree, piece, nodes)
-            if end == place.DONE:
+            reason = run_tree(self.program.data, self.search, self.tree, piece, nodes)
+            if reason == slots.DONE:
                 return
-            if end == place.GROW:
-                if 2 * _bytes(self.tree) > MEMORY:
-                    self.full = True
+            if reason == slots.GROW:
+                if 2 * _count_bytes(self.tree) > MEMORY:
+                    self.is_full = True
                     return
-                self.tree = _grown(self.tree)
-            if end == place.GROW_ROWS:
-                self._more_rows()
+                self.tree = _double_capacity(self.tree)
+            if reason == slots.GROW_ROWS:
+                self._double_rows()
             if time.perf_counter() >= deadline:
                 return
 
-    def _more_rows(self) -> None:
-        """Twice the room for rows."""
-        s, m = self.search, len(self.search.rows.on)
-        self.program = replace(self.program, numbers=with_room(self.program.numbers, m))
+    def _double_rows(self) -> None:
+        """Double the capacity for rows."""
+        s, m = self.search, len(self.search.rows.enabled)
+        self.program = replace(self.program, data=extend_rows(self.program.data, m))
         rows = s.rows._replace(
-            M=_longer(s.rows.M, 0, m),
-            T=_longer(s.rows.T, 1, m),
-            lower=_longer(s.rows.lower, 0, m),
-            upper=_longer(s.rows.upper, 0, m),
-            on=_longer(s.rows.on, 0, m),
-            tolerance=_longer(s.rows.tolerance, 0, m),
+            M=_extend(s.rows.M, 0, m),
+            T=_extend(s.rows.T, 1, m),
+            lower=_extend(s.rows.lower, 0, m),
+            upper=_extend(s.rows.upper, 0, m),
+            enabled=_extend(s.rows.enabled, 0, m),
+            tolerance=_extend(s.rows.tolerance, 0, m),
         )
         main, probe = (
-            w._replace(active=_longer(w.active, 0, m), value=_longer(w.value, 0, m))
+            w._replace(active=_extend(w.active, 0, m), value=_extend(w.value, 0, m))
             for w in (s.main, s.probe)
         )
         self.search = s._replace(
             rows=rows,
             main=main,
             probe=probe,
-            base_lower=_longer(s.base_lower, 0, m),
-            base_upper=_longer(s.base_upper, 0, m),
-            offset=_longer(s.offset, 0, m),
-            tangent_to=_longer(s.tangent_to, 0, m),
-            direction=_longer(s.direction, 0, m),
+            base_lower=_extend(s.base_lower, 0, m),
+            base_upper=_extend(s.base_upper, 0, m),
+            offset=_extend(s.offset, 0, m),
+            tangent_to=_extend(s.tangent_to, 0, m),
+            direction=_extend(s.direction, 0, m),
         )
 
     def propose(self, integers: IntArray) -> None:
-        """Sets (H, E) of integers to try at the first node, before any that it waits for."""
-        n, whole = self.program.numbers, self.search.whole
-        inside = ((integers >= n.lowest) & (integers <= n.highest)).all(axis=1)
+        """Propose sets (H, E) of integers to try at the first node."""
+        data, counters = self.program.data, self.search.counters
+        inside = ((integers >= data.root_low) & (integers <= data.root_high)).all(axis=1)
         for row in integers[inside]:
-            if whole[place.HINTED] < HINTS:
-                self.search.hint[whole[place.HINTED]] = row
-                whole[place.HINTED] += 1
+            if counters[slots.NUM_PROPOSALS] < MAX_PROPOSALS:
+                self.search.proposals[counters[slots.NUM_PROPOSALS]] = row
+                counters[slots.NUM_PROPOSALS] += 1
 
     @property
     def bound(self) -> float:
-        """A lower bound on the optimum."""
-        real, whole = self.search.real, self.search.whole
-        bound = float(real[place.LEFT_BOUND])
-        waiting = self.tree.heap[: whole[place.HEAP]]
-        bound = min(bound, float(self.tree.bound[waiting].min(initial=np.inf)))
-        if whole[place.NEXT] >= 0:
-            bound = min(bound, float(self.tree.bound[whole[place.NEXT]]))
-        return min(bound, float(real[place.BEST]))
+        """Lower bound on the optimum."""
+        scalars, counters = self.search.scalars, self.search.counters
+        bound = float(scalars[slots.CLOSED_BOUND])
+        open_nodes = self.tree.heap[: counters[slots.NUM_OPEN]]
+        bound = min(bound, float(self.tree.bound[open_nodes].min(initial=np.inf)))
+        if counters[slots.DIVE_NODE] >= 0:
+            bound = min(bound, float(self.tree.bound[counters[slots.DIVE_NODE]]))
+        return min(bound, float(scalars[slots.INCUMBENT_COST]))
 
     @property
-    def finished(self) -> bool:
+    def is_finished(self) -> bool:
         """Whether every node was closed by a proof."""
-        whole = self.search.whole
-        waiting = whole[place.HEAP] + (whole[place.NEXT] >= 0) + whole[place.UNPROVED]
-        return bool(waiting == 0)
+        counters = self.search.counters
+        num_unfinished = (
+            counters[slots.NUM_OPEN]
+            + (counters[slots.DIVE_NODE] >= 0)
+            + counters[slots.NUM_UNPROVED]
+        )
+        return bool(num_unfinished == 0)
 
     @property
-    def worked(self) -> bool:
-        """Whether the dual steps that it may make are made."""
+    def has_used_budget(self) -> bool:
+        """Whether the limit of dual steps is reached."""
         steps = self.search.main.iterations[0] + self.search.probe.iterations[0]
-        return bool(steps >= self.search.whole[place.WORK])
+        return bool(steps >= self.search.counters[slots.MAX_DUAL_STEPS])
 
     @property
-    def exhausted(self) -> bool:
-        """Whether nothing is left open and everything was proved empty."""
-        whole = self.search.whole
-        open_nodes = whole[place.HEAP] + (whole[place.NEXT] >= 0)
-        return bool(open_nodes == 0 and self.search.real[place.LEFT_BOUND] == np.inf)
+    def proves_infeasible(self) -> bool:
+        """Whether no node is open and every leaf was proved infeasible."""
+        counters = self.search.counters
+        open_nodes = counters[slots.NUM_OPEN] + (counters[slots.DIVE_NODE] >= 0)
+        return bool(open_nodes == 0 and self.search.scalars[slots.CLOSED_BOUND] == np.inf)
 
-    def best(self) -> Array | None:
-        """The incumbent, in the variables of the conditional form."""
-        if np.isinf(self.search.real[place.BEST]):
+    def recover_incumbent(self) -> Array | None:
+        """Return the incumbent in the variables of the indicator form."""
+        if np.isinf(self.search.scalars[slots.INCUMBENT_COST]):
             return None
-        return self.program.point(self.search.best_w, self.search.best_whole)
+        return self.program.recover_point(self.search.best_w, self.search.best_integers)
 
 
-def _search(program: MixedIntegerProgram, tangents: int, gap: float, tolerance: float) -> Search:
-    n = program.numbers
-    stated, k = program.M.shape
-    m = stated + tangents
-    E = len(n.column)
-    n.spatial.last[:] = np.nan
-    real = np.zeros(8)
-    real[place.BEST] = real[place.LEFT_BOUND] = np.inf
-    real[place.GAP] = gap
-    real[place.FEASIBILITY] = 0.3 * tolerance
-    real[place.CONSTANT] = n.constant + 0.5 * float(n.eps @ n.center**2) - 0.5 * float(n.u @ n.u)
-    whole = np.zeros(12, np.int64)
-    whole[place.NEXT] = -1
+def _allocate_search(
+    program: MixedIntegerProgram, tangents: int, gap: float, tolerance: float
+) -> SearchState:
+    """Allocate the state of a search."""
+    data = program.data
+    num_stated, k = program.M.shape
+    m = num_stated + tangents
+    E = len(data.value_row)
+    data.spatial.last_box[:] = np.nan
+    scalars = np.zeros(8)
+    scalars[slots.INCUMBENT_COST] = scalars[slots.CLOSED_BOUND] = np.inf
+    scalars[slots.GAP] = gap
+    scalars[slots.FEASIBILITY] = 0.3 * tolerance
+    scalars[slots.CONSTANT] = (
+        data.constant + 0.5 * float(data.eps @ data.center**2) - 0.5 * float(data.u @ data.u)
+    )
+    counters = np.zeros(12, np.int64)
+    counters[slots.DIVE_NODE] = -1
     rows = Rows(
-        M=_longer(program.M, 0, tangents),
-        T=_longer(program.T, 1, tangents),
-        lower=n.lower.copy(),
-        upper=n.upper.copy(),
-        on=np.ones(m, np.uint8),
-        tolerance=_longer(program.tolerance, 0, tangents),
-        used=np.array([stated]),
+        M=_extend(program.M, 0, tangents),
+        T=_extend(program.T, 1, tangents),
+        lower=data.lower.copy(),
+        upper=data.upper.copy(),
+        enabled=np.ones(m, np.uint8),
+        tolerance=_extend(program.tolerance, 0, tangents),
+        num_used=np.array([num_stated]),
         stop=np.zeros(1, np.uint8),
     )
-    return Search(
-        real=real,
-        whole=whole,
+    return SearchState(
+        scalars=scalars,
+        counters=counters,
         rows=rows,
-        main=working(m, k),
-        probe=working(m, k),
-        base_lower=n.lower.copy(),
-        base_upper=n.upper.copy(),
-        offset=n.offset.copy(),
-        u=n.u.copy(),
-        center=n.center.copy(),
+        main=allocate_working_set(m, k),
+        probe=allocate_working_set(m, k),
+        base_lower=data.lower.copy(),
+        base_upper=data.upper.copy(),
+        offset=data.offset.copy(),
+        u=data.u.copy(),
+        center=data.center.copy(),
         tangent_to=np.full(m, -1),
-        direction=np.zeros((m, n.ball.shape[1])),
+        direction=np.zeros((m, data.ball.shape[1])),
         w=np.zeros(k),
         best_w=np.zeros(k),
-        best_whole=np.zeros(E, np.int64),
-        gain=np.zeros((2, E)),
-        seen=np.zeros((2, E), np.int64),
+        best_integers=np.zeros(E, np.int64),
+        gain_sum=np.zeros((2, E)),
+        num_gains=np.zeros((2, E), np.int64),
         distance=np.zeros((2, E)),
         low=np.zeros(E, np.int64),
         high=np.zeros(E, np.int64),
-        hint=np.zeros((HINTS, E), np.int64),
-        chosen=np.zeros(E, np.int64),
-        seed=np.zeros(k),
-        seed_whole=np.zeros(E, np.int64),
-        spare=np.zeros((2, k)),
+        proposals=np.zeros((MAX_PROPOSALS, E), np.int64),
+        trial_integers=np.zeros(E, np.int64),
+        start_w=np.zeros(k),
+        start_integers=np.zeros(E, np.int64),
+        scratch=np.zeros((2, k)),
         shift=np.zeros(m),
         score=np.zeros(E),
-        vector=np.zeros(n.ball.shape[1]),
+        vector=np.zeros(data.ball.shape[1]),
     )
 
 
-def _longer(part: Any, axis: int, by: int) -> Any:
-    """An array with room behind it."""
-    shape = list(part.shape)
-    shape[axis] = by
-    return np.ascontiguousarray(np.concatenate([part, np.zeros(shape, part.dtype)], axis=axis))
+def _extend(array: Any, axis: int, length: int) -> Any:
+    """Return an array extended by zeros."""
+    shape = list(array.shape)
+    shape[axis] = length
+    return np.ascontiguousarray(np.concatenate([array, np.zeros(shape, array.dtype)], axis=axis))
 
 
-def _tree(integers: int, active: int, room: int) -> Tree:
+def _allocate_tree(num_integers: int, max_active: int, capacity: int) -> Tree:
+    """Allocate nodes."""
     return Tree(
-        low=np.zeros((room, integers), np.int32),
-        high=np.zeros((room, integers), np.int32),
-        bound=np.zeros(room),
-        state=np.zeros(room, np.int8),
-        depth=np.zeros(room, np.int32),
-        row=np.zeros((room, active), np.int32),
-        side=np.zeros((room, active), np.int8),
-        multiplier=np.zeros((room, active)),
-        active=np.zeros(room, np.int32),
-        heap=np.zeros(room, np.int32),
+        low=np.zeros((capacity, num_integers), np.int32),
+        high=np.zeros((capacity, num_integers), np.int32),
+        bound=np.zeros(capacity),
+        state=np.zeros(capacity, np.int8),
+        depth=np.zeros(capacity, np.int32),
+        row=np.zeros((capacity, max_active), np.int32),
+        side=np.zeros((capacity, max_active), np.int8),
+        multiplier=np.zeros((capacity, max_active)),
+        active=np.zeros(capacity, np.int32),
+        heap=np.zeros(capacity, np.int32),
     )
 
 
-def _grown(tree: Tree) -> Tree:
-    """The same tree with twice the room."""
-    return Tree(*(np.concatenate([part, np.zeros_like(part)]) for part in tree))
+def _double_capacity(tree: Tree) -> Tree:
+    """Return the same tree with twice the capacity."""
+    return Tree(*(np.concatenate([array, np.zeros_like(array)]) for array in tree))
 
 
-def _bytes(tree: Tree) -> int:
-    return sum(part.nbytes for part in tree)
+def _count_bytes(tree: Tree) -> int:
+    """Return the memory of a tree [bytes]."""
+    return sum(array.nbytes for array in tree)

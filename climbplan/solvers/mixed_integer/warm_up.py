@@ -1,7 +1,7 @@
-"""Compiled code made or loaded before any clock runs: on a fresh machine that takes a minute.
+"""Compile or load the search kernels before a time limit starts to run.
 
-Limits in seconds are on searching. Left to the first search, compiling would use them up, and a
-short limit would end with nothing.
+On a fresh machine compilation takes up to a minute. A time limit covers the search only; otherwise
+compilation would use it up.
 """
 
 from __future__ import annotations
@@ -16,11 +16,15 @@ from climbplan.program.instance import Instance
 _done: set[tuple[str, bool]] = set()
 
 
-def warm_up(search: str, solve: Callable[[Instance], object], products: bool = False) -> None:
-    """Take a program of a few rows through a search, once in a process.
+def warm_up_kernels(
+    search: str, solve: Callable[[Instance], object], products: bool = False
+) -> None:
+    """Solve a program of a few rows with a search, once per process.
 
-    search: its name; solve: as it is without a limit. What is compiled does not depend on numbers,
-    only on what is called.
+    Args:
+        search: Name of the search, by which it is warmed up once only.
+        solve: Function that solves an instance without limits.
+        products: Whether the program has a product of two variables.
     """
     key = search, products
     if key in _done:
@@ -34,4 +38,4 @@ def warm_up(search: str, solve: Callable[[Instance], object], products: bool = F
     if products:
         p.between("product", np.array([x[0] * x[1]]), -0.2, 0.2)
     p.minimise("cost", np.sum((x - np.array([0.15, 0.7])) ** 2))
-    solve(p.at())
+    solve(p.instantiate())

@@ -1,7 +1,6 @@
-"""Active rows of a least-distance program, with multipliers and the factors of their products.
+"""Working set of a least-distance program: active rows, multipliers and an L D L' factorisation.
 
-What `active_set` is made of: each function is one step of linear algebra on arrays that it is
-given.
+The functions are the linear algebra of the solver in `active_set`; all work in place.
 """
 
 from __future__ import annotations
@@ -14,47 +13,47 @@ from numpy.typing import NDArray
 from climbplan.arrays import Array, IntArray
 from climbplan.solvers.mixed_integer.compiling import compiled
 
-_SINGULAR = 1e-13  # squared distance of a unit row from the span of the others, taken for none
+_SINGULAR = 1e-13  # squared distance from the span of active rows at which a row is dependent
 _FAR = 1e300
 
 
 class Rows(NamedTuple):
-    """The rows of all nodes, of unit length."""
+    """The rows of all nodes, scaled to unit length."""
 
     M: Array  # (m, k)
-    T: Array  # (k, m) the same by columns: loops over rows run along memory
-    lower: Array  # (m,) of the node at hand
+    T: Array  # (k, m) transpose of M, so that loops over rows run along memory
+    lower: Array  # (m,) bounds at the current node
     upper: Array  # (m,)
-    on: NDArray[np.uint8]  # (m,) which rows the node at hand has
+    enabled: NDArray[np.uint8]  # (m,) whether the current node has the row
     tolerance: Array  # (m,)
-    used: IntArray  # (1,) how many there are; the rest is room
-    stop: NDArray[np.uint8]  # (1,) set by whoever wants the search to end, while it runs
+    num_used: IntArray  # (1,) number of rows; the rest is spare capacity
+    stop: NDArray[np.uint8]  # (1,) set from another thread to end the search
 
 
-class Working(NamedTuple):
-    """Active rows, their multipliers and the factors L D L' of their products."""
+class WorkingSet(NamedTuple):
+    """Active rows, their multipliers and the factors L D L' of their Gram matrix."""
 
     row: IntArray  # (K,)
     side: Array  # (K,) 1 at the upper bound, -1 at the lower one
-    multiplier: Array  # (K,) not negative, but of equations
+    multiplier: Array  # (K,) nonnegative, except for equations
     L: Array  # (K, K) unit lower triangle
     D: Array  # (K,)
     count: IntArray  # type: ignore[assignment]  # (1,) hides tuple.count
     active: NDArray[np.uint8]  # (m,) whether a row is in `row`
     v: Array  # (k,)
     value: Array  # (m,) M v
-    ray: Array  # (K,) of an empty program: multipliers that prove it, by row of `ray_row`
+    ray: Array  # (K,) Farkas multipliers of an infeasible program, for the rows in `ray_row`
     ray_row: IntArray  # (K,)
     ray_side: Array  # (K,)
     ray_count: IntArray  # (1,)
-    spare: Array  # (3, K)
-    iterations: IntArray  # (1,) all in all
+    scratch: Array  # (3, K)
+    iterations: IntArray  # (1,) total over all solves
 
 
-def working(rows: int, columns: int) -> Working:
-    """Room for the active rows of a program."""
+def allocate_working_set(rows: int, columns: int) -> WorkingSet:
+    """Allocate an empty working set for a program of some rows and columns."""
     K = columns + 2
-    return Working(
+    return WorkingSet(
         row=np.zeros(K, np.int64),
         side=np.zeros(K),
         multiplier=np.zeros(K),
@@ -68,43 +67,45 @@ def working(rows: int, columns: int) -> Working:
         ray_row=np.zeros(K, np.int64),
         ray_side=np.zeros(K),
         ray_count=np.zeros(1, np.int64),
-        spare=np.zeros((3, K)),
+        scratch=np.zeros((3, K)),
         iterations=np.zeros(1, np.int64),
     )
 
 
 @compiled
-def _copy_working(source: Working, into: Working) -> None:
-    """Active rows with factors; values and rays are left."""
+def _copy_working_set(source: WorkingSet, target: WorkingSet) -> None:
+    """Copy active rows with their factors; values and rays are not copied."""
     n = source.count[0]
-    for i in range(into.count[0]):
-        into.active[into.row[i]] = 0
-    into.count[0] = n
+    for i in range(target.count[0]):
+        target.active[target.row[i]] = 0
+    target.count[0] = n
     for i in range(n):
-        into.row[i] = source.row[i]
-        into.side[i] = source.side[i]
-        into.multiplier[i] = source.multiplier[i]
-        into.D[i] = source.D[i]
-        into.active[source.row[i]] = 1
+        target.row[i] = source.row[i]
+        target.side[i] = source.side[i]
+        target.multiplier[i] = source.multiplier[i]
+        target.D[i] = source.D[i]
+        target.active[source.row[i]] = 1
         for j in range(i):
-            into.L[i, j] = source.L[i, j]
+            target.L[i, j] = source.L[i, j]
 
 
 @compiled
-def _clear(w: Working) -> None:
+def _clear_working_set(w: WorkingSet) -> None:
+    """Remove all active rows."""
     for i in range(w.count[0]):
         w.active[w.row[i]] = 0
     w.count[0] = 0
 
 
 @compiled
-def _edge(rows: Rows, row: int, side: float) -> float:
-    """d of side * M[row] v <= d."""
+def _find_right_side(rows: Rows, row: int, side: float) -> float:
+    """Return d of side * M[row] v <= d."""
     return rows.upper[row] if side > 0 else -rows.lower[row]
 
 
 @compiled
-def _forward(w: Working, count: int, x: Array) -> None:
+def _substitute_forward(w: WorkingSet, count: int, x: Array) -> None:
+    """Solve L x = x in place."""
     for i in range(count):
         total = x[i]
         for j in range(i):
@@ -113,7 +114,8 @@ def _forward(w: Working, count: int, x: Array) -> None:
 
 
 @compiled
-def _backward(w: Working, count: int, x: Array) -> None:
+def _substitute_backward(w: WorkingSet, count: int, x: Array) -> None:
+    """Solve L' x = x in place."""
     for i in range(count - 1, -1, -1):
         total = x[i]
         for j in range(i):
@@ -121,17 +123,20 @@ def _backward(w: Working, count: int, x: Array) -> None:
 
 
 @compiled
-def _solve_factors(w: Working, count: int, x: Array) -> None:
-    """x <- (L D L')^-1 x."""
-    _forward(w, count, x)
+def _solve_factors(w: WorkingSet, count: int, x: Array) -> None:
+    """Solve (L D L') x = x in place."""
+    _substitute_forward(w, count, x)
     for i in range(count):
         x[i] /= w.D[i]
-    _backward(w, count, x)
+    _substitute_backward(w, count, x)
 
 
 @compiled
-def _pivot(rows: Rows, w: Working, row: int, side: float) -> float:
-    """Squared distance of a row from the span of the active ones; fills w.L's next line."""
+def _compute_pivot(rows: Rows, w: WorkingSet, row: int, side: float) -> float:
+    """Return the squared distance of a row from the span of the active ones.
+
+    The next line of L is filled for `_append_row`.
+    """
     n = w.count[0]
     line = w.L[n]
     new = rows.M[row]
@@ -139,12 +144,12 @@ def _pivot(rows: Rows, w: Working, row: int, side: float) -> float:
     for j in range(new.shape[0]):
         length += new[j] * new[j]
     for i in range(n):
-        other = rows.M[w.row[i]]
+        active_row = rows.M[w.row[i]]
         total = 0.0
         for j in range(new.shape[0]):
-            total += new[j] * other[j]
+            total += new[j] * active_row[j]
         line[i] = total * side * w.side[i]
-    _forward(w, n, line)
+    _substitute_forward(w, n, line)
     for i in range(n):
         scaled = line[i] / w.D[i]
         length -= line[i] * scaled
@@ -153,7 +158,8 @@ def _pivot(rows: Rows, w: Working, row: int, side: float) -> float:
 
 
 @compiled
-def _append(w: Working, row: int, side: float, multiplier: float, pivot: float) -> None:
+def _append_row(w: WorkingSet, row: int, side: float, multiplier: float, pivot: float) -> None:
+    """Append a row to the working set, whose line of L is in place."""
     n = w.count[0]
     w.row[n], w.side[n], w.multiplier[n], w.D[n] = row, side, multiplier, pivot
     w.active[row] = 1
@@ -161,38 +167,38 @@ def _append(w: Working, row: int, side: float, multiplier: float, pivot: float) 
 
 
 @compiled
-def _remove(w: Working, place: int) -> None:
-    """Drop an active row: what stands below it is updated by a term of rank one."""
+def _remove_row(w: WorkingSet, position: int) -> None:
+    """Remove an active row; the factors below it get a rank-one update."""
     n = w.count[0]
-    w.active[w.row[place]] = 0
-    p = w.spare[2]
-    weight = w.D[place]
-    for i in range(place + 1, n):
-        p[i - 1] = w.L[i, place]
-    for i in range(place + 1, n):
+    w.active[w.row[position]] = 0
+    p = w.scratch[2]
+    weight = w.D[position]
+    for i in range(position + 1, n):
+        p[i - 1] = w.L[i, position]
+    for i in range(position + 1, n):
         w.row[i - 1], w.side[i - 1] = w.row[i], w.side[i]
         w.multiplier[i - 1], w.D[i - 1] = w.multiplier[i], w.D[i]
-        for j in range(place):
+        for j in range(position):
             w.L[i - 1, j] = w.L[i, j]
-        for j in range(place + 1, i):
+        for j in range(position + 1, i):
             w.L[i - 1, j - 1] = w.L[i, j]
     n -= 1
     w.count[0] = n
-    for j in range(place, n):
-        old = w.D[j]
+    for j in range(position, n):
+        old_pivot = w.D[j]
         first = p[j]
-        new = old + weight * first * first
-        w.D[j] = new
-        factor = weight * first / new
-        weight *= old / new
+        new_pivot = old_pivot + weight * first * first
+        w.D[j] = new_pivot
+        factor = weight * first / new_pivot
+        weight *= old_pivot / new_pivot
         for i in range(j + 1, n):
             p[i] -= first * w.L[i, j]
             w.L[i, j] += factor * p[i]
 
 
 @compiled
-def _refactor(rows: Rows, w: Working) -> None:
-    """Factors anew from the active rows; those that depend on others are dropped."""
+def _refactorise(rows: Rows, w: WorkingSet) -> None:
+    """Recompute the factors from the active rows; linearly dependent rows are dropped."""
     n = w.count[0]
     w.count[0] = 0
     for i in range(n):
@@ -201,14 +207,14 @@ def _refactor(rows: Rows, w: Working) -> None:
         if rows.stop[0]:
             break
         row, side, multiplier = w.row[i], w.side[i], w.multiplier[i]
-        pivot = _pivot(rows, w, row, side)
+        pivot = _compute_pivot(rows, w, row, side)
         if pivot > _SINGULAR and w.count[0] < len(w.row) - 1:
-            _append(w, row, side, multiplier, pivot)
+            _append_row(w, row, side, multiplier, pivot)
 
 
 @compiled
-def _primal(rows: Rows, w: Working) -> float:
-    """v, M v of the multipliers; 1/2 |v|^2."""
+def _compute_primal(rows: Rows, w: WorkingSet) -> float:
+    """Compute v from the multipliers; return 1/2 |v|^2."""
     k = w.v.shape[0]
     for j in range(k):
         w.v[j] = 0.0
@@ -225,8 +231,9 @@ def _primal(rows: Rows, w: Working) -> float:
 
 
 @compiled
-def _values(rows: Rows, w: Working) -> None:
-    m = rows.used[0]
+def _compute_row_values(rows: Rows, w: WorkingSet) -> None:
+    """Compute M v."""
+    m = rows.num_used[0]
     for i in range(m):
         w.value[i] = 0.0
     for j in range(w.v.shape[0]):
@@ -238,22 +245,22 @@ def _values(rows: Rows, w: Working) -> None:
 
 
 @compiled
-def _dual_value(rows: Rows, w: Working) -> float:
-    """-1/2 |M'l|^2 - d'l of the multipliers as they stand: a bound whatever they are."""
-    value = -_primal(rows, w)
+def _compute_dual_value(rows: Rows, w: WorkingSet) -> float:
+    """Return -1/2 |M'l|^2 - d'l of the multipliers l, which is a bound whatever they are."""
+    value = -_compute_primal(rows, w)
     for i in range(w.count[0]):
         if w.multiplier[i] != 0.0:
-            value -= w.multiplier[i] * _edge(rows, w.row[i], w.side[i])
+            value -= w.multiplier[i] * _find_right_side(rows, w.row[i], w.side[i])
     return value
 
 
 @compiled
-def _drop_absent(rows: Rows, w: Working) -> None:
-    """Active rows that the node at hand has not, or whose bound is infinite, leave."""
+def _remove_disabled_rows(rows: Rows, w: WorkingSet) -> None:
+    """Remove active rows that the current node lacks, or whose bound is infinite."""
     for i in range(w.count[0] - 1, -1, -1):
         row = w.row[i]
-        if rows.on[row] == 0 or abs(_edge(rows, row, w.side[i])) > _FAR:
-            _remove(w, i)
+        if rows.enabled[row] == 0 or abs(_find_right_side(rows, row, w.side[i])) > _FAR:
+            _remove_row(w, i)
     for i in range(w.count[0]):
         if w.multiplier[i] < 0.0 and rows.lower[w.row[i]] < rows.upper[w.row[i]]:
             w.multiplier[i] = 0.0  # was an equation

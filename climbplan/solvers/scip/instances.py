@@ -11,32 +11,33 @@ from contextlib import contextmanager
 import numpy as np
 
 from climbplan.program.instance import Instance
-from climbplan.solvers.result import SolverResult, judged
-from climbplan.solvers.scip.model import scip_model
-from climbplan.solvers.scip.run import claim, run_model, values
-from climbplan.solvers.tree.mending import mended
+from climbplan.solvers.result import SolverResult, judge_answer
+from climbplan.solvers.scip.model import build_convex_model
+from climbplan.solvers.scip.run import read_answer, read_values, run_model
+from climbplan.solvers.tree.repair import repair_point
 
 NAME = "scip"
-TOLERANCE = 2e-6  # SCIP works to 1e-6 in each row; asked for less, it stalls
-_OWN_ERROR = 1e-4  # relative: how far SCIP's objective may be off through its row tolerance
+TOLERANCE = 2e-6  # SCIP works to 1e-6 in each row, and stalls with smaller tolerances
+_SCIP_ERROR = 1e-4  # relative error of SCIP's objective through its row tolerance
 
 
 @contextmanager
-def _lp_warnings_dropped() -> Iterator[None]:
-    """Keep SCIP's LP solver from writing a line to standard error for every tolerance it rounds.
+def _drop_lp_warnings() -> Iterator[None]:
+    """Keep SCIP's LP solver from writing to standard error for every tolerance it rounds.
 
-    It writes from C, past every message handler, so the file descriptor itself is turned away.
+    It writes from C and bypasses every message handler, so the file descriptor itself is
+    redirected.
     """
     sys.stderr.flush()
-    kept = os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    original = os.dup(2)
+    null_device = os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(nowhere, 2)
+        os.dup2(null_device, 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+        os.dup2(original, 2)
+        os.close(original)
+        os.close(null_device)
 
 
 def solve_scip(
@@ -47,14 +48,20 @@ def solve_scip(
 ) -> SolverResult:
     """Solve an instance with SCIP on one thread.
 
-    gap: relative gap at which SCIP stops. time_limit: [s] of solving. tolerance: largest violation
-    accepted when SCIP's point is checked. Raises UsageError if the choices are not bounded.
+    Args:
+        instance: Convex instance with choices.
+        gap: Relative gap at which SCIP stops.
+        time_limit: Time limit of solving [s].
+        tolerance: Largest violation at which SCIP's point is accepted.
+
+    Raises:
+        UsageError: A choice is not bounded.
     """
     begin = time.perf_counter()
-    built = scip_model(instance)
-    with _lp_warnings_dropped():
-        run_model(built.model, gap, _OWN_ERROR, time_limit - (time.perf_counter() - begin))
+    scip = build_convex_model(instance)
+    with _drop_lp_warnings():
+        run_model(scip.model, gap, _SCIP_ERROR, time_limit - (time.perf_counter() - begin))
     x = None
-    if built.model.getNSols() > 0:
-        x = mended(instance, values(built.model, built.x))
-    return judged(instance, claim(built.model, NAME, begin, x), gap, tolerance)
+    if scip.model.getNSols() > 0:
+        x = repair_point(instance, read_values(scip.model, scip.x))
+    return judge_answer(instance, read_answer(scip.model, NAME, begin, x), gap, tolerance)

@@ -1,4 +1,4 @@
-"""A SCIP model solved on one thread until a gap or a time is reached, and what it then claims."""
+"""Run a SCIP model on one thread until a gap or time limit, and read its answer."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.solvers.interruption import run_aside
+from climbplan.solvers.interruption import run_in_thread
 from climbplan.solvers.result import Answer
 
-_CLAIMS = {  # SCIP's word -> whether it claims infeasibility
+_CLAIMS = {  # SCIP's status -> whether it claims infeasibility
     "optimal": False,
     "gaplimit": False,
     "timelimit": False,
@@ -23,40 +23,46 @@ _CLAIMS = {  # SCIP's word -> whether it claims infeasibility
     "inforunbd": False,
     "unbounded": False,
 }
-_GRACE = 0.05  # of the time limit, after which SCIP is stopped: presolving does not look at it
+_GRACE = 0.05  # fraction of the time limit after which SCIP is stopped, as presolving ignores it
 
 
-def run_model(model: Any, gap: float, own_error: float, time_limit: float) -> None:
-    """Solve to a relative gap, of which SCIP's own error is a part; time_limit: [s].
+def run_model(model: Any, gap: float, scip_error: float, time_limit: float) -> None:
+    """Solve to a relative gap, of which SCIP's own error is a part.
 
     Ctrl-C and SIGTERM end it and are passed on.
+
+    Args:
+        model: The model.
+        gap: Relative gap.
+        own_error: Relative error of SCIP's objective.
+        time_limit: Time limit [s].
     """
     model.setParam("misc/catchctrlc", False)  # SCIP's own handler would hide it from Python
     model.setParam("parallel/maxnthreads", 1)
-    model.setParam("limits/gap", max(gap - own_error, 0.5 * gap))
-    guard: threading.Timer | None = None
+    model.setParam("limits/gap", max(gap - scip_error, 0.5 * gap))
+    timer: threading.Timer | None = None
     if np.isfinite(time_limit):
         model.setParam("limits/time", float(max(time_limit, 0.0)))
-        guard = threading.Timer((1.0 + _GRACE) * max(time_limit, 0.0), model.interruptSolve)
-        guard.daemon = True
-        guard.start()
+        timer = threading.Timer((1.0 + _GRACE) * max(time_limit, 0.0), model.interruptSolve)
+        timer.daemon = True
+        timer.start()
     try:
-        run_aside(model.optimizeNogil, model.interruptSolve)
+        run_in_thread(model.optimizeNogil, model.interruptSolve)
     finally:
-        if guard is not None:
-            guard.cancel()
+        if timer is not None:
+            timer.cancel()
 
 
-def values(model: Any, variables: list[Any]) -> Array:
-    """Their values in the best solution, of which there is one."""
+def read_values(model: Any, variables: list[Any]) -> Array:
+    """Return values of variables in the best solution, of which there is one."""
     best = model.getBestSol()
     return np.array([model.getSolVal(best, v) for v in variables])
 
 
-def claim(
+def read_answer(
     model: Any, name: str, begin: float, x: Array | None, assignment: IntArray | None = None
 ) -> Answer:
-    """What SCIP says, with a point (n,) that was read from it; begin: of all, by `perf_counter`."""
+    """Return SCIP's answer with a point (n,); `begin` is the start by `time.perf_counter` [s]."""
     status, bound = model.getStatus(), float(model.getDualbound())
     return Answer(
         x=x,

@@ -1,8 +1,8 @@
 """The published `convex` method: one convex program with envelopes around a neighbour's point.
 
-Every factor of a product keeps to a box about the neighbour's value; in it products are replaced
-by their envelopes. Without refinement the answer holds the products only as well as the box is
-small: the exact check decides.
+Every factor of a product is restricted to a box around the neighbour's value, in which products are
+replaced by their McCormick envelopes. There is no refinement, so the accuracy of the products
+depends on the size of the box; the exact check decides.
 """
 
 from __future__ import annotations
@@ -17,47 +17,60 @@ from climbplan.program.instance import Instance
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.reformulations.pinned import PinnedForm
-from climbplan.solvers.convex.sessions import ConvexBackend, session
+from climbplan.solvers.convex.sessions import ConvexBackend, create_session
 
-PIECES = 8  # of a factor's range, as published for angles and normals
+PIECES = 8  # number of pieces of a factor's range, as published for angles and normals
 
 
 @dataclass(frozen=True)
 class EnvelopeAnswer:
-    """The point of one convex program."""
+    """The solution of one convex program."""
 
     x: Array | None  # (n,)
     word: str
 
 
 class EnvelopeSolver:
-    """Candidates of one instance, each by one convex program.
+    """Solves candidates of one instance, each by one convex program.
 
-    pieces: the box reaches one of as many equal pieces of a factor's bounds to either side of the
-    neighbour's value. A fixed grid would put a value on the edge of its piece (sin 0) at one side.
+    The box reaches one of `pieces` equal pieces of a factor's bounds to either side of the
+    neighbour's value. With a fixed grid a value could lie at an end of its piece (such as sin 0).
     """
 
     def __init__(
         self, instance: Instance, backend: ConvexBackend = "daqp", pieces: int = PIECES
     ) -> None:
+        """Prepare the pinned form of an instance and a session of the backend."""
         self._pieces = pieces
         self._pinned = PinnedForm.of(instance)
-        self._session = session(backend)
+        self._session = create_session(backend)
         products = instance.products
         self._factors = np.unique(np.concatenate([products.first, products.second]))
 
     def solve(self, values: Array, alternatives: IntArray, start: Array) -> EnvelopeAnswer:
-        """Raises UsageError where a factor has no bounds."""
+        """Solve the convex program of one candidate.
+
+        Args:
+            values: (n,) point whose integers are fixed.
+            alternatives: (C,) alternative of each choice.
+            start: (n,) point around which the envelopes are built.
+
+        Raises:
+            UsageError: A factor has no bounds.
+        """
         pinned = self._pinned.at(values, alternatives)
         if (pinned.lower > pinned.upper).any():
             return EnvelopeAnswer(None, "contradiction")
         low, high = pinned.lower.copy(), pinned.upper.copy()
-        k = self._factors
-        reach = (high[k] - low[k]) / self._pieces
+        factors = self._factors
+        reach = (high[factors] - low[factors]) / self._pieces
         if not np.isfinite(reach).all():
             raise UsageError(f"{pinned.name}: envelopes need bounds on all factors of products")
-        middle = np.clip(start[k], low[k], high[k])
-        low[k], high[k] = np.maximum(low[k], middle - reach), np.minimum(high[k], middle + reach)
+        center = np.clip(start[factors], low[factors], high[factors])
+        low[factors], high[factors] = (
+            np.maximum(low[factors], center - reach),
+            np.minimum(high[factors], center + reach),
+        )
         if not pinned.products.count:
             answer = self._session.solve(pinned)
         else:

@@ -1,7 +1,7 @@
-"""One step of the method: a small dense convex quadratic program by DAQP, Clarabel or OSQP.
+"""One step of SQP: a small dense convex quadratic program by DAQP, Clarabel or OSQP.
 
-Variables are steps in units of their scale; a proximal term makes the Hessian definite, which is
-what a dual active-set method needs, and vanishes where the iteration stands still.
+Variables are steps in units of their scale. A proximal term makes the Hessian definite, which a
+dual active-set method needs; it vanishes where the iteration converges.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from scipy import sparse
 
 from climbplan.arrays import Array
 from climbplan.program.instance import Implications, Instance, Products
-from climbplan.solvers.convex.sessions import ConvexBackend, session
+from climbplan.solvers.convex.sessions import ConvexBackend, create_session
 
 _UNBOUNDED = 1e30
 _EQUAL, _INEQUALITY = 5, 0
-_ACTIVE = 1e-6  # rows and variables this near to an end are at it
+_ACTIVE = 1e-6  # distance to a bound below which rows and variables are active
 _OPTIMAL, _INFEASIBLE = 1, -1
 _PRIMAL_TOLERANCES = (1e-8, 1e-6)  # the second where DAQP cycles at the first
 _ITERATIONS = 500
 
 
 @dataclass(frozen=True)
-class Quadratic:
-    """minimise 1/2 d'H d + f'd over low <= d <= high, lower <= G d <= upper."""
+class QuadraticProgram:
+    """Minimise 1/2 d'H d + f'd subject to low <= d <= high, lower <= G d <= upper."""
 
     H: Array  # (r, r) positive definite
     f: Array  # (r,)
@@ -40,25 +40,25 @@ class Quadratic:
 
 @dataclass(frozen=True)
 class Step:
-    """What a solver made of a quadratic program."""
+    """A solver's answer to a quadratic program."""
 
     d: Array | None  # (r,)
     multipliers: Array  # (m,) of the rows, positive at their upper ends
-    infeasible: bool  # its word; otherwise, without a step, it gave up
+    infeasible: bool  # whether the solver reports infeasibility; without a step it failed otherwise
 
 
 class StepSolver(Protocol):
     """Solves the quadratic programs of all steps."""
 
-    def solve(self, quadratic: Quadratic) -> Step:
-        """Solve one."""
+    def solve(self, quadratic: QuadraticProgram) -> Step:
+        """Solve one quadratic program."""
 
 
-class DaqpSteps:
-    """DAQP on dense arrays."""
+class DaqpStepSolver:
+    """Solves steps with DAQP on dense arrays."""
 
-    def solve(self, quadratic: Quadratic) -> Step:
-        """Rows are scaled by DAQP itself."""
+    def solve(self, quadratic: QuadraticProgram) -> Step:
+        """Solve one quadratic program; DAQP itself scales the rows."""
         lower = np.concatenate([quadratic.low, quadratic.lower])
         upper = np.concatenate([quadratic.high, quadratic.upper])
         lower, upper = np.maximum(lower, -_UNBOUNDED), np.minimum(upper, _UNBOUNDED)
@@ -80,21 +80,21 @@ class DaqpSteps:
             if flag == _INFEASIBLE:
                 if info["iterations"]:
                     break
-                # Equations that depend on each other fail before the first iteration.
+                # Linearly dependent equations fail before the first iteration.
                 sense = np.zeros_like(sense)
         return Step(None, np.zeros(len(quadratic.lower)), flag == _INFEASIBLE)
 
 
-class SessionSteps:
-    """Clarabel or OSQP through their sessions, which keep multipliers to themselves."""
+class SessionStepSolver:
+    """Solves steps with Clarabel or OSQP through their sessions, which return no multipliers."""
 
     def __init__(self, backend: ConvexBackend) -> None:
-        self._session = session(backend)
+        self._session = create_session(backend)
 
-    def solve(self, quadratic: Quadratic) -> Step:
-        """Fixed shapes only change numbers."""
+    def solve(self, quadratic: QuadraticProgram) -> Step:
+        """Solve one quadratic program; with the same shapes only numbers are updated."""
         r, m = len(quadratic.f), len(quadratic.lower)
-        none = np.zeros(0, np.int64)
+        no_index = np.zeros(0, np.int64)
         empty = sparse.csr_matrix
         instance = Instance(
             name="step",
@@ -109,40 +109,42 @@ class SessionSteps:
             balls=(),
             choices=(),
             integer=np.zeros(r, bool),
-            products=Products(none, none),
+            products=Products(no_index, no_index),
             Q=empty((m, 0)),
             implications=Implications(
-                empty((0, r)), empty((0, 0)), np.zeros(0), np.zeros(0), none, none > 0
+                empty((0, r)), empty((0, 0)), np.zeros(0), np.zeros(0), no_index, no_index > 0
             ),
         )
         answer = self._session.solve(instance)
         if answer.infeasible or answer.x is None:
             return Step(None, np.zeros(m), answer.infeasible)
-        return Step(answer.x, _multipliers(quadratic, answer.x), False)
+        return Step(answer.x, _estimate_multipliers(quadratic, answer.x), False)
 
 
-def _multipliers(quadratic: Quadratic, d: Array) -> Array:
-    """Of the rows (m,), by least squares over those at their ends."""
+def _estimate_multipliers(quadratic: QuadraticProgram, d: Array) -> Array:
+    """Estimate multipliers of the rows (m,) by least squares over the active ones."""
     value = quadratic.G @ d
     slack = _ACTIVE * (1.0 + np.abs(value))
-    held = (value >= quadratic.upper - slack) | (value <= quadratic.lower + slack)
-    inside = (d < quadratic.high - _ACTIVE) & (d > quadratic.low + _ACTIVE)
-    out = np.zeros(len(value))
-    if held.any() and inside.any():
-        gradient = (quadratic.H @ d + quadratic.f)[inside]
-        out[held] = np.linalg.lstsq(quadratic.G[np.ix_(held, inside)].T, -gradient, rcond=1e-9)[0]
-    return out
+    is_active = (value >= quadratic.upper - slack) | (value <= quadratic.lower + slack)
+    is_inactive = (d < quadratic.high - _ACTIVE) & (d > quadratic.low + _ACTIVE)
+    multipliers = np.zeros(len(value))
+    if is_active.any() and is_inactive.any():
+        gradient = (quadratic.H @ d + quadratic.f)[is_inactive]
+        multipliers[is_active] = np.linalg.lstsq(
+            quadratic.G[np.ix_(is_active, is_inactive)].T, -gradient, rcond=1e-9
+        )[0]
+    return multipliers
 
 
-def step_solver(backend: ConvexBackend) -> StepSolver:
-    """The solver of a name."""
-    return DaqpSteps() if backend == "daqp" else SessionSteps(backend)
+def create_step_solver(backend: ConvexBackend) -> StepSolver:
+    """Create the step solver of a backend."""
+    return DaqpStepSolver() if backend == "daqp" else SessionStepSolver(backend)
 
 
-def convex_part(hessian: Array, scale: Array) -> Array:
-    """The part of a symmetric matrix with positive eigenvalues, in scaled variables."""
+def project_to_convex(hessian: Array, scale: Array) -> Array:
+    """Return the part of a symmetric matrix with positive eigenvalues, in scaled variables."""
     scaled = hessian * scale[:, None] * scale
     values, vectors = np.linalg.eigh(scaled)
-    kept = values > 0
-    part = (vectors[:, kept] * values[kept]) @ vectors[:, kept].T
-    return np.asarray(part / scale[:, None] / scale)
+    is_positive = values > 0
+    projection = (vectors[:, is_positive] * values[is_positive]) @ vectors[:, is_positive].T
+    return np.asarray(projection / scale[:, None] / scale)

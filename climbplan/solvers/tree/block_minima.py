@@ -1,10 +1,13 @@
-"""Lagrangian bounds: the disjunctive minimum of each part while rows that couple parts are priced.
+"""Lagrangian bounds: the disjunctive minimum of each component with coupling rows priced.
 
-With multipliers l of the coupling rows the Lagrangian separates into the parts b of the instance,
-V_b = min 1/2 |z_b|^2 + h_b'z_b over the part's own rows and choices, h_b = (M'l)_b. A relaxation
-takes the same minima over the hulls of the choices, so each part's exact V_b raises its bound by
-V_b minus the relaxed minimum. Parts are small (one limb's toes), and exact minima of them take a
-few tiny QPs; their minimisers together are a good guess for the whole.
+With multipliers l of the coupling rows the Lagrangian separates into the components b of the
+instance (Lagrangian decomposition),
+
+    V_b = min 1/2 |z_b|^2 + h_b'z_b over the component's own rows and choices, h_b = (M'l)_b.
+
+A relaxation takes the same minima over the hulls of the choices. Each component's exact V_b
+therefore raises its bound by V_b minus the relaxed minimum. Components are small (one limb's toes),
+and exact minima of them take a few tiny QPs; their minimisers together are a good primal heuristic.
 """
 
 from __future__ import annotations
@@ -17,76 +20,81 @@ import daqp
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.solvers.tree.branching import best_split, violations
-from climbplan.solvers.tree.certificate import proved_bound
+from climbplan.solvers.tree.branching import compute_violations, select_split
+from climbplan.solvers.tree.certificate import compute_farkas_bound
 from climbplan.solvers.tree.components import SAME
-from climbplan.solvers.tree.dual_gains import row_rates
+from climbplan.solvers.tree.dual_gains import compute_dual_steps
 from climbplan.solvers.tree.normal_form import Masks, NormalForm
-from climbplan.solvers.tree.relaxation import Point
+from climbplan.solvers.tree.relaxation import RelaxationPoint
 from climbplan.solvers.tree.row_pool import RowPool
 
 _TOLERANCE = 1e-9
-_VIOLATED = 1e-8  # a choice further than this from all its alternatives is branched on
+_VIOLATED = 1e-8  # violation of all alternatives from which a choice is branched on
 _OPTIMAL = (1, 2, 4)
 _INFEASIBLE = -1
 _SAME_PRICE = 1e-10
 
 
 @dataclass(frozen=True)
-class BlockMinimum:
-    """A lower bound on one part's minimum, and the best assignment found."""
+class ComponentMinimum:
+    """A lower bound on one component's minimum, and the best assignment found."""
 
-    bound: float  # infinite if the part has no feasible point
-    assignment: IntArray | None  # alternatives of the part's choices, in order of `choices`
+    bound: float  # infinite if the component has no feasible point
+    assignment: IntArray | None  # alternatives of the component's choices, in order of `choices`
     price: Array  # h_b
     nodes: int
 
 
-class Block:
-    """One part of a normal form with at least one choice."""
+class ComponentProblem:
+    """One component of a normal form with at least one choice."""
 
-    def __init__(self, form: NormalForm, pool: RowPool, part: int) -> None:
-        self.form, self.pool, self.part = form, pool, part
-        columns = np.flatnonzero(form.cost.part == part)
+    def __init__(self, form: NormalForm, pool: RowPool, component: int) -> None:
+        """Select columns and choices of the component."""
+        self.form, self.pool, self.component = form, pool, component
+        columns = np.flatnonzero(form.cost.component == component)
         self.columns = slice(int(columns[0]), int(columns[-1]) + 1)
         self.size = len(columns)
-        self.choices = np.flatnonzero(form.choice_part == part)
-        self.groups = [group for group in form.groups if group.part == part]
+        self.choices = np.flatnonzero(form.choice_component == component)
+        self.groups = [group for group in form.groups if group.component == component]
         self._identity = np.eye(self.size)
         rows = form.rows[form.choice_rows]
-        none = np.zeros((0, form.size))
-        self._rates = row_rates(
-            rows, none, none[:, 0], none[:, 0] > 0, np.zeros(form.size), form.cost
+        no_rows = np.zeros((0, form.size))
+        self._rates = compute_dual_steps(
+            rows, no_rows, no_rows[:, 0], no_rows[:, 0] > 0, np.zeros(form.size), form.cost
         )
 
-    def price(self, point: Point) -> Array:
-        """h_b of a relaxation's multipliers."""
-        coupling = self.pool.part[point.active] < 0
+    def compute_price(self, point: RelaxationPoint) -> Array:
+        """Return h_b for a relaxation's multipliers."""
+        coupling = self.pool.component[point.active] < 0
         rows = self.pool.M[point.active[coupling], self.columns]
         return np.asarray(point.multiplier[coupling] @ rows)
 
-    def relaxed(self, point: Point, lower: Array, upper: Array) -> float:
-        """The part's share of a relaxation's bound: -1/2 |z_b|^2 - l'b over its own active rows."""
-        own = self.pool.part[point.active] == self.part
-        active, multiplier = point.active[own], point.multiplier[own]
-        at = np.where(multiplier > 0, upper[active], lower[active])
-        pull = point.multiplier @ self.pool.M[point.active, self.columns]
-        return float(-0.5 * pull @ pull - multiplier @ at)
+    def compute_relaxed_value(self, point: RelaxationPoint, lower: Array, upper: Array) -> float:
+        """Return the component's contribution to a relaxation's bound.
 
-    def still_holds(self, known: BlockMinimum, price: Array, masks: Masks) -> bool:
-        """Whether a minimum found for more alternatives is the minimum for these as well."""
-        if known.assignment is None:
+        It is -1/2 |z_b|^2 - l'b over the component's own active rows.
+        """
+        is_own = self.pool.component[point.active] == self.component
+        active, multiplier = point.active[is_own], point.multiplier[is_own]
+        right_side = np.where(multiplier > 0, upper[active], lower[active])
+        gradient = point.multiplier @ self.pool.M[point.active, self.columns]
+        return float(-0.5 * gradient @ gradient - multiplier @ right_side)
+
+    def is_reusable(self, minimum: ComponentMinimum, price: Array, masks: Masks) -> bool:
+        """Return whether a minimum found for more alternatives is the minimum for these as well."""
+        if minimum.assignment is None:
             return False
         return bool(
-            self._allows(masks, known.assignment)
-            and np.abs(known.price - price).max(initial=0.0) <= _SAME_PRICE
+            self._allows(masks, minimum.assignment)
+            and np.abs(minimum.price - price).max(initial=0.0) <= _SAME_PRICE
         )
 
     def _allows(self, masks: Masks, assignment: IntArray) -> bool:
+        """Return whether sets of alternatives allow an assignment."""
         chosen = zip(self.choices, assignment, strict=True)
         return all(masks[c] >> int(r) & 1 for c, r in chosen)
 
-    def minimum(
+    def minimise(
         self,
         price: Array,
         masks: Masks,
@@ -94,23 +102,29 @@ class Block:
         limit: int,
         deadline: float,
         hint: IntArray | None = None,
-    ) -> BlockMinimum:
-        """Branch and bound over the part alone.
+    ) -> ComponentMinimum:
+        """Minimise over the component alone by branch and bound.
 
-        masks: allowed alternatives of all choices. slack: a bound this close to the best point is
-        good enough. limit, deadline: nodes and clock after which the best bound so far is
-        returned. hint: a likely assignment of the part's choices.
+        Args:
+            price: Linear cost h_b.
+            masks: Allowed alternatives of all choices.
+            slack: Distance from the best point at which a bound suffices.
+            limit: Largest number of nodes.
+            deadline: Time of `time.perf_counter` [s]; at a limit the best bound so far is returned.
+            hint: Likely assignment of the component's choices.
         """
         form, base = self.form, self.form.choice_rows.start
-        rows = np.flatnonzero((self.pool.part == self.part) & ~self.pool.is_own)
+        rows = np.flatnonzero(
+            (self.pool.component == self.component) & ~self.pool.is_of_alternative
+        )
         M = np.ascontiguousarray(self.pool.M[rows, self.columns])
-        low, high = self.pool.lower[rows], self.pool.upper[rows]
-        in_choice = form.rows_of(self.choices)
+        row_lower, row_upper = self.pool.lower[rows], self.pool.upper[rows]
+        in_choice = form.list_rows_of(self.choices)
         chosen = np.searchsorted(rows, in_choice)
         in_choice = in_choice - base
-        value, whole = np.zeros(form.choice_rows.stop - base), np.zeros(form.size)
+        value, z_full = np.zeros(form.choice_rows.stop - base), np.zeros(form.size)
         best, best_assignment = np.inf, None
-        proved = np.inf  # least bound of a node that was left
+        closed_bound = np.inf  # least bound of closed nodes
         nodes = 0
         heap: list[tuple[float, int, Masks]] = [(-np.inf, 0, masks)]
         if hint is not None and self._allows(masks, hint):
@@ -119,93 +133,103 @@ class Block:
                 fixed[c] = 1 << int(r)
             heap.append((-np.inf, -1, tuple(fixed)))
             heapq.heapify(heap)
-        made = 1
+        num_created = 1
         while heap and nodes < limit and time.perf_counter() < deadline:
             bound, kind, node = heapq.heappop(heap)
             if bound >= best - slack:
-                proved = min(proved, bound)
+                closed_bound = min(closed_bound, bound)
                 continue
             nodes += 1
             sets = tuple(node[c] for c in self.choices)
-            low[chosen], high[chosen] = form.bounds_of(self.choices, sets)
-            all_rows, lower, upper = self._with_own_rows(M, low, high, node)
+            row_lower[chosen], row_upper[chosen] = form.compute_bounds_of(self.choices, sets)
+            all_rows, lower, upper = self._append_alternative_rows(M, row_lower, row_upper, node)
             sense = np.where(upper - lower <= SAME, 5, 0).astype(np.int32)
             z, _, flag, info = daqp.solve(
                 self._identity, price, all_rows, upper, lower, sense, primal_tol=_TOLERANCE
             )
             if flag == _INFEASIBLE:
-                ceiling = self._ceiling(price)
-                reached = proved_bound(price, all_rows, lower, upper, np.zeros(self.size), ceiling)
-                if reached >= ceiling:
+                infeasible_bound = self._max_value(price)
+                child_bound = compute_farkas_bound(
+                    price, all_rows, lower, upper, np.zeros(self.size), infeasible_bound
+                )
+                if child_bound >= infeasible_bound:
                     continue
             elif flag in _OPTIMAL:
-                reached = _dual_value(price, all_rows, lower, upper, info["lam"])
+                child_bound = _compute_dual_value(price, all_rows, lower, upper, info["lam"])
             else:
-                reached = -np.inf
-            bound = max(bound, reached)
+                child_bound = -np.inf
+            bound = max(bound, child_bound)
             if flag not in _OPTIMAL or bound >= best - slack:
                 if kind >= 0:
-                    proved = min(proved, bound)
+                    closed_bound = min(closed_bound, bound)
                 continue
             value[in_choice] = M[chosen] @ z
-            whole[self.columns] = z
-            allowed = form.flags(node)
-            off = violations(form, whole, value, allowed, self.groups)[self.choices]
-            nearest = off.argmin(axis=1)
-            least = off[np.arange(len(nearest)), nearest]
-            violated = np.flatnonzero(least > _VIOLATED)
+            z_full[self.columns] = z
+            allowed = form.decode_masks(node)
+            violation = compute_violations(form, z_full, value, allowed, self.groups)[self.choices]
+            nearest = violation.argmin(axis=1)
+            min_violation = violation[np.arange(len(nearest)), nearest]
+            violated = np.flatnonzero(min_violation > _VIOLATED)
             if not len(violated):
                 if bound < best:
                     best, best_assignment = bound, nearest
                 continue
             if kind < 0:
                 continue
-            worst = violated[np.argsort(-least[violated], kind="stable")]
-            split = best_split(form, value, self._rates, node, self.choices[worst])
+            worst = violated[np.argsort(-min_violation[violated], kind="stable")]
+            split = select_split(form, value, self._rates, node, self.choices[worst])
             for mask, gain in zip(split.children, split.gains, strict=True):
                 child = (*node[: split.choice], mask, *node[split.choice + 1 :])
-                heapq.heappush(heap, (bound + float(gain), made, child))
-                made += 1
-        left = min((bound for bound, kind, _ in heap if kind >= 0), default=np.inf)
-        return BlockMinimum(min(best, proved, left), best_assignment, price, nodes)
+                heapq.heappush(heap, (bound + float(gain), num_created, child))
+                num_created += 1
+        open_bound = min((bound for bound, kind, _ in heap if kind >= 0), default=np.inf)
+        return ComponentMinimum(min(best, closed_bound, open_bound), best_assignment, price, nodes)
 
-    def _with_own_rows(
+    def _append_alternative_rows(
         self, M: Array, low: Array, high: Array, masks: Masks
     ) -> tuple[Array, Array, Array]:
-        """Rows and bounds with what single alternatives of the part's choices state."""
+        """Append the rows of alternatives that are the only ones of their choice."""
         form = self.form
-        made = [
-            form.own_rows(int(c), masks[c].bit_length() - 1)
+        alternatives = [
+            form.build_alternative_rows(int(c), masks[c].bit_length() - 1)
             for c in self.choices
-            if not form.tables[c].complete and masks[c] & (masks[c] - 1) == 0
+            if not form.tables[c].is_complete and masks[c] & (masks[c] - 1) == 0
         ]
-        if not made:
+        if not alternatives:
             return M, low, high
-        rows = [np.ascontiguousarray(own.rows[:, self.columns]) for own in made]
+        rows = [
+            np.ascontiguousarray(alternative.rows[:, self.columns]) for alternative in alternatives
+        ]
         return (
             np.concatenate([M, *rows]),
-            np.concatenate([low, *(own.lower for own in made)]),
-            np.concatenate([high, *(own.upper for own in made)]),
+            np.concatenate([low, *(alternative.lower for alternative in alternatives)]),
+            np.concatenate([high, *(alternative.upper for alternative in alternatives)]),
         )
 
-    def _ceiling(self, price: Array) -> float:
-        """No feasible point of the part has more than this: the cost bounds |z|."""
+    def _max_value(self, price: Array) -> float:
+        """Return an upper bound over feasible points of the component: the cost bounds |z|."""
         form = self.form
-        radius = np.sqrt(2.0 * max(form.ceiling - form.cost.constant, 0.0))
+        radius = np.sqrt(2.0 * max(form.max_cost - form.cost.constant, 0.0))
         return float(0.5 * radius**2 + np.linalg.norm(price) * radius)
 
 
-def _dual_value(price: Array, M: Array, lower: Array, upper: Array, multiplier: Array) -> float:
-    held = np.flatnonzero(multiplier)
-    m = multiplier[held]
-    pull = price + m @ M[held]
-    return float(-0.5 * pull @ pull - m @ np.where(m > 0, upper[held], lower[held]))
+def _compute_dual_value(
+    price: Array, M: Array, lower: Array, upper: Array, multiplier: Array
+) -> float:
+    """Return the dual value of multipliers."""
+    active = np.flatnonzero(multiplier)
+    m = multiplier[active]
+    gradient = price + m @ M[active]
+    return float(-0.5 * gradient @ gradient - m @ np.where(m > 0, upper[active], lower[active]))
 
 
-def blocks(form: NormalForm, pool: RowPool) -> list[Block]:
-    """The parts with choices, without those fixed by equations or with flat coordinates."""
-    with_choices = set(form.choice_part) & set(form.cost.part)
+def build_component_problems(form: NormalForm, pool: RowPool) -> list[ComponentProblem]:
+    """Build the components with choices that have no flat coordinates.
+
+    Components that equations fix entirely are left out.
+    """
+    with_choices = set(form.choice_component) & set(form.cost.component)
     return [
-        Block(form, pool, int(p))
-        for p in sorted(with_choices - set(form.cost.part[form.cost.flat]))
+        ComponentProblem(form, pool, int(p))
+        for p in sorted(with_choices - set(form.cost.component[form.cost.flat]))
     ]

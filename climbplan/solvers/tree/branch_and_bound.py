@@ -1,13 +1,14 @@
 """Branch and bound over the choices of an instance, with DAQP re-solves as nodes.
 
-Instances with integers or products go to the compiled tree (`climbplan/solvers/mixed_integer/`);
-what follows is about choices alone, whose alternatives may be thousands.
+Instances with integers or products go to the compiled tree (`climbplan/solvers/mixed_integer/`).
+This file is about choices alone, whose alternatives may be thousands.
 
 There are no binaries and no big-M: a node allows a set of alternatives for each choice, and only
 the bounds of rows differ between nodes. Balls enter as tangent half-spaces at relaxation points,
 valid for the whole tree. Each node's bound is the relaxation's dual value, raised by the exact
-minima of parts that only priced rows couple (`block_minima`); their minimisers give incumbents.
-Alternatives whose sure gain (`dual_gains`) lifts the bound over the incumbent are excluded.
+minima of components that only priced rows couple (`block_minima`); their minimisers give
+incumbents. Alternatives whose guaranteed gain (`dual_gains`) lifts the bound over the incumbent are
+excluded.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ from climbplan.program.instance import Instance
 from climbplan.solvers.result import (
     FEASIBILITY,
     Answer,
-    Known,
+    KnownResult,
     Proposal,
     SolverResult,
-    judged,
+    judge_answer,
 )
-from climbplan.solvers.tree.normal_form import OutOfTime, normal_form
+from climbplan.solvers.tree.normal_form import OutOfTime, build_normal_form
 from climbplan.solvers.tree.search import TreeSearch
 
 NAME = "branch-and-bound"
@@ -38,31 +39,37 @@ def solve_branch_and_bound(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = FEASIBILITY,
-    known: Known | None = None,
+    known: KnownResult | None = None,
     nodes: float = np.inf,
     proposals: Sequence[Proposal] = (),
 ) -> SolverResult:
-    """Globally optimal x of an instance, or the best one found in the time or nodes given.
+    """Find the global optimum of an instance, or the best point within the time or nodes given.
 
-    gap: relative gap to prove. time_limit: [s]. tolerance: largest violation of any constraint.
-    known: from a laxer instance, solved before. nodes: at most; where
-    they end it, the answer is the same on every machine. proposals: to try first. Deterministic
-    unless the time limit is hit.
-    Directions without cost must be bounded, by bounds, rows, balls or choices; otherwise no finite
-    bound can be given.
+    The result is deterministic unless the time limit is hit.
+
+    Args:
+        instance: Instance whose directions without cost are bounded by bounds, rows, balls or
+            choices.
+        gap: Relative gap to prove.
+        time_limit: Time limit [s].
+        tolerance: Largest violation of any constraint.
+        known: Bound and choices of a relaxed instance that was solved before.
+        nodes: Largest number of nodes; where it ends the search, the answer is the same on every
+            machine.
+        proposals: Assignments to try first.
     """
     if instance.features & {"integers", "implications", "products"}:
         from climbplan.solvers.mixed_integer.method import solve_mixed_integer
-        from climbplan.solvers.mixed_integer.nodes import MOST
+        from climbplan.solvers.mixed_integer.nodes import UNLIMITED
         from climbplan.solvers.mixed_integer.spatial_method import solve_spatial
 
         compiled = solve_spatial if instance.products.count else solve_mixed_integer
-        most = int(nodes) if np.isfinite(nodes) else MOST
-        return compiled(instance, gap, time_limit, tolerance, known, most, proposals)
+        max_nodes = int(nodes) if np.isfinite(nodes) else UNLIMITED
+        return compiled(instance, gap, time_limit, tolerance, known, max_nodes, proposals)
     begin = time.perf_counter()
     deadline = begin + time_limit
     try:
-        form = normal_form(instance, late=lambda: time.perf_counter() >= deadline)
+        form = build_normal_form(instance, late=lambda: time.perf_counter() >= deadline)
     except OutOfTime:
         answer = Answer(
             x=None,
@@ -73,7 +80,7 @@ def solve_branch_and_bound(
             solver=NAME,
             log=("the time was over before the search began",),
         )
-        return judged(instance, answer, gap, tolerance)
+        return judge_answer(instance, answer, gap, tolerance)
     if form.contradiction:
         answer = Answer(
             x=None,
@@ -84,30 +91,30 @@ def solve_branch_and_bound(
             solver=NAME,
             log=(f"infeasible: {form.contradiction}",),
         )
-        return judged(instance, answer, gap, tolerance)
+        return judge_answer(instance, answer, gap, tolerance)
     if form.size == 0:
-        return _only_point(instance, form.cost.center, gap, tolerance, begin)
+        return _answer_single_point(instance, form.cost.center, gap, tolerance, begin)
     choices = [p.alternatives for p in proposals]
     search = TreeSearch(instance, form, gap, deadline, tolerance, known, nodes, choices)
     search.run()
-    found = search.incumbents.best
+    incumbent = search.incumbents.best
     answer = Answer(
-        x=None if found is None else found.x,
-        assignment=None if found is None else found.assignment,
+        x=None if incumbent is None else incumbent.x,
+        assignment=None if incumbent is None else incumbent.assignment,
         bound=search.bound,
-        infeasible=found is None and search.exhausted,
-        nodes=search.nodes,
+        infeasible=incumbent is None and search.proves_infeasible,
+        nodes=search.num_nodes,
         time=time.perf_counter() - begin,
         solver=NAME,
         log=tuple(search.log),
     )
-    return judged(instance, answer, gap, tolerance)
+    return judge_answer(instance, answer, gap, tolerance)
 
 
-def _only_point(
+def _answer_single_point(
     instance: Instance, x: Array, gap: float, tolerance: float, begin: float
 ) -> SolverResult:
-    """The result if equations leave one point."""
+    """Return the result if equations leave one point."""
     feasible = instance.violation(x) <= tolerance
     answer = Answer(
         x=x if feasible else None,
@@ -118,4 +125,4 @@ def _only_point(
         solver=NAME,
         log=("equations leave one point",),
     )
-    return judged(instance, answer, gap, tolerance)
+    return judge_answer(instance, answer, gap, tolerance)

@@ -1,4 +1,4 @@
-"""Which choice to branch on, and how to divide its alternatives."""
+"""Select the choice to branch on, and how to divide its alternatives."""
 
 from __future__ import annotations
 
@@ -8,14 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.solvers.tree.choice_table import Mask, Splits
-from climbplan.solvers.tree.dual_gains import RowRates
-from climbplan.solvers.tree.normal_form import ChoiceGroup, Masks, NormalForm, own_violations
-from climbplan.solvers.tree.sectors import sector_splits
+from climbplan.solvers.tree.choice_table import Divisions, Mask
+from climbplan.solvers.tree.dual_gains import DualSteps
+from climbplan.solvers.tree.normal_form import (
+    ChoiceGroup,
+    Masks,
+    NormalForm,
+    compute_exact_violations,
+)
+from climbplan.solvers.tree.sectors import split_by_sectors
 
-_FLOOR, _CAP = 1e-3, 10.0  # gains count between these shares of the best two-sided gain
+_FLOOR, _CAP = 1e-3, 10.0  # limits of gains, as fractions of the best two-sided gain
 _SMALLEST = 1e-12
-_WIDE = 8  # choices among many alternatives of which divisions are looked at
+_WIDE = 8  # largest number of choices among many alternatives that are evaluated
 
 
 @dataclass(frozen=True)
@@ -24,93 +29,116 @@ class Split:
 
     choice: int
     children: tuple[Mask, ...]
-    gains: Array  # (children,) sure rise of the bound in each
+    gains: Array  # (children,) guaranteed rise of the bound in each
 
 
-def violations(
+def compute_violations(
     form: NormalForm,
     z: Array,
     value: Array,
     allowed: BoolArray,
     groups: Sequence[ChoiceGroup] | None = None,
 ) -> Array:
-    """Violation of every allowed alternative (C, R), infinite for those not allowed.
+    """Return the violation of every alternative (C, R), infinite for those not allowed.
 
-    value: (P,) choice rows at z. groups: those asked for, all if left out.
+    Args:
+        form: The normal form.
+        z: (k,) point.
+        value: (P,) choice rows at z.
+        allowed: (C, R) mask of alternatives.
+        groups: Groups of choices to evaluate, all if missing.
     """
-    out = np.full(allowed.shape, np.inf)
+    violation = np.full(allowed.shape, np.inf)
     for group in form.groups if groups is None else groups:
         table = group.table
-        if table.complete:
+        if table.is_complete:
             y = (value[group.rows - form.choice_rows.start] + form.offset[group.rows])[:, None]
-            off = np.maximum(y - table.own_upper, table.own_lower - y).max(axis=-1, initial=0.0)
+            group_violation = np.maximum(y - table.exact_upper, table.exact_lower - y).max(
+                axis=-1, initial=0.0
+            )
         else:
-            at = group.points.ravel()
-            points = (form.points.E[at] @ z + form.points.e[at]).reshape(group.points.shape)
-            off = own_violations(table, points)
-        out[group.choices[:, None], np.arange(table.count)] = off
-    out[~allowed] = np.inf
-    return out
+            index = group.points.ravel()
+            points = (form.points.E[index] @ z + form.points.e[index]).reshape(group.points.shape)
+            group_violation = compute_exact_violations(table, points)
+        violation[group.choices[:, None], np.arange(table.count)] = group_violation
+    violation[~allowed] = np.inf
+    return violation
 
 
-def single_gains(form: NormalForm, value: Array, rates: RowRates, groups: BoolArray) -> Array:
-    """Sure rise of the bound if a choice takes an alternative (C, R)."""
-    out = np.zeros(form.allowed.shape)
+def compute_alternative_gains(
+    form: NormalForm, value: Array, rates: DualSteps, groups: BoolArray
+) -> Array:
+    """Return the guaranteed rise of the bound if a choice takes an alternative (C, R)."""
+    gains = np.zeros(form.allowed.shape)
     for group in form.groups:
-        here = groups[group.choices]
-        if not here.any():
+        is_selected = groups[group.choices]
+        if not is_selected.any():
             continue
-        rows = group.rows[here] - form.choice_rows.start
-        y = value[rows] + form.offset[group.rows[here]]
+        rows = group.rows[is_selected] - form.choice_rows.start
+        y = value[rows] + form.offset[group.rows[is_selected]]
         table = group.table
-        lower, upper = table.own_lower, table.own_upper
-        if not table.complete:
+        lower, upper = table.exact_lower, table.exact_upper
+        if not table.is_complete:
             lower, upper = table.lower, table.upper
-        gain = rates.take(rows[:, None]).gain(y[:, None], lower, upper)
-        out[group.choices[here][:, None], np.arange(table.count)] = gain
-    return out
+        gain = rates.select(rows[:, None]).compute_gain(y[:, None], lower, upper)
+        gains[group.choices[is_selected][:, None], np.arange(table.count)] = gain
+    return gains
 
 
-def best_split(
-    form: NormalForm, value: Array, rates: RowRates, masks: Masks, candidates: IntArray
+def select_split(
+    form: NormalForm, value: Array, rates: DualSteps, masks: Masks, candidates: IntArray
 ) -> Split:
-    """The division whose children gain most, by the product of their gains.
+    """Select the division whose children gain most, by the product of their gains.
 
-    candidates: choices that may be divided, the most promising first: of those with many
-    alternatives only the first few are looked at. Gains far beyond the best that any division
-    reaches in all its children do not count: a child that is out of question anyway must not hide
-    that its sibling gains nothing.
+    Gains far beyond the largest gain that a division guarantees in all its children are capped: a
+    child that is closed anyway must not hide that its sibling gains nothing.
+
+    Args:
+        form: The normal form.
+        value: (P,) choice rows at the relaxation's solution.
+        rates: Dual steps of the choice rows.
+        masks: Allowed alternatives of every choice.
+        candidates: Choices that may be divided, the most promising first; of those with many
+            alternatives only the first few are evaluated.
     """
-    alike: dict[tuple[int, Mask], list[int]] = {}
-    looked_at = 0
+    equal_choices: dict[tuple[int, Mask], list[int]] = {}
+    num_wide = 0
     for c in candidates:
         table = form.tables[c]
-        looked_at += not table.listed
-        if table.listed or looked_at <= _WIDE:
-            # What is listed depends on the set alone, sectors also on where the point is.
-            key = (id(table), masks[c]) if table.listed else (-1 - int(c), masks[c])
-            alike.setdefault(key, []).append(int(c))
-    found: list[tuple[list[int], Splits, Array]] = []
+        num_wide += not table.has_listed_divisions
+        if table.has_listed_divisions or num_wide <= _WIDE:
+            # Listed divisions depend on the set alone, sectors also on the point.
+            key = (id(table), masks[c]) if table.has_listed_divisions else (-1 - int(c), masks[c])
+            equal_choices.setdefault(key, []).append(int(c))
+    evaluated: list[tuple[list[int], Divisions, Array]] = []
     base = form.choice_rows.start
-    for (_, mask), choices in alike.items():
+    for (_, mask), choices in equal_choices.items():
         table = form.tables[choices[0]]
         rows = form.start[choices][:, None] + np.arange(len(table.directions))  # (G, D)
         y = value[rows - base] + form.offset[rows]
-        splits = table.splits(mask) if table.listed else sector_splits(table, mask, y[0])
-        gains = rates.take(rows[:, None] - base).gain(y[:, None], splits.lower, splits.upper)
-        found.append((choices, splits, gains))  # (G, children)
-    least = [np.minimum.reduceat(g, s.first, axis=1).max(initial=0.0) for _, s, g in found]
-    scale = max([*least, _SMALLEST])
-    best: Split | None = None
+        splits = (
+            table.list_divisions(mask)
+            if table.has_listed_divisions
+            else split_by_sectors(table, mask, y[0])
+        )
+        gains = rates.select(rows[:, None] - base).compute_gain(
+            y[:, None], splits.lower, splits.upper
+        )
+        evaluated.append((choices, splits, gains))  # (G, children)
+    guaranteed_gains = [
+        np.minimum.reduceat(g, s.first, axis=1).max(initial=0.0) for _, s, g in evaluated
+    ]
+    scale = max([*guaranteed_gains, _SMALLEST])
+    selected: Split | None = None
     best_score = -np.inf
-    for choices, splits, gains in found:
+    for choices, splits, gains in evaluated:
         sizes = np.diff([*splits.first, gains.shape[1]])
         logs = np.log(np.clip(gains, _FLOOR * scale, _CAP * scale))
         score = np.add.reduceat(logs, splits.first, axis=1) / sizes
-        g, way = np.unravel_index(int(np.argmax(score)), score.shape)
-        if score[g, way] > best_score:
-            best_score = float(score[g, way])
-            here = slice(int(splits.first[way]), int(splits.first[way] + sizes[way]))
-            best = Split(choices[int(g)], splits.children[here], gains[g, here])
-    assert best is not None
-    return best
+        g, division = np.unravel_index(int(np.argmax(score)), score.shape)
+        if score[g, division] > best_score:
+            best_score = float(score[g, division])
+            span = slice(int(splits.first[division]), int(splits.first[division] + sizes[division]))
+            selected = Split(choices[int(g)], splits.children[span], gains[g, span])
+    assert selected is not None
+    return selected

@@ -1,4 +1,4 @@
-"""Proofs of infeasibility from a QP solver that gives no multipliers for infeasible problems."""
+"""Prove infeasibility where a QP solver returns no multipliers of infeasible problems."""
 
 from __future__ import annotations
 
@@ -12,46 +12,53 @@ from scipy import sparse
 from climbplan.arrays import Array
 from climbplan.solvers.tree.choice_table import UNBOUNDED
 
-_SOFT = 8  # DAQP's sense of a row that may be violated at a price
-_SOFTNESS = (1e-6, 1e-9)  # tried in turn
+_SOFT = 8  # DAQP's sense of a soft row
+_SOFTNESS = (1e-6, 1e-9)  # tried in this order
 _OPTIMAL = (1, 2, 4)
 _CERTIFICATE = 1e-10
 
 
-def proved_bound(
-    linear: Array, M: Array, lower: Array, upper: Array, extent: Array, enough: float
+def compute_farkas_bound(
+    linear: Array, M: Array, lower: Array, upper: Array, extent: Array, required_bound: float
 ) -> float:
-    """A lower bound on min 1/2 |z|^2 + linear z over lower <= M z <= upper, large if infeasible.
+    """Return a lower bound on min 1/2 |z|^2 + linear z over lower <= M z <= upper.
 
-    With every row soft the problem has multipliers l, whose ray is tried in the dual function of
-    the hard problem: best over t of -1/2 |linear + t M'l|^2 - t l'b. Where no point is feasible the
-    bound grows without limit as the rows get harder, and along Clarabel's certificate. It is
-    returned once it is `enough`.
+    With every row soft the problem has multipliers l. Their ray is inserted into the dual function
+    of the hard problem: best over t of -1/2 |linear + t M'l|^2 - t l'b. Where no point is feasible,
+    the bound grows without limit as the rows become harder, and along Clarabel's certificate.
 
-    extent: (k,) not zero for coordinates without curvature, which have |z| <= extent instead.
+    Args:
+        linear: (k,) linear cost.
+        M: (m, k) rows.
+        lower: (m,) lower bounds of rows.
+        upper: (m,) upper bounds of rows.
+        extent: (k,) nonzero for coordinates without curvature, for which |z| <= extent.
+        enough: Value of the bound at which the search for rays stops.
     """
     flat = np.flatnonzero(extent)
     curved = np.where(extent > 0, 0.0, linear)
-    sloped = flat[linear[flat] != 0]
-    least = -0.5 * float(curved @ curved) - float(extent[sloped] @ np.abs(linear[sloped]))
+    sloped_flat = flat[linear[flat] != 0]
+    min_cost = -0.5 * float(curved @ curved) - float(
+        extent[sloped_flat] @ np.abs(linear[sloped_flat])
+    )
     best = -np.inf
-    for ray in _rays(M, lower, upper):
-        held = np.flatnonzero(ray)
-        pull = ray[held] @ M[held]
-        tilt = np.abs(pull[flat])
-        rise = -float(ray[held] @ np.where(ray[held] > 0, upper[held], lower[held]))
+    for ray in _generate_rays(M, lower, upper):
+        active = np.flatnonzero(ray)
+        gradient = ray[active] @ M[active]
+        tilt = np.abs(gradient[flat])
+        rise = -float(ray[active] @ np.where(ray[active] > 0, upper[active], lower[active]))
         rise -= float(extent[flat][tilt > 0] @ tilt[tilt > 0])
-        pull[flat] = 0.0
-        gain = rise - float(curved @ pull)
+        gradient[flat] = 0.0
+        gain = rise - float(curved @ gradient)
         if gain > 0:
-            best = max(best, least + 0.5 * gain**2 / max(float(pull @ pull), 1e-300))
-        if best >= enough:
+            best = max(best, min_cost + 0.5 * gain**2 / max(float(gradient @ gradient), 1e-300))
+        if best >= required_bound:
             break
     return best
 
 
-def _rays(M: Array, lower: Array, upper: Array) -> Iterator[Array]:
-    """Multipliers of softened rows, then Clarabel's certificate."""
+def _generate_rays(M: Array, lower: Array, upper: Array) -> Iterator[Array]:
+    """Yield multipliers of softened rows, then Clarabel's certificate."""
     k = M.shape[1]
     sense = np.full(len(M), _SOFT, np.int32)
     for softness in _SOFTNESS:

@@ -1,12 +1,12 @@
-"""One choice as intervals: every alternative seen along row directions of the choice.
+"""One choice as intervals: every alternative projected onto row directions of the choice.
 
 Along a direction d an alternative takes values in [lower, upper]. The hull of a set of alternatives
-is bounded by the least lower and the largest upper value of its members, so that a branch of the
-search that allows only some alternatives changes nothing but bounds of the same rows.
+is bounded by the smallest lower and the largest upper value of its members. A branch of the search
+that allows only some alternatives therefore changes nothing but bounds of the same rows.
 
-Few alternatives are seen along all directions that any of them states. Many (a mesh of 320
-triangles states some 900) are seen along a few that are spread evenly: enough for hulls of sets.
-What an alternative itself states stands in `own` in any case, and is exact.
+Few alternatives are projected onto all directions of their rows. Many (a mesh of 320 triangles has
+some 900) are projected onto a few directions that are spread evenly, which suffices for hulls of
+sets. The exact rows of each alternative are stored in `own` in any case.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ from climbplan.program.polytope import Polytope
 
 UNBOUNDED = 1e30  # no bound, in DAQP's terms
 _PARALLEL = 1e-9  # unit rows closer than this are the same direction
-_OFF = 1e-6  # stated vertices further outside their own polytope are not trusted
-_FEW = 32  # alternatives up to which all ways to divide them are listed
-_TABULATED = 30_000  # R D D up to which alternatives are seen along all directions
-_SPREAD = 16  # directions of hulls otherwise
-_PLANES = 8  # normals of planes come first unless there are more
-_HULLS, _SPLIT_BYTES = 50_000, 64e6  # remembered; more are forgotten and made anew
+_VERTEX_TOLERANCE = 1e-6  # stated vertices further outside their own polytope are ignored
+_MAX_LISTED = 32  # largest number of alternatives of which all divisions are listed
+_MAX_TABLE_SIZE = 30_000  # R D D up to which alternatives are projected onto all directions
+_NUM_DIRECTIONS = 16  # number of directions of hulls otherwise
+_MAX_PLANES = 8  # largest number of plane normals that come first among these
+_MAX_HULLS, _MAX_SPLIT_BYTES = 50_000, 64e6  # cache limits
 
 Mask = int  # set of alternatives, one bit each
 
 
 @dataclass(frozen=True)
-class Splits:
-    """Ways to divide a set of alternatives, the children of all ways one after another."""
+class Divisions:
+    """Divisions of a set of alternatives, the children of all divisions one after another."""
 
     children: tuple[Mask, ...]
-    first: NDArray[np.intp]  # (K,) where the children of each way start
+    first: NDArray[np.intp]  # (K,) first child of each division
     lower: Array  # (sum of children, D) hulls
     upper: Array
 
 
 @dataclass(frozen=True)
-class OwnRows:
-    """What R alternatives state: lower <= directions[index] y <= upper, padded with no bounds."""
+class ExactRows:
+    """Rows lower <= directions[index] y <= upper of R alternatives, padded with infinite bounds."""
 
     directions: Array  # (A, d) unit rows
     index: NDArray[np.intp]  # (R, q)
@@ -61,128 +61,136 @@ class ChoiceTable:
     directions: Array  # (D, d) unit rows
     lower: Array  # (R, D), -UNBOUNDED where nothing is known
     upper: Array  # (R, D)
-    own_lower: Array  # (R, D) intervals by stated rows alone
-    own_upper: Array
-    own: OwnRows
-    complete: bool  # the directions are all that are stated
-    bounded: bool  # vertices of all alternatives are known
-    empty: BoolArray  # (R,) alternatives that are known to hold no point
+    exact_lower: Array  # (R, D) intervals by stated rows alone
+    exact_upper: Array
+    exact: ExactRows
+    is_complete: bool  # whether these are the directions of all stated rows
+    is_bounded: bool  # whether the vertices of all alternatives are known
+    is_empty: BoolArray  # (R,) alternatives that are known to contain no point
     _hulls: dict[Mask, tuple[Array, Array]] = field(default_factory=dict, repr=False)
-    _splits: dict[Mask, Splits] = field(default_factory=dict, repr=False)
+    _splits: dict[Mask, Divisions] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, alternatives: tuple[Polytope, ...], every_row: bool = False) -> ChoiceTable:
-        """The table of a choice among polytopes of one dimension d.
+    def build(cls, alternatives: tuple[Polytope, ...], every_row: bool = False) -> ChoiceTable:
+        """Build the table of a choice among polytopes of one dimension d.
 
-        every_row: along all directions, however many there are.
+        Args:
+            alternatives: The polytopes.
+            every_row: Whether to use all directions, however many there are.
         """
-        stated = _stated(alternatives)
-        own, empty = stated.own, stated.empty
-        known = [p.vertices is not None and _outside(p) <= _OFF for p in alternatives]
-        bounded = all(known)
-        count, size = len(alternatives), len(own.directions)
-        complete = every_row or not bounded or count * size**2 <= _TABULATED
-        kept = np.arange(size) if complete else _spread(own.directions, stated.planes)
-        directions = own.directions[kept]
-        shape = (count, len(kept))
+        stated = _collect_rows(alternatives)
+        exact, empty = stated.exact, stated.is_empty
+        has_vertices = [
+            p.vertices is not None and _measure_vertex_error(p) <= _VERTEX_TOLERANCE
+            for p in alternatives
+        ]
+        bounded = all(has_vertices)
+        count, size = len(alternatives), len(exact.directions)
+        complete = every_row or not bounded or count * size**2 <= _MAX_TABLE_SIZE
+        selected = np.arange(size) if complete else _select_spread(exact.directions, stated.planes)
+        directions = exact.directions[selected]
+        shape = (count, len(selected))
         lower, upper = np.full(shape, -UNBOUNDED), np.full(shape, UNBOUNDED)
         own_lower, own_upper = lower.copy(), upper.copy()
         for k, polytope in enumerate(alternatives):
-            if not known[k]:
+            if not has_vertices[k]:
                 continue
-            along = np.asarray(polytope.vertices) @ directions.T
-            lower[k], upper[k] = along.min(axis=0), along.max(axis=0)
-        place = np.full(size, -1)
-        place[kept] = np.arange(len(kept))
-        at = place[own.index]
-        r, q = np.nonzero(at >= 0)
-        np.maximum.at(own_lower, (r, at[r, q]), own.lower[r, q])
-        np.minimum.at(own_upper, (r, at[r, q]), own.upper[r, q])
+            projections = np.asarray(polytope.vertices) @ directions.T
+            lower[k], upper[k] = projections.min(axis=0), projections.max(axis=0)
+        position = np.full(size, -1)
+        position[selected] = np.arange(len(selected))
+        position_of_row = position[exact.index]
+        r, q = np.nonzero(position_of_row >= 0)
+        np.maximum.at(own_lower, (r, position_of_row[r, q]), exact.lower[r, q])
+        np.minimum.at(own_upper, (r, position_of_row[r, q]), exact.upper[r, q])
         # A stated row is exact; what the vertices say on the other side of it still holds.
         lower, upper = np.maximum(lower, own_lower), np.minimum(upper, own_upper)
-        empty |= (lower > upper + _OFF).any(axis=1)
+        empty |= (lower > upper + _VERTEX_TOLERANCE).any(axis=1)
         return cls(
             directions=directions,
             lower=lower,
             upper=upper,
-            own_lower=own_lower,
-            own_upper=own_upper,
-            own=own,
-            complete=complete,
-            bounded=bounded,
-            empty=empty,
+            exact_lower=own_lower,
+            exact_upper=own_upper,
+            exact=exact,
+            is_complete=complete,
+            is_bounded=bounded,
+            is_empty=empty,
         )
 
     @property
     def count(self) -> int:
-        """R."""
+        """Number of alternatives R."""
         return len(self.lower)
 
     @property
-    def everything(self) -> Mask:
-        """The set of all alternatives."""
+    def all_alternatives(self) -> Mask:
+        """Set of all alternatives."""
         return (1 << self.count) - 1
 
-    def mask(self, allowed: BoolArray) -> Mask:
-        """The set of the alternatives that are flagged, (R,) or longer."""
+    def encode_mask(self, allowed: BoolArray) -> Mask:
+        """Return the set of the alternatives that are flagged, (R,) or longer."""
         return int.from_bytes(np.packbits(allowed, bitorder="little").tobytes(), "little")
 
-    def members(self, mask: Mask) -> NDArray[np.intp]:
-        """Indices of the alternatives in a set."""
-        return np.flatnonzero(flags_of(mask, self.count))
+    def list_members(self, mask: Mask) -> NDArray[np.intp]:
+        """Return the indices of the alternatives in a set."""
+        return np.flatnonzero(decode_mask(mask, self.count))
 
-    def hull(self, mask: Mask) -> tuple[Array, Array]:
-        """Lower and upper bounds (D,) of the union of a set along every direction.
+    def compute_hull(self, mask: Mask) -> tuple[Array, Array]:
+        """Return lower and upper bounds (D,) of the union of a set along every direction.
 
-        A single alternative is bounded by its own rows alone if all of them are here: others would
+        A single alternative is bounded by its own rows alone if the table is complete: others would
         only repeat them.
         """
-        known = self._hulls.get(mask)
-        if known is None:
-            members = self.members(mask)
-            if len(members) == 1 and self.complete:
-                known = self.own_lower[members[0]], self.own_upper[members[0]]
+        hull = self._hulls.get(mask)
+        if hull is None:
+            members = self.list_members(mask)
+            if len(members) == 1 and self.is_complete:
+                hull = self.exact_lower[members[0]], self.exact_upper[members[0]]
             else:
-                known = self.lower[members].min(axis=0), self.upper[members].max(axis=0)
-            if len(self._hulls) >= _HULLS:
+                hull = self.lower[members].min(axis=0), self.upper[members].max(axis=0)
+            if len(self._hulls) >= _MAX_HULLS:
                 self._hulls.clear()
-            self._hulls[mask] = known
-        return known
+            self._hulls[mask] = hull
+        return hull
 
     @property
-    def listed(self) -> bool:
-        """Whether the alternatives are few enough to list all ways to divide them."""
-        return self.complete and (self.count <= _FEW or not self.bounded)
+    def has_listed_divisions(self) -> bool:
+        """Whether the alternatives are few enough to list all divisions."""
+        return self.is_complete and (self.count <= _MAX_LISTED or not self.is_bounded)
 
-    def splits(self, mask: Mask) -> Splits:
-        """Candidate ways to branch on a set of at least two alternatives.
+    def list_divisions(self, mask: Mask) -> Divisions:
+        """Return candidate divisions of a set of at least two alternatives.
 
-        With known vertices: each alternative against the rest, and the sets below and above every
-        threshold along every direction (of two disjoint polygons one edge separates them). Without
-        vertices a hull says nothing, so each alternative becomes a child of its own.
+        With known vertices these are each alternative against the rest, and the sets below and
+        above every threshold along every direction (one edge separates two disjoint polygons).
+        Without vertices a hull has no bounds, so each alternative becomes a child of its own.
         """
         if mask not in self._splits:
-            members = [int(r) for r in self.members(mask)]
-            ways = self._halves(mask, members) if self.bounded else [[1 << r for r in members]]
-            children = [child for way in ways for child in way]
-            hulls = [self.hull(child) for child in children]
-            held = 16.0 * len(children) * len(self.directions)
-            if len(self._splits) * held > _SPLIT_BYTES:
+            members = [int(r) for r in self.list_members(mask)]
+            divisions = (
+                self._list_halves(mask, members) if self.is_bounded else [[1 << r for r in members]]
+            )
+            children = [child for division in divisions for child in division]
+            hulls = [self.compute_hull(child) for child in children]
+            num_bytes = 16.0 * len(children) * len(self.directions)
+            if len(self._splits) * num_bytes > _MAX_SPLIT_BYTES:
                 self._splits.clear()
-            self._splits[mask] = Splits(
+            self._splits[mask] = Divisions(
                 tuple(children),
-                np.cumsum([0, *(len(way) for way in ways[:-1])]),
+                np.cumsum([0, *(len(division) for division in divisions[:-1])]),
                 np.array([low for low, _ in hulls]),
                 np.array([high for _, high in hulls]),
             )
         return self._splits[mask]
 
-    def _halves(self, mask: Mask, members: list[int]) -> list[list[Mask]]:
+    def _list_halves(self, mask: Mask, members: list[int]) -> list[list[Mask]]:
+        """Return the divisions into two sets."""
         halves: dict[frozenset[Mask], None] = {}
         for r in members:
             halves.setdefault(frozenset((1 << r, mask & ~(1 << r))))
-        middle = self.lower[members] + self.upper[members]
-        for order in np.argsort(middle, axis=0, kind="stable").T:
+        center = self.lower[members] + self.upper[members]
+        for order in np.argsort(center, axis=0, kind="stable").T:
             below = 0
             for index in order[:-1]:
                 below |= 1 << members[int(index)]
@@ -190,114 +198,121 @@ class ChoiceTable:
         return [sorted(half) for half in halves]
 
 
-def flags_of(mask: Mask, count: int) -> BoolArray:
-    """A set as flags (count,)."""
+def decode_mask(mask: Mask, count: int) -> BoolArray:
+    """Return a set as flags (count,)."""
     packed = np.frombuffer(mask.to_bytes((count + 7) // 8, "little"), np.uint8)
     return np.unpackbits(packed, count=count, bitorder="little").view(np.bool_)
 
 
-def choice_tables(choices: Sequence[Choice], every_row: bool = False) -> list[ChoiceTable]:
-    """One table for each choice, shared between choices of the same alternatives."""
-    known: dict[tuple[int, ...], ChoiceTable] = {}
+def build_choice_tables(choices: Sequence[Choice], every_row: bool = False) -> list[ChoiceTable]:
+    """Build one table for each choice, shared between choices with the same alternatives."""
+    table_of: dict[tuple[int, ...], ChoiceTable] = {}
     tables = []
     for choice in choices:
         key = tuple(id(p) for p in choice.alternatives)
-        if key not in known:
-            known[key] = ChoiceTable.of(choice.alternatives, every_row)
-        tables.append(known[key])
+        if key not in table_of:
+            table_of[key] = ChoiceTable.build(choice.alternatives, every_row)
+        tables.append(table_of[key])
     return tables
 
 
 @dataclass(frozen=True)
-class _Stated:
-    own: OwnRows
+class _StatedRows:
+    """Rows of all alternatives along their different directions."""
+
+    exact: ExactRows
     planes: NDArray[np.intp]  # directions that are the normal of an alternative's plane
-    empty: BoolArray  # (R,) a row without coefficients fails
+    is_empty: BoolArray  # (R,) whether a row without coefficients fails
 
 
-def _stated(alternatives: tuple[Polytope, ...]) -> _Stated:
-    """All rows of all alternatives, as intervals along different directions."""
+def _collect_rows(alternatives: tuple[Polytope, ...]) -> _StatedRows:
+    """Collect all rows of all alternatives, as intervals along different directions."""
     sizes = [len(p.b) + len(p.c) for p in alternatives]
     d = alternatives[0].dimension
     rows = np.concatenate([np.zeros((0, d)), *(m for p in alternatives for m in (p.A, p.C))])
     low = np.concatenate([v for p in alternatives for v in (np.full(len(p.b), -np.inf), p.c)])
     high = np.concatenate([v for p in alternatives for v in (p.b, p.c)])
-    of = np.repeat(np.arange(len(alternatives)), sizes)
+    alternative = np.repeat(np.arange(len(alternatives)), sizes)
     length = np.linalg.norm(rows, axis=1)
     short = length < _PARALLEL
     empty = np.zeros(len(alternatives), bool)
-    empty[of[short & ((low > _PARALLEL) | (high < -_PARALLEL))]] = True
-    rows, low, high, of = (part[~short] for part in (rows, low, high, of))
+    empty[alternative[short & ((low > _PARALLEL) | (high < -_PARALLEL))]] = True
+    rows, low, high, alternative = (array[~short] for array in (rows, low, high, alternative))
     length = length[~short]
     rows = rows / length[:, None]
     low, high = low / length, high / length
-    place, sign, directions = _directions(rows)
+    direction, sign, directions = _find_directions(rows)
     low, high = np.where(sign > 0, low, -high), np.where(sign > 0, high, -low)
     low, high = np.maximum(low, -UNBOUNDED), np.minimum(high, UNBOUNDED)
     # Several rows of an alternative along one direction are one interval.
-    key, inverse = np.unique(of * max(len(directions), 1) + place, return_inverse=True)
+    key, inverse = np.unique(alternative * max(len(directions), 1) + direction, return_inverse=True)
     lower, upper = np.full(len(key), -UNBOUNDED), np.full(len(key), UNBOUNDED)
     np.maximum.at(lower, inverse, low)
     np.minimum.at(upper, inverse, high)
-    holder, along = np.divmod(key, max(len(directions), 1))
-    numbers = np.bincount(holder, minlength=len(alternatives))
-    column = np.arange(len(key)) - np.repeat(np.cumsum(numbers) - numbers, numbers)
-    shape = (len(alternatives), int(numbers.max(initial=0)))
+    holder, direction_of_interval = np.divmod(key, max(len(directions), 1))
+    num_intervals = np.bincount(holder, minlength=len(alternatives))
+    column = np.arange(len(key)) - np.repeat(
+        np.cumsum(num_intervals) - num_intervals, num_intervals
+    )
+    shape = (len(alternatives), int(num_intervals.max(initial=0)))
     index = np.zeros(shape, np.intp)
     own_lower, own_upper = np.full(shape, -UNBOUNDED), np.full(shape, UNBOUNDED)
-    index[holder, column] = along
+    index[holder, column] = direction_of_interval
     own_lower[holder, column], own_upper[holder, column] = lower, upper
-    planes = np.unique(along[upper - lower <= _PARALLEL])
-    return _Stated(OwnRows(directions, index, own_lower, own_upper), planes, empty)
+    planes = np.unique(direction_of_interval[upper - lower <= _PARALLEL])
+    return _StatedRows(ExactRows(directions, index, own_lower, own_upper), planes, empty)
 
 
-def _directions(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Unit rows as index and sign among different directions, numbered as they first appear.
+def _find_directions(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Return index and sign of unit rows among different directions, in order of appearance.
 
-    Rows that are the same to the last digit, of which parallel panels have many, are one.
+    Rows that are equal to the last digit are merged first; parallel panels have many.
     """
     if not len(rows):
         return np.empty(0, np.intp), np.ones(0, np.intp), rows.copy()
-    _, first, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    _, first, unique_of_row = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)  # as they appear
     number = np.empty(len(order), np.intp)
     number[order] = np.arange(len(order))
-    place, sign, directions = _different(rows[first[order]])
-    which = number[same.reshape(-1)]
-    return place[which], sign[which], directions
+    index, sign, directions = _match_parallel(rows[first[order]])
+    unique_index = number[unique_of_row.reshape(-1)]
+    return index[unique_index], sign[unique_index], directions
 
 
-def _different(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """The same for unit rows that all differ."""
-    place, sign = np.empty(len(rows), np.intp), np.ones(len(rows), np.intp)
+def _match_parallel(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Return index and sign of unit rows that all differ."""
+    index, sign = np.empty(len(rows), np.intp), np.ones(len(rows), np.intp)
     tree = cKDTree(rows)
-    near = {
-        turn: tree.query_ball_point(turn * rows, _PARALLEL, p=np.inf, return_sorted=True)
-        for turn in (1, -1)
+    neighbours = {
+        orientation: tree.query_ball_point(
+            orientation * rows, _PARALLEL, p=np.inf, return_sorted=True
+        )
+        for orientation in (1, -1)
     }
     number: dict[int, int] = {}  # of the row that a direction first appeared in
     for k in range(len(rows)):
-        for turn in (1, -1):
-            first = next((i for i in near[turn][k] if i < k and i in number), None)
+        for orientation in (1, -1):
+            first = next((i for i in neighbours[orientation][k] if i < k and i in number), None)
             if first is not None:
-                place[k], sign[k] = number[first], turn
+                index[k], sign[k] = number[first], orientation
                 break
         else:
-            number[k] = place[k] = len(number)
-    return place, sign, rows[list(number)]
+            number[k] = index[k] = len(number)
+    return index, sign, rows[list(number)]
 
 
-def _spread(directions: Array, planes: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Few directions, normals of planes first, each next one furthest from parallel to all."""
-    kept = [int(p) for p in planes] if 0 < len(planes) <= _PLANES else [0]
-    nearest = np.abs(directions @ directions[kept].T).max(axis=1)
-    while len(kept) < min(_SPREAD, len(directions)):
-        new = int(np.argmin(nearest))
-        kept.append(new)
-        nearest = np.maximum(nearest, np.abs(directions @ directions[new]))
-    return np.sort(np.array(kept))
+def _select_spread(directions: Array, planes: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Select few directions: normals of planes first, then each the least parallel to all."""
+    selected = [int(p) for p in planes] if 0 < len(planes) <= _MAX_PLANES else [0]
+    max_cosine = np.abs(directions @ directions[selected].T).max(axis=1)
+    while len(selected) < min(_NUM_DIRECTIONS, len(directions)):
+        new = int(np.argmin(max_cosine))
+        selected.append(new)
+        max_cosine = np.maximum(max_cosine, np.abs(directions @ directions[new]))
+    return np.sort(np.array(selected))
 
 
-def _outside(polytope: Polytope) -> float:
+def _measure_vertex_error(polytope: Polytope) -> float:
+    """Return the largest distance of stated vertices outside their own polytope."""
     assert polytope.vertices is not None
     return max((polytope.violation(v) for v in polytope.vertices), default=np.inf)

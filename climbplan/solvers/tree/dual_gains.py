@@ -1,9 +1,9 @@
-"""How much a violated row is sure to raise a relaxation's bound, without solving it.
+"""Lower bounds on the gain of a relaxation's bound by a violated row, without solving it.
 
-From multipliers l that are optimal for the active rows A, one step of a dual method adds a violated
-row p: l_p = t, l_A = l_A - t r. The dual function then rises by t v - 1/2 t^2 |p - A'r|^2 for a
-violation v, which is a valid gain for every r as long as no multiplier changes its sign. r = 0 and
-the projection onto the active rows are tried.
+Let multipliers l be optimal for the active rows A. One step of a dual method adds a violated row p:
+l_p = t, l_A = l_A - t r. For a violation v the dual function rises by t v - 1/2 t^2 |p - A'r|^2.
+This gain is valid for every r as long as no multiplier changes its sign. r = 0 and the projection
+onto the active rows are tried.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _SMALL = 1e-14
 
 
 @dataclass(frozen=True)
-class RowRates:
+class DualSteps:
     """Dual step data of some rows; far means projected onto the active rows, near r = 0."""
 
     near: Array  # (P,) |p|^2 over curved coordinates
@@ -29,9 +29,9 @@ class RowRates:
     near_drag: Array  # (2, P) loss of slope in flat coordinates
     far_drag: Array  # (2, P)
 
-    def take(self, rows: IntArray) -> RowRates:
-        """The data of some of the rows, any shape of indices."""
-        return RowRates(
+    def select(self, rows: IntArray) -> DualSteps:
+        """Return the data of some of the rows, for any shape of indices."""
+        return DualSteps(
             self.near[rows],
             self.far[rows],
             self.step[:, rows],
@@ -39,8 +39,8 @@ class RowRates:
             self.far_drag[:, rows],
         )
 
-    def gain(self, value: Array, lower: Array, upper: Array) -> Array:
-        """Largest gain of any one row whose value leaves its bounds, over the last axis."""
+    def compute_gain(self, value: Array, lower: Array, upper: Array) -> Array:
+        """Return the largest gain of any row whose value leaves its bounds, over the last axis."""
         best = np.zeros(())
         for side, violation in enumerate((value - upper, lower - value)):
             v = np.maximum(violation - self.far_drag[side], 0.0)
@@ -52,32 +52,38 @@ class RowRates:
         return best
 
 
-def row_rates(
+def compute_dual_steps(
     rows: Array, active: Array, multiplier: Array, fixed: BoolArray, z: Array, cost: ScaledCost
-) -> RowRates:
-    """Rates of rows (P, k) at active rows (a, k) and the point z (k,).
+) -> DualSteps:
+    """Compute the dual steps of rows at a relaxation's solution.
 
-    fixed: (a,) equations, whose multipliers may take either sign.
+    Args:
+        rows: (P, k) rows.
+        active: (a, k) active rows.
+        multiplier: (a,) their multipliers.
+        fixed: (a,) mask of equations, whose multipliers may take either sign.
+        z: (k,) solution.
+        cost: Scaled cost.
     """
-    none = np.zeros((2, len(rows)))
-    near, near_drag = _split(rows, z, cost)
+    no_drag = np.zeros((2, len(rows)))
+    near, near_drag = _split_curved(rows, z, cost)
     if not len(active):
-        return RowRates(near, near, none, near_drag, near_drag)
+        return DualSteps(near, near, no_drag, near_drag, near_drag)
     gram = active @ active.T
     gram[np.diag_indices(len(gram))] *= 1.0 + _RIDGE
     r = np.linalg.solve(gram, active @ rows.T)  # (a, P)
-    far, far_drag = _split(rows - r.T @ active, z, cost)
+    far, far_drag = _split_curved(rows - r.T @ active, z, cost)
     # At the upper bound the multipliers become l - t r: they keep their sign while t r / l <= 1.
-    share = np.where(fixed[:, None], 0.0, r / multiplier[:, None])
-    step = np.stack([share.max(axis=0), (-share).max(axis=0)])
-    return RowRates(near, far, 1.0 / np.maximum(step, 1e-300), near_drag, far_drag)
+    relative_change = np.where(fixed[:, None], 0.0, r / multiplier[:, None])
+    step = np.stack([relative_change.max(axis=0), (-relative_change).max(axis=0)])
+    return DualSteps(near, far, 1.0 / np.maximum(step, 1e-300), near_drag, far_drag)
 
 
-def _split(rows: Array, z: Array, cost: ScaledCost) -> tuple[Array, Array]:
-    """Squared length over curved coordinates, and what flat ones take off a violation.
+def _split_curved(rows: Array, z: Array, cost: ScaledCost) -> tuple[Array, Array]:
+    """Return squared lengths over curved coordinates, and what flat ones take off a violation.
 
-    Along a flat coordinate the Lagrangian is linear: its least value over |z| <= extent is
-    extent |p| + p z below the value at z.
+    Along a flat coordinate the Lagrangian is linear: its minimum over |z| <= extent is extent |p| +
+    p z below the value at z.
     """
     if not len(cost.flat):
         return np.einsum("pk,pk->p", rows, rows), np.zeros((2, len(rows)))
@@ -85,5 +91,5 @@ def _split(rows: Array, z: Array, cost: ScaledCost) -> tuple[Array, Array]:
     square = np.einsum("pk,pk->p", rows, rows) - np.einsum("pk,pk->p", flat, flat)
     with np.errstate(invalid="ignore"):
         spread = np.nan_to_num(np.abs(flat) * cost.extent[cost.flat], nan=0.0, posinf=np.inf)
-    here = flat @ z[cost.flat]
-    return square, np.stack([spread.sum(axis=1) + here, spread.sum(axis=1) - here])
+    value_at_z = flat @ z[cost.flat]
+    return square, np.stack([spread.sum(axis=1) + value_at_z, spread.sum(axis=1) - value_at_z])

@@ -1,9 +1,10 @@
 """Node relaxations: a QP over rows, with balls as tangent half-spaces, re-solved by DAQP.
 
-min 1/2 |z|^2 over the rows of the pool, the choice rows with the node's own bounds. Only rows near
-the last solution are passed; what they leave violated is added until nothing is. In coordinates
-without curvature a proximal term is moved along until it has no effect. Every bound is a value of
-the dual function, computed here from the multipliers, so it holds however well DAQP did.
+Minimise 1/2 |z|^2 over the rows of the pool, with the node's own bounds of choice rows. Only rows
+near the last solution are passed to DAQP, and violated rows are added until none is left. In
+coordinates without curvature proximal steps are made until they have no effect. Every bound is a
+value of the dual function, computed here from the multipliers, so it does not depend on the
+accuracy of DAQP.
 """
 
 from __future__ import annotations
@@ -16,24 +17,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.arrays import Array, IntArray
-from climbplan.solvers.tree.certificate import proved_bound
+from climbplan.solvers.tree.certificate import compute_farkas_bound
 from climbplan.solvers.tree.choice_table import UNBOUNDED
 from climbplan.solvers.tree.components import SAME
 from climbplan.solvers.tree.normal_form import Masks, NormalForm
-from climbplan.solvers.tree.row_pool import OwnRange, RowPool
+from climbplan.solvers.tree.row_pool import AlternativeRows, RowPool
 
 _TOLERANCES = (1e-9, 1e-8, 1e-7)  # of rows in their own unit; the next where DAQP cycles
-_ITERATIONS = 2000  # of DAQP; more only happen when it cycles
-_SPARE = 40  # rows near the last solution that are passed beside the active ones
+_ITERATIONS = 2000  # limit of DAQP, reached only when it cycles
+_SPARE = 40  # rows near the last solution that are passed in addition to the active ones
 _OPTIMAL = (1, 2, 4)  # DAQP's flags for a solution
-_NONE = -1  # DAQP's flag for infeasible
+_INFEASIBLE = -1  # DAQP's flag for infeasible
 _AT_UPPER, _AT_LOWER = 1, 3  # DAQP's senses of active rows
-_SETTLED, _MOVES = 1e-9, 20  # of the proximal term
+_PROXIMAL_TOLERANCE, _MAX_PROXIMAL_STEPS = (
+    1e-9,
+    20,
+)  # tolerance and largest number of proximal steps
 
 
 @dataclass(frozen=True)
-class Point:
-    """A relaxation's solution, and where the next one starts."""
+class RelaxationPoint:
+    """A relaxation's solution, from which the next one starts."""
 
     z: Array  # (k,)
     bound: float  # value of the dual function, a lower bound in any case
@@ -43,7 +47,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Closed:
+class ClosedRelaxation:
     """A relaxation that needs no further search: infeasible, or its bound reaches the cutoff."""
 
     bound: float  # infinite if infeasible
@@ -60,19 +64,22 @@ class CutRound:
 
 @dataclass(frozen=True)
 class _NodeBounds:
-    """Bounds of the choice rows at a node, kept for its next cut round."""
+    """Bounds of the choice rows at a node, cached for its next cut round."""
 
     masks: Masks | None
     lower: Array
     upper: Array
-    single: list[OwnRange]
+    alternatives: list[AlternativeRows]
 
 
 class Relaxation:
     """Solves the relaxations of one search."""
 
     def __init__(self, form: NormalForm, late: Callable[[], bool] = lambda: False) -> None:
-        """late: asked between QPs; once it says so, the best point so far is returned."""
+        """Begin with an empty cache.
+
+        `late` is called between QPs; once it is true, the best point so far is returned.
+        """
         self.form = form
         self.late = late
         self.pool = RowPool(form)
@@ -83,121 +90,134 @@ class Relaxation:
         self._model = daqp.Model()
         self._model.settings = {"eq_reduction": -1, "iter_limit": _ITERATIONS}
 
-    def start(self) -> Point:
-        """The minimum without any row."""
-        none = np.zeros(0, np.int64)
-        return Point(np.zeros(self.form.size), self.form.cost.constant, none, np.zeros(0))
+    def start(self) -> RelaxationPoint:
+        """Return the minimum without any row."""
+        no_rows = np.zeros(0, np.int64)
+        return RelaxationPoint(
+            np.zeros(self.form.size), self.form.cost.constant, no_rows, np.zeros(0)
+        )
 
-    def bounds(self, masks: Masks) -> tuple[Array, Array]:
-        """Bounds of all rows of the pool at a node: its choice rows, and what single ones state."""
+    def compute_bounds(self, masks: Masks) -> tuple[Array, Array]:
+        """Return bounds of all rows of the pool at a node, including single alternatives."""
         form, pool = self.form, self.pool
         if masks is not self._last.masks:
-            single = [
-                pool.own(c, mask.bit_length() - 1)
+            alternatives = [
+                pool.ensure_alternative(c, mask.bit_length() - 1)
                 for c, (table, mask) in enumerate(zip(form.tables, masks, strict=True))
-                if not table.complete and mask & (mask - 1) == 0
+                if not table.is_complete and mask & (mask - 1) == 0
             ]
-            self._last = _NodeBounds(masks, *form.choice_bounds(masks), single)
+            self._last = _NodeBounds(masks, *form.compute_choice_bounds(masks), alternatives)
         low, high = pool.lower.copy(), pool.upper.copy()
         low[form.choice_rows], high[form.choice_rows] = self._last.lower, self._last.upper
-        for own in self._last.single:
-            low[own.here], high[own.here] = own.lower, own.upper
+        for alternative in self._last.alternatives:
+            low[alternative.span], high[alternative.span] = alternative.lower, alternative.upper
         return low, high
 
     def solve(
         self,
         lower: Array,
         upper: Array,
-        start: Point,
+        start: RelaxationPoint,
         cutoff: float = np.inf,
         prove: bool = True,
-    ) -> Point | Closed:
-        """The optimum under bounds of all rows, from a nearby solution.
+    ) -> RelaxationPoint | ClosedRelaxation:
+        """Solve the relaxation under bounds of all rows, from a nearby solution.
 
-        cutoff: a bound that needs no further search. prove: whether what DAQP calls infeasible is
-        to be proved.
+        Args:
+            lower: (m,) lower bounds.
+            upper: (m,) upper bounds.
+            start: Nearby solution.
+            cutoff: Bound at which no further search is needed.
+            prove: Whether to prove infeasibility that DAQP reports.
         """
         pool, M = self.pool, self.pool.M
         if (lower > upper + SAME).any():
-            return Closed(np.inf, True)
+            return ClosedRelaxation(np.inf, True)
         point = replace(
             start,
-            bound=self.dual_value(start.active, start.multiplier, lower, upper),
+            bound=self.compute_dual_value(start.active, start.multiplier, lower, upper),
             solved=False,
         )
         sense = np.zeros(pool.count, np.int32)
-        at = np.where(start.multiplier > 0, upper[start.active], lower[start.active])
+        right_side = np.where(start.multiplier > 0, upper[start.active], lower[start.active])
         sense[start.active] = np.where(start.multiplier > 0, _AT_UPPER, _AT_LOWER)
-        sense[start.active[np.abs(at) >= UNBOUNDED]] = 0
-        rows = self._near(lower, upper, start)
-        flat, moves = self.form.cost.flat, 0
+        sense[start.active[np.abs(right_side) >= UNBOUNDED]] = 0
+        rows = self._select_near_rows(lower, upper, start)
+        flat, num_proximal_steps = self.form.cost.flat, 0
         linear = self.form.cost.slope.copy()
         linear[flat] -= start.z[flat]
-        cold, level = False, 0
+        is_cold, tolerance_level = False, 0
         while True:
             low, high = lower[rows], upper[rows]
-            z, flag, multiplier = self._optimum(M[rows], low, high, sense[rows], linear, level)
-            if flag == _NONE:
-                closed = Closed(point.bound, certified=False)
+            z, flag, multiplier = self._solve_qp(
+                M[rows], low, high, sense[rows], linear, tolerance_level
+            )
+            if flag == _INFEASIBLE:
+                closed = ClosedRelaxation(point.bound, certified=False)
                 if prove and not self.late():
-                    closed = self._infeasible(rows, lower, upper, cutoff)
-                if closed.certified or cold:
+                    closed = self._prove_infeasible(rows, lower, upper, cutoff)
+                if closed.certified or is_cold:
                     return closed
-                cold, sense = True, np.zeros_like(sense)
+                is_cold, sense = True, np.zeros_like(sense)
                 continue
             if flag not in _OPTIMAL:
-                level += 1
-                if level == len(_TOLERANCES) or self.late():
+                tolerance_level += 1
+                if tolerance_level == len(_TOLERANCES) or self.late():
                     return point
                 continue
-            held = np.flatnonzero(multiplier)
-            active = rows[held]
-            bound = self.dual_value(active, multiplier[held], lower, upper)
-            point = Point(z, bound, active, multiplier[held], solved=False)
+            active_of_rows = np.flatnonzero(multiplier)
+            active = rows[active_of_rows]
+            bound = self.compute_dual_value(active, multiplier[active_of_rows], lower, upper)
+            point = RelaxationPoint(z, bound, active, multiplier[active_of_rows], solved=False)
             if bound >= cutoff:  # of some rows only, so it holds for all
-                return Closed(bound, True)
+                return ClosedRelaxation(bound, True)
             value = M @ z
             violation = np.maximum(value - upper, lower - value)
             violation[rows] = 0.0
-            new = np.flatnonzero(violation > _TOLERANCES[level])
-            moved = z[flat] + linear[flat] - self.form.cost.slope[flat]
-            settled = np.abs(moved).max(initial=0.0) <= _SETTLED or moves == _MOVES
-            if not len(new) and settled:
+            violated = np.flatnonzero(violation > _TOLERANCES[tolerance_level])
+            proximal_step = z[flat] + linear[flat] - self.form.cost.slope[flat]
+            has_converged = (
+                np.abs(proximal_step).max(initial=0.0) <= _PROXIMAL_TOLERANCE
+                or num_proximal_steps == _MAX_PROXIMAL_STEPS
+            )
+            if not len(violated) and has_converged:
                 return replace(point, solved=True)
             if self.late():
                 return point
-            linear[flat] -= moved
-            moves += not len(new)
+            linear[flat] -= proximal_step
+            num_proximal_steps += not len(violated)
             sense[:] = 0
             sense[active] = np.where(point.multiplier > 0, _AT_UPPER, _AT_LOWER)
-            rows = np.union1d(rows, new)
+            rows = np.union1d(rows, violated)
 
-    def _near(self, lower: Array, upper: Array, start: Point) -> IntArray:
-        """The active rows of a point, those it violates, and some it nearly does."""
+    def _select_near_rows(self, lower: Array, upper: Array, start: RelaxationPoint) -> IntArray:
+        """Select the active rows of a point, those it violates, and some that are close."""
         pool = self.pool
         value = pool.M @ start.z
         slack = np.minimum(upper - value, value - lower) * pool.scale
         slack[start.active] = -np.inf
         slack[pool.scale == 0] = np.inf
-        wanted = max(len(start.active) + _SPARE, int((slack < 0).sum()) + _SPARE // 2)
-        if wanted >= len(slack):
+        num_rows = max(len(start.active) + _SPARE, int((slack < 0).sum()) + _SPARE // 2)
+        if num_rows >= len(slack):
             return np.arange(len(slack))
-        return np.sort(np.argpartition(slack, wanted)[:wanted])
+        return np.sort(np.argpartition(slack, num_rows)[:num_rows])
 
-    def dual_value(self, active: IntArray, multiplier: Array, lower: Array, upper: Array) -> float:
-        """-1/2 |M'l|^2 - l'b + constant: a lower bound for any multipliers of the right sign.
+    def compute_dual_value(
+        self, active: IntArray, multiplier: Array, lower: Array, upper: Array
+    ) -> float:
+        """Return -1/2 |M'l|^2 - l'b + constant, a lower bound for multipliers of the right sign.
 
-        In flat coordinates the Lagrangian is linear and takes its least value at their extent.
+        In flat coordinates the Lagrangian is linear and takes its minimum at their extent.
         """
         cost = self.form.cost
-        at = np.where(multiplier > 0, upper[active], lower[active])
-        pull = multiplier @ self.pool.M[active] + cost.slope
+        right_side = np.where(multiplier > 0, upper[active], lower[active])
+        gradient = multiplier @ self.pool.M[active] + cost.slope
         drop = 0.0
         if len(cost.flat):
-            tilt = np.abs(pull[cost.flat])
+            tilt = np.abs(gradient[cost.flat])
             drop = float(cost.extent[cost.flat][tilt > 0] @ tilt[tilt > 0])
-            pull[cost.flat] = 0.0
-        return float(-0.5 * pull @ pull - multiplier @ at) + cost.constant - drop
+            gradient[cost.flat] = 0.0
+        return float(-0.5 * gradient @ gradient - multiplier @ right_side) + cost.constant - drop
 
     def cut_balls(self, z: Array, tolerance: float) -> CutRound:
         """Add the tangent half-space at z of every ball violated by more than the tolerance."""
@@ -205,18 +225,20 @@ class Relaxation:
         vector = balls.vectors(z)
         length = np.sqrt(np.einsum("kd,kd->k", vector, vector))
         excess = length - balls.radii(z)
-        here = np.flatnonzero(excess > tolerance)
-        if len(here):
+        violated = np.flatnonzero(excess > tolerance)
+        if len(violated):
             # With u = v / |v|: u'(F z + f) <= |F z + f| <= radius + relief z everywhere.
-            unit = vector[here] / np.maximum(length[here], 1e-300)[:, None]
-            rows = np.einsum("kd,kdn->kn", unit, balls.F.reshape(*balls.f.shape, -1)[here])
+            unit = vector[violated] / np.maximum(length[violated], 1e-300)[:, None]
+            rows = np.einsum("kd,kdn->kn", unit, balls.F.reshape(*balls.f.shape, -1)[violated])
             if balls.relief is not None:
-                rows = rows - balls.relief[here]
-            upper = balls.radius[here] - np.einsum("kd,kd->k", unit, balls.f[here])
-            self.pool.append(rows, np.full(len(here), -UNBOUNDED), upper, balls.part[here])
-        return CutRound(len(here), float(excess.max(initial=0.0)))
+                rows = rows - balls.relief[violated]
+            upper = balls.radius[violated] - np.einsum("kd,kd->k", unit, balls.f[violated])
+            self.pool.append(
+                rows, np.full(len(violated), -UNBOUNDED), upper, balls.component[violated]
+            )
+        return CutRound(len(violated), float(excess.max(initial=0.0)))
 
-    def _optimum(
+    def _solve_qp(
         self,
         M: Array,
         lower: Array,
@@ -225,7 +247,7 @@ class Relaxation:
         linear: Array,
         level: int,
     ) -> tuple[Array, int, Array]:
-        """DAQP's solution of min 1/2 |z|^2 + linear z, flag and multipliers."""
+        """Solve min 1/2 |z|^2 + linear z with DAQP; return point, flag and multipliers."""
         self._model.settings = {"primal_tol": _TOLERANCES[level]}
         flag, _ = self._model.setup(self._identity, linear, M, upper, lower, sense)
         if flag < 0:  # dependent rows among those marked active
@@ -237,16 +259,20 @@ class Relaxation:
         self.solves += 1
         return z, int(flag), info["lam"]
 
-    def _infeasible(self, rows: IntArray, lower: Array, upper: Array, cutoff: float) -> Closed:
-        """What can be proved of rows that DAQP calls infeasible."""
+    def _prove_infeasible(
+        self, rows: IntArray, lower: Array, upper: Array, cutoff: float
+    ) -> ClosedRelaxation:
+        """Return what can be proved of rows that DAQP reports as infeasible."""
         cost = self.form.cost
-        enough = min(cutoff, self.form.ceiling)
-        bound = cost.constant + proved_bound(
+        required_bound = min(cutoff, self.form.max_cost)
+        bound = cost.constant + compute_farkas_bound(
             cost.slope,
             self.pool.M[rows],
             lower[rows],
             upper[rows],
             cost.extent,
-            enough - cost.constant,
+            required_bound - cost.constant,
         )
-        return Closed(np.inf if bound >= self.form.ceiling else bound, bound >= enough)
+        return ClosedRelaxation(
+            np.inf if bound >= self.form.max_cost else bound, bound >= required_bound
+        )

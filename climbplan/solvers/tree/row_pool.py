@@ -1,8 +1,7 @@
-"""All rows known to a search: those of the normal form, cuts, and rows of single alternatives.
+"""Pool of all rows of a search: normal form, cuts, and rows of single alternatives.
 
-What an alternative states is held by the nodes that chose it and by no others, so that its rows
-have no bounds here: a table that is seen along few directions has them added where a node needs
-them first, once for all later nodes.
+Rows of an alternative hold only at nodes that have chosen it, so they have no bounds here. Tables
+with few directions add them where a node needs them first, once for all later nodes.
 """
 
 from __future__ import annotations
@@ -20,51 +19,52 @@ _GROWTH = 1.6
 
 
 @dataclass(frozen=True)
-class OwnRange:
-    """The rows of one alternative in the pool."""
+class AlternativeRows:
+    """Rows of one alternative in the pool."""
 
-    here: slice
+    span: slice
     lower: Array  # (q,)
     upper: Array  # (q,)
 
 
 class RowPool:
-    """lower <= M z <= upper; rows are only ever appended, so their numbers stay valid."""
+    """Rows lower <= M z <= upper; they are only appended, so their indices stay valid."""
 
     def __init__(self, form: NormalForm) -> None:
+        """Begin with the rows of the normal form."""
         m, k = form.rows.shape
         self.count = 0
         self._M = np.zeros((m + max(m // 2, 512), k))
         self._numbers = np.zeros((3, len(self._M)))  # lower, upper, scale
-        self._part = np.zeros(len(self._M), np.int64)
-        self._is_own = np.zeros(len(self._M), bool)
-        self._own: dict[tuple[int, int], OwnRange] = {}
+        self._component = np.zeros(len(self._M), np.int64)
+        self._is_of_alternative = np.zeros(len(self._M), bool)
+        self._alternatives: dict[tuple[int, int], AlternativeRows] = {}
         self._form = form
-        self.append(form.rows, form.lower, form.upper, form.part)
+        self.append(form.rows, form.lower, form.upper, form.component)
 
-    def own(self, choice: int, alternative: int) -> OwnRange:
-        """Where the rows of one alternative of a choice stand, and their bounds."""
-        known = self._own.get((choice, alternative))
-        if known is None:
-            made = self._form.own_rows(choice, alternative)
-            here = slice(self.count, self.count + len(made.rows))
-            free = np.full(len(made.rows), UNBOUNDED)
-            part = np.full(len(made.rows), self._form.choice_part[choice])
-            self.append(made.rows, -free, free, part)
-            self._is_own[here] = True
-            known = OwnRange(here, made.lower, made.upper)
-            self._own[choice, alternative] = known
-        return known
-
-    @property
-    def bytes(self) -> int:
-        """What the rows take."""
-        return int(self._M.nbytes + self._numbers.nbytes + self._part.nbytes)
+    def ensure_alternative(self, choice: int, alternative: int) -> AlternativeRows:
+        """Return the rows of one alternative of a choice, and add them if they are missing."""
+        alternative_rows = self._alternatives.get((choice, alternative))
+        if alternative_rows is None:
+            rows = self._form.build_alternative_rows(choice, alternative)
+            span = slice(self.count, self.count + len(rows.rows))
+            unbounded = np.full(len(rows.rows), UNBOUNDED)
+            component = np.full(len(rows.rows), self._form.choice_component[choice])
+            self.append(rows.rows, -unbounded, unbounded, component)
+            self._is_of_alternative[span] = True
+            alternative_rows = AlternativeRows(span, rows.lower, rows.upper)
+            self._alternatives[choice, alternative] = alternative_rows
+        return alternative_rows
 
     @property
-    def is_own(self) -> BoolArray:
-        """Which rows are those of one alternative (m,)."""
-        return self._is_own[: self.count]
+    def num_bytes(self) -> int:
+        """Memory of the rows [bytes]."""
+        return int(self._M.nbytes + self._numbers.nbytes + self._component.nbytes)
+
+    @property
+    def is_of_alternative(self) -> BoolArray:
+        """Mask of the rows of single alternatives (m,)."""
+        return self._is_of_alternative[: self.count]
 
     @property
     def M(self) -> Array:
@@ -87,23 +87,25 @@ class RowPool:
         return self._numbers[2, : self.count]
 
     @property
-    def part(self) -> IntArray:
-        """The part in which a row lies, -1 if it couples parts (m,)."""
-        return self._part[: self.count]
+    def component(self) -> IntArray:
+        """Component in which a row lies, -1 if it couples components (m,)."""
+        return self._component[: self.count]
 
-    def append(self, M: Array, lower: Array, upper: Array, part: IntArray) -> None:
-        """Add rows."""
-        needed = self.count + len(M)
-        if needed > len(self._M):
-            room = max(needed, int(_GROWTH * len(self._M))) - len(self._M)
-            self._M = np.concatenate([self._M, np.zeros((room, self._M.shape[1]))])
-            self._numbers = np.concatenate([self._numbers, np.zeros((3, room))], axis=1)
-            self._part = np.concatenate([self._part, np.zeros(room, np.int64)])
-            self._is_own = np.concatenate([self._is_own, np.zeros(room, bool)])
-        here = slice(self.count, needed)
+    def append(self, M: Array, lower: Array, upper: Array, component: IntArray) -> None:
+        """Append rows."""
+        count = self.count + len(M)
+        if count > len(self._M):
+            added = max(count, int(_GROWTH * len(self._M))) - len(self._M)
+            self._M = np.concatenate([self._M, np.zeros((added, self._M.shape[1]))])
+            self._numbers = np.concatenate([self._numbers, np.zeros((3, added))], axis=1)
+            self._component = np.concatenate([self._component, np.zeros(added, np.int64)])
+            self._is_of_alternative = np.concatenate(
+                [self._is_of_alternative, np.zeros(added, bool)]
+            )
+        span = slice(self.count, count)
         length = np.linalg.norm(M, axis=1)
         scale = np.where(length > _SHORT, 1.0 / np.maximum(length, _SHORT), 0.0)
-        self._M[here] = M
-        self._numbers[:, here] = lower, upper, scale
-        self._part[here] = part
-        self.count = needed
+        self._M[span] = M
+        self._numbers[:, span] = lower, upper, scale
+        self._component[span] = component
+        self.count = count

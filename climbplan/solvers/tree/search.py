@@ -1,4 +1,4 @@
-"""The tree of `branch_and_bound`: nodes, their order, and what is done at each."""
+"""The tree of `branch_and_bound`: nodes, their order, and the processing of a node."""
 
 from __future__ import annotations
 
@@ -11,31 +11,35 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.program.instance import Instance
-from climbplan.solvers.result import LEAST_OBJECTIVE, Known, relative_gap
-from climbplan.solvers.tree.block_minima import BlockMinimum, blocks
-from climbplan.solvers.tree.branching import best_split, single_gains, violations
-from climbplan.solvers.tree.dual_gains import RowRates, row_rates
+from climbplan.solvers.result import MIN_OBJECTIVE_SCALE, KnownResult, relative_gap
+from climbplan.solvers.tree.block_minima import ComponentMinimum, build_component_problems
+from climbplan.solvers.tree.branching import (
+    compute_alternative_gains,
+    compute_violations,
+    select_split,
+)
+from climbplan.solvers.tree.dual_gains import DualSteps, compute_dual_steps
 from climbplan.solvers.tree.incumbent import IncumbentStore
 from climbplan.solvers.tree.normal_form import Masks, NormalForm
-from climbplan.solvers.tree.relaxation import Closed, Point, Relaxation
+from climbplan.solvers.tree.relaxation import ClosedRelaxation, Relaxation, RelaxationPoint
 
 # Rounds of ball cuts, and the violation from which balls are cut [m]
 _ROOT_CUTS, _NODE_CUTS, _LEAF_ROUNDS = (30, 1e-6), (4, 1e-5), 100
 _SMALL_PROGRESS = 1e-5  # relative rise of the bound below which a node's cut rounds stop
 _BLOCK_NODES_ROOT, _BLOCK_NODES = 2000, 200
-MEMORY = 600e6  # [bytes] of open nodes and rows at which a search ends with what it has
-_NODE_BYTES = 600  # of a node itself, and its share of what it has in common with others
-_BLOCK_SLACK = 0.1  # share of the gap that all parts together may leave unproved
+MEMORY = 600e6  # memory of open nodes and rows at which a search ends [bytes]
+_NODE_BYTES = 600  # approximate memory of a node apart from its arrays
+_BLOCK_SLACK = 0.1  # fraction of the gap that all components together may leave unproved
 
 
 @dataclass(frozen=True)
 class Node:
-    """A set of allowed alternatives for every choice, and what its parent knew."""
+    """A set of allowed alternatives for every choice, and the results of its parent."""
 
     bound: float
-    masks: Masks  # what differs from the parent is one set; the others are shared with it
-    start: Point
-    minima: tuple[BlockMinimum | None, ...]
+    masks: Masks  # one set differs from the parent; the others are shared with it
+    start: RelaxationPoint
+    minima: tuple[ComponentMinimum | None, ...]
 
 
 class TreeSearch:
@@ -48,209 +52,224 @@ class TreeSearch:
         gap: float,
         deadline: float,
         tolerance: float,
-        known: Known | None = None,
-        most: float = np.inf,
+        known: KnownResult | None = None,
+        max_nodes: float = np.inf,
         proposals: Sequence[IntArray] = (),
     ) -> None:
-        self.instance, self.form, self.gap, self.most = instance, form, gap, most
+        """Prepare the relaxation, the components and the incumbent store."""
+        self.instance, self.form, self.gap, self.max_nodes = instance, form, gap, max_nodes
         self.deadline, self.tolerance = deadline, tolerance
-        self.known = known or Known()
+        self.known = known or KnownResult()
         self.proposals = [] if self.known.assignment is None else [self.known.assignment]
         self.proposals += proposals
-        self.relaxation = Relaxation(form, self._late)
-        self.blocks = blocks(form, self.relaxation.pool)
+        self.relaxation = Relaxation(form, self._is_late)
+        self.components = build_component_problems(form, self.relaxation.pool)
         self.incumbents = IncumbentStore(instance, self.relaxation, gap, tolerance)
-        self.nodes = 0
+        self.num_nodes = 0
         self.log: list[str] = []
-        self.closed = np.inf  # least bound of nodes that were left without being infeasible
+        self.closed_bound = np.inf  # least bound of closed nodes that are not infeasible
         self._open: list[tuple[float, int, Node]] = []
         self._dive: list[Node] = []
-        self._made = 0
+        self._num_created = 0
         self._begin = time.perf_counter()
 
     # ---- the loop
 
     def run(self) -> None:
-        """Search until the gap is proved, nothing is left, `most` nodes, or the deadline."""
-        root = self.root()
+        """Search until the gap is proved, nothing is open, or a limit is reached."""
+        root = self.create_root()
         self._open.append((root.bound, 0, root))
         for proposal in self.proposals:
-            if self._possible(proposal):
-                self.incumbents.complete(proposal, root.start, self._late)
-                self._note("earlier choices")
-        while (self._open or self._dive) and not self._late():
-            if self._bytes() > MEMORY:
-                self._note(f"open nodes and rows fill {1e-6 * MEMORY:.0f} MB")
+            if self._is_allowed(proposal):
+                self.incumbents.solve_assignment(proposal, root.start, self._is_late)
+                self._log_progress("earlier choices")
+        while (self._open or self._dive) and not self._is_late():
+            if self._estimate_memory() > MEMORY:
+                self._log_progress(f"open nodes and rows fill {1e-6 * MEMORY:.0f} MB")
                 break
-            if self.nodes >= self.most:
-                self._note(f"{self.nodes} nodes, as many as it may take")
+            if self.num_nodes >= self.max_nodes:
+                self._log_progress(f"{self.num_nodes} nodes, as many as it may take")
                 break
             node = self._dive.pop() if self._dive else heapq.heappop(self._open)[2]
             if node.bound >= self.incumbents.cutoff:
-                self.closed = min(self.closed, node.bound)
+                self.closed_bound = min(self.closed_bound, node.bound)
                 continue
-            self.nodes += 1
+            self.num_nodes += 1
             self._process(node)
-            if self.nodes & (self.nodes - 1) == 0:
-                self._note("")
-        self._note("done")
+            if self.num_nodes & (self.num_nodes - 1) == 0:
+                self._log_progress("")
+        self._log_progress("done")
 
-    def root(self) -> Node:
-        """The node that allows everything."""
-        return Node(self.known.bound, self.form.root, self.relaxation.start(), ())
+    def create_root(self) -> Node:
+        """Create the node that allows every alternative."""
+        return Node(self.known.bound, self.form.root_masks, self.relaxation.start(), ())
 
-    def _possible(self, assignment: IntArray) -> bool:
+    def _is_allowed(self, assignment: IntArray) -> bool:
+        """Return whether the root allows an assignment."""
         allowed = self.form.allowed
         if len(assignment) != len(allowed) or (assignment >= allowed.shape[1]).any():
             return False
         return bool(allowed[np.arange(len(assignment)), assignment].all())
 
-    def _bytes(self) -> int:
-        """About what open nodes and the pool take."""
+    def _estimate_memory(self) -> int:
+        """Estimate the memory of open nodes and the pool [bytes]."""
         open_nodes = len(self._open) + len(self._dive)
         each = _NODE_BYTES + 8 * len(self.form.tables) + 4 * self.form.size
-        return open_nodes * each + self.relaxation.pool.bytes
+        return open_nodes * each + self.relaxation.pool.num_bytes
 
-    def _late(self) -> bool:
+    def _is_late(self) -> bool:
+        """Return whether the deadline has passed."""
         return time.perf_counter() >= self.deadline
 
     @property
     def bound(self) -> float:
-        """A lower bound on the optimum."""
-        best = min([self.closed, *(b for b, _, _ in self._open), *(n.bound for n in self._dive)])
+        """Lower bound on the optimum."""
+        best = min(
+            [self.closed_bound, *(b for b, _, _ in self._open), *(n.bound for n in self._dive)]
+        )
         return float(min(best, self.incumbents.objective))
 
     @property
-    def exhausted(self) -> bool:
-        """Whether every part of the tree was shown to hold no feasible point."""
+    def proves_infeasible(self) -> bool:
+        """Whether every leaf of the tree was shown to contain no feasible point."""
         if self._open or self._dive:
             return False
-        # -inf is a node that was left without any bound, which proves nothing
-        return self.closed == np.inf or self.closed > self.form.ceiling
+        # -inf marks a node that was closed without any bound, which proves nothing
+        return self.closed_bound == np.inf or self.closed_bound > self.form.max_cost
 
     # ---- one node
 
     def _process(self, node: Node) -> None:
         """Relax, bound, try for an incumbent, exclude alternatives, branch."""
-        is_root = self.nodes == 1
+        is_root = self.num_nodes == 1
         while True:
             rounds, excess = _ROOT_CUTS if is_root else _NODE_CUTS
-            point = self._cut_rounds(node, rounds, excess, stop_early=True)
+            point = self._relax_with_cuts(node, rounds, excess, stop_early=True)
             if point is None:
                 return
             node = replace(node, bound=max(node.bound, point.bound), start=point)
-            value = self._choice_values(point)
-            allowed = self.form.flags(node.masks)
-            off = violations(self.form, point.z, value, allowed)
-            nearest = off.argmin(axis=1)
-            if not (off.min(axis=1) > 0.5 * self.tolerance).any():
-                self._leaf(node)
+            value = self._compute_choice_values(point)
+            allowed = self.form.decode_masks(node.masks)
+            violation = compute_violations(self.form, point.z, value, allowed)
+            nearest = violation.argmin(axis=1)
+            if not (violation.min(axis=1) > 0.5 * self.tolerance).any():
+                self._process_leaf(node)
                 return
-            bounds = self.relaxation.bounds(node.masks)
-            minima, gains = self._block_gains(node, point, *bounds, is_root)
+            bounds = self.relaxation.compute_bounds(node.masks)
+            minima, gains = self._compute_component_gains(node, point, *bounds, is_root)
             node = replace(
                 node, bound=max(node.bound, point.bound + gains.sum()), minima=tuple(minima)
             )
-            if self.incumbents.complete(self._guess(nearest, minima), point, self._late):
-                self._note("incumbent")
+            if self.incumbents.solve_assignment(
+                self._combine_minimisers(nearest, minima), point, self._is_late
+            ):
+                self._log_progress("incumbent")
             if node.bound >= self.incumbents.cutoff:
-                self.closed = min(self.closed, node.bound)
+                self.closed_bound = min(self.closed_bound, node.bound)
                 return
-            rates = self._rates(point, *bounds)
-            kept = self._excluded(node, allowed, point, value, rates, gains)
-            if not kept.any(axis=1).all():
+            rates = self._compute_rates(point, *bounds)
+            remaining = self._exclude_alternatives(node, allowed, point, value, rates, gains)
+            if not remaining.any(axis=1).all():
                 return
-            if (kept != allowed).any():
-                node = replace(node, masks=self.form.masks(kept))
-            off = np.where(kept, off, np.inf)
-            narrow = kept.sum(axis=1) == 1
-            decided = (off.min(axis=1)[narrow] > 0.5 * self.tolerance).any()
-            if decided and point.solved and not self._late():
+            if (remaining != allowed).any():
+                node = replace(node, masks=self.form.encode_masks(remaining))
+            violation = np.where(remaining, violation, np.inf)
+            is_single = remaining.sum(axis=1) == 1
+            decided = (violation.min(axis=1)[is_single] > 0.5 * self.tolerance).any()
+            if decided and point.solved and not self._is_late():
                 continue  # an exclusion decided a choice: relax again before branching
             break
-        self._branch(node, point, value, rates, off, gains)
+        self._branch(node, point, value, rates, violation, gains)
 
-    def _cut_rounds(
-        self, node: Node, rounds: int, tolerated: float, stop_early: bool
-    ) -> Point | None:
-        """The node's relaxation with ball cuts; None if the node is closed by it."""
-        point, last = node.start, -np.inf
-        for k in range(rounds):
-            lower, upper = self.relaxation.bounds(node.masks)
-            solved = self.relaxation.solve(lower, upper, point, self.incumbents.cutoff)
-            if isinstance(solved, Closed):
-                if not solved.certified:
-                    self._note("DAQP says infeasible, its multipliers do not prove it")
-                self.closed = min(self.closed, solved.bound if solved.certified else node.bound)
+    def _relax_with_cuts(
+        self, node: Node, max_rounds: int, tolerance: float, stop_early: bool
+    ) -> RelaxationPoint | None:
+        """Solve the node's relaxation with ball cuts; return None if that closes the node."""
+        point, previous_bound = node.start, -np.inf
+        for k in range(max_rounds):
+            lower, upper = self.relaxation.compute_bounds(node.masks)
+            relaxed = self.relaxation.solve(lower, upper, point, self.incumbents.cutoff)
+            if isinstance(relaxed, ClosedRelaxation):
+                if not relaxed.certified:
+                    self._log_progress("DAQP says infeasible, its multipliers do not prove it")
+                self.closed_bound = min(
+                    self.closed_bound, relaxed.bound if relaxed.certified else node.bound
+                )
                 return None
-            point = solved
+            point = relaxed
             if not point.solved:
-                self._note("DAQP failed; the bound is that of some rows")
+                self._log_progress("DAQP failed; the bound is that of some rows")
                 break
-            if self._late():
+            if self._is_late():
                 break
-            made = self.relaxation.cut_balls(point.z, tolerated)
-            if made.count == 0:
+            cuts = self.relaxation.cut_balls(point.z, tolerance)
+            if cuts.count == 0:
                 break
-            small = point.bound - last < _SMALL_PROGRESS * abs(point.bound)
-            if stop_early and k and small and made.excess < 1e-3:
+            is_small = point.bound - previous_bound < _SMALL_PROGRESS * abs(point.bound)
+            if stop_early and k and is_small and cuts.excess < 1e-3:
                 break
-            last = point.bound
+            previous_bound = point.bound
         return point
 
-    def _choice_values(self, point: Point) -> Array:
+    def _compute_choice_values(self, point: RelaxationPoint) -> Array:
+        """Return the values of choice rows."""
         return np.asarray(self.form.rows[self.form.choice_rows] @ point.z)
 
-    def _leaf(self, node: Node) -> None:
-        """No choice is violated: converge the balls, then the point is feasible."""
-        point = self._cut_rounds(node, _LEAF_ROUNDS, 0.4 * self.tolerance, stop_early=False)
+    def _process_leaf(self, node: Node) -> None:
+        """Converge the balls of a node without violated choices, and accept its point."""
+        point = self._relax_with_cuts(node, _LEAF_ROUNDS, 0.4 * self.tolerance, stop_early=False)
         if point is None:
             return
         node = replace(node, bound=max(node.bound, point.bound), start=point)
-        allowed = self.form.flags(node.masks)
-        off = violations(self.form, point.z, self._choice_values(point), allowed)
-        nearest = off.argmin(axis=1)
-        if point.solved and (off.min(axis=1) > 0.5 * self.tolerance).any():
+        allowed = self.form.decode_masks(node.masks)
+        violation = compute_violations(
+            self.form, point.z, self._compute_choice_values(point), allowed
+        )
+        nearest = violation.argmin(axis=1)
+        if point.solved and (violation.min(axis=1) > 0.5 * self.tolerance).any():
             self._push([node])
             return
         if self.incumbents.accept(point.z, nearest):
-            self._note("incumbent")
-        self.closed = min(self.closed, node.bound)
+            self._log_progress("incumbent")
+        self.closed_bound = min(self.closed_bound, node.bound)
 
-    def _guess(self, nearest: IntArray, minima: list[BlockMinimum | None]) -> IntArray:
-        """The parts' minimisers, and the nearest alternatives where there are none."""
+    def _combine_minimisers(
+        self, nearest: IntArray, minima: list[ComponentMinimum | None]
+    ) -> IntArray:
+        """Combine the components' minimisers with the nearest alternatives of other choices."""
         guess = nearest.copy()
-        for block, minimum in zip(self.blocks, minima, strict=True):
+        for block, minimum in zip(self.components, minima, strict=True):
             if minimum is not None and minimum.assignment is not None:
                 guess[block.choices] = minimum.assignment
         return guess
 
     # ---- bounds beyond the relaxation
 
-    def _block_gains(
-        self, node: Node, point: Point, lower: Array, upper: Array, is_root: bool
-    ) -> tuple[list[BlockMinimum | None], Array]:
-        """Minima of all parts and what each adds to the relaxation's bound."""
-        known = node.minima or (None,) * len(self.blocks)
-        minima: list[BlockMinimum | None] = []
-        gains = np.zeros(len(self.blocks))
-        if len(self.blocks) < 2:
-            return [None] * len(self.blocks), gains
-        scale = max(abs(point.bound), LEAST_OBJECTIVE)
-        slack = _BLOCK_SLACK * self.gap * scale / len(self.blocks)
+    def _compute_component_gains(
+        self, node: Node, point: RelaxationPoint, lower: Array, upper: Array, is_root: bool
+    ) -> tuple[list[ComponentMinimum | None], Array]:
+        """Return the minima of all components, and what each adds to the relaxation's bound."""
+        parent_minima = node.minima or (None,) * len(self.components)
+        minima: list[ComponentMinimum | None] = []
+        gains = np.zeros(len(self.components))
+        if len(self.components) < 2:
+            return [None] * len(self.components), gains
+        scale = max(abs(point.bound), MIN_OBJECTIVE_SCALE)
+        slack = _BLOCK_SLACK * self.gap * scale / len(self.components)
         limit = _BLOCK_NODES_ROOT if is_root else _BLOCK_NODES
-        for i, (block, before) in enumerate(zip(self.blocks, known, strict=True)):
-            price = block.price(point)
-            if before is None or not block.still_holds(before, price, node.masks):
-                hint = None if before is None else before.assignment
-                before = block.minimum(price, node.masks, slack, limit, self.deadline, hint)
-            minima.append(before)
-            gains[i] = max(0.0, before.bound - block.relaxed(point, lower, upper))
+        for i, (block, minimum) in enumerate(zip(self.components, parent_minima, strict=True)):
+            price = block.compute_price(point)
+            if minimum is None or not block.is_reusable(minimum, price, node.masks):
+                hint = None if minimum is None else minimum.assignment
+                minimum = block.minimise(price, node.masks, slack, limit, self.deadline, hint)
+            minima.append(minimum)
+            gains[i] = max(0.0, minimum.bound - block.compute_relaxed_value(point, lower, upper))
         return minima, gains
 
-    def _rates(self, point: Point, lower: Array, upper: Array) -> RowRates:
+    def _compute_rates(self, point: RelaxationPoint, lower: Array, upper: Array) -> DualSteps:
+        """Return the dual steps of choice rows at a relaxation's solution."""
         active = point.active
-        return row_rates(
+        return compute_dual_steps(
             self.form.rows[self.form.choice_rows],
             self.relaxation.pool.M[active],
             point.multiplier,
@@ -259,53 +278,60 @@ class TreeSearch:
             self.form.cost,
         )
 
-    def _excluded(
+    def _exclude_alternatives(
         self,
         node: Node,
         allowed: BoolArray,
-        point: Point,
+        point: RelaxationPoint,
         value: Array,
-        rates: RowRates,
+        rates: DualSteps,
         gains: Array,
     ) -> BoolArray:
-        """Allowed alternatives less those whose sure gain reaches the cutoff: they are closed."""
+        """Return the alternatives whose gain stays below the cutoff; the others are closed."""
         cutoff = self.incumbents.cutoff
         if np.isinf(cutoff):
             return allowed
         open_choices = allowed.sum(axis=1) > 1
-        sure = single_gains(self.form, value, rates, open_choices)
-        others = np.full(len(sure), gains.sum())
-        for block, gain in zip(self.blocks, gains, strict=True):
-            others[block.choices] -= gain
-        reached = np.maximum(node.bound, point.bound + others[:, None] + sure)
+        guaranteed = compute_alternative_gains(self.form, value, rates, open_choices)
+        other_gains = np.full(len(guaranteed), gains.sum())
+        for block, gain in zip(self.components, gains, strict=True):
+            other_gains[block.choices] -= gain
+        bounds = np.maximum(node.bound, point.bound + other_gains[:, None] + guaranteed)
         # The subtrees of excluded alternatives are closed with these bounds.
-        closed = allowed & open_choices[:, None] & (reached >= cutoff)
-        self.closed = min(self.closed, float(reached[closed].min(initial=np.inf)))
+        closed = allowed & open_choices[:, None] & (bounds >= cutoff)
+        self.closed_bound = min(self.closed_bound, float(bounds[closed].min(initial=np.inf)))
         return allowed & ~closed
 
     # ---- branching
 
     def _branch(
-        self, node: Node, point: Point, value: Array, rates: RowRates, off: Array, gains: Array
+        self,
+        node: Node,
+        point: RelaxationPoint,
+        value: Array,
+        rates: DualSteps,
+        violation: Array,
+        gains: Array,
     ) -> None:
-        several = np.isfinite(off).sum(axis=1) > 1
-        least = off.min(axis=1)
-        violated = np.flatnonzero(several & (least > 0.5 * self.tolerance))
+        """Split a node at the most promising choice."""
+        is_open = np.isfinite(violation).sum(axis=1) > 1
+        min_violation = violation.min(axis=1)
+        violated = np.flatnonzero(is_open & (min_violation > 0.5 * self.tolerance))
         if not len(violated):  # only where a relaxation was not solved
-            self.closed = min(self.closed, node.bound)
+            self.closed_bound = min(self.closed_bound, node.bound)
             return
-        worst_first = violated[np.argsort(-least[violated], kind="stable")]
-        split = best_split(self.form, value, rates, node.masks, worst_first)
-        others = gains.sum() - sum(
+        worst_first = violated[np.argsort(-min_violation[violated], kind="stable")]
+        split = select_split(self.form, value, rates, node.masks, worst_first)
+        other_gains = gains.sum() - sum(
             gain
-            for block, gain in zip(self.blocks, gains, strict=True)
+            for block, gain in zip(self.components, gains, strict=True)
             if split.choice in block.choices
         )
         children = []
         for mask, gain in zip(split.children, split.gains, strict=True):
-            bound = max(node.bound, point.bound + others + float(gain))
+            bound = max(node.bound, point.bound + other_gains + float(gain))
             if bound >= self.incumbents.cutoff:
-                self.closed = min(self.closed, bound)
+                self.closed_bound = min(self.closed_bound, bound)
                 continue
             masks = (*node.masks[: split.choice], mask, *node.masks[split.choice + 1 :])
             children.append(replace(node, bound=bound, masks=masks))
@@ -320,15 +346,16 @@ class TreeSearch:
             children += self._dive
             self._dive = []
         for child in children:
-            self._made += 1
-            heapq.heappush(self._open, (child.bound, self._made, child))
+            self._num_created += 1
+            heapq.heappush(self._open, (child.bound, self._num_created, child))
 
-    def _note(self, event: str) -> None:
+    def _log_progress(self, event: str) -> None:
+        """Append a line to the log."""
         objective = self.incumbents.objective
         bound = self.bound
         gap = relative_gap(objective, bound) if np.isfinite(objective) else np.inf
         self.log.append(
-            f"{time.perf_counter() - self._begin:8.2f} s  {self.nodes:6d} nodes "
+            f"{time.perf_counter() - self._begin:8.2f} s  {self.num_nodes:6d} nodes "
             f"{len(self._open) + len(self._dive):6d} open  objective {objective:.8g}  "
             f"bound {bound:.8g}  gap {100 * gap:.3g} %  {event}".rstrip()
         )

@@ -1,9 +1,9 @@
-"""Dividing many alternatives by where they lie round the point of a relaxation.
+"""Divide many alternatives into sectors around the point of a relaxation.
 
-Seen along a row direction an alternative lies beyond the point, before it, or on both sides of it.
-Those beyond and before have hulls that the point is not in, so that each is a child with a sure
-gain; those on both sides are divided along a second direction. What is near the point in both
-stays: few as children of their own, more together.
+Along a row direction an alternative lies beyond the point, before it, or on both sides of it. The
+hulls of those beyond and before exclude the point, so each of them is a child with a certain gain.
+Those on both sides are divided along a second direction. Alternatives near the point in both
+directions remain: few become children of their own, more stay together.
 """
 
 from __future__ import annotations
@@ -11,63 +11,71 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.solvers.tree.choice_table import ChoiceTable, Mask, Splits
+from climbplan.solvers.tree.choice_table import ChoiceTable, Divisions, Mask
 
-_WAYS = 4  # first directions that are tried, those with the fewest alternatives on both sides
-_SINGLE = 4  # so many near ones become children of their own
+_NUM_DIRECTIONS = (
+    4  # first directions that are tried, those with the fewest alternatives on both sides
+)
+_SINGLE = 4  # largest number of near alternatives that become children of their own
 _CLEAR = 1e-9
 
 
-def sector_splits(table: ChoiceTable, mask: Mask, point: Array) -> Splits:
-    """Ways to divide a set of at least two alternatives about a point, given along directions."""
-    members = table.members(mask)
+def split_by_sectors(table: ChoiceTable, mask: Mask, point: Array) -> Divisions:
+    """Return divisions of a set of at least two alternatives around a point."""
+    members = table.list_members(mask)
     low, high = table.lower[members], table.upper[members]
-    beyond, before = low > point + _CLEAR, high < point - _CLEAR  # (m, D)
-    both = ~(beyond | before)
-    ways: list[list[IntArray]] = []
-    for d in np.argsort(both.sum(axis=0), kind="stable")[:_WAYS]:
-        near = both[:, d]
-        second = int(np.argmin((both & near[:, None]).sum(axis=0)))
-        parts = [
-            beyond[:, d],
-            before[:, d],
-            near & beyond[:, second],
-            near & before[:, second],
+    is_beyond, is_before = low > point + _CLEAR, high < point - _CLEAR  # (m, D)
+    is_on_both_sides = ~(is_beyond | is_before)
+    divisions: list[list[IntArray]] = []
+    for d in np.argsort(is_on_both_sides.sum(axis=0), kind="stable")[:_NUM_DIRECTIONS]:
+        is_near = is_on_both_sides[:, d]
+        second = int(np.argmin((is_on_both_sides & is_near[:, None]).sum(axis=0)))
+        sectors = [
+            is_beyond[:, d],
+            is_before[:, d],
+            is_near & is_beyond[:, second],
+            is_near & is_before[:, second],
         ]
-        way = [np.flatnonzero(part) for part in parts]
-        rest = np.flatnonzero(near & both[:, second])
-        way += [np.array([r]) for r in rest] if len(rest) <= _SINGLE else [rest]
-        way = [part for part in way if len(part)]
-        if len(way) > 1:
-            ways.append(way)
-    if not ways:
-        ways = [_each(members)] if len(members) <= 2 * _SINGLE else [_halves(low, high)]
-    children = [[members[part] for part in way] for way in ways]
-    flat = [child for way in children for child in way]
-    masks = [_mask(child) for child in flat]
-    hulls = [table.hull(child) for child in masks]
-    return Splits(
+        division = [np.flatnonzero(sector) for sector in sectors]
+        remaining = np.flatnonzero(is_near & is_on_both_sides[:, second])
+        division += [np.array([r]) for r in remaining] if len(remaining) <= _SINGLE else [remaining]
+        division = [sector for sector in division if len(sector)]
+        if len(division) > 1:
+            divisions.append(division)
+    if not divisions:
+        divisions = (
+            [_split_individually(members)]
+            if len(members) <= 2 * _SINGLE
+            else [_split_at_median(low, high)]
+        )
+    children = [[members[sector] for sector in division] for division in divisions]
+    flat = [child for division in children for child in division]
+    masks = [_encode_mask(child) for child in flat]
+    hulls = [table.compute_hull(child) for child in masks]
+    return Divisions(
         tuple(masks),
-        np.cumsum([0, *(len(way) for way in children[:-1])]),
+        np.cumsum([0, *(len(division) for division in children[:-1])]),
         np.array([h[0] for h in hulls]).reshape(len(masks), -1),
         np.array([h[1] for h in hulls]).reshape(len(masks), -1),
     )
 
 
-def _each(members: IntArray) -> list[IntArray]:
+def _split_individually(members: IntArray) -> list[IntArray]:
+    """Return every alternative as a child."""
     return [np.array([k]) for k in range(len(members))]
 
 
-def _halves(low: Array, high: Array) -> list[IntArray]:
-    """Two halves along the direction in which the middles are spread most."""
-    middle = low + high
-    if not middle.shape[1]:
-        return _each(np.arange(len(middle)))
-    order = np.argsort(middle[:, int(np.argmax(np.ptp(middle, axis=0)))], kind="stable")
+def _split_at_median(low: Array, high: Array) -> list[IntArray]:
+    """Return two halves along the direction in which the centers are spread most."""
+    center = low + high
+    if not center.shape[1]:
+        return _split_individually(np.arange(len(center)))
+    order = np.argsort(center[:, int(np.argmax(np.ptp(center, axis=0)))], kind="stable")
     return [np.sort(order[: len(order) // 2]), np.sort(order[len(order) // 2 :])]
 
 
-def _mask(members: IntArray) -> Mask:
+def _encode_mask(members: IntArray) -> Mask:
+    """Return a set of alternatives as a bit mask."""
     flags = np.zeros(int(members.max()) + 1, bool)
     flags[members] = True
     return int.from_bytes(np.packbits(flags, bitorder="little").tobytes(), "little")

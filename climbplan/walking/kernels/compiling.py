@@ -1,11 +1,12 @@
-"""The decorator of compiled functions of walking."""
+"""The decorator of the compiled functions of walking."""
 
 from pathlib import Path
 
 from climbplan.robots import symbols
-from climbplan.solvers.compiling import compiler
-from climbplan.solvers.generated import generated_from
+from climbplan.solvers.compiling import create_compiler
+from climbplan.solvers.generated import hash_sources
 from climbplan.walking.dynamics import dynamics
 
-DECLARED = (dynamics, symbols)  # all modules that `step.py` is generated from: edits renew it
-compiled = compiler(Path(__file__).parent, "*.py", generated_from(*DECLARED))
+# All modules that `dynamics_step.py` is generated from: edits renew the cache
+DECLARED = (dynamics, symbols)
+compiled = create_compiler(Path(__file__).parent, "*.py", hash_sources(*DECLARED))

@@ -14,56 +14,58 @@ import numpy as np
 
 from climbplan.walking.check.checker import passes
 from climbplan.walking.offline.gaits import (
-    cycle,
-    enough_contacts,
-    mirror_even,
-    mirrored,
-    starting_gaits,
-    steps_of,
-    with_regions,
+    assign_regions,
+    build_gait_phases,
+    generate_initial_gaits,
+    has_enough_contacts,
+    is_left_right_symmetric,
+    mirror_gait,
+    repeat_gait,
 )
 from climbplan.walking.offline.nlp_program import (
     NlpShape,
-    compiled_nlp,
-    numbers_of,
-    parts_of,
-    values_of,
+    build_parameters,
+    build_variables,
+    compile_nlp,
+    split_variables,
 )
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.offline.sqp import (
+    COARSE_TOLERANCE,
     REACH_SLACK,
-    ROUGHLY,
     GaitAnswer,
-    guess,
-    iterate_of,
+    build_iterate,
+    guess_iterate,
     solve_gait,
 )
 from climbplan.walking.offline.warm_up import warm_up
 from climbplan.walking.plan.answer import Improvement, WalkAnswer
 from climbplan.walking.task.task import Gait, WalkTask
 
-_SETTLING = 3  # QPs before IPOPT: a third of its iterations less
-_LONGER = 6  # and more of them for gaits beyond the guessed one
-_INSIDE = 1e-4  # [m] so far inside their boxes the polish keeps toes, which ends it sooner
-_POLISH = (2, 6, 40)  # QPs, further ones only if the exact check does not pass
-_OFF = 1e-3  # of a row where IPOPT stopped, that is told
-_HOPELESS = 3e-3  # [m] toes that leave their boxes that far, then, are not brought back
+_INITIAL_QPS = 3  # QPs before IPOPT: a third of its iterations less
+_OTHER_GAIT_QPS = 6  # and more of them for gaits beyond the guessed one
+_WORKSPACE_MARGIN = (
+    1e-4  # [m] so far inside their boxes the polish keeps toes, which ends it sooner
+)
+_POLISH_QPS = (2, 6, 40)  # QPs, further ones only if the exact check does not pass
+_REPORTED_VIOLATION = 1e-3  # of a row where IPOPT stopped, that is told
+_MAX_REACH_VIOLATION = 3e-3  # [m] toes that leave their boxes that far, then, are not brought back
 
 
-class NlpMethod:
+class NlpSolver:
     """The program of one task, compiled once for all that differ in numbers only."""
 
     def __init__(self, task: WalkTask) -> None:
         self.task = task
-        self.program = compiled_nlp(NlpShape.of(task))
+        self.program = compile_nlp(NlpShape.of(task))
 
     def solve(self, start: Gait, at: Iterate, seconds: float) -> WalkAnswer:
         """From a motion of a gait, whose regions are kept."""
         begin = time.perf_counter()
         task = self.task
         program = self.program
-        point = np.concatenate(list(values_of(task, start, at).values()))
-        numbers = numbers_of(task, start, at).values()
+        point = np.concatenate(list(build_variables(task, start, at).values()))
+        numbers = build_parameters(task, start, at).values()
         answer = program.solver.solve(
             np.clip(point, program.bounds.lower, program.bounds.upper),
             np.concatenate([part.ravel(order="F") for part in numbers]),
@@ -72,18 +74,18 @@ class NlpMethod:
         )
         word, x = answer.word, answer.v
         worst = max(program.residuals(answer), key=lambda block: block.residual)
-        if worst.residual > _OFF:
+        if worst.residual > _REPORTED_VIOLATION:
             word += f", {worst.name} off by {worst.residual:.2g} {worst.unit}".rstrip()
-        state, force, toes, relaxed = parts_of(task, x)
+        state, force, toes, relaxed = split_variables(task, x)
         contact = relaxed > 0.5
-        gait = with_regions(task, contact, np.vstack([task.start.state, state]))
-        if not (np.isfinite(x).all() and enough_contacts(task, contact)):
+        gait = assign_regions(task, contact, np.vstack([task.start.state, state]))
+        if not (np.isfinite(x).all() and has_enough_contacts(task, contact)):
             return WalkAnswer(None, np.inf, time.perf_counter() - begin, word, tried=1)
         if np.array_equal(contact, start.contact):
             gait = start
         program_of_gait = PinnedProgram(task, gait)
         footing = program_of_gait.footing
-        found = _polished(
+        found = _polish(
             task,
             gait,
             Iterate(
@@ -93,12 +95,14 @@ class NlpMethod:
             ),
         )
         if not found.holds:
-            kept = _polished(task, start, at)
+            kept = _polish(task, start, at)
             if kept.holds:
                 spent = time.perf_counter() - begin
-                return _judged(kept, spent, f"IPOPT: {word}, the motion before it kept")
+                return _build_answer(kept, spent, f"IPOPT: {word}, the motion before it kept")
         spent = time.perf_counter() - begin
-        return _judged(found, spent, f"IPOPT: {word}, {'same' if gait is start else 'other'} gait")
+        return _build_answer(
+            found, spent, f"IPOPT: {word}, {'same' if gait is start else 'other'} gait"
+        )
 
 
 def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
@@ -106,11 +110,11 @@ def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
 
     Its other phases, then other gaits and those after braking follow only if it does not.
     """
-    method = NlpMethod(task)
+    method = NlpSolver(task)
     warm_up(task)
     begin, tried = time.perf_counter(), 0
-    word = f"no phase of {guess_name!r} keeps {task.least_contacts} legs standing"
-    for gait, at in guesses(task, guess_name):
+    word = f"no phase of {guess_name!r} keeps {task.min_contacts} legs standing"
+    for gait, at in generate_guesses(task, guess_name):
         left = seconds - (time.perf_counter() - begin)
         if left <= 0:
             word = "time limit"
@@ -126,69 +130,71 @@ def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
     return WalkAnswer(None, np.inf, time.perf_counter() - begin, word, tried=tried)
 
 
-def guesses(task: WalkTask, name: str) -> Iterator[tuple[Gait, Iterate]]:
+def generate_guesses(task: WalkTask, name: str) -> Iterator[tuple[Gait, Iterate]]:
     """Phases of the gait, cheapest first by what one QP predicts; then others, nearest to holding.
 
     Each with what a few QPs make of it. The mirror image of a gait is left out where it could not
     do better.
     """
     legs = task.body.leg_count
-    starts = range(len(steps_of(name, legs)))
-    phases = [with_regions(task, cycle(name, legs, task.knots, k)) for k in starts]
-    phases = [gait for gait in phases if enough_contacts(task, gait.contact)]
-    glances = [solve_gait(task, gait, None, 1, agreement=ROUGHLY).predicted for gait in phases]
-    even = mirror_even(task)
+    starts = range(len(build_gait_phases(name, legs)))
+    phases = [assign_regions(task, repeat_gait(name, legs, task.knots, k)) for k in starts]
+    phases = [gait for gait in phases if has_enough_contacts(task, gait.contact)]
+    glances = [
+        solve_gait(task, gait, None, 1, agreement=COARSE_TOLERANCE).predicted for gait in phases
+    ]
+    even = is_left_right_symmetric(task)
     seen: set[bytes] = set()
     for k in np.argsort(glances, kind="stable"):
         if phases[k].key not in seen:
-            yield phases[k], _settled(task, phases[k], _SETTLING)[0]
-        seen |= _alike(phases[k], even)
+            yield phases[k], _run_initial_sqp(task, phases[k], _INITIAL_QPS)[0]
+        seen |= _list_equivalent_keys(phases[k], even)
     for brakes in (range(1), range(1, 4)):
         others: list[Gait] = []
-        for gait in starting_gaits(task, brakes=brakes):
+        for gait in generate_initial_gaits(task, brakes=brakes):
             if gait.key not in seen:
-                seen |= _alike(gait, even)
+                seen |= _list_equivalent_keys(gait, even)
                 others.append(gait)
-        first = [_settled(task, gait, _SETTLING) for gait in others]
+        first = [_run_initial_sqp(task, gait, _INITIAL_QPS) for gait in others]
         far: list[tuple[Gait, Iterate]] = []
         for k in np.argsort([reach for _, reach in first], kind="stable"):
-            at, reach = _settled(task, others[k], _LONGER, first[k][0])
-            if reach <= _HOPELESS:
+            at, reach = _run_initial_sqp(task, others[k], _OTHER_GAIT_QPS, first[k][0])
+            if reach <= _MAX_REACH_VIOLATION:
                 yield others[k], at
             else:
                 far.append((others[k], at))
         yield from far
 
 
-def _alike(gait: Gait, even: bool) -> set[bytes]:
+def _list_equivalent_keys(gait: Gait, even: bool) -> set[bytes]:
     """Keys of a gait and, if the task is even, of its mirror image."""
-    return {gait.key, mirrored(gait).key} if even else {gait.key}
+    return {gait.key, mirror_gait(gait).key} if even else {gait.key}
 
 
-def _settled(
+def _run_initial_sqp(
     task: WalkTask, gait: Gait, qps: int, start: Iterate | None = None
 ) -> tuple[Iterate, float]:
     """A motion of the gait after a few QPs, if they lead anywhere; how far toes reach out [m]."""
-    start = guess(task, gait) if start is None else start
-    found = solve_gait(task, gait, start, qps, agreement=ROUGHLY)
+    start = guess_iterate(task, gait) if start is None else start
+    found = solve_gait(task, gait, start, qps, agreement=COARSE_TOLERANCE)
     if found.trajectory is None:
         return start, np.inf
-    return iterate_of(found.trajectory, gait), max(found.reach, REACH_SLACK)
+    return build_iterate(found.trajectory, gait), max(found.reach, REACH_SLACK)
 
 
-def _polished(task: WalkTask, gait: Gait, at: Iterate) -> GaitAnswer:
+def _polish(task: WalkTask, gait: Gait, at: Iterate) -> GaitAnswer:
     """IPOPT's answer made exact; most need no more than a few QPs."""
-    for iterations in _POLISH:
-        found = solve_gait(task, gait, at, iterations, _INSIDE, ROUGHLY)
-        if found.trajectory is None or found.reach > _HOPELESS:
+    for iterations in _POLISH_QPS:
+        found = solve_gait(task, gait, at, iterations, _WORKSPACE_MARGIN, COARSE_TOLERANCE)
+        if found.trajectory is None or found.reach > _MAX_REACH_VIOLATION:
             return found
         if found.holds and passes(task, found.trajectory):
             return found
-        at = iterate_of(found.trajectory, gait)
+        at = build_iterate(found.trajectory, gait)
     return found
 
 
-def _judged(found: GaitAnswer, seconds: float, word: str) -> WalkAnswer:
+def _build_answer(found: GaitAnswer, seconds: float, word: str) -> WalkAnswer:
     if found.trajectory is None or not found.holds:
         return WalkAnswer(None, np.inf, seconds, f"{word}, but its gait does not hold", tried=1)
     return WalkAnswer(found.trajectory, found.objective, seconds, word, tried=1)

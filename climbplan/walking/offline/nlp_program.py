@@ -16,15 +16,20 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.program.trajectory import Trajectory
-from climbplan.robots.symbols import rotation
-from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compiled
-from climbplan.walking.dynamics.dynamics import BodyNumbers, knot_step, net_load, plain_knot_step
+from climbplan.robots.symbols import build_rotation
+from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compile_trajectory
+from climbplan.walking.dynamics.dynamics import (
+    BodyNumbers,
+    knot_step,
+    single_stage_knot_step,
+    sum_contact_wrench,
+)
 from climbplan.walking.offline.pinned import FACETS, Iterate, PinnedProgram
 from climbplan.walking.task.task import ANGLE_RANGE, STATE, Gait, WalkTask
 
 EPSILON = 1e-3  # of c (1 - c) <= eps
-ITERATIONS = 200  # infeasible gaits would use up IPOPT's own 3000
-_STRIDE = 0.6  # [m] no toe moves further in one interval: the constant M of eq. (8.22)
+MAX_ITERATIONS = 200  # infeasible gaits would use up IPOPT's own 3000
+_MAX_STRIDE = 0.6  # [m] no toe moves further in one interval: the constant M of eq. (8.22)
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,7 @@ class NlpShape:
             body.force_limit,
             task.ground.friction,
             task.knots,
-            task.step,
+            task.dt,
             task.integrator == "mean",
             (
                 *weights.velocity.tolist(),
@@ -67,23 +72,23 @@ class NlpShape:
                 weights.motion,
                 weights.force_difference,
             ),
-            task.lift,
-            task.least_contacts,
+            task.swing_clearance,
+            task.min_contacts,
             task.ground.count,
             task.ground.corners.shape[1],
             bool(task.ground.slope.any()),
-            (*task.goal.lower.tolist(), *task.goal.upper.tolist()) if task.goal.stated else (),
-            task.whole_stance,
+            (*task.goal.lower.tolist(), *task.goal.upper.tolist()) if task.goal.is_set else (),
+            task.workspace_over_stance,
         )
 
 
 @lru_cache(maxsize=4)
-def compiled_nlp(shape: NlpShape) -> CompiledTrajectory:
+def compile_nlp(shape: NlpShape) -> CompiledTrajectory:
     """The program, eqs. (8.14) to (8.25) and (8.30), ready for numbers."""
     walk = WalkNlp(shape)
     walk.stated.relax(EPSILON)
     settings = {
-        "max_iter": ITERATIONS,
+        "max_iter": MAX_ITERATIONS,
         "tol": 1e-4,
         "constr_viol_tol": 1e-5,
         # The guess is close to contacts of 0 and 1: do not push it away from them.
@@ -92,7 +97,7 @@ def compiled_nlp(shape: NlpShape) -> CompiledTrajectory:
         "bound_push": 1e-4,
         "bound_frac": 1e-4,
     }
-    return compiled(walk.stated, settings, hessian=walk.hessian())
+    return compile_trajectory(walk.stated, settings, hessian=walk.hessian())
 
 
 class WalkNlp:
@@ -129,9 +134,11 @@ class WalkNlp:
         self.toes = [toes0, *(self._toes(n) for n in knots)]
         s, t, f = ca.SX.sym("s", STATE), ca.SX.sym("t", 3 * L), ca.SX.sym("f", 3 * L)
         numbers = (shape.body, shape.step, float(shape.mean))
-        self.step = ca.Function("step", [s, t, f], [knot_step(*numbers, s, *net_load(t, f))])
+        self.step = ca.Function(
+            "step", [s, t, f], [knot_step(*numbers, s, *sum_contact_wrench(t, f))]
+        )
         self.plain = ca.Function(
-            "plain", [s, t, f], [plain_knot_step(*numbers, s, *net_load(t, f))]
+            "plain", [s, t, f], [single_stage_knot_step(*numbers, s, *sum_contact_wrench(t, f))]
         )
         for n in range(N):
             self._dynamics(n)
@@ -201,7 +208,7 @@ class WalkNlp:
     def _feet(self, n: int) -> None:
         walk, shape = self.stated, self.shape
         center, half = np.reshape(shape.center, (self.legs, 3)), np.array(shape.half)
-        R = rotation(self.x[n][6:9])
+        R = build_rotation(self.x[n][6:9])
         for i in range(self.legs):
             toe = self.toes[n][3 * i : 3 * i + 3]
             # Workspace, eqs. (8.20), (8.21)
@@ -214,14 +221,14 @@ class WalkNlp:
                     held = self.contact[n - 1][i] * beyond
                     walk.between("workspace.whole_stance", held, upper=0.0, unit="m")
             # No slip, eq. (8.22)
-            free = _STRIDE * (2 - self.contact[n][i] - self.contact[n - 1][i])
+            free = _MAX_STRIDE * (2 - self.contact[n][i] - self.contact[n - 1][i])
             for k in range(2):
                 moved = toe[k] - self.toes[n - 1][3 * i + k]
                 walk.between("contact.no_slip", moved - free, upper=0.0, unit="m")
                 walk.between("contact.no_slip", moved + free, 0.0, unit="m")
             # Regions, eqs. (8.24), (8.25), those of the guess
             for k in range(2 if shape.regions > 1 else 0):
-                slack = _STRIDE * (1 - self.contact[n][i])
+                slack = _MAX_STRIDE * (1 - self.contact[n][i])
                 here = self.spot[n - 1][2 * i + k]
                 walk.between(
                     "contact.region", here - self.low[2 * i + k, n - 1] + slack, 0.0, unit="m"
@@ -235,7 +242,7 @@ class WalkNlp:
                 first = 3 * (shape.sides * i + k)
                 a, b, most = (self.side[first + j, n - 1] for j in range(3))
                 past = a * self.spot[n - 1][2 * i] + b * self.spot[n - 1][2 * i + 1] - most
-                free = _STRIDE * (1 - self.contact[n][i])
+                free = _MAX_STRIDE * (1 - self.contact[n][i])
                 walk.between("contact.region", past - free, upper=0.0, unit="m")
 
     def _goal(self) -> None:
@@ -255,7 +262,7 @@ class WalkNlp:
         walk.minimise("motion", w[7] * ca.sumsqr(x[n][:3] - x[n - 1][:3]))
 
 
-def numbers_of(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
+def build_parameters(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
     """The parameters, in order of statement; regions are those of the gait.
 
     at: a motion of the gait, whose swinging toes say what there is to clear.
@@ -266,7 +273,9 @@ def numbers_of(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
     level = ground.height[region] - (slope * ground.inner[region]).sum(axis=-1)
     toes = _toes(task, gait, at)[1:]
     here = level + (slope * toes[..., :2]).sum(axis=-1)
-    lifted = np.maximum(ground.clearance_height(gait.region)[1:], here) + task.lift
+    lifted = (
+        np.maximum(ground.compute_clearance_height(gait.region)[1:], here) + task.swing_clearance
+    )
     numbers = {
         "x0": task.start.state[:, None],
         "toes0": task.start.toes.reshape(-1, 1),
@@ -295,7 +304,7 @@ def _toes(task: WalkTask, gait: Gait, at: Iterate) -> Array:
     return toes
 
 
-def values_of(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
+def build_variables(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
     """The variables of a motion of a gait, in order of statement."""
     toes = _toes(task, gait, at)
     knots = range(task.knots)
@@ -307,7 +316,7 @@ def values_of(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
     }
 
 
-def parts_of(task: WalkTask, x: Array) -> tuple[Array, Array, Array, Array]:
+def split_variables(task: WalkTask, x: Array) -> tuple[Array, Array, Array, Array]:
     """States 1 to N, forces, toes 1 to N (x, y) and contacts 0 to N of a point."""
     knots, L = task.knots, task.body.leg_count
     sizes = np.cumsum([STATE * knots, 3 * L * knots, 2 * L * knots])

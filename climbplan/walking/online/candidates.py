@@ -1,59 +1,68 @@
-"""Gaits as a tick can use them: what a plan leaves to do, and what legs are able to."""
+"""Adapts candidate gaits to the current tick: the shifted previous plan, and legs able to stand."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from climbplan.arrays import BoolArray
-from climbplan.walking.kernels.feet import each_within
-from climbplan.walking.kernels.footing import left_of
-from climbplan.walking.offline.footing import footing_of, gait_of
+from climbplan.walking.kernels.contact_phases import shift_horizon
+from climbplan.walking.kernels.toe_workspace import check_reach
+from climbplan.walking.offline.footing import build_footing, build_gait
 from climbplan.walking.offline.pinned import Iterate
-from climbplan.walking.online.attempt import REACH_SLACK
+from climbplan.walking.online.gait_solver import REACH_TOLERANCE
 from climbplan.walking.task.task import Gait, WalkTask, WalkTrajectory
 
-_QUICKEST = 8.0  # [m/s^2] that forces within friction change the velocity by
+_MAX_ACCELERATION = 8.0  # [m/s^2] that forces within friction can cause
 
 
-def reachable(task: WalkTask) -> BoolArray:
-    """(L,) legs whose toes are in their boxes right now, and may be until the first interval ends.
+def find_reachable_legs(task: WalkTask) -> BoolArray:
+    """Return the legs (L,) whose toes are in their workspace boxes now and until the first interval
+    ends.
 
-    The latter where standing toes have to: the body moves on, whatever forces do within that time.
+    The end of the interval matters only where standing toes must stay in their boxes until then.
     """
     body, start = task.body, task.start
-    dt = (task.first or task.step) if task.whole_stance else 0.0
-    room = REACH_SLACK + 0.5 * _QUICKEST * dt**2
-    able: BoolArray = each_within(
-        body.toe_center, body.toe_half, start.state, start.toes, REACH_SLACK, dt, room
+    dt = (task.first or task.dt) if task.workspace_over_stance else 0.0
+    end_tolerance = REACH_TOLERANCE + 0.5 * _MAX_ACCELERATION * dt**2
+    reached: BoolArray = check_reach(
+        body.toe_workspace, start.state, start.toes, REACH_TOLERANCE, dt, end_tolerance
     )
-    return able
+    return reached
 
 
-def usable(task: WalkTask, gait: Gait, able: BoolArray) -> Gait | None:
-    """The gait without contacts of legs that cannot stand now; None if too few are left."""
-    if not (gait.contact[0] & ~able).any():
+def restrict_gait(task: WalkTask, gait: Gait, available: BoolArray) -> Gait | None:
+    """Return the gait without first contacts of unavailable legs; None if too few legs stand.
+
+    Args:
+        task: the walking task.
+        gait: contacts and regions.
+        available: (L,) legs that can stand in the first interval.
+    """
+    if not (gait.contact[0] & ~available).any():
         return gait
     contact = gait.contact.copy()
-    contact[0] &= able
-    if contact[0].sum() < task.least_contacts:
-        contact[0] = able  # whatever can stand, stands
-    if contact[0].sum() < min(task.least_contacts, int(able.sum())):
+    contact[0] &= available
+    if contact[0].sum() < task.min_contacts:
+        contact[0] = available  # all available legs stand
+    if contact[0].sum() < min(task.min_contacts, int(available.sum())):
         return None
-    return gait_of(contact, gait.region)
+    return build_gait(contact, gait.region)
 
 
-def continued(last: WalkTrajectory) -> tuple[Gait, Iterate]:
-    """What is left of a plan after its first knot, and one more knot of the same rhythm."""
-    contact, state, force, spots = left_of(last.gait.contact, last.state, last.force, last.toes)
-    return flat_gait(contact), Iterate(state, force, spots)
+def shift_plan(plan: WalkTrajectory) -> tuple[Gait, Iterate]:
+    """Shift a plan by one knot (receding horizon) and extend its rhythm by one knot."""
+    contact, state, force, spots = shift_horizon(
+        plan.gait.contact, plan.state, plan.force, plan.toes
+    )
+    return build_flat_gait(contact), Iterate(state, force, spots)
 
 
-def motion_of(last: WalkTrajectory) -> Iterate:
-    """A plan as a point to linearise about."""
-    footing = footing_of(last.gait)
-    return Iterate(last.state, last.force[:-1], last.toes[footing.first, footing.leg, :2])
+def extract_iterate(plan: WalkTrajectory) -> Iterate:
+    """Return a plan as a point of linearisation."""
+    footing = build_footing(plan.gait)
+    return Iterate(plan.state, plan.force[:-1], plan.toes[footing.first, footing.leg, :2])
 
 
-def flat_gait(contact: BoolArray) -> Gait:
-    """A gait on a single region."""
+def build_flat_gait(contact: BoolArray) -> Gait:
+    """Return a gait of contacts (N + 1, L) on a single region."""
     return Gait(np.array(contact, bool), np.zeros(contact.shape, np.int64))

@@ -1,4 +1,6 @@
-"""Where legs come down online: anywhere on flat ground, else on footholds of its regions."""
+"""Foothold selection of the online planner: anywhere on flat ground, else in the terrain's
+regions.
+"""
 
 from __future__ import annotations
 
@@ -7,64 +9,78 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.walking.offline.footing import gait_of
-from climbplan.walking.offline.gaits import with_regions
+from climbplan.walking.offline.footing import build_gait
+from climbplan.walking.offline.gaits import assign_regions
 from climbplan.walking.offline.pinned import Iterate
-from climbplan.walking.online.candidates import flat_gait
-from climbplan.walking.problem.problem import ground_under
+from climbplan.walking.online.candidates import build_flat_gait
+from climbplan.walking.problem.problem import compute_ground_height
 from climbplan.walking.task.ground import Ground
 from climbplan.walking.task.task import POSITION, Gait, Goal, Start, WalkTask, WalkTrajectory
 
 
-def grounded(ground: Ground, toes: Array) -> Array:
-    """Toes (L, 3) on the nearest footholds; on flat ground straight below."""
-    if ground.endless:
+def project_to_footholds(ground: Ground, toes: Array) -> Array:
+    """Return toes (L, 3) projected to the nearest footholds; on flat ground straight down."""
+    if ground.is_flat_everywhere:
         return toes * [1.0, 1.0, 0.0]
     region = ground.nearest(toes[:, :2])
-    xy = ground.into(region, toes[:, :2])
-    return np.column_stack([xy, ground.level_at(region, xy)])
+    xy = ground.project(region, toes[:, :2])
+    return np.column_stack([xy, ground.compute_height(region, xy)])
 
 
-def gait_on(task: WalkTask, contact: BoolArray, motion: Array | None) -> Gait:
-    """A gait with these contacts (N + 1, L), on the regions that legs would best stand on.
+def assign_regions(task: WalkTask, contact: BoolArray, states: Array | None) -> Gait:
+    """Return the gait of contacts (N + 1, L) with the best-fitting region of each stance.
 
-    motion: (N + 1, 12) to judge that by; an even one to the reference if None.
+    Args:
+        task: the walking task.
+        contact: (N + 1, L) contacts.
+        states: (N + 1, 12) body motion for the fit; None for uniform motion to the reference.
     """
-    if task.ground.endless:
-        return flat_gait(contact)
-    return with_regions(task, contact, motion)
+    if task.ground.is_flat_everywhere:
+        return build_flat_gait(contact)
+    return assign_regions(task, contact, states)
 
 
-def gone_on(task: WalkTask, gait: Gait, at: Iterate, last: WalkTrajectory, kept: int) -> Gait:
-    """What is left of a plan on the regions that it chose; what is new on those that fit best.
+def continue_regions(
+    task: WalkTask, gait: Gait, iterate: Iterate, previous_plan: WalkTrajectory, num_shared: int
+) -> Gait:
+    """Return a shifted gait with the previous plan's regions and best-fitting ones for new stances.
 
-    kept: rows of the gait that are the plan's own last rows.
+    Args:
+        task: the walking task.
+        gait: contacts of the shifted plan.
+        iterate: the shifted plan.
+        previous_plan: the plan before the shift.
+        num_shared: first rows of the gait that are the previous plan's last rows.
     """
-    if task.ground.endless:
+    if task.ground.is_flat_everywhere:
         return gait
-    region = with_regions(task, gait.contact, at.state).region.copy()
-    region[1:kept] = last.gait.region[len(last.gait.region) - kept + 1 :]
-    return gait_of(gait.contact, region)
+    region = assign_regions(task, gait.contact, iterate.state).region.copy()
+    region[1:num_shared] = previous_plan.gait.region[
+        len(previous_plan.gait.region) - num_shared + 1 :
+    ]
+    return build_gait(gait.contact, region)
 
 
-def following(task: WalkTask, above: float) -> WalkTask:
-    """The task with heights of its reference above the ground along the way from its start.
+def follow_terrain(task: WalkTask, clearance: float) -> WalkTask:
+    """Return the task with reference heights above the terrain along the predicted path.
 
-    above [m]: of the body above the ground under it.
+    Args:
+        task: the walking task.
+        clearance: height of the body above the ground [m].
     """
-    if task.ground.endless:
+    if task.ground.is_flat_everywhere:
         return task
     reference, start = task.reference, task.start.state[POSITION]
-    way = start[:2] + np.cumsum(task.steps[:, None] * reference.velocity[:, :2], axis=0)
-    below = ground_under(task.ground, task.body, way, reference.euler[0])
-    return replace(task, reference=replace(reference, height=above + below))
+    path = start[:2] + np.cumsum(task.steps[:, None] * reference.velocity[:, :2], axis=0)
+    terrain_height = compute_ground_height(task.ground, task.body, path, reference.euler[0])
+    return replace(task, reference=replace(reference, height=clearance + terrain_height))
 
 
-def on_flat_ground(task: WalkTask) -> WalkTask:
-    """The task on flat ground, at rest or not, that libraries are made for."""
-    if task.ground.endless:
+def flatten_task(task: WalkTask) -> WalkTask:
+    """Return the task on flat ground, for which libraries are built."""
+    if task.ground.is_flat_everywhere:
         return task
-    height = height_above(task)
+    height = compute_reference_clearance(task)
     state, reference = task.start.state.copy(), task.reference
     state[2] = height
     toes = (state[POSITION] + task.body.toe_center) * [1.0, 1.0, 0.0]
@@ -77,12 +93,14 @@ def on_flat_ground(task: WalkTask) -> WalkTask:
     )
 
 
-def height_above(task: WalkTask) -> float:
-    """How high the reference of a spec's task is above the ground under it [m]."""
-    if task.ground.endless:
+def compute_reference_clearance(task: WalkTask) -> float:
+    """Return the height of a spec's reference above the ground under it [m]."""
+    if task.ground.is_flat_everywhere:
         return float(task.reference.height[-1])
     reference = task.reference
-    moved = (task.steps[:, None] * reference.velocity[:, :2]).sum(axis=0)
-    way = task.start.state[POSITION][:2] + moved
-    below = ground_under(task.ground, task.body, way[None], reference.euler[-1])
-    return float(reference.height[-1] - below[0])
+    displacement = (task.steps[:, None] * reference.velocity[:, :2]).sum(axis=0)
+    end_point = task.start.state[POSITION][:2] + displacement
+    terrain_height = compute_ground_height(
+        task.ground, task.body, end_point[None], reference.euler[-1]
+    )
+    return float(reference.height[-1] - terrain_height[0])

@@ -1,4 +1,4 @@
-"""Solved walks cut into short sections: what the online controller takes its integers from."""
+"""A library of sections cut from solved walks: the source of integers for the online controller."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from climbplan.store.hdf5_reading import Reader, opened_store
 from climbplan.store.hdf5_writing import new_store, write_datasets, write_text
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.online.features import (
+    build_mirror_matrix,
+    compute_features,
     feature_count,
-    feature_mirror,
-    features_of,
 )
-from climbplan.walking.online.measurement import Situation
-from climbplan.walking.problem.problem import ground_under
+from climbplan.walking.online.measurement import RobotMeasurement
+from climbplan.walking.problem.problem import compute_ground_height
 from climbplan.walking.task.task import (
     ANGLES,
     POSITION,
@@ -37,8 +37,8 @@ from climbplan.walking.task.task import (
 )
 
 FORMAT = "climbplan/walk-library"
-_LONGEST = 60.0  # [s] of the search for one walk
-_NAMES = ("trot", "walking trot", "slow trot", "stand")  # gaits to begin with
+_MAX_SEARCH_TIME = 60.0  # [s] for one walk
+_INITIAL_GAITS = ("trot", "walking trot", "slow trot", "stand")  # first candidates of the search
 SECTION = 5  # knots of a section: 400 ms
 # K sections of M knots, F features, L legs
 _LAYOUT = {
@@ -52,32 +52,32 @@ _LAYOUT = {
 
 
 @dataclass(frozen=True)
-class Library:
-    """K sections with the features of their first knots."""
+class SectionLibrary:
+    """K sections of M = `SECTION` knots, with the features of their first knots."""
 
     features: Array  # (K, F)
-    state: Array  # (K, M + 1, 12) horizontal positions from the first
-    toes: Array  # (K, M + 1, L, 3) the same
+    state: Array  # (K, M + 1, 12) horizontal positions relative to the first knot
+    toes: Array  # (K, M + 1, L, 3) likewise relative
     force: Array  # (K, M + 1, L, 3)
     contact: BoolArray  # (K, M + 1, L)
-    walk: IntArray  # (K,) the walk it was cut from
+    walk: IntArray  # (K,) walk of origin
 
     @property
     def walks(self) -> int:
-        """Stored trajectories."""
+        """Number of walks with sections."""
         return len(np.unique(self.walk))
 
     def __len__(self) -> int:
         return len(self.features)
 
-    def first(self, walks: int) -> Library:
-        """Only the sections of so many walks."""
-        kept = self.walk < walks
-        return Library(*(value[kept] for value in vars(self).values()))
+    def select_walks(self, walks: int) -> SectionLibrary:
+        """Return the sections of the first walks only."""
+        selected = self.walk < walks
+        return SectionLibrary(*(value[selected] for value in vars(self).values()))
 
 
 @dataclass(frozen=True)
-class Draw:
+class LibraryStartRanges:
     """Ranges of random starts: the published one of the forward speed, and disturbances."""
 
     forward: float = 1.5  # [m/s] either way
@@ -87,8 +87,8 @@ class Draw:
     toes: float = 0.04  # [m]
 
 
-def drawn_task(task: WalkTask, rng: np.random.Generator, ranges: Draw) -> WalkTask:
-    """The task from a random start on flat ground."""
+def sample_task(task: WalkTask, rng: np.random.Generator, ranges: LibraryStartRanges) -> WalkTask:
+    """Return the task from a random start on flat ground."""
     state = task.start.state.copy()
     state[VELOCITY] += [
         rng.uniform(-ranges.forward, ranges.forward),
@@ -110,13 +110,25 @@ def build_library(
     gaits: int = 20,
     report: Callable[[float], None] | None = None,
     deadline: float = math.inf,
-) -> Library:
-    """Solve so many random starts of a task and cut the walks into sections.
+) -> SectionLibrary:
+    """Solve a task from random starts and cut the walks into sections.
 
-    A start that no gait answers counts as a walk without sections. Mirrored sections are added
-    where the task is the same in a mirror. Raises LimitReached at a deadline of `time.monotonic`.
+    A start without a feasible walk counts as a walk without sections. Mirrored sections are added
+    where
+    the task is symmetric.
+
+    Args:
+        task: the walking task.
+        walks: number of starts.
+        seed: of the starts.
+        gaits: candidates of the search for each start.
+        report: receives the fraction that is done.
+        deadline: of `time.monotonic` [s].
+
+    Raises:
+        LimitReached: the deadline came before the last walk.
     """
-    parts: list[Library] = []
+    libraries: list[SectionLibrary] = []
     for k in range(walks):
         if time.monotonic() > deadline:
             raise LimitReached(
@@ -124,60 +136,71 @@ def build_library(
                 "`gen-data` solves many, and goes on where it was stopped: library.file takes them"
             )
         rng = np.random.default_rng([seed, k])
-        drawn = drawn_task(task, rng, Draw())
-        seconds = min(_LONGEST, deadline - time.monotonic())
-        answer = search(drawn, SearchLimits(seconds, gaits, seed, _NAMES))
+        sampled = sample_task(task, rng, LibraryStartRanges())
+        seconds = min(_MAX_SEARCH_TIME, deadline - time.monotonic())
+        answer = search(sampled, SearchLimits(seconds, gaits, seed, _INITIAL_GAITS))
         if answer.trajectory is not None:
-            parts.append(sections_of(drawn, answer.trajectory, k))
+            libraries.append(cut_sections(sampled, answer.trajectory, k))
         if report is not None:
             report((k + 1) / walks)
-    if not parts:
-        return _empty(task.body.leg_count)
-    whole = joined(parts)
-    return joined([whole, mirrored(task, whole)]) if symmetric(task) else whole
+    if not libraries:
+        return _build_empty_library(task.body.leg_count)
+    library = merge_libraries(libraries)
+    return (
+        merge_libraries([library, mirror_library(task, library)]) if is_symmetric(task) else library
+    )
 
 
-def sections_of(task: WalkTask, found: WalkTrajectory, walk: int) -> Library:
-    """Every run of `SECTION` knots of a walk, with heights above the ground that it is to walk on.
+def cut_sections(task: WalkTask, trajectory: WalkTrajectory, walk: int) -> SectionLibrary:
+    """Cut a walk into all runs of `SECTION` knots.
 
-    That is the ground under the next knot of its reference, as a tick has it.
+    Heights are above the terrain under the next knot of the reference, as in a tick.
+
+    Args:
+        task: the walk's task.
+        trajectory: the walk.
+        walk: its number in the library.
     """
-    above, under = _heights(task, found)
-    rows: list[tuple[Any, ...]] = []
+    clearance, terrain_height = _compute_heights(task, trajectory)
+    sections: list[tuple[Any, ...]] = []
     for n in range(task.knots - SECTION + 1):
-        before = max(n - 1, 0)
-        situation = Situation(
-            found.state[n],
-            _grounded(found.toes[n]),
-            _grounded(found.toes[before]),
-            found.gait.contact[before] if n else np.ones_like(found.gait.contact[0]),
+        previous = max(n - 1, 0)
+        situation = RobotMeasurement(
+            trajectory.state[n],
+            _project_to_ground(trajectory.toes[n]),
+            _project_to_ground(trajectory.toes[previous]),
+            trajectory.gait.contact[previous] if n else np.ones_like(trajectory.gait.contact[0]),
         )
-        here = slice(n, n + SECTION + 1)
-        base = np.array([*found.state[n, :2], under[n]])
-        state, toes = found.state[here].copy(), found.toes[here] - base
+        knots = slice(n, n + SECTION + 1)
+        base = np.array([*trajectory.state[n, :2], terrain_height[n]])
+        state, toes = trajectory.state[knots].copy(), trajectory.toes[knots] - base
         state[:, POSITION] -= base
-        features = features_of(situation, above + under[n], task.reference.velocity[n])
-        rows.append((features, state, toes, found.force[here], found.gait.contact[here]))
-    columns = [np.stack(column) for column in zip(*rows, strict=True)]
+        features = compute_features(
+            situation, clearance + terrain_height[n], task.reference.velocity[n]
+        )
+        sections.append(
+            (features, state, toes, trajectory.force[knots], trajectory.gait.contact[knots])
+        )
+    columns = [np.stack(column) for column in zip(*sections, strict=True)]
     features, state, toes, force, contact = columns
-    number = np.full(len(rows), walk, np.int64)
-    return Library(features, state, toes, force, contact.astype(bool), number)
+    walk_index = np.full(len(sections), walk, np.int64)
+    return SectionLibrary(features, state, toes, force, contact.astype(bool), walk_index)
 
 
-def _heights(task: WalkTask, found: WalkTrajectory) -> tuple[float, Array]:
-    """Height of the reference above the ground, and of the ground (N + 1,) ahead of each knot."""
+def _compute_heights(task: WalkTask, trajectory: WalkTrajectory) -> tuple[float, Array]:
+    """Return the reference's height above the terrain, and terrain heights (N + 1,) at knots."""
     reference, ground = task.reference, task.ground
-    if ground.endless:
-        return float(reference.height[0]), np.zeros(len(found.state))
-    ahead = found.state[:, :2] + task.step * reference.velocity[0, :2]
-    under = ground_under(ground, task.body, ahead, reference.euler[0])
+    if ground.is_flat_everywhere:
+        return float(reference.height[0]), np.zeros(len(trajectory.state))
+    ahead = trajectory.state[:, :2] + task.dt * reference.velocity[0, :2]
+    terrain_height = compute_ground_height(ground, task.body, ahead, reference.euler[0])
     start = task.start.state[None, :2] + task.steps[0] * reference.velocity[0, :2]
-    first = ground_under(ground, task.body, start, reference.euler[0])
-    return float(reference.height[0] - first[0]), under
+    start_height = compute_ground_height(ground, task.body, start, reference.euler[0])
+    return float(reference.height[0] - start_height[0]), terrain_height
 
 
-def symmetric(task: WalkTask) -> bool:
-    """Whether a walk seen in a mirror answers the same task."""
+def is_symmetric(task: WalkTask) -> bool:
+    """Return whether the mirror image of a walk solves the same task."""
     reference, center = task.reference, task.body.toe_center
     inertia = task.body.inertia
     same_legs = np.allclose(center[mirror_legs(len(center))] * MIRROR_POINT, center)
@@ -185,61 +208,66 @@ def symmetric(task: WalkTask) -> bool:
     return bool(same_legs and sideways < 1e-9 and abs(inertia[0, 1]) + abs(inertia[1, 2]) < 1e-9)
 
 
-def mirrored(task: WalkTask, library: Library) -> Library:
-    """The same sections with left and right exchanged."""
+def mirror_library(task: WalkTask, library: SectionLibrary) -> SectionLibrary:
+    """Return the sections with left and right exchanged."""
     state = library.state.copy()
     state[..., POSITION] *= MIRROR_POINT
     state[..., VELOCITY] *= MIRROR_POINT
     state[..., ANGLES] *= MIRROR_TURN
     state[..., SPIN] *= MIRROR_TURN
     legs = task.body.leg_count
-    other = mirror_legs(legs)
-    toes = library.toes[:, :, other] * MIRROR_POINT
-    force = library.force[:, :, other] * MIRROR_POINT
-    features = library.features @ feature_mirror(legs).T
-    contact = library.contact[:, :, other]
-    return Library(features, state, toes, force, contact, library.walk)
+    leg_order = mirror_legs(legs)
+    toes = library.toes[:, :, leg_order] * MIRROR_POINT
+    force = library.force[:, :, leg_order] * MIRROR_POINT
+    features = library.features @ build_mirror_matrix(legs).T
+    contact = library.contact[:, :, leg_order]
+    return SectionLibrary(features, state, toes, force, contact, library.walk)
 
 
-def write_library(library: Library, path: Path, key: str) -> None:
-    """Write a library of plain arrays; key: of the task it was made for."""
+def write_library(library: SectionLibrary, path: Path, key: str) -> None:
+    """Write a library as plain arrays; key: of the task that it was built for."""
     with new_store(path) as file:
         write_text(file, "format", FORMAT)
         write_text(file, "task", key)
         write_datasets(file, _LAYOUT, vars(library))
 
 
-def read_library(path: Path, key: str) -> Library:
-    """A library of the task with this key.
+def read_library(path: Path, key: str) -> SectionLibrary:
+    """Read a library of the task with a key.
 
-    Raises PlanFileError for a damaged file, UsageError for one of another task.
+    Raises:
+        PlanFileError: a damaged file.
+        UsageError: a library of another task.
     """
     with opened_store(path) as file:
         reader = Reader(path, file)
         if not reader.has_attribute("", "format") or reader.text("", "format") != FORMAT:
             raise reader.refuse("no library of walks")
-        parts = reader.datasets("", _LAYOUT)
+        datasets = reader.datasets("", _LAYOUT)
         if reader.not_finite:
             raise reader.refuse(f"NaN or infinity in {', '.join(reader.not_finite)}")
         if (
-            parts["features"].shape[1] != feature_count(parts["contact"].shape[2])
-            or parts["state"].shape[1] != SECTION + 1
+            datasets["features"].shape[1] != feature_count(datasets["contact"].shape[2])
+            or datasets["state"].shape[1] != SECTION + 1
         ):
             raise reader.refuse("its sections are of another shape")
         if reader.text("", "task") != key:
             raise UsageError(f"{path}: made for another robot, reference or weights")
-    return Library(**parts)
+    return SectionLibrary(**datasets)
 
 
-def joined(parts: list[Library]) -> Library:
-    """All sections of some libraries."""
-    names = list(vars(parts[0]))
-    return Library(*(np.concatenate([vars(part)[name] for part in parts]) for name in names))
+def merge_libraries(libraries: list[SectionLibrary]) -> SectionLibrary:
+    """Return one library of all sections."""
+    names = list(vars(libraries[0]))
+    return SectionLibrary(
+        *(np.concatenate([vars(library)[name] for library in libraries]) for name in names)
+    )
 
 
-def _empty(legs: int) -> Library:
+def _build_empty_library(legs: int) -> SectionLibrary:
+    """Return a library without sections."""
     knots = SECTION + 1
-    return Library(
+    return SectionLibrary(
         np.zeros((0, feature_count(legs))),
         np.zeros((0, knots, STATE)),
         np.zeros((0, knots, legs, 3)),
@@ -249,6 +277,6 @@ def _empty(legs: int) -> Library:
     )
 
 
-def _grounded(toes: Array) -> Array:
-    """Toes (L, 3) where they are to stand."""
+def _project_to_ground(toes: Array) -> Array:
+    """Return toes (L, 3) projected to height 0."""
     return toes * [1.0, 1.0, 0.0]

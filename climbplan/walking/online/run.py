@@ -1,4 +1,4 @@
-"""A closed-loop run of a spec: its library, the loop, and the plan that records it."""
+"""A closed-loop run of a spec: build the library, simulate the loop, and record the plan."""
 
 from __future__ import annotations
 
@@ -17,36 +17,42 @@ from climbplan.errors import UsageError
 from climbplan.progress import Progress
 from climbplan.store.dataset_file import FORMAT, read_dataset_file
 from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.walking.dynamics.cost import cost_terms
+from climbplan.walking.dynamics.cost import compute_cost_terms
 from climbplan.walking.offline.warm_up import warm_up
 from climbplan.walking.online.admittance import AdmittanceGains
+from climbplan.walking.online.candidate_selection import (
+    NAMED_GAIT,
+    PLAN_CONTINUES,
+    PREVIOUS_PLAN,
+    SAFE_STANCE,
+)
 from climbplan.walking.online.closed_loop import (
-    Loop,
-    LoopWorld,
-    Lost,
+    ContactLoss,
+    LoopResult,
+    LoopScenario,
     Push,
-    collected_before,
-    recovered,
-    run_loop,
+    freeze_garbage,
+    has_recovered,
+    simulate_loop,
 )
-from climbplan.walking.online.dataset_rows import KIND, task_of_frame, walk_of
+from climbplan.walking.online.controller import OnlineController, OnlineSettings, build_horizon_task
+from climbplan.walking.online.dataset_rows import KIND, read_frame_task, read_walk
 from climbplan.walking.online.estimation import SensorQuality
-from climbplan.walking.online.footholds import on_flat_ground
+from climbplan.walking.online.footholds import flatten_task
 from climbplan.walking.online.library import (
-    Library,
+    SectionLibrary,
     build_library,
-    joined,
-    mirrored,
+    cut_sections,
+    is_symmetric,
+    merge_libraries,
+    mirror_library,
     read_library,
-    sections_of,
-    symmetric,
 )
-from climbplan.walking.online.perception import Noise
-from climbplan.walking.online.strategies import trained
-from climbplan.walking.online.tick import OnlineController, OnlineSettings, horizon_of
-from climbplan.walking.plan.foot_centres import raised
+from climbplan.walking.online.state_feedback import StateNoise
+from climbplan.walking.online.strategies import train_strategy
+from climbplan.walking.plan.foot_centres import raise_plan
 from climbplan.walking.plan.walk_plan import LoopRecord, WalkPlan
-from climbplan.walking.problem.problem import build_task, sampled_task
+from climbplan.walking.problem.problem import build_sampled_task, build_task
 from climbplan.walking.published.program import TOLERANCE
 from climbplan.walking.schema.loading import LoadedMpc
 from climbplan.walking.schema.loop import WalkLoopSpec
@@ -56,225 +62,237 @@ from climbplan.walking.task.task import VELOCITY, WalkTask
 
 
 def is_dataset(path: Path) -> bool:
-    """Whether a file says that it is a dataset; raises PlanFileError for one that is not HDF5."""
+    """Return whether a file is a dataset.
+
+    Raises:
+        PlanFileError: the file is not HDF5.
+    """
     with opened_store(path) as file:
         reader = Reader(path, file)
         return reader.has_attribute("", "format") and reader.text("", "format") == FORMAT
 
 
-def library_of_dataset(path: Path, key: str, key_of: Callable[[WalkTask], str]) -> Library:
-    """Sections of all walks of a dataset, numbered by walk, and their mirror images.
+def read_dataset_library(path: Path, key: str, key_of: Callable[[WalkTask], str]) -> SectionLibrary:
+    """Read the sections of all walks of a dataset, numbered by walk, and their mirror images.
 
-    key: of the task that they are to serve; key_of: makes it of a task. Raises PlanFileError for a
-    damaged file, UsageError for walks of another task or no walks.
+    Args:
+        path: the dataset.
+        key: of the task that the sections are for.
+        key_of: computes the key of a task.
+
+    Raises:
+        PlanFileError: a damaged file.
+        UsageError: walks of another task, or no walks.
     """
     data = read_dataset_file(path)
     if data.frame.kind != KIND:
         raise UsageError(f"{path}: a dataset of {data.frame.kind!r}, not of walks")
-    task = task_of_frame(data.frame, path)
+    task = read_frame_task(data.frame, path)
     if key_of(task) != key:
         raise UsageError(f"{path}: made for another robot, reference or weights")
     rows = np.flatnonzero(data.feasible)
     if not len(rows):
         raise UsageError(f"{path}: no row has a walk")
-    parts = [sections_of(*walk_of(task, data, int(row)), k) for k, row in enumerate(rows)]
-    whole = joined(parts)
-    return joined([whole, mirrored(task, whole)]) if symmetric(task) else whole
+    sections = [cut_sections(*read_walk(task, data, int(row)), k) for k, row in enumerate(rows)]
+    library = merge_libraries(sections)
+    return (
+        merge_libraries([library, mirror_library(task, library)]) if is_symmetric(task) else library
+    )
 
 
-MOST_WARNINGS = 20  # of ticks, told one by one
+MAX_WARNINGS = 20  # of ticks in a plan file
 
 
 @dataclass(frozen=True)
 class OnlineRun:
-    """The record of a loop, and the library to be kept beside it."""
+    """The record of a closed-loop run, and the library to be stored with it."""
 
     plan: WalkPlan
-    library: Library
-    key: str  # of the task that the library was made for
+    library: SectionLibrary
+    key: str  # of the library's task
 
 
 def run_online(loaded: LoadedMpc, report: Progress | None = None) -> OnlineRun:
-    """Build or read the library, then walk. What is compiled is so before the time limit counts.
+    """Load or build the library, then walk. Compilation precedes the time limit.
+
+    Args:
+        loaded: the spec and its robot.
+        report: receives stages and fractions; None: nothing is reported.
 
     Raises:
-        SpecError: values that do not go together.
-        LimitReached: the time limit came before the library was there.
+        SpecError: values that contradict each other.
+        LimitReached: the time limit came before the library was complete.
         UsageError, PlanFileError: a library that cannot be used.
     """
-    report = report or _silent
+    report = report or _ignore_progress
     spec = loaded.spec
     task = build_task(spec, loaded.robot, loaded.source)
-    key = library_key(task)
+    key = compute_library_key(task)
     report("compile", 0.0)
     warm_up(task)
     deadline = time.monotonic() + spec.solver.time_limit
     begin = time.perf_counter()
     report("library", 0.0)
-    library = library_of(task, spec.library, loaded.directory, spec.seed, key, report, deadline)
+    library = load_library(
+        task, spec.library, loaded.directory, spec.seed, key, report, deadline=deadline
+    )
     ready = time.perf_counter()
-    ranking = trained(spec.library.strategy, library, spec.seed)
-    controller = OnlineController(task, library, settings_of(spec), ranking)
-    with collected_before():
-        loop = run_loop(
+    ranking = train_strategy(spec.library.strategy, library, spec.seed)
+    controller = OnlineController(task, library, build_settings(spec), ranking)
+    with freeze_garbage():
+        loop = simulate_loop(
             controller,
             task,
             spec.loop.duration,
-            world_of(spec.loop, task),
-            spec.seed,
-            lambda share: report("walk", share),
-            deadline,
+            build_scenario(spec.loop, task),
+            seed=spec.seed,
+            report=lambda fraction: report("walk", fraction),
+            deadline=deadline,
         )
     walked = time.perf_counter()
-    plan = raised(_plan(loaded, task, library, loop, ready - begin, walked - ready))
+    plan = raise_plan(_build_plan(loaded, task, library, loop, ready - begin, walked - ready))
     return OnlineRun(plan, library, key)
 
 
-def settings_of(spec: MpcSpec) -> OnlineSettings:
-    """How a spec has ticks spend their time."""
+def build_settings(spec: MpcSpec) -> OnlineSettings:
+    """Return the tick settings of a spec."""
     return OnlineSettings(
-        spec.loop.candidates,
-        spec.loop.enough,
+        spec.loop.max_candidates,
+        spec.loop.min_feasible_candidates,
         spec.loop.iterations,
-        spec.loop.effort,
-        form=spec.solver.form,
-        beside=spec.solver.regions_beside,
+        spec.loop.max_qp_iterations,
+        form=spec.solver.formulation,
+        neighbour_region_fraction=spec.solver.neighbour_region_fraction,
         height_weight=spec.loop.height_weight,
     )
 
 
-def world_of(spec: WalkLoopSpec, task: WalkTask) -> LoopWorld:
-    """What a spec puts between controller and robot."""
+def build_scenario(spec: WalkLoopSpec, task: WalkTask) -> LoopScenario:
+    """Return the simulation scenario of a spec: disturbances, delay, sensors and legs."""
     noise, gains, sensors = spec.noise, spec.admittance, spec.sensors
     names = task.body.leg_names
-    return LoopWorld(
+    return LoopScenario(
         pushes=[Push(push.time, np.array(push.velocity, float)) for push in spec.pushes],
-        noise=Noise(
+        noise=StateNoise(
             noise.velocity, float(np.deg2rad(noise.angles_deg)), noise.spin, noise.position
         ),
-        delay=round(spec.delay / task.sample),
-        compensate=spec.compensate,
-        admittance=AdmittanceGains(**gains.model_dump()) if spec.legs == "admittance" else None,
+        delay_samples=round(spec.delay / task.sample),
+        compensate_delay=spec.compensate_delay,
+        admittance=AdmittanceGains(**gains.model_dump())
+        if spec.leg_model == "admittance"
+        else None,
         estimation=SensorQuality(**sensors.model_dump()) if spec.estimation == "ekf" else None,
-        at_push=spec.replan == "push",
-        dropped=spec.dropped,
-        letting_go=spec.letting_go,
-        lost=[Lost(lost.time, names.index(lost.leg)) for lost in spec.lost_contacts],
+        replan_at_push=spec.replan_trigger == "push",
+        dropout_probability=spec.dropout_probability,
+        lift_unreachable_feet=spec.lift_unreachable_stance_feet,
+        contact_losses=[
+            ContactLoss(lost.time, names.index(lost.leg)) for lost in spec.lost_contacts
+        ],
     )
 
 
-def library_of(
+def load_library(
     task: WalkTask,
     spec: WalkLibrarySpec,
     directory: Path,
     seed: int,
     key: str,
     report: Progress,
+    *,
     deadline: float = math.inf,
-) -> Library:
-    """The first `size` walks of a file, or as many solved anew; deadline of `time.monotonic`."""
+) -> SectionLibrary:
+    """Return the first `size` walks of a library file, or solve as many.
+
+    Args:
+        task: the walking task.
+        spec: file, size and gaits of the library.
+        directory: folder that file names are relative to.
+        seed: of the random starts.
+        key: of the task.
+        report: receives stages and fractions.
+        deadline: of `time.monotonic` [s].
+    """
     if spec.file is None:
-        flat = on_flat_ground(task)
-        rested = replace(flat, start=replace(flat.start, state=_at_rest(flat)))
+        flat_task = flatten_task(task)
+        rest_task = replace(flat_task, start=replace(flat_task.start, state=_rest_state(flat_task)))
         return build_library(
-            rested,
+            rest_task,
             spec.size,
             seed,
             spec.gaits,
-            lambda share: report("library", share),
+            lambda fraction: report("library", fraction),
             deadline,
         )
-    library = stored_library(directory / spec.file, key)
+    library = read_stored_library(directory / spec.file, key)
     if library.walks < spec.size:
         raise UsageError(
             f"{spec.file}: {library.walks} walks with sections, library.size asks for {spec.size}"
         )
-    return library.first(spec.size)
+    return library.select_walks(spec.size)
 
 
-def stored_library(path: Path, key: str) -> Library:
-    """All walks of a library.h5 or dataset.h5 that were made for the task with this key."""
+def read_stored_library(path: Path, key: str) -> SectionLibrary:
+    """Read all walks of a library.h5 or dataset.h5 for the task with a key."""
     if is_dataset(path):
-        return library_of_dataset(path, key, library_key)
+        return read_dataset_library(path, key, compute_library_key)
     return read_library(path, key)
 
 
-def library_key(task: WalkTask) -> str:
-    """Equal for tasks that differ in their start and in where the ground is only."""
+def compute_library_key(task: WalkTask) -> str:
+    """Return a key, equal for tasks that differ only in start and placement of the terrain."""
     digest = hashlib.sha256()
-    ahead = horizon_of(on_flat_ground(task))
-    for holder in (ahead.body, ahead.ground, ahead.reference, ahead.weights):
+    horizon = build_horizon_task(flatten_task(task))
+    for holder in (horizon.body, horizon.ground, horizon.reference, horizon.weights):
         for field in fields(holder):
             value = getattr(holder, field.name)
-            if holder is ahead.ground and field.name in ("slope", "corners", "edge", "standoff"):
-                continue  # of flat ground, where all libraries are made
+            if holder is horizon.ground and field.name in ("slope", "corners", "edge", "standoff"):
+                continue  # constant, because libraries are built on flat ground
             digest.update(repr(value.tolist() if isinstance(value, np.ndarray) else value).encode())
-    rest = (task.step, task.integrator, task.lift, task.least_contacts, task.whole_stance)
-    digest.update(repr(rest).encode())
+    scalars = (
+        task.dt,
+        task.integrator,
+        task.swing_clearance,
+        task.min_contacts,
+        task.workspace_over_stance,
+    )
+    digest.update(repr(scalars).encode())
     return digest.hexdigest()
 
 
-def _at_rest(task: WalkTask) -> Array:
+def _rest_state(task: WalkTask) -> Array:
+    """Return the state (12,) at rest at the reference height."""
     state = np.zeros(len(task.start.state))
     state[2] = task.reference.height[0]
     return state
 
 
-def _plan(
+def _build_plan(
     loaded: LoadedMpc,
     task: WalkTask,
-    library: Library,
-    loop: Loop,
+    library: SectionLibrary,
+    loop: LoopResult,
     building: float,
     walking: float,
 ) -> WalkPlan:
-    spec, found = loaded.spec, loop.trajectory
-    samples = len(found.state)
-    whole = sampled_task(task, samples - 1)
-    tick = np.searchsorted(loop.at, np.arange(samples), side="right") - 1
+    """Return the plan file's content for a closed-loop run."""
+    spec, trajectory = loaded.spec, loop.trajectory
+    num_samples = len(trajectory.state)
+    sampled = build_sampled_task(task, num_samples - 1)
+    tick = np.searchsorted(loop.tick_samples, np.arange(num_samples), side="right") - 1
     commands = loop.commands
-    terms = cost_terms(whole, found.state, found.force)
-    warned = [
-        f"{sample * whole.step:.2f} s: {command.warning}"
-        for sample, command in zip(loop.at, commands, strict=True)
+    terms = compute_cost_terms(sampled, trajectory.state, trajectory.force)
+    tick_warnings = [
+        f"{sample * sampled.dt:.2f} s: {command.warning}"
+        for sample, command in zip(loop.tick_samples, commands, strict=True)
         if command.warning
     ]
-    back = recovered(loop, task)
-    told = [] if back else ["the mean velocity at the end is not the reference's"]
-    if loop.fell is not None:
-        told = [f"the robot fell after {loop.fell:.2f} s"]
-    if loop.cut_short:
-        walked = f"{(samples - 1) * whole.step:.2f} of {spec.loop.duration:g} s"
-        told = [f"solver.time_limit of {spec.solver.time_limit:g} s ended the walk after {walked}"]
-    if warned:
-        told.append(f"{len(warned)} of {len(commands)} ticks with a warning, first {warned[0]}")
-    times = 1e3 * np.array([command.tick_time for command in commands])
-    median, most = np.percentile(times, [50, 99])
-    won = np.array([command.winner for command in commands])
-    speed = found.state[:, VELOCITY]
-    robot = f"{task.body.name} {task.body.mass:g} kg, {loop.ticks} ticks"
-    chosen = {"plan before": won == -1, "neighbours": won >= 0}
-    chosen |= {"named gaits": won == -2, "safe stance": won == -3}
-    if (won == -4).any():
-        chosen["plan kept"] = won == -4
-    shares = ", ".join(f"{name} {count.sum()}" for name, count in chosen.items())
-    range_ = f"forward speed from {speed[:, 0].min():.2f} to {speed[:, 0].max():.2f} m/s"
-    reach = f"largest overreach {1e3 * loop.overreach:.0f} mm"
-    ended = "recovered" if back else "not recovered"
-    if loop.cut_short:
-        ended = "cut short"
-    summary = (
-        f"{loaded.name}   {robot}, library of {library.walks} walks, {len(library)} sections",
-        f"online   tick median {median:.2f} ms, 99 % {most:.2f} ms   {shares}",
-        f"walk   {ended}   {range_}, {reach}",
-    )
     return WalkPlan(
         name=loaded.name,
         title=spec.title,
         method="online",
         status="limit" if loop.cut_short else "feasible",
-        task=whole,
-        trajectory=found,
+        task=sampled,
+        trajectory=trajectory,
         objective=sum(terms.values()),
         terms=terms,
         spec_text=loaded.text,
@@ -283,37 +301,87 @@ def _plan(
         robot_urdf=loaded.robot_urdf,
         seed=spec.seed,
         timings={"library": building, "walk": walking, "method": walking},
-        solvers=_solvers(spec.solver.form),
+        solvers=_name_solvers(spec.solver.formulation),
         sizes={
-            "knots": loop.ticks,
+            "knots": loop.num_ticks,
             "walks": library.walks,
             "sections": len(library),
-            "gaits tried": sum(command.tried for command in commands),
+            "gaits tried": sum(command.num_candidates for command in commands),
         },
         loop=LoopRecord(
-            push=loop.pushed,
+            push=loop.push_velocity,
             tick_time=np.array([c.tick_time for c in commands])[tick],
             solve_time=np.array([c.solve_time for c in commands])[tick],
-            candidates_tried=_whole([c.tried for c in commands])[tick],
-            winner=_whole([c.winner for c in commands])[tick],
-            warnings=tuple(warned[:MOST_WARNINGS]),
+            candidates_tried=_as_integers([c.num_candidates for c in commands])[tick],
+            winner=_as_integers([c.source for c in commands])[tick],
+            warnings=tuple(tick_warnings[:MAX_WARNINGS]),
             samples=task.samples,
         ),
-        warnings=tuple(told),
-        summary=summary,
+        warnings=tuple(_collect_warnings(loaded, task, loop, sampled, tick_warnings)),
+        summary=_summarise(loaded, task, library, loop),
     )
 
 
-def _solvers(form: str) -> dict[str, str]:
-    used = {"method": "online"}
+def _collect_warnings(
+    loaded: LoadedMpc, task: WalkTask, loop: LoopResult, sampled: WalkTask, tick_warnings: list[str]
+) -> list[str]:
+    """Return the warnings of a plan: how the walk ended, and the ticks with a warning."""
+    warnings = []
+    if not has_recovered(loop, task):
+        warnings = ["the mean velocity at the end is not the reference's"]
+    if loop.fall_time is not None:
+        warnings = [f"the robot fell after {loop.fall_time:.2f} s"]
+    if loop.cut_short:
+        spec = loaded.spec
+        seconds = (len(loop.trajectory.state) - 1) * sampled.dt
+        walked = f"{seconds:.2f} of {spec.loop.duration:g} s"
+        limit = f"solver.time_limit of {spec.solver.time_limit:g} s"
+        warnings = [f"{limit} ended the walk after {walked}"]
+    if tick_warnings:
+        ticks = f"{len(tick_warnings)} of {len(loop.commands)} ticks"
+        warnings.append(f"{ticks} with a warning, first {tick_warnings[0]}")
+    return warnings
+
+
+def _summarise(
+    loaded: LoadedMpc, task: WalkTask, library: SectionLibrary, loop: LoopResult
+) -> tuple[str, ...]:
+    """Return the lines that describe the run on the terminal."""
+    times = 1e3 * np.array([command.tick_time for command in loop.commands])
+    median, slowest = np.percentile(times, [50, 99])
+    source = np.array([command.source for command in loop.commands])
+    counts = {"plan before": source == PREVIOUS_PLAN, "neighbours": source >= 0}
+    counts |= {"named gaits": source == NAMED_GAIT, "safe stance": source == SAFE_STANCE}
+    if (source == PLAN_CONTINUES).any():
+        counts["plan kept"] = source == PLAN_CONTINUES
+    sources = ", ".join(f"{name} {count.sum()}" for name, count in counts.items())
+    robot = f"{task.body.name} {task.body.mass:g} kg, {loop.num_ticks} ticks"
+    speed = loop.trajectory.state[:, VELOCITY]
+    speeds = f"forward speed from {speed[:, 0].min():.2f} to {speed[:, 0].max():.2f} m/s"
+    reach = f"largest overreach {1e3 * loop.reach_violation:.0f} mm"
+    ending = "recovered" if has_recovered(loop, task) else "not recovered"
+    if loop.cut_short:
+        ending = "cut short"
+    return (
+        f"{loaded.name}   {robot}, library of {library.walks} walks, {len(library)} sections",
+        f"online   tick median {median:.2f} ms, 99 % {slowest:.2f} ms   {sources}",
+        f"walk   {ending}   {speeds}, {reach}",
+    )
+
+
+def _name_solvers(form: str) -> dict[str, str]:
+    """Return the solvers of a form with their versions."""
+    solvers = {"method": "online"}
     if form == "published":
-        return used | {"osqp": f"{metadata.version('osqp')}, tolerance {TOLERANCE:g}"}
-    return used | {"daqp": metadata.version("daqp")}
+        return solvers | {"osqp": f"{metadata.version('osqp')}, tolerance {TOLERANCE:g}"}
+    return solvers | {"daqp": metadata.version("daqp")}
 
 
-def _whole(values: list[int]) -> IntArray:
+def _as_integers(values: list[int]) -> IntArray:
+    """Return integers as an array."""
     return np.array(values, np.int64)
 
 
-def _silent(stage: str, fraction: float) -> None:
+def _ignore_progress(stage: str, fraction: float) -> None:
+    """Ignore a progress report."""
     pass

@@ -1,4 +1,4 @@
-"""Which stored sections a situation calls for, best first: neighbours, or trained strategies."""
+"""Rankings of library sections for a measurement: nearest neighbours or trained strategies."""
 
 from __future__ import annotations
 
@@ -14,169 +14,198 @@ from climbplan.learning.forest import fit_forest
 from climbplan.learning.library import Frame
 from climbplan.learning.library import Library as Rows
 from climbplan.learning.network import fit_network
-from climbplan.walking.online.library import Library
+from climbplan.walking.online.library import SectionLibrary
 from climbplan.walking.task.task import POSITION
 
 StrategyName = Literal["knn", "forest", "boosting", "network", "reduce"]
 _TREES, _DEPTH = 60, 30
-_GAITS = 1000  # most that a classifier tells apart; most of ten thousand walks' gaits occur once
+_MAX_GAITS = 1000  # classes of a classifier; most gaits of a large library occur once
 _ROUNDS, _RATE, _LEAVES = 30, 0.15, 16
 _HIDDEN, _EPOCHS = (128, 128), 80
 _CLUSTERS = ClusterOptions()
-_COMPARED = 8000  # sections that clusters are found among, as time grows with their square
-_SAME = 1e-9  # [m], [N]
+_MAX_COMPARED = 8000  # sections; the time of clustering grows with their square
+_MIN_SPREAD = 1e-9  # [m], [N]
 
 
 class Ranking(Protocol):
-    """Ranks the sections of a library for a situation."""
+    """A ranking of library sections for a measurement."""
 
-    def ranked(self, features: Array, count: int) -> IntArray:
-        """Indices of at most `count` sections, best first; features (F,)."""
+    def rank(self, features: Array, count: int) -> IntArray:
+        """Return indices of at most `count` sections, best first; features (F,)."""
         ...
 
 
 class _Classifier(Protocol):
-    def probabilities(self, features: Array) -> Array: ...
+    """A classifier of features."""
+
+    def probabilities(self, features: Array) -> Array:
+        """Return the probability of each class; features (F,)."""
+        ...
 
 
-class Neighbours:
-    """The k nearest, by the distance of features."""
+class NearestNeighbours:
+    """A ranking by the distance of features (k nearest neighbours)."""
 
-    def __init__(self, library: Library) -> None:
+    def __init__(self, library: SectionLibrary) -> None:
         self._features = library.features
         self._half_norm = 0.5 * (library.features**2).sum(axis=1)
 
-    def apart(self, features: Array) -> Array:
-        """(K,) half the squared distance of each section, less what is the same for all."""
-        apart: Array = self._half_norm - self._features @ features
-        return apart
+    def compute_distances(self, features: Array) -> Array:
+        """Return half the squared distance (K,) of each section, up to a common constant."""
+        distances: Array = self._half_norm - self._features @ features
+        return distances
 
-    def ranked(self, features: Array, count: int) -> IntArray:
-        """Indices of the nearest sections, nearest first."""
-        apart = self.apart(features)
-        count = min(count, len(apart))
-        found = np.argpartition(apart, count - 1)[:count] if count else np.zeros(0, np.int64)
-        nearest: IntArray = found[np.argsort(apart[found])]
+    def rank(self, features: Array, count: int) -> IntArray:
+        """Return indices of the nearest sections, nearest first."""
+        distances = self.compute_distances(features)
+        count = min(count, len(distances))
+        candidates = (
+            np.argpartition(distances, count - 1)[:count] if count else np.zeros(0, np.int64)
+        )
+        nearest: IntArray = candidates[np.argsort(distances[candidates])]
         return nearest
 
 
-class Trained:
-    """Gaits by a classifier's probability; of each the section nearest to the situation."""
+class GaitRanking:
+    """A ranking of gaits by a classifier; each gait is represented by its nearest section."""
 
-    def __init__(self, library: Library, gait: IntArray, model: _Classifier) -> None:
-        """gait (K,): class of each section, -1 of those that are never proposed."""
+    def __init__(self, library: SectionLibrary, gait: IntArray, model: _Classifier) -> None:
+        """Group the sections by gait.
+
+        Args:
+            library: K sections.
+            gait: (K,) class of each section, -1 for sections that are never proposed.
+            model: classifier of gaits.
+        """
         self._model = model
-        self._near = Neighbours(library)
+        self._neighbours = NearestNeighbours(library)
         order = np.argsort(gait, kind="stable")
         bounds = np.searchsorted(gait[order], np.arange(int(gait.max()) + 2))
         self._sections = [order[a:b] for a, b in pairwise(bounds)]
 
-    def ranked(self, features: Array, count: int) -> IntArray:
-        """One section of each of the likeliest gaits, likeliest first."""
-        chance = self._model.probabilities(features)
-        apart = self._near.apart(features)
-        count = min(count, len(chance))
-        likely = np.argpartition(-chance, count - 1)[:count]
-        likely = likely[np.argsort(-chance[likely], kind="stable")]
-        best = [self._sections[k][np.argmin(apart[self._sections[k]])] for k in likely]
+    def rank(self, features: Array, count: int) -> IntArray:
+        """Return one section of each of the likeliest gaits, likeliest first."""
+        probability = self._model.probabilities(features)
+        distances = self._neighbours.compute_distances(features)
+        count = min(count, len(probability))
+        likeliest = np.argpartition(-probability, count - 1)[:count]
+        likeliest = likeliest[np.argsort(-probability[likeliest], kind="stable")]
+        best = [self._sections[k][np.argmin(distances[self._sections[k]])] for k in likeliest]
         return np.array(best, np.int64)
 
 
-class Reduced:
-    """Sections by the likeliest cluster of solutions: its own gaits alone, nearest first.
+class ClusterRanking:
+    """A ranking by clusters of solutions: the gaits of the likeliest cluster, nearest first.
 
-    What a cluster's mixed-integer program may choose from is the combinations of contacts that
-    occur in it (section 7.2.2); they are so few that a tick solves them one by one, contacts
-    pinned. Where they are used up those of the next likeliest cluster follow.
+    A cluster's reduced mixed-integer program chooses among the contact combinations that occur in
+    the
+    cluster (section 7.2.2). They are few, so a tick solves them one by one with fixed contacts.
+    Gaits of
+    the next likeliest cluster follow.
     """
 
     def __init__(
-        self, library: Library, cluster: IntArray, gait: IntArray, model: _Classifier
+        self, library: SectionLibrary, cluster: IntArray, gait: IntArray, model: _Classifier
     ) -> None:
-        """cluster, gait (K,): classes of each section."""
+        """Group the sections by cluster.
+
+        Args:
+            library: K sections.
+            cluster: (K,) cluster of each section.
+            gait: (K,) gait of each section.
+            model: classifier of clusters.
+        """
         self._model, self._gait = model, gait
-        self._near = Neighbours(library)
+        self._neighbours = NearestNeighbours(library)
         self._members = [np.flatnonzero(cluster == k) for k in range(int(cluster.max()) + 1)]
 
-    def ranked(self, features: Array, count: int) -> IntArray:
-        """One section of each gait of the likeliest clusters, by cluster and then by distance."""
-        apart = self._near.apart(features)
-        found: list[int] = []
-        seen: set[int] = set()
+    def rank(self, features: Array, count: int) -> IntArray:
+        """Return one section of each gait of the likeliest clusters, by cluster and then by
+        distance.
+        """
+        distances = self._neighbours.compute_distances(features)
+        ranking: list[int] = []
+        ranked_gaits: set[int] = set()
         for k in np.argsort(-self._model.probabilities(features), kind="stable"):
             members = self._members[k]
-            near = members[np.argsort(apart[members], kind="stable")]
-            _, first = np.unique(self._gait[near], return_index=True)
-            for section in near[np.sort(first)].tolist():
-                if self._gait[section] not in seen:
-                    seen.add(int(self._gait[section]))
-                    found.append(section)
-            if len(found) >= count:
+            by_distance = members[np.argsort(distances[members], kind="stable")]
+            _, first = np.unique(self._gait[by_distance], return_index=True)
+            for section in by_distance[np.sort(first)].tolist():
+                if self._gait[section] not in ranked_gaits:
+                    ranked_gaits.add(int(self._gait[section]))
+                    ranking.append(section)
+            if len(ranking) >= count:
                 break
-        return np.array(found[:count], np.int64)
+        return np.array(ranking[:count], np.int64)
 
 
-def clusters_of(library: Library, seed: int) -> IntArray:
-    """The cluster (K,) of each section, the largest of those compared first.
+def cluster_sections(library: SectionLibrary, seed: int) -> IntArray:
+    """Cluster sections by their solutions and return the cluster (K,) of each, largest first.
 
-    Solutions are compared by what moments are products of: arms of legs that stand, and forces.
-    Of many sections some are drawn and compared, and the others are in the cluster of the nearest.
+    Solutions are compared by the factors of the bilinear moments: moment arms of standing legs,
+    and
+    forces. Of a large library a random sample is clustered; the other sections join the cluster of
+    their
+    nearest sample.
     """
     arms = library.toes - library.state[:, :, None, POSITION]
     arms = np.where(library.contact[..., None], arms, 0.0)
-    both = np.concatenate([arms, library.force], axis=-1).reshape(len(library), -1)
-    spread = both.std(axis=0)
-    scaled = (both - both.mean(axis=0)) / np.where(spread > _SAME, spread, 1.0)
-    if len(scaled) <= _COMPARED:
+    vectors = np.concatenate([arms, library.force], axis=-1).reshape(len(library), -1)
+    std = vectors.std(axis=0)
+    scaled = (vectors - vectors.mean(axis=0)) / np.where(std > _MIN_SPREAD, std, 1.0)
+    if len(scaled) <= _MAX_COMPARED:
         return clustered(scaled, _CLUSTERS, seed)
     from scipy.spatial import cKDTree
 
-    drawn = np.random.default_rng(seed).choice(len(scaled), _COMPARED, replace=False)
-    cluster = clustered(scaled[drawn], _CLUSTERS, seed)
-    nearest: IntArray = cKDTree(scaled[drawn]).query(scaled)[1]
+    sampled = np.random.default_rng(seed).choice(len(scaled), _MAX_COMPARED, replace=False)
+    cluster = clustered(scaled[sampled], _CLUSTERS, seed)
+    nearest: IntArray = cKDTree(scaled[sampled]).query(scaled)[1]
     return cluster[nearest]
 
 
-def trained(name: StrategyName, library: Library, seed: int) -> Ranking:
-    """A strategy by its name, trained on the library's sections where it has to be."""
+def train_strategy(name: StrategyName, library: SectionLibrary, seed: int) -> Ranking:
+    """Train the ranking of a name on a library; "knn" needs no training."""
     if name == "knn" or not len(library):
-        return Neighbours(library)
-    rows = _rows(library)
+        return NearestNeighbours(library)
+    rows = _build_training_rows(library)
     gait, classes = rows.strategy, len(rows.strategies)
     model: _Classifier
     if name == "reduce":
-        cluster = clusters_of(library, seed)
+        cluster = cluster_sections(library, seed)
         count = int(cluster.max()) + 1
         model = fit_forest(library.features, cluster, count, _TREES, _DEPTH, seed)
-        return Reduced(library, cluster, gait, model)
+        return ClusterRanking(library, cluster, gait, model)
     if name == "boosting":  # knows contacts one by one, and so all gaits
-        return Trained(library, gait, fit_boosting(rows, _ROUNDS, _RATE, _LEAVES, seed))
-    gait, classes = commonest(gait, classes, _GAITS)
-    known = gait >= 0
-    features, labels = library.features[known], gait[known]
+        return GaitRanking(library, gait, fit_boosting(rows, _ROUNDS, _RATE, _LEAVES, seed))
+    gait, classes = select_commonest(gait, classes, _MAX_GAITS)
+    is_common = gait >= 0
+    features, labels = library.features[is_common], gait[is_common]
     if name == "forest":
         model = fit_forest(features, labels, classes, _TREES, _DEPTH, seed)
     else:
         model = fit_network(features, labels, classes, _HIDDEN, _EPOCHS, seed)
-    return Trained(library, gait, model)
+    return GaitRanking(library, gait, model)
 
 
-def commonest(labels: IntArray, classes: int, most: int) -> tuple[IntArray, int]:
-    """Labels (K,) of the commonest classes alone, others -1, and how many classes are left.
+def select_commonest(labels: IntArray, classes: int, max_classes: int) -> tuple[IntArray, int]:
+    """Keep the labels (K,) of the commonest classes; others become -1.
 
-    Where there are no more than `most` they stay as they are.
+    Labels stay as they are where there are at most `max_classes` classes.
+
+    Returns:
+        New labels (K,) and the number of classes.
     """
-    if classes <= most:
+    if classes <= max_classes:
         return labels, classes
     size = np.bincount(labels, minlength=classes)
-    kept = np.sort(np.argsort(-size, kind="stable")[:most])
+    commonest = np.sort(np.argsort(-size, kind="stable")[:max_classes])
     rank = np.full(classes, -1, np.int64)
-    rank[kept] = np.arange(most)
-    return rank[labels], most
+    rank[commonest] = np.arange(max_classes)
+    return rank[labels], max_classes
 
 
-def _rows(library: Library) -> Rows:
-    """Sections as solved problems whose integers are their contacts."""
+def _build_training_rows(library: SectionLibrary) -> Rows:
+    """Return sections as solved problems whose integers are their contacts."""
     bits = library.contact.reshape(len(library), -1).astype(float)
     frame = Frame("walk", np.ones(bits.shape[1], bool), np.zeros(0, np.int64))
     return Rows.of(frame, library.features, bits, np.zeros(len(bits)))

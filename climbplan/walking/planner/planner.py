@@ -13,10 +13,10 @@ from climbplan.errors import Conflict, Infeasible, LimitReached
 from climbplan.progress import Progress
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.check.speed import leg_speeds
-from climbplan.walking.dynamics.cost import cost_terms
+from climbplan.walking.dynamics.cost import compute_cost_terms
 from climbplan.walking.plan.answer import WalkAnswer
-from climbplan.walking.plan.foot_centres import raised
-from climbplan.walking.plan.summary import summary_lines
+from climbplan.walking.plan.foot_centres import raise_plan
+from climbplan.walking.plan.summary import format_summary
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.planner.gaps import Gap, widest_gap
 from climbplan.walking.problem.problem import build_task
@@ -45,8 +45,8 @@ def too_fast(task: WalkTask, solve: Callable[[WalkTask], WalkAnswer]) -> str:
         f"joints are too slow: a walk is found for motors of any speed, it asks "
         f"{legs.chain.names[leg][joint]} of {task.body.leg_names[leg]} for "
         f"{share[n, leg, joint]:.2g} times its {legs.max_speed[leg, joint]:.3g} rad/s at "
-        f"{task.step * n:.2f} s; a slower task.reference.velocity (and task.start.velocity) or "
-        "less task.lift ask for less"
+        f"{task.dt * n:.2f} s; a slower task.reference.velocity (and task.start.velocity) or "
+        "less task.swing_clearance ask for less"
     )
 
 
@@ -99,7 +99,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         task=task,
         trajectory=answer.trajectory,
         objective=answer.objective,
-        terms=cost_terms(task, answer.trajectory.state, answer.trajectory.force),
+        terms=compute_cost_terms(task, answer.trajectory.state, answer.trajectory.force),
         spec_text=loaded.text,
         spec_sha256=loaded.sha256,
         robot_text=loaded.robot_text,
@@ -124,7 +124,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
             if told
         ),
     )
-    return raised(replace(plan, summary=summary_lines(plan)))
+    return raise_plan(replace(plan, summary=format_summary(plan)))
 
 
 def _conflict(gap: Gap) -> Conflict:
@@ -148,22 +148,22 @@ def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAns
     if solver.method == "nlp":
         from climbplan.walking.offline.nlp import solve_nlp
 
-        return solve_nlp(task, solver.guess, solver.time_limit)
+        return solve_nlp(task, solver.initial_gait, solver.time_limit)
     if solver.method == "micp":
-        from climbplan.walking.micp.limits import limits_of
-        from climbplan.walking.micp.method import solve_micp
+        from climbplan.walking.micp.limits import read_limits
+        from climbplan.walking.micp.solver import solve_micp
 
         deadline = time.monotonic() + solver.time_limit
-        each = _WARM_SHARE * solver.time_limit / solver.tube.seeds
-        brief = solver.model_copy(update={"method": solver.warm, "time_limit": each})
+        each = _WARM_SHARE * solver.time_limit / solver.attitude_box.seeds
+        brief = solver.model_copy(update={"method": solver.initial_solution, "time_limit": each})
         warm = solve_task(task, brief, seed)
         searched = brief.model_copy(update={"method": "search"})
-        others = [solve_task(task, searched, seed + k) for k in range(1, solver.tube.seeds)]
-        return solve_micp(task, limits_of(_until(solver, deadline)), warm, others)
+        others = [solve_task(task, searched, seed + k) for k in range(1, solver.attitude_box.seeds)]
+        return solve_micp(task, read_limits(_until(solver, deadline)), warm, others)
     from climbplan.walking.offline.search import SearchLimits, search
 
     gaits = solver.gaits if solver.gaits is not None else SearchLimits.gaits
-    return search(task, SearchLimits(solver.time_limit, gaits, seed, qps=solver.qps))
+    return search(task, SearchLimits(solver.time_limit, gaits, seed, qps=solver.max_qp_solves))
 
 
 def _solvers(solver: WalkSolverSpec) -> dict[str, str]:

@@ -19,24 +19,33 @@ from climbplan.walking.task.task import (
     Weights,
 )
 
-_PARTS: dict[str, type[Any]] = {
+_COMPONENTS: dict[str, type[Any]] = {
     "body": RigidBody,
     "ground": Ground,
     "reference": Reference,
     "weights": Weights,
 }
 _SHAPES = ("slope", "corners")
-_PLAIN = ("knots", "step", "integrator", "lift", "least_contacts", "whole_stance")
-_WORDS = ("name", "leg_names", "names")
+_STORED_NAMES = {  # attribute of a task, by its name in stored libraries and datasets
+    "knots": "knots",
+    "step": "dt",
+    "integrator": "integrator",
+    "lift": "swing_clearance",
+    "least_contacts": "min_contacts",
+    "whole_stance": "workspace_over_stance",
+}
+_TEXTS = ("name", "leg_names", "names")
 
 
-def facts_of(task: WalkTask) -> dict[str, Any]:
+def build_facts(task: WalkTask) -> dict[str, Any]:
     """All but the start."""
-    facts: dict[str, Any] = {name: vars(task)[name] for name in _PLAIN}
-    for part in _PARTS:
-        facts[part] = {
-            field.name: _plain(getattr(vars(task)[part], field.name))
-            for field in fields(vars(task)[part])
+    facts: dict[str, Any] = {
+        name: vars(task)[attribute] for name, attribute in _STORED_NAMES.items()
+    }
+    for component in _COMPONENTS:
+        facts[component] = {
+            field.name: _to_plain(getattr(vars(task)[component], field.name))
+            for field in fields(vars(task)[component])
         }
     if not task.ground.slope.any() and not task.ground.corners.size:
         for name in _SHAPES:  # level rectangles say nothing of slopes and corners
@@ -44,57 +53,59 @@ def facts_of(task: WalkTask) -> dict[str, Any]:
     for name in ("edge", "standoff"):
         if not vars(task.ground)[name]:
             del facts["ground"][name]
-    if task.goal.stated:
+    if task.goal.is_set:
         facts["goal"] = [task.goal.lower.tolist(), task.goal.upper.tolist()]
     return facts
 
 
-def task_of(facts: Mapping[str, Any]) -> WalkTask:
+def read_facts(facts: Mapping[str, Any]) -> WalkTask:
     """The task of such facts, at rest at the origin; raises KeyError, TypeError or ValueError."""
-    if not all(isinstance(facts[part], Mapping) for part in _PARTS):
+    if not all(isinstance(facts[component], Mapping) for component in _COMPONENTS):
         raise TypeError("a part of the task is no mapping")
     count = np.size(facts["ground"]["height"])
-    plain = {"slope": np.zeros((count, 2)), "corners": np.zeros((count, 0, 2)), "edge": 0.0}
-    facts = {**facts, "ground": {**plain, **facts["ground"]}}
-    parts = {
-        part: made(**{name: _read(name, value) for name, value in facts[part].items()})
-        for part, made in _PARTS.items()
+    defaults = {"slope": np.zeros((count, 2)), "corners": np.zeros((count, 0, 2)), "edge": 0.0}
+    facts = {**facts, "ground": {**defaults, **facts["ground"]}}
+    components = {
+        component: component_type(
+            **{name: _from_plain(name, value) for name, value in facts[component].items()}
+        )
+        for component, component_type in _COMPONENTS.items()
     }
     knots = int(facts["knots"])
     shapes = (
-        (parts["body"].inertia, (3, 3)),
-        (parts["body"].toe_center, (parts["body"].leg_count, 3)),
-        (parts["body"].toe_half, (3,)),
-        (parts["reference"].velocity, (knots, 3)),
-        (parts["reference"].euler, (knots, 3)),
-        (parts["reference"].height, (knots,)),
-        (parts["weights"].velocity, (3,)),
-        (parts["weights"].angles, (3,)),
+        (components["body"].inertia, (3, 3)),
+        (components["body"].toe_center, (components["body"].leg_count, 3)),
+        (components["body"].toe_half, (3,)),
+        (components["reference"].velocity, (knots, 3)),
+        (components["reference"].euler, (knots, 3)),
+        (components["reference"].height, (knots,)),
+        (components["weights"].velocity, (3,)),
+        (components["weights"].angles, (3,)),
     )
     if any(np.shape(value) != shape for value, shape in shapes):
         raise ValueError("an array of the task has another shape")
-    rest = np.zeros(STATE)
-    rest[2] = parts["reference"].height[0]
+    rest_state = np.zeros(STATE)
+    rest_state[2] = components["reference"].height[0]
     goal = Goal.anywhere()
     if "goal" in facts:
         goal = Goal(*np.array(facts["goal"], float).reshape(2, 2))
     return WalkTask(
         goal=goal,
-        **{name: facts[name] for name in _PLAIN},
-        **parts,
-        start=Start(rest, np.zeros((parts["body"].leg_count, 3))),
+        **{attribute: facts[name] for name, attribute in _STORED_NAMES.items()},
+        **components,
+        start=Start(rest_state, np.zeros((components["body"].leg_count, 3))),
     )
 
 
-def _plain(value: Any) -> Any:
+def _to_plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
     return list(value) if isinstance(value, tuple) else value
 
 
-def _read(name: str, value: Any) -> Any:
+def _from_plain(name: str, value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value
-    if name in _WORDS:
+    if name in _TEXTS:
         return tuple(value) if isinstance(value, list) else str(value)
     return np.array(value, float) if isinstance(value, list) else float(value)

@@ -80,7 +80,9 @@ def test_infeasible_is_what_scip_finds_too(robot: Robot) -> None:
         ours = find_posture(statement, patches, nodes=200)
         if ours.status == "limit":
             continue
-        theirs = solve(statement.program.at(statement.theta(patches)), "minlp-scip", time_limit=5)
+        theirs = solve(
+            statement.program.instantiate(statement.theta(patches)), "minlp-scip", time_limit=5
+        )
         if theirs.status == "limit":
             continue
         assert (theirs.x is not None) == (ours.status == "feasible")

@@ -18,24 +18,24 @@ from climbplan.climb.clearance.body import body_shortfall, hull_world
 from climbplan.climb.clearance.limbs import BETWEEN, limb_points
 from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Rounds
-from climbplan.climb.postures.nlp.check import check_postures, posture_cost
-from climbplan.climb.postures.nlp.layout import variable_layout
-from climbplan.climb.postures.nlp.method import plan_postures_nlp, refined, solve_from
+from climbplan.climb.postures.nlp.check import check_postures, compute_posture_cost
+from climbplan.climb.postures.nlp.layout import build_variable_layout
+from climbplan.climb.postures.nlp.method import plan_postures_nlp, refine_attempt, solve_from
 from climbplan.climb.postures.nlp.numbers import (
-    first_iterate,
-    parameters,
-    parting_planes,
-    shape_of,
-    to_rounds,
-    variable_bounds,
+    build_initial_point,
+    build_parameters,
+    build_shape,
+    build_variable_bounds,
+    extract_rounds,
+    find_separating_planes,
 )
-from climbplan.climb.postures.nlp.starts import convex_guess, straight_guess
-from climbplan.climb.postures.nlp.stated import posture_problem
-from climbplan.climb.postures.nlp.statement import posture_nlp, turning_bulge
+from climbplan.climb.postures.nlp.problem import build_posture_problem
+from climbplan.climb.postures.nlp.starts import build_convex_guess, build_straight_guess
+from climbplan.climb.postures.nlp.statement import bound_chord_deviation, compile_posture_nlp
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import load_climb
-from climbplan.errors import LimitReached, NoPlanFound, NotProved, ReachFailure
+from climbplan.errors import LimitReached, NoPlanFound, ReachFailure, Unresolved
 from climbplan.methods.table import solve_instance
 from climbplan.methods.task import Method
 from climbplan.program.layout import Layout
@@ -102,7 +102,7 @@ def test_spiral_up_the_tube() -> None:
     assert np.rad2deg(np.abs(rounds.rpy[:, :2])).max() < limit < 75.0
     np.testing.assert_allclose(rounds.com[-1], scene.goal.com, atol=0.02)
     assert np.isfinite(plan_instants(scene, rounds).joint_angles).all()
-    assert result.objective == pytest.approx(posture_cost(scene, rounds))
+    assert result.objective == pytest.approx(compute_posture_cost(scene, rounds))
 
 
 def test_agrees_with_the_convex_optimum_where_both_apply(walls: ClimbScene) -> None:
@@ -113,12 +113,12 @@ def test_agrees_with_the_convex_optimum_where_both_apply(walls: ClimbScene) -> N
 
 
 def test_convex_plan_is_the_first_start(walls: ClimbScene, tmp_path: Path) -> None:
-    guess = convex_guess(walls, time_limit=60.0)
+    guess = build_convex_guess(walls, time_limit=60.0)
     assert guess is not None
-    assert solve_from(walls, guess, FOREVER).accepted
+    assert solve_from(walls, guess, FOREVER).is_accepted
     turned = scene_of(WALLS, "task.goal.rpy_deg=[0, 0, 18]", tmp_path=tmp_path)
-    assert convex_guess(turned, time_limit=60.0) is None
-    assert convex_guess(shipped("climb_tube"), time_limit=60.0) is None
+    assert build_convex_guess(turned, time_limit=60.0) is None
+    assert build_convex_guess(shipped("climb_tube"), time_limit=60.0) is None
 
 
 def test_lower_step_bounds_hold_and_cost(walls: ClimbScene, tmp_path: Path) -> None:
@@ -141,13 +141,13 @@ def test_way_round_the_obstacle() -> None:
     scene = shipped("climb_obstacle", "solver.method=nlp")
     share = np.linspace(0.0, 1.0, scene.spec.task.rounds + 1)[:, None]
     line = scene.start.com + share * (scene.goal.com - scene.start.com)
-    start = straight_guess(scene, 0, 0.0).rounds
+    start = build_straight_guess(scene, 0, 0.0).rounds
     assert body_shortfall(scene, replace(start, com=line)).max() > 0.1  # the beam is in the way
     assert body_shortfall(scene, start).max() < 0.02  # already the start goes round it
     attempts = [
-        solve_from(scene, straight_guess(scene, k, float(k > 0)), FOREVER) for k in range(2)
+        solve_from(scene, build_straight_guess(scene, k, float(k > 0)), FOREVER) for k in range(2)
     ]
-    assert all(attempt.accepted for attempt in attempts)
+    assert all(attempt.is_accepted for attempt in attempts)
     for attempt in attempts:
         assert body_shortfall(scene, attempt.rounds).max() <= 1e-6
         assert link_room(scene, attempt.rounds).min() >= 0.8 * scene.robot.limb_radius
@@ -156,8 +156,8 @@ def test_way_round_the_obstacle() -> None:
     assert len({round(attempt.objective, 6) for attempt in attempts}) > 1
 
     best = min(attempts, key=lambda attempt: attempt.objective)
-    again = refined(scene, best, FOREVER)
-    assert again.accepted
+    again = refine_attempt(scene, best, FOREVER)
+    assert again.is_accepted
     assert again.objective < 0.999 * best.objective  # pins chosen anew at the plan
 
 
@@ -176,7 +176,7 @@ def link_room(scene: ClimbScene, rounds: Rounds) -> Array:
 
 def test_limbs_do_not_pass_through_what_the_convex_plan_ignores() -> None:
     scene = shipped("climb_tube")
-    free = solve_from(scene, straight_guess(scene, 0, 0.0), FOREVER)
+    free = solve_from(scene, build_straight_guess(scene, 0, 0.0), FOREVER)
     # A bar beside the body, where two limbs stand in the plan without it
     bar = SolidSpec(name="bar", lower=(-0.5, 0.3, 0.1), upper=(0.5, 0.34, 0.2))
     terrain = scene.spec.terrain.model_copy(update={"obstacles": (bar,)})
@@ -196,7 +196,7 @@ def test_limbs_do_not_pass_through_what_the_convex_plan_ignores() -> None:
 
 def test_links_beside_a_bar_need_room_for_their_radius() -> None:
     scene = shipped("climb_tube")
-    free = solve_from(scene, straight_guess(scene, 0, 0.0), FOREVER)
+    free = solve_from(scene, build_straight_guess(scene, 0, 0.0), FOREVER)
     instants = plan_instants(scene, free.rounds)
     points = limb_points(scene, instants.com, instants.rpy, instants.toes)
     highest = points[..., 2].max()
@@ -214,7 +214,7 @@ def test_parting_planes_touch_the_solid_and_part_what_is_apart() -> None:
     box = Solid.from_box("box", np.array([-0.2, -0.1, 0.0]), np.array([0.2, 0.1, 0.3]))
     rng = np.random.default_rng(0)
     starts, ends = rng.uniform(-0.6, 0.6, (2, 500, 3))
-    planes = parting_planes(box, starts, ends)
+    planes = find_separating_planes(box, starts, ends)
     normals, offsets = planes[:, :3], planes[:, 3]
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
     np.testing.assert_allclose((normals @ box.vertices.T).max(axis=1), offsets)
@@ -233,28 +233,31 @@ def test_same_seed_same_plan_whatever_ran_before(walls: ClimbScene, tmp_path: Pa
     first = plan_postures_nlp(walls)
     other = scene_of(WALLS, "task.goal.com=[0, 0.1, 0.3]", "seed=5", tmp_path=tmp_path)
     plan_postures_nlp(other)  # shares the built program
-    assert shape_of(other) == shape_of(walls)
+    assert build_shape(other) == build_shape(walls)
     again = plan_postures_nlp(walls)
     np.testing.assert_array_equal(first.rounds.com, again.rounds.com)
     np.testing.assert_array_equal(first.rounds.toes, again.rounds.toes)
     assert not np.array_equal(
-        straight_guess(walls, 1, 1.0).rounds.toes, straight_guess(walls, 2, 1.0).rounds.toes
+        build_straight_guess(walls, 1, 1.0).rounds.toes,
+        build_straight_guess(walls, 2, 1.0).rounds.toes,
     )
 
 
 def test_a_start_does_not_depend_on_how_many_there_are(walls: ClimbScene) -> None:
-    alone = straight_guess(walls, 3, 1.0)
+    alone = build_straight_guess(walls, 3, 1.0)
     for k in range(3):
-        straight_guess(walls, k, 1.0)
-    np.testing.assert_array_equal(alone.rounds.toes, straight_guess(walls, 3, 1.0).rounds.toes)
+        build_straight_guess(walls, k, 1.0)
+    np.testing.assert_array_equal(
+        alone.rounds.toes, build_straight_guess(walls, 3, 1.0).rounds.toes
+    )
 
 
 def test_yaw_is_bounded_on_flat_terrain_only(walls: ClimbScene, tmp_path: Path) -> None:
     turned = scene_of(WALLS, "task.start.rpy_deg=[0, 0, 5]", tmp_path=tmp_path)
     limits = ((walls, 20.0), (turned, 25.0), (shipped("climb_tube"), np.inf))
     for scene, expected in limits:
-        _, upper = variable_bounds(scene, 0.0)
-        layout = variable_layout(scene.robot.limb_count, scene.robot.joint_count)
+        _, upper = build_variable_bounds(scene, 0.0)
+        layout = build_variable_layout(scene.robot.limb_count, scene.robot.joint_count)
         upper = layout.unpack(upper.reshape(-1, layout.size))["rpy"]
         np.testing.assert_allclose(upper[:, 2, 0], np.deg2rad(expected))
 
@@ -262,13 +265,13 @@ def test_yaw_is_bounded_on_flat_terrain_only(walls: ClimbScene, tmp_path: Path) 
 def test_statement_and_check_agree(walls: ClimbScene) -> None:
     """Rows of the NLP and the exact check call the same postures good and bad."""
     for scene in (walls, shipped("climb_tube"), shipped("climb_obstacle", "solver.method=nlp")):
-        program = posture_nlp(shape_of(scene), 150)
-        guess = straight_guess(scene, 0, 0.0)
+        program = compile_posture_nlp(build_shape(scene), 150)
+        guess = build_straight_guess(scene, 0, 0.0)
         good = solve_from(scene, guess, FOREVER)
-        assert good.accepted
+        assert good.is_accepted
         good_guess = replace(guess, rounds=good.rounds)
-        x = first_iterate(scene, good_guess, variable_bounds(scene, 0.0))
-        numbers = program.stated.theta(parameters(scene, good_guess))
+        x = build_initial_point(scene, good_guess, build_variable_bounds(scene, 0.0))
+        numbers = program.stated.theta(build_parameters(scene, good_guess))
         blocks = program.stated.residuals(program.solver.rows(x, numbers))
         assert max(block.residual for block in blocks) < 1e-6
         assert {block.unit for block in blocks} == {"m", "rad"}
@@ -279,12 +282,12 @@ def test_statement_and_check_agree(walls: ClimbScene) -> None:
         rng = np.random.default_rng(1)
         for _ in range(5):
             moved = x + 0.0
-            layout = variable_layout(scene.robot.limb_count, scene.robot.joint_count)
+            layout = build_variable_layout(scene.robot.limb_count, scene.robot.joint_count)
             j = int(rng.integers(scene.spec.task.rounds))
             moved[j * layout.size : j * layout.size + 3] += rng.normal(0.0, 0.3, 3)
             blocks = program.stated.residuals(program.solver.rows(moved, numbers))
             assert max(block.residual for block in blocks) > 1e-3
-            found = check_postures(scene, to_rounds(scene, good_guess, moved))
+            found = check_postures(scene, extract_rounds(scene, good_guess, moved))
             assert any(violation.amount > 1e-3 for violation in found)
 
 
@@ -305,7 +308,7 @@ def test_statement_and_check_agree(walls: ClimbScene) -> None:
     ],
 )
 def test_check_and_statement_name_what_is_broken(walls: ClimbScene, name: str, change: Any) -> None:
-    guess = straight_guess(walls, 0, 0.0)
+    guess = build_straight_guess(walls, 0, 0.0)
     rounds = solve_from(walls, guess, FOREVER).rounds
     broken = replace(rounds, com=rounds.com.copy(), rpy=rounds.rpy.copy(), toes=rounds.toes.copy())
     assert all(violation.holds for violation in check_postures(walls, broken))
@@ -315,10 +318,10 @@ def test_check_and_statement_name_what_is_broken(walls: ClimbScene, name: str, c
     assert "round" in str(failing[name])
     if name == "rotation.limit":
         return  # bounds of variables
-    program = posture_nlp(shape_of(walls), 150)
+    program = compile_posture_nlp(build_shape(walls), 150)
     there = replace(guess, rounds=broken)
-    x = first_iterate(walls, there, variable_bounds(walls, 0.0))
-    rows = program.solver.rows(x, program.stated.theta(parameters(walls, guess)))
+    x = build_initial_point(walls, there, build_variable_bounds(walls, 0.0))
+    rows = program.solver.rows(x, program.stated.theta(build_parameters(walls, guess)))
     blocks = {block.name for block in program.stated.residuals(rows) if block.residual > 1e-3}
     assert blocks >= {v.name for v in failing.values() if v.amount > 1e-2} - {"rotation.limit"}
     assert name in blocks
@@ -326,15 +329,15 @@ def test_check_and_statement_name_what_is_broken(walls: ClimbScene, name: str, c
 
 @pytest.mark.parametrize("method", ["nlp", "mpcc"])
 def test_methods_of_the_common_table_take_the_program(walls: ClimbScene, method: Method) -> None:
-    guess = straight_guess(walls, 0, 0.0)
-    problem, theta = posture_problem(walls, guess)
-    sizes = posture_nlp(shape_of(walls), 150).stated.sizes()
+    guess = build_straight_guess(walls, 0, 0.0)
+    problem, theta = build_posture_problem(walls, guess)
+    sizes = compile_posture_nlp(build_shape(walls), 150).stated.sizes()
     counts = problem.program.counts()
     assert counts["by_block"] == {name: rows for name, rows in sizes.items() if rows}
     assert 0 < counts["linear_rows"] < counts["smooth_rows"]
     answer = solve_instance(problem, theta, method).result
     assert answer.x is not None
-    rounds = to_rounds(walls, guess, answer.x)
+    rounds = extract_rounds(walls, guess, answer.x)
     assert all(violation.holds for violation in check_postures(walls, rounds))
     own = solve_from(walls, guess, FOREVER)
     assert answer.objective == pytest.approx(own.objective, rel=1e-6)
@@ -343,7 +346,7 @@ def test_methods_of_the_common_table_take_the_program(walls: ClimbScene, method:
 
 def test_a_goal_missed_names_body_or_limb(walls: ClimbScene) -> None:
     for moved, where in (("com", "body"), ("toes", "limb LM")):
-        rounds = straight_guess(walls, 0, 0.0).rounds
+        rounds = build_straight_guess(walls, 0, 0.0).rounds
         limb = walls.robot.limb_names.index("LM")
         point = rounds.com[4] if moved == "com" else rounds.toes[4, limb]
         point[2] += walls.spec.task.goal.tolerance + 0.03
@@ -352,7 +355,7 @@ def test_a_goal_missed_names_body_or_limb(walls: ClimbScene) -> None:
 
 
 def test_check_refuses_a_diverged_answer(walls: ClimbScene) -> None:
-    rounds = straight_guess(walls, 0, 0.0).rounds
+    rounds = build_straight_guess(walls, 0, 0.0).rounds
     rounds.com[2] = np.nan
     found = {v.name: v for v in check_postures(walls, rounds)}
     assert found["steps.com"].amount == np.inf
@@ -360,7 +363,7 @@ def test_check_refuses_a_diverged_answer(walls: ClimbScene) -> None:
 
 def test_bulge_covers_every_way_of_the_body() -> None:
     turn = ca.SX.sym("turn", 3)
-    bulge = ca.Function("bulge", [turn], [turning_bulge(turn, 1.0)])
+    bulge = ca.Function("bulge", [turn], [bound_chord_deviation(turn, 1.0)])
     rng = np.random.default_rng(0)
     share = np.linspace(0.0, 1.0, 101)
     for _ in range(200):
@@ -375,7 +378,7 @@ def test_bulge_covers_every_way_of_the_body() -> None:
 def test_body_stays_inside_a_narrow_tube() -> None:
     """Turned in a tube hardly wider than its body, the robot keeps the clearance all the way."""
     scene = shipped("climb_tube", "posture.body_clearance=0.35")
-    rounds = solve_from(scene, straight_guess(scene, 1, 1.0), FOREVER).rounds
+    rounds = solve_from(scene, build_straight_guess(scene, 1, 1.0), FOREVER).rounds
     corners = hull_world(scene, rounds.com, rounds.rpy)
     assert np.linalg.norm(corners[..., :2], axis=-1).max() <= 0.615 - 0.35 + 1e-6
 
@@ -396,10 +399,10 @@ def test_layout_finds_what_it_packs() -> None:
 
 def test_a_way_that_steps_cannot_cover_needs_no_solver(tmp_path: Path) -> None:
     far = scene_of(WALLS, "task.goal.com=[0, 0, 0.9]", tmp_path=tmp_path)
-    with pytest.raises(NotProved, match=r"0\.880 m in steps of at most 150 mm, takes 6 rounds"):
+    with pytest.raises(Unresolved, match=r"0\.880 m in steps of at most 150 mm, takes 6 rounds"):
         plan_postures_nlp(far)
     turn = shipped("climb_tube", "task.goal.rpy_deg=[0, 0, 150]")
-    with pytest.raises(NotProved, match=r"147\.0 deg in steps of at most 10 deg, takes 15"):
+    with pytest.raises(Unresolved, match=r"147\.0 deg in steps of at most 10 deg, takes 15"):
         plan_postures_nlp(turn)
 
 
@@ -417,7 +420,7 @@ def test_failure_names_the_constraint_and_proves_nothing() -> None:
         "task.rounds=2",
         "task.goal={com: [0, 0, 0.1], rpy_deg: [0, 0, 10]}",
     )
-    with pytest.raises(NotProved) as failure:
+    with pytest.raises(Unresolved) as failure:
         plan_postures_nlp(scene)
     assert "no start of 2 converged: the closest violates body.clearance at round" in str(
         failure.value
@@ -427,7 +430,9 @@ def test_failure_names_the_constraint_and_proves_nothing() -> None:
 
 def test_time_limit_stops_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     # The convex guess may already be a plan when time is up; the straight way hits the beam.
-    monkeypatch.setattr("climbplan.climb.postures.nlp.method.convex_guess", lambda *_, **__: None)
+    monkeypatch.setattr(
+        "climbplan.climb.postures.nlp.method.build_convex_guess", lambda *_, **__: None
+    )
     scene = shipped("climb_obstacle", "solver.method=nlp", "solver.time_limit=1e-6")
     with pytest.raises(LimitReached, match=r"no start of 1 \(of 4 asked for\) converged"):
         plan_postures_nlp(scene)

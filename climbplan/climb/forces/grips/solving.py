@@ -14,20 +14,20 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.climb.forces.grips.program import (
-    SIZE,
+    LIMB_SIZE,
     GripInstant,
-    conic_program,
-    friction_rows,
-    grip_instant,
-    linear_rows,
-    open_fingers,
+    build_conic_program,
+    build_friction_rows,
+    build_grip_instant,
+    build_linear_rows,
+    build_open_finger_rows,
 )
 from climbplan.climb.forces.grips.statement import RESIDUAL_LIMIT, GripStatement
 
 # Among forces of equal worst torque those of least squares are preferred, which makes answers
 # unique; the weight is small against s, so that it costs little of the optimum.
 PREFERENCE = 1e-4
-_DEFINITE = 1e-8
+_REGULARISATION = 1e-8
 _RANK_TOLERANCE = 1e-9
 _UNBOUNDED = -1e30
 _PRIMAL_TOLERANCE = 1e-10
@@ -48,54 +48,54 @@ class SolvedGrips:
 def solve_grips(statement: GripStatement, solver: str, facets: int) -> SolvedGrips:
     """Solve and check all instants; solver "clarabel" uses exact cones from the start."""
     count, limbs = statement.contact.shape
-    parts = np.zeros((count, limbs, 3, 3))
-    missing, again = [], 0
+    part_forces = np.zeros((count, limbs, 3, 3))
+    missing, num_resolved = [], 0
     for k in range(count):
-        instant = grip_instant(statement, k)
+        instant = build_grip_instant(statement, k)
         if instant.contacts == 0:
             if statement.load[k].any():
                 missing.append(k)
             continue
-        x = _by_daqp(instant, facets) if solver != "clarabel" else None
-        if x is None or residual(instant, x) > RESIDUAL_LIMIT:
-            again += 1
-            x = by_clarabel(instant)
+        x = _solve_by_daqp(instant, facets) if solver != "clarabel" else None
+        if x is None or compute_residual(instant, x) > RESIDUAL_LIMIT:
+            num_resolved += 1
+            x = solve_by_clarabel(instant)
         if x is None:
             missing.append(k)
             continue
-        parts[k, instant.limb] = statement.unit * x.reshape(-1, 3, 3)
-    if again and solver != "clarabel":
-        _log.info("%d instants without an answer of DAQP, solved by Clarabel", again)
-    return SolvedGrips(parts, np.array(missing, np.int64), again)
+        part_forces[k, instant.limb] = statement.unit * x.reshape(-1, 3, 3)
+    if num_resolved and solver != "clarabel":
+        _log.info("%d instants without an answer of DAQP, solved by Clarabel", num_resolved)
+    return SolvedGrips(part_forces, np.array(missing, np.int64), num_resolved)
 
 
-def _by_daqp(instant: GripInstant, facets: int) -> Array | None:
+def _solve_by_daqp(instant: GripInstant, facets: int) -> Array | None:
     """Forces x (9 n,), or None without an optimum."""
-    equal, right = instant.grasp, -instant.load
+    equality_rows, right_hand_side = instant.grasp, -instant.load
     if not instant.closed:
-        opened = open_fingers(instant)
-        equal = np.vstack([equal, opened])
-        right = np.concatenate([right, np.zeros(len(opened))])
-    left, sigma, rows = np.linalg.svd(equal, full_matrices=True)
+        finger_rows = build_open_finger_rows(instant)
+        equality_rows = np.vstack([equality_rows, finger_rows])
+        right_hand_side = np.concatenate([right_hand_side, np.zeros(len(finger_rows))])
+    left_vectors, sigma, right_vectors = np.linalg.svd(equality_rows, full_matrices=True)
     rank = int((sigma > _RANK_TOLERANCE * sigma[0]).sum())
-    along = left.T @ right
-    if np.abs(along[rank:]).max(initial=0.0) > RESIDUAL_LIMIT:
+    projected_load = left_vectors.T @ right_hand_side
+    if np.abs(projected_load[rank:]).max(initial=0.0) > RESIDUAL_LIMIT:
         return None
-    particular = rows[:rank].T @ (along[:rank] / sigma[:rank])
-    null_space = rows[rank:].T
-    linear, friction = linear_rows(instant), friction_rows(instant, facets)
+    particular = right_vectors[:rank].T @ (projected_load[:rank] / sigma[:rank])
+    null_space = right_vectors[rank:].T
+    linear, friction = build_linear_rows(instant), build_friction_rows(instant, facets)
     A = np.concatenate([linear.A, friction.A])
     by_s = np.concatenate([linear.by_s, friction.by_s])
     upper = np.concatenate([linear.upper, friction.upper]) - A @ particular
     matrix = np.column_stack([-by_s, A @ null_space])
     size = null_space.shape[1] + 1
     hessian = PREFERENCE * np.eye(size)
-    hessian[0, 0] = _DEFINITE
+    hessian[0, 0] = _REGULARISATION
     gradient = np.concatenate([[1.0], PREFERENCE * null_space.T @ particular])
     bounds = np.concatenate([[instant.largest_s], upper])
     lower = np.full(len(bounds), _UNBOUNDED)
     lower[0] = 0.0
-    answer, _, flag, _ = daqp.solve(
+    solution, _, flag, _ = daqp.solve(
         hessian,
         gradient,
         np.ascontiguousarray(matrix),
@@ -106,32 +106,39 @@ def _by_daqp(instant: GripInstant, facets: int) -> Array | None:
     )
     if flag != _SOLVED:
         return None
-    return np.asarray(particular + null_space @ np.asarray(answer)[1:])
+    return np.asarray(particular + null_space @ np.asarray(solution)[1:])
 
 
-def by_clarabel(instant: GripInstant) -> Array | None:
+def solve_by_clarabel(instant: GripInstant) -> Array | None:
     """Forces x (9 n,) on the exact cones that pass the check, or None without any."""
-    program = conic_program(instant)
+    program = build_conic_program(instant)
     cost = np.zeros(program.size)
     cost[instant.size] = 1.0
     answer = program.minimise(cost)
     if answer is None:
         return None
     x = answer.x[: instant.size]
-    return x if residual(instant, x) <= RESIDUAL_LIMIT else None
+    return x if compute_residual(instant, x) <= RESIDUAL_LIMIT else None
 
 
-def residual(instant: GripInstant, x: Array) -> float:
+def compute_residual(instant: GripInstant, x: Array) -> float:
     """Largest violation of the exact constraints by forces x (9 n,), in units of the load."""
-    rows = linear_rows(instant)
-    worst = [np.abs(instant.grasp @ x + instant.load).max()]
-    worst.append((rows.A @ x - rows.by_s * instant.largest_s - rows.upper).max())
+    rows = build_linear_rows(instant)
+    violations = [np.abs(instant.grasp @ x + instant.load).max()]
+    violations.append((rows.A @ x - rows.by_s * instant.largest_s - rows.upper).max())
     if not instant.closed:
-        worst.append(np.abs(open_fingers(instant) @ x).max())
-    parts = x.reshape(-1, SIZE // 3, 3)
-    local = np.einsum("npij,npj->npi", instant.axes, parts)
-    further = local - instant.pulled
-    for state, safety in ((local, instant.safety_friction), (further, 1.0)):
-        held = instant.mu[:, None] * np.maximum(state[..., 0], 0.0) + instant.spines
-        worst.append((np.hypot(state[..., 1], state[..., 2]) - held / safety).max())
-    return float(max(*worst, 0.0))
+        violations.append(np.abs(build_open_finger_rows(instant) @ x).max())
+    part_forces = x.reshape(-1, LIMB_SIZE // 3, 3)
+    components = np.einsum("npij,npj->npi", instant.axes, part_forces)
+    pulled_components = components - instant.pulled
+    for force_components, safety in (
+        (components, instant.safety_friction),
+        (pulled_components, 1.0),
+    ):
+        max_shear = instant.mu[:, None] * np.maximum(force_components[..., 0], 0.0) + instant.spines
+        violations.append(
+            (
+                np.hypot(force_components[..., 1], force_components[..., 2]) - max_shear / safety
+            ).max()
+        )
+    return float(max(*violations, 0.0))

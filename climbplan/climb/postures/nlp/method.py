@@ -18,36 +18,36 @@ from dataclasses import dataclass, replace
 
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.explanation import DEFAULT_STEPS
-from climbplan.climb.postures.nlp.check import Violation, check_postures, posture_cost
+from climbplan.climb.postures.nlp.check import Violation, check_postures, compute_posture_cost
 from climbplan.climb.postures.nlp.numbers import (
     JOINT_MARGINS,
     Guess,
-    first_iterate,
-    parameters,
-    shape_of,
-    to_rounds,
-    variable_bounds,
+    build_initial_point,
+    build_parameters,
+    build_shape,
+    build_variable_bounds,
+    extract_rounds,
 )
 from climbplan.climb.postures.nlp.starts import (
-    convex_guess,
-    meeting_regions,
-    repinned,
-    straight_guess,
+    build_convex_guess,
+    build_straight_guess,
+    find_region_adjacency,
+    repin_guess,
 )
-from climbplan.climb.postures.nlp.statement import posture_nlp
+from climbplan.climb.postures.nlp.statement import compile_posture_nlp
 from climbplan.climb.postures.planner import PostureResult
-from climbplan.climb.postures.ways import ways_too_long
+from climbplan.climb.postures.travel_distance import find_excessive_travel
 from climbplan.climb.scene.climb_scene import ClimbScene
-from climbplan.errors import LimitReached, NotProved, ReachFailure
+from climbplan.errors import LimitReached, ReachFailure, Unresolved
 from climbplan.progress import Progress
 from climbplan.robots.kinematics import require_reachable, to_body
 from climbplan.solvers.ipopt.trajectory import CompiledTrajectory
 
-ITERATIONS = 150  # per start; those that converge need 5 to 60
+MAX_ITERATIONS = 150  # per start; those that converge need 5 to 60
 # Blocks that the program holds at some instants only
-BETWEEN = ("kinematics.toes", "limbs.clearance", "swing.limb_free")
-REFINEMENTS = 4  # of the best plan
-WORTHWHILE = 0.999  # factor on the cost that a refinement has to reach
+SAMPLED_BLOCKS = ("kinematics.toes", "limbs.clearance", "swing.limb_free")
+MAX_REFINEMENTS = 4  # of the best plan
+MAX_COST_RATIO = 0.999  # factor on the cost that a refinement has to reach
 SOLVER = "ipopt (mumps)"
 
 
@@ -63,12 +63,12 @@ class Attempt:
     seconds: float
 
     @property
-    def accepted(self) -> bool:
+    def is_accepted(self) -> bool:
         """Whether every constraint holds by the exact check, whatever IPOPT said."""
         return not self.violations
 
     @property
-    def worst(self) -> Violation:
+    def worst_violation(self) -> Violation:
         """The block that fails by most."""
         return max(self.violations, key=lambda violation: violation.amount)
 
@@ -82,24 +82,24 @@ def plan_postures_nlp(scene: ClimbScene, report: Progress | None = None) -> Post
     """
     options = scene.spec.solver
     deadline = time.monotonic() + options.time_limit
-    refuse_hopeless(scene)
+    reject_infeasible(scene)
     attempts: list[Attempt] = []
-    for number, guess in enumerate(guesses(scene, options.starts, deadline)):
+    for index, guess in enumerate(generate_guesses(scene, options.starts, deadline)):
         if report is not None:
-            report("posture", number / options.starts)
+            report("posture", index / options.starts)
         attempts.append(solve_from(scene, guess, deadline))
         if time.monotonic() > deadline:
             break
-    accepted = [attempt for attempt in attempts if attempt.accepted]
+    accepted = [attempt for attempt in attempts if attempt.is_accepted]
     if not accepted:
-        failure = _failure(scene, attempts)
+        failure = _describe_failure(scene, attempts)
         if len(attempts) < options.starts:
             raise LimitReached(failure, stage="posture")
-        raise NotProved(failure, because="method nlp is local", stage="posture")
+        raise Unresolved(failure, because="method nlp is local", stage="posture")
     # Rounded, so that of equally good ones the first is kept whatever the last digits say
     best = min(accepted, key=lambda attempt: round(attempt.objective, 9))
-    best = refined(scene, best, deadline)
-    program = posture_nlp(shape_of(scene), ITERATIONS)
+    best = refine_attempt(scene, best, deadline)
+    program = compile_posture_nlp(build_shape(scene), MAX_ITERATIONS)
     return PostureResult(
         rounds=best.rounds,
         status="feasible",
@@ -108,94 +108,102 @@ def plan_postures_nlp(scene: ClimbScene, report: Progress | None = None) -> Post
         gap=None,
         nodes=len(attempts),
         solver=SOLVER,
-        sizes=_sizes(program, attempts, best),
-        warnings=_warnings(scene, attempts),
+        sizes=_collect_sizes(program, attempts, best),
+        warnings=_collect_warnings(scene, attempts),
     )
 
 
 def solve_from(scene: ClimbScene, guess: Guess, deadline: float) -> Attempt:
     """IPOPT from one start, and the exact check of what it returns."""
     begin = time.monotonic()
-    program = posture_nlp(shape_of(scene), ITERATIONS)
+    program = compile_posture_nlp(build_shape(scene), MAX_ITERATIONS)
     iterations = 0
     for margin in JOINT_MARGINS:
-        box = variable_bounds(scene, margin)
-        first = first_iterate(scene, guess, box)
-        bounds = replace(program.bounds, lower=box[0], upper=box[1])
-        numbers = program.stated.theta(parameters(scene, guess))
-        point = program.solver.solve(first, numbers, bounds, deadline)
-        iterations += point.iterations
-        rounds = to_rounds(scene, guess, point.v)
+        variable_box = build_variable_bounds(scene, margin)
+        initial_point = build_initial_point(scene, guess, variable_box)
+        bounds = replace(program.bounds, lower=variable_box[0], upper=variable_box[1])
+        theta = program.stated.theta(build_parameters(scene, guess))
+        solution = program.solver.solve(initial_point, theta, bounds, deadline)
+        iterations += solution.iterations
+        rounds = extract_rounds(scene, guess, solution.v)
         violations = tuple(v for v in check_postures(scene, rounds) if not v.holds)
-        if not violations or any(v.name not in BETWEEN for v in violations):
+        if not violations or any(v.name not in SAMPLED_BLOCKS for v in violations):
             break
         if time.monotonic() > deadline:
             break
-        guess = repinned(scene, guess, rounds)
+        guess = repin_guess(scene, guess, rounds)
     return Attempt(
         guess=guess,
         rounds=rounds,
-        objective=posture_cost(scene, rounds),
+        objective=compute_posture_cost(scene, rounds),
         violations=violations,
         iterations=iterations,
         seconds=time.monotonic() - begin,
     )
 
 
-def refined(scene: ClimbScene, best: Attempt, deadline: float) -> Attempt:
+def refine_attempt(scene: ClimbScene, best: Attempt, deadline: float) -> Attempt:
     """The plan solved again with what is pinned chosen anew where it now is, while that helps."""
     if not scene.terrain.obstacles and not scene.terrain.free_choices:
         return best  # nothing but contact regions is pinned
-    for _ in range(REFINEMENTS):
+    for _ in range(MAX_REFINEMENTS):
         if time.monotonic() > deadline:
             break
-        again = solve_from(scene, repinned(scene, best.guess, best.rounds), deadline)
-        if not again.accepted or again.objective > WORTHWHILE * best.objective:
+        candidate = solve_from(scene, repin_guess(scene, best.guess, best.rounds), deadline)
+        if not candidate.is_accepted or candidate.objective > MAX_COST_RATIO * best.objective:
             break
-        best = again
+        best = candidate
     return best
 
 
-def refuse_hopeless(scene: ClimbScene) -> None:
+def reject_infeasible(scene: ClimbScene) -> None:
     """What needs no solver to be seen.
 
     Raises ReachFailure for a start posture beyond a limb's reach, and NotProved where the sum of
     the largest steps is shorter than the way to the goal.
     """
     start, spec = scene.start, scene.spec
-    toes, first = start.toes.copy(), scene.gait[0]
+    toes, first_limb = start.toes.copy(), scene.gait[0]
     require_reachable(scene.robot, to_body(start.com, start.rpy, toes), "start posture")
-    normal = scene.terrain.surfaces[start.region[first]].normal_at(toes[first])
-    toes[first] += spec.trajectory.lift * normal  # before the body has moved
-    where = f"round 1, {scene.robot.limb_names[first]} lifted"
-    require_reachable(scene.robot, to_body(start.com, start.rpy, toes), where)
-    for way in ways_too_long(scene):
-        bare = replace(way.conflict, remedies=())  # needed at least, perhaps not enough
-        raise NotProved("no posture sequence found", [bare], because=DEFAULT_STEPS, stage="posture")
+    normal = scene.terrain.surfaces[start.region[first_limb]].normal_at(toes[first_limb])
+    toes[first_limb] += spec.trajectory.swing_clearance * normal  # before the body has moved
+    place = f"round 1, {scene.robot.limb_names[first_limb]} lifted"
+    require_reachable(scene.robot, to_body(start.com, start.rpy, toes), place)
+    for travel in find_excessive_travel(scene):
+        without_remedies = replace(
+            travel.conflict, remedies=()
+        )  # needed at least, perhaps not enough
+        raise Unresolved(
+            "no posture sequence found", [without_remedies], because=DEFAULT_STEPS, stage="posture"
+        )
 
 
-def guesses(scene: ClimbScene, count: int, deadline: float) -> Iterator[Guess]:
+def generate_guesses(scene: ClimbScene, count: int, deadline: float) -> Iterator[Guess]:
     """`count` starts: the convex plan if there is one, the straight way, then random ones."""
-    convex = convex_guess(scene, max(0.5 * (deadline - time.monotonic()), 0.1))
-    if convex is not None:
-        yield convex
-    left = count - (convex is not None)
-    meeting = meeting_regions(scene) if left else ()
-    for index in range(left):
-        yield straight_guess(scene, index, 0.0 if index == 0 else 1.0, meeting)
+    convex_start = build_convex_guess(scene, max(0.5 * (deadline - time.monotonic()), 0.1))
+    if convex_start is not None:
+        yield convex_start
+    remaining = count - (convex_start is not None)
+    adjacency = find_region_adjacency(scene) if remaining else ()
+    for index in range(remaining):
+        yield build_straight_guess(scene, index, 0.0 if index == 0 else 1.0, adjacency)
 
 
-def _failure(scene: ClimbScene, attempts: list[Attempt]) -> str:
-    asked, tried = scene.spec.solver.starts, len(attempts)
-    closest = min(attempts, key=lambda attempt: attempt.worst.amount)
-    count = f"{asked}" if tried == asked else f"{tried} (of {asked} asked for)"
+def _describe_failure(scene: ClimbScene, attempts: list[Attempt]) -> str:
+    requested, num_attempts = scene.spec.solver.starts, len(attempts)
+    closest = min(attempts, key=lambda attempt: attempt.worst_violation.amount)
+    count = (
+        f"{requested}"
+        if num_attempts == requested
+        else f"{num_attempts} (of {requested} asked for)"
+    )
     return (
-        f"no start of {count} converged: the closest violates {closest.worst}; "
-        f"{_goal_trouble(scene)}more starts, rounds or time may help"
+        f"no start of {count} converged: the closest violates {closest.worst_violation}; "
+        f"{_describe_goal_error(scene)}more starts, rounds or time may help"
     )
 
 
-def _goal_trouble(scene: ClimbScene) -> str:
+def _describe_goal_error(scene: ClimbScene) -> str:
     """What is wrong with the stated goal posture itself, a likely cause within its tolerance."""
     goal = scene.goal
     try:
@@ -205,21 +213,21 @@ def _goal_trouble(scene: ClimbScene) -> str:
     return ""
 
 
-def _sizes(
+def _collect_sizes(
     program: CompiledTrajectory, attempts: list[Attempt], best: Attempt
 ) -> dict[str, object]:
     return {
         "variables": program.solver.size,
         "constraints": len(program.bounds.row_lower),
         "starts": len(attempts),
-        "accepted": sum(attempt.accepted for attempt in attempts),
+        "accepted": sum(attempt.is_accepted for attempt in attempts),
         "iterations": sum(attempt.iterations for attempt in attempts),
         "best_start": best.guess.label,
     }
 
 
-def _warnings(scene: ClimbScene, attempts: list[Attempt]) -> tuple[str, ...]:
-    left = scene.spec.solver.starts - len(attempts)
-    if left == 0:
+def _collect_warnings(scene: ClimbScene, attempts: list[Attempt]) -> tuple[str, ...]:
+    untried = scene.spec.solver.starts - len(attempts)
+    if untried == 0:
         return ()
-    return (f"the time limit left {left} of {scene.spec.solver.starts} starts untried",)
+    return (f"the time limit left {untried} of {scene.spec.solver.starts} starts untried",)

@@ -15,10 +15,10 @@ from climbplan.climb.postures.nlp.layout import (
     MOMENTS,
     Moment,
     Shape,
-    number_layout,
-    pin_layout,
-    posture_layout,
-    variable_layout,
+    build_number_layout,
+    build_pin_layout,
+    build_posture_layout,
+    build_variable_layout,
 )
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.robots.kinematics import inverse, joint_points_body
@@ -28,36 +28,38 @@ from climbplan.terrain.model import FreeRegion
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Tube
 
-_TOUCHING = 1e-6  # [m] a corner this close to a face belongs to it
+_CONTACT_TOLERANCE = 1e-6  # [m] a corner this close to a face belongs to it
 
 
-def parting_planes(solid: Solid, starts: Array, ends: Array) -> Array:
+def find_separating_planes(solid: Solid, starts: Array, ends: Array) -> Array:
     """The plane (..., 4) of each link that leaves most room to a solid, or overlaps least.
 
     starts, ends: (..., 3) ends of the links [m]. A plane is a unit normal away from the solid and
     its offset, touching the solid. Directions are those of its faces, and between faces for edges
     and corners.
     """
-    directions = _directions(solid)
+    directions = _generate_directions(solid)
     offsets = (solid.vertices @ directions.T).max(axis=0)
-    room = np.minimum(starts @ directions.T, ends @ directions.T) - offsets
-    best = room.argmax(axis=-1)
-    return np.concatenate([directions[best], offsets[best][..., None]], axis=-1)
+    clearance = np.minimum(starts @ directions.T, ends @ directions.T) - offsets
+    nearest = clearance.argmax(axis=-1)
+    return np.concatenate([directions[nearest], offsets[nearest][..., None]], axis=-1)
 
 
-def _directions(solid: Solid) -> Array:
+def _generate_directions(solid: Solid) -> Array:
     """Unit normals of faces, and means of those that meet at an edge or a corner, (D, 3)."""
-    touching = np.abs(solid.A @ solid.vertices.T - solid.b[:, None]) < _TOUCHING  # (F, V)
-    first, second = np.nonzero(np.triu(touching.astype(int) @ touching.T >= 2, k=1))
-    sums = np.vstack([solid.A, solid.A[first] + solid.A[second], touching.T @ solid.A])
-    unit: Array = sums / np.linalg.norm(sums, axis=1, keepdims=True)
-    return unit
+    is_on_face = (
+        np.abs(solid.A @ solid.vertices.T - solid.b[:, None]) < _CONTACT_TOLERANCE
+    )  # (F, V)
+    face_a, face_b = np.nonzero(np.triu(is_on_face.astype(int) @ is_on_face.T >= 2, k=1))
+    sums = np.vstack([solid.A, solid.A[face_a] + solid.A[face_b], is_on_face.T @ solid.A])
+    unit_normals: Array = sums / np.linalg.norm(sums, axis=1, keepdims=True)
+    return unit_normals
 
 
 # [rad] off every joint bound at the moments that are constrained. The second holds the joints at
 # the instants between them where the first did not.
 JOINT_MARGINS = (1e-3, np.deg2rad(2.0))
-_UPRIGHT_PITCH = np.deg2rad(80.0)  # beyond it roll and yaw are no longer told apart
+_PITCH_LIMIT = np.deg2rad(80.0)  # beyond it roll and yaw are no longer told apart
 
 
 @dataclass(frozen=True)
@@ -66,40 +68,40 @@ class Guess:
 
     label: str
     rounds: Rounds  # postures, need not satisfy anything; regions are pinned
-    free: IntArray  # (M, choices) free region of the body in every round
+    free_regions: IntArray  # (M, choices) free region of the body in every round
 
 
-def shape_of(scene: ClimbScene) -> Shape:
+def build_shape(scene: ClimbScene) -> Shape:
     """The structure of a scene's NLP."""
     spec, terrain = scene.spec.posture, scene.terrain
     return Shape(
-        rounds=scene.spec.task.round_count,
+        num_rounds=scene.spec.task.round_count,
         gait=scene.gait,
-        curved=terrain.curved,
-        edges=max((len(region.b) for region in terrain.regions), default=0),
-        free_rows=sum(max(len(free.b) for free in choice) for choice in terrain.free_choices),
-        hull=len(scene.robot.body_hull),
-        obstacles=len(terrain.obstacles),
-        stance=spec.stance_workspace,
-        intermediate=spec.intermediate_reach,
-        com_min=spec.steps.com_min > 0,
-        toe_min=spec.steps.toe_min > 0,
-        stated=stated_limbs(scene.robot),
+        is_curved=terrain.curved,
+        max_edges=max((len(region.b) for region in terrain.regions), default=0),
+        num_free_rows=sum(max(len(free.b) for free in choice) for choice in terrain.free_choices),
+        num_hull_corners=len(scene.robot.body_hull),
+        num_obstacles=len(terrain.obstacles),
+        has_stance_ball=spec.stance_workspace,
+        checks_during_round=spec.check_reach_during_round,
+        has_com_min=spec.steps.com_min > 0,
+        has_toe_min=spec.steps.toe_min > 0,
+        kinematics=stated_limbs(scene.robot),
     )
 
 
-def parameters(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
+def build_parameters(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
     """Start posture, pinned choices of every round (P, M), and all other numbers of the scene."""
-    shape, start = shape_of(scene), scene.start
+    shape, start = build_shape(scene), scene.start
     posture = {"com": start.com[:, None], "rpy": start.rpy[:, None], "toes": start.toes.T}
     return {
-        "start": posture_layout(shape.limbs).pack(posture)[:, None],
-        "pins": pin_layout(shape).pack(_pins(scene, guess)).T,
-        "numbers": number_layout(shape).pack(_numbers(scene))[:, None],
+        "start": build_posture_layout(shape.limbs).pack(posture)[:, None],
+        "pins": build_pin_layout(shape).pack(_build_pins(scene, guess)).T,
+        "numbers": build_number_layout(shape).pack(_build_numbers(scene))[:, None],
     }
 
 
-def _numbers(scene: ClimbScene) -> dict[str, Array]:
+def _build_numbers(scene: ClimbScene) -> dict[str, Array]:
     spec, robot, goal = scene.spec.posture, scene.robot, scene.goal
     steps, wall = spec.steps, scene.terrain.surfaces[0]
     tube = wall if isinstance(wall, Tube) else None
@@ -117,7 +119,7 @@ def _numbers(scene: ClimbScene) -> dict[str, Array]:
         "radius": 1.0 if tube is None else tube.radius,
         "reach": robot.reach,
         "stance_radius": robot.stance_radius,
-        "lift": scene.spec.trajectory.lift,
+        "lift": scene.spec.trajectory.swing_clearance,
         "clearance": spec.body_clearance,
         "limb_room": standing_room(scene),
         "hull_radius": np.linalg.norm(robot.body_hull, axis=1).max(),
@@ -133,37 +135,46 @@ def _numbers(scene: ClimbScene) -> dict[str, Array]:
     return arrays | {name: np.array([[value]]) for name, value in scalars.items()}
 
 
-def _planes(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
+def _build_planes(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
     """Parting planes of links and obstacles at the moments of every round, (M, 4, columns)."""
-    robot, found = scene.robot, {}
+    robot, plane_arrays = scene.robot, {}
     for moment in MOMENTS:
-        limbs = _limbs_at(scene, guess, moment)
+        limbs = _evaluate_limbs(scene, guess, moment)
         rotation = rotation_world_body(limbs.rpy)  # (M, N, 3, 3)
         points = joint_points_body(robot, limbs.angles)  # (M, N, 4, 3)
         points = limbs.com[..., None, :] + np.einsum("mnab,mnkb->mnka", rotation, points)
         planes = [
-            parting_planes(solid, points[:, :, :-1], points[:, :, 1:])
+            find_separating_planes(solid, points[:, :, :-1], points[:, :, 1:])
             for solid in scene.terrain.obstacles
         ]
         columns = np.stack(planes, axis=1) if planes else np.zeros((len(points), 0, 4))
-        found[f"planes_{moment.name}"] = np.swapaxes(columns.reshape(len(points), -1, 4), 1, 2)
-    return found
+        plane_arrays[f"planes_{moment.name}"] = np.swapaxes(
+            columns.reshape(len(points), -1, 4), 1, 2
+        )
+    return plane_arrays
 
 
-def _pins(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
+def _build_pins(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
     """The pinned choices of every round, (M, rows, columns) each."""
     terrain, region = scene.terrain, guess.rounds.region
     m = len(region) - 1
-    chosen = zip(terrain.free_choices, guess.free.T, strict=True)
-    rooms = [np.zeros((m, 4, 0)), *(_padded(choice)[index] for choice, index in chosen)]
-    room = np.concatenate(rooms, axis=-1)
-    pins = {"free_rows": room[:, :3], "free_bounds": room[:, 3:], **_planes(scene, guess)}
+    chosen_regions = zip(terrain.free_choices, guess.free_regions.T, strict=True)
+    region_rows = [
+        np.zeros((m, 4, 0)),
+        *(_pad_halfspaces(choice)[index] for choice, index in chosen_regions),
+    ]
+    halfspaces = np.concatenate(region_rows, axis=-1)
+    pins = {
+        "free_rows": halfspaces[:, :3],
+        "free_bounds": halfspaces[:, 3:],
+        **_build_planes(scene, guess),
+    }
     if terrain.curved:
         return pins
     old, new = region[:-1], region[1:]  # (M, N)
-    normal = np.stack([one.normal for one in terrain.regions])
-    offset = np.array([one.offset for one in terrain.regions])
-    edges = _padded(scene.standing)[new]  # (M, N, 4, edges)
+    normal = np.stack([contact_region.normal for contact_region in terrain.regions])
+    offset = np.array([contact_region.offset for contact_region in terrain.regions])
+    edges = _pad_halfspaces(scene.standing)[new]  # (M, N, 4, edges)
     return pins | {
         "old_normal": np.swapaxes(normal[old], 1, 2),
         "normal": np.swapaxes(normal[new], 1, 2),
@@ -173,24 +184,24 @@ def _pins(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
     }
 
 
-def _padded(regions: Sequence[Region | FreeRegion]) -> Array:
+def _pad_halfspaces(regions: Sequence[Region | FreeRegion]) -> Array:
     """Rows over their bounds (R, 4, most rows); rows beyond a region's own hold everywhere."""
     table = np.zeros((len(regions), 4, max(len(region.b) for region in regions)))
     table[:, 3] = 1.0  # 0 x <= 1
-    for own, region in zip(table, regions, strict=True):
-        own[:, : len(region.b)] = np.vstack([region.A.T, region.b])
+    for rows, region in zip(table, regions, strict=True):
+        rows[:, : len(region.b)] = np.vstack([region.A.T, region.b])
     return table
 
 
-def variable_bounds(scene: ClimbScene, joint_margin: float) -> tuple[Array, Array]:
+def build_variable_bounds(scene: ClimbScene, joint_margin: float) -> tuple[Array, Array]:
     """Lower and upper bounds of all variables.
 
     Rotation limits, joint bounds tightened by joint_margin [rad], and a tube's extent.
     """
-    shape, robot = shape_of(scene), scene.robot
+    shape, robot = build_shape(scene), scene.robot
     limit = np.full(3, np.deg2rad(scene.spec.posture.rotation_limit_deg))
-    limit[1] = min(limit[1], _UPRIGHT_PITCH)
-    if shape.curved:
+    limit[1] = min(limit[1], _PITCH_LIMIT)
+    if shape.is_curved:
         limit[2] = np.inf  # a tube looks the same from all sides
     level = np.array([0.0, 0.0, scene.start.rpy[2]])  # a world turned about z changes nothing
     low, high = {"rpy": (level - limit)[:, None]}, {"rpy": (level + limit)[:, None]}
@@ -200,19 +211,19 @@ def variable_bounds(scene: ClimbScene, joint_margin: float) -> tuple[Array, Arra
     if isinstance(wall, Tube):
         low["toes"] = np.array([[-np.inf], [-np.inf], [wall.lower]])
         high["toes"] = np.array([[np.inf], [np.inf], [wall.upper]])
-    kept = joint_margin * robot.joint_unit.T
+    margin = joint_margin * robot.joint_unit.T
     for moment in MOMENTS:
         # Joints that a limb does not have stay at zero
-        has = robot.has_joint.T
-        low[f"angles_{moment.name}"] = np.where(has, robot.joint_lower.T + kept, 0.0)
-        high[f"angles_{moment.name}"] = np.where(has, robot.joint_upper.T - kept, 0.0)
-    layout = variable_layout(shape.limbs, robot.joint_count)
-    lower, upper = (np.tile(layout.pack(side), shape.rounds) for side in (low, high))
+        has_joint = robot.has_joint.T
+        low[f"angles_{moment.name}"] = np.where(has_joint, robot.joint_lower.T + margin, 0.0)
+        high[f"angles_{moment.name}"] = np.where(has_joint, robot.joint_upper.T - margin, 0.0)
+    layout = build_variable_layout(shape.limbs, robot.joint_count)
+    lower, upper = (np.tile(layout.pack(side), shape.num_rounds) for side in (low, high))
     return lower, upper
 
 
 @dataclass(frozen=True)
-class _LimbsAt:
+class _LimbStates:
     """All limbs at one moment of every round, each with the body where it then is."""
 
     com: Array  # (M, N, 3)
@@ -220,26 +231,26 @@ class _LimbsAt:
     angles: Array  # (M, N, J)
 
 
-def _limbs_at(scene: ClimbScene, guess: Guess, moment: Moment) -> _LimbsAt:
+def _evaluate_limbs(scene: ClimbScene, guess: Guess, moment: Moment) -> _LimbStates:
     """Poses and joint angles of a guess, knee up where inverse kinematics fails."""
     rounds, n = guess.rounds, scene.robot.limb_count
-    share = np.ones(n)
+    fraction = np.ones(n)
     if not moment.at_end:
-        share[list(scene.gait)] = np.arange(n) / n
-    com, rpy = poses_between(rounds, share)
-    rows = slice(1, None) if moment.new_place else slice(None, -1)
+        fraction[list(scene.gait)] = np.arange(n) / n
+    com, rpy = poses_between(rounds, fraction)
+    rows = slice(1, None) if moment.at_new_contact else slice(None, -1)
     toes, region = rounds.toes[rows].copy(), rounds.region[rows]
-    if moment.clear:
+    if moment.is_lifted:
         for j, i in np.ndindex(*region.shape):
             normal = scene.terrain.surfaces[region[j, i]].normal_at(toes[j, i])
-            toes[j, i] += scene.spec.trajectory.lift * normal
-    inside = np.einsum("mnba,mnb->mna", rotation_world_body(rpy), toes - com)
-    solution = inverse(scene.robot, inside)
+            toes[j, i] += scene.spec.trajectory.swing_clearance * normal
+    toes_body = np.einsum("mnba,mnb->mna", rotation_world_body(rpy), toes - com)
+    solution = inverse(scene.robot, toes_body)
     angles = np.where(solution.valid[..., None], solution.best(), solution.angles[..., 0, :, :])
-    return _LimbsAt(com, rpy, angles)
+    return _LimbStates(com, rpy, angles)
 
 
-def first_iterate(scene: ClimbScene, guess: Guess, bounds: tuple[Array, Array]) -> Array:
+def build_initial_point(scene: ClimbScene, guess: Guess, bounds: tuple[Array, Array]) -> Array:
     """All variables at a guess; joint angles by inverse kinematics, within the bounds."""
     rounds = guess.rounds
     values = {
@@ -248,27 +259,30 @@ def first_iterate(scene: ClimbScene, guess: Guess, bounds: tuple[Array, Array]) 
         "toes": np.swapaxes(rounds.toes[1:], 1, 2),
     }
     for moment in MOMENTS:
-        angles = _limbs_at(scene, guess, moment).angles
+        angles = _evaluate_limbs(scene, guess, moment).angles
         values[f"angles_{moment.name}"] = np.swapaxes(angles, 1, 2)
-    layout = variable_layout(scene.robot.limb_count, scene.robot.joint_count)
+    layout = build_variable_layout(scene.robot.limb_count, scene.robot.joint_count)
     return layout.pack(values).ravel().clip(*bounds)
 
 
-def to_rounds(scene: ClimbScene, guess: Guess, x: Array) -> Rounds:
+def extract_rounds(scene: ClimbScene, guess: Guess, x: Array) -> Rounds:
     """Postures of a solution vector, toes put exactly on their regions."""
-    start, layout = scene.start, variable_layout(scene.robot.limb_count, scene.robot.joint_count)
-    parts = layout.unpack(np.reshape(x, (-1, layout.size)))
-    toes = np.concatenate([start.toes[None], np.swapaxes(parts["toes"], 1, 2)])
-    put_on_surfaces(scene, toes, guess.rounds.region)
+    start, layout = (
+        scene.start,
+        build_variable_layout(scene.robot.limb_count, scene.robot.joint_count),
+    )
+    arrays = layout.unpack(np.reshape(x, (-1, layout.size)))
+    toes = np.concatenate([start.toes[None], np.swapaxes(arrays["toes"], 1, 2)])
+    project_onto_surfaces(scene, toes, guess.rounds.region)
     return Rounds(
-        com=np.concatenate([start.com[None], parts["com"][..., 0]]),
-        rpy=np.concatenate([start.rpy[None], parts["rpy"][..., 0]]),
+        com=np.concatenate([start.com[None], arrays["com"][..., 0]]),
+        rpy=np.concatenate([start.rpy[None], arrays["rpy"][..., 0]]),
         toes=toes,
         region=guess.rounds.region,
     )
 
 
-def put_on_surfaces(scene: ClimbScene, toes: Array, region: IntArray) -> None:
+def project_onto_surfaces(scene: ClimbScene, toes: Array, region: IntArray) -> None:
     """Toes (M+1, N, 3) onto their surfaces, in place, but for those of the start."""
     for j, limb in np.ndindex(*region[1:].shape):
         surface = scene.terrain.surfaces[region[j + 1, limb]]

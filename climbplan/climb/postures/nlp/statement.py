@@ -22,18 +22,18 @@ import numpy as np
 from climbplan.climb.postures.nlp.layout import (
     MOMENTS,
     Shape,
-    number_layout,
-    pin_layout,
-    posture_layout,
-    variable_layout,
+    build_number_layout,
+    build_pin_layout,
+    build_posture_layout,
+    build_variable_layout,
 )
 from climbplan.program.layout import Layout
 from climbplan.program.stage import Stage
 from climbplan.program.trajectory import Trajectory
-from climbplan.robots.symbols import rotation
-from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compiled
+from climbplan.robots.symbols import build_rotation
+from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compile_trajectory
 
-CONVEXITY = 3.0 / 8.0  # see `turning_bulge`
+CHORD_FACTOR = 3.0 / 8.0  # see `turning_bulge`
 SETTINGS = {
     # Lower step bounds need 5 times fewer iterations with these two, the rest a few less.
     "mu_strategy": "adaptive",
@@ -46,129 +46,136 @@ SETTINGS = {
 }
 
 
-def within(differences: Any, radius: Any) -> Any:
+def ball_rows(differences: Any, radius: Any) -> Any:
     """|column| <= radius as smooth rows <= 0, in metres near the boundary; columns (3, k)."""
     return (ca.sum1(differences**2) - radius**2) / (2 * radius)
 
 
-def turning_bulge(turn: Any, radius: Any) -> Any:
+def bound_chord_deviation(turn: Any, radius: Any) -> Any:
     """How far a body corner leaves the chord of its way while the body turns by `turn`.
 
     With x(s) = p(s) + R(Theta(s)) v, p and Theta linear in s, |x''| <= |v| (sum |dTheta|)^2
     <= 3 |v| |dTheta|^2, and a curve leaves its chord by at most max |x''| / 8.
     """
-    return CONVEXITY * radius * ca.sumsqr(turn)
+    return CHORD_FACTOR * radius * ca.sumsqr(turn)
 
 
-class _Laid(Stage):
+class _LayoutStage(Stage):
     """A stage whose inputs are columns with layouts: `parts` has the matrices in each."""
 
     def __init__(self, name: str, **layouts: Layout) -> None:
         columns = {key: ca.SX.sym(key, layout.size) for key, layout in layouts.items()}
         super().__init__(name, columns)
-        self.parts = [layout.split(columns[key]) for key, layout in layouts.items()]
+        self.matrices = [layout.split(columns[key]) for key, layout in layouts.items()]
 
-    def below(self, name: str, *terms: Any, unit: str = "m") -> None:
+    def add_upper_bound(self, name: str, *terms: Any, unit: str = "m") -> None:
         """Each entry of the terms <= 0."""
         self.between(name, ca.vertcat(*map(ca.vec, terms)), upper=0.0, unit=unit)
 
 
-def _round(shape: Shape) -> Stage:
+def _build_round_stage(shape: Shape) -> Stage:
     """One round: (old posture, variables, pins, numbers) -> step costs and all constraints."""
     n = shape.limbs
-    stage = _Laid(
+    stage = _LayoutStage(
         "round",
-        old=posture_layout(n),
-        new=variable_layout(n, shape.stated.joints),
-        pins=pin_layout(shape),
-        numbers=number_layout(shape),
+        old=build_posture_layout(n),
+        new=build_variable_layout(n, shape.kinematics.joints),
+        pins=build_pin_layout(shape),
+        numbers=build_number_layout(shape),
     )
-    old, new, pins, c = stage.parts
+    old, new, pins, c = stage.matrices
     limbs = range(n)
     step = {name: new[name] - old[name] for name in ("com", "rpy", "toes")}
 
     # A, B: steps of body, toes and rotation (the rotation step bounds each axis)
-    stage.below("steps.com", within(step["com"], c["com_max"]))
-    stage.below("steps.toe", within(step["toes"], c["toe_max"]))
+    stage.add_upper_bound("steps.com", ball_rows(step["com"], c["com_max"]))
+    stage.add_upper_bound("steps.toe", ball_rows(step["toes"], c["toe_max"]))
     turns = [sign * step["rpy"] - c["rotation_max"] for sign in (1, -1)]
-    stage.below("steps.rotation", *turns, unit="rad")
-    if shape.com_min:
-        least = c["com_min"] ** 2 - ca.sumsqr(step["com"])
-        stage.below("steps.com", least / (2 * c["com_max"]))
-    if shape.toe_min:
-        least = c["toe_min"] ** 2 - ca.sum1(step["toes"] ** 2)
-        stage.below("steps.toe", least / (2 * c["toe_max"]))
+    stage.add_upper_bound("steps.rotation", *turns, unit="rad")
+    if shape.has_com_min:
+        min_violation = c["com_min"] ** 2 - ca.sumsqr(step["com"])
+        stage.add_upper_bound("steps.com", min_violation / (2 * c["com_max"]))
+    if shape.has_toe_min:
+        min_violation = c["toe_min"] ** 2 - ca.sum1(step["toes"] ** 2)
+        stage.add_upper_bound("steps.toe", min_violation / (2 * c["toe_max"]))
 
     # Pose of the body while each limb moves: k / N of its way for the k-th limb
-    end = (new["com"], rotation(new["rpy"]))
-    moving = {}
+    end = (new["com"], build_rotation(new["rpy"]))
+    pose_at_move = {}
     for k, limb in enumerate(shape.gait):
-        here = old["rpy"] + (k / n) * step["rpy"]
-        moving[limb] = (old["com"] + (k / n) * step["com"], rotation(here))
+        rpy_at_move = old["rpy"] + (k / n) * step["rpy"]
+        pose_at_move[limb] = (old["com"] + (k / n) * step["com"], build_rotation(rpy_at_move))
 
-    def normal(toes: Any, pinned: str, i: int) -> Any:
-        if shape.curved:
+    def normal(toes: Any, pin_name: str, i: int) -> Any:
+        if shape.is_curved:
             return ca.vertcat((c["axis"] - toes[:2, i]) / c["radius"], 0)
-        return pins[pinned][:, i]
+        return pins[pin_name][:, i]
 
     # Exact forward kinematics at every moment, and each link beyond its planes
     for moment in MOMENTS:
-        ties, parted = [], []
+        residuals, plane_violations = [], []
         planes = pins[f"planes_{moment.name}"]
-        chains = shape.stated.points(c, new[f"angles_{moment.name}"])
+        chains = shape.kinematics.points(c, new[f"angles_{moment.name}"])
         for i in limbs:
-            origin, turned = end if moment.at_end else moving[i]
-            points = [origin + turned @ point[:, i] for point in chains]
-            toes, pinned = (new, "normal") if moment.new_place else (old, "old_normal")
+            origin, rotation_of_body = end if moment.at_end else pose_at_move[i]
+            points = [origin + rotation_of_body @ point[:, i] for point in chains]
+            toes, pin_name = (new, "normal") if moment.at_new_contact else (old, "old_normal")
             target = toes["toes"][:, i]
-            if moment.clear:
-                target = target + c["lift"] * normal(toes["toes"], pinned, i)
-            ties.append(points[-1] - target)
-            for obstacle, link in itertools.product(range(shape.obstacles), range(shape.links)):
+            if moment.is_lifted:
+                target = target + c["lift"] * normal(toes["toes"], pin_name, i)
+            residuals.append(points[-1] - target)
+            for obstacle, link in itertools.product(range(shape.num_obstacles), range(shape.links)):
                 plane = planes[:, (obstacle * n + i) * shape.links + link]
-                least = plane[3] + c["limb_room"]
-                parted += [least - ca.dot(plane[:3], at) for at in points[link : link + 2]]
-        stage.equal("kinematics.toes", ca.vertcat(*ties), "m")
-        stage.below("limbs.clearance", *parted)
+                min_violation = plane[3] + c["limb_room"]
+                plane_violations += [
+                    min_violation - ca.dot(plane[:3], link_end)
+                    for link_end in points[link : link + 2]
+                ]
+        stage.equal("kinematics.toes", ca.vertcat(*residuals), "m")
+        stage.add_upper_bound("limbs.clearance", *plane_violations)
 
     # C: workspace balls about shoulder and nominal stance, also at lift and placing
     balls = [("reach", "first_joint", "reach")]
-    if shape.stance:
+    if shape.has_stance_ball:
         balls.append(("stance", "stance", "stance_radius"))
     events = [(new["toes"], dict.fromkeys(limbs, end))]
-    if shape.intermediate:
-        events += [(old["toes"], moving), (new["toes"], moving)]
-    for label, centre, size in balls:
+    if shape.checks_during_round:
+        events += [(old["toes"], pose_at_move), (new["toes"], pose_at_move)]
+    for label, centre, radius_name in balls:
         for feet, body in events:
             arms = [feet[:, i] - body[i][0] - body[i][1] @ c[centre][:, i] for i in limbs]
-            stage.below(f"workspace.{label}", within(ca.horzcat(*arms), c[size]))
+            stage.add_upper_bound(
+                f"workspace.{label}", ball_rows(ca.horzcat(*arms), c[radius_name])
+            )
 
     # D: toes on their pinned region, or on the tube
     toes = new["toes"]
-    if shape.curved:
-        on = within(toes[:2, :] - c["axis"], c["radius"])
+    if shape.is_curved:
+        surface_residual = ball_rows(toes[:2, :] - c["axis"], c["radius"])
     else:
-        on = ca.sum1(pins["normal"] * toes) - pins["offset"]
+        surface_residual = ca.sum1(pins["normal"] * toes) - pins["offset"]
         edges = [
-            pins["edge_rows"][:, i * shape.edges : (i + 1) * shape.edges].T @ toes[:, i]
+            pins["edge_rows"][:, i * shape.max_edges : (i + 1) * shape.max_edges].T @ toes[:, i]
             - pins["edge_bounds"][:, i]
             for i in limbs
         ]
-        stage.below("contact.region", *edges)
-    stage.equal("contact.region", on, "m")
+        stage.add_upper_bound("contact.region", *edges)
+    stage.equal("contact.region", surface_residual, "m")
 
     # Body clear of the terrain on its way: inside the tube, beyond one face of each obstacle.
     # Both sets are convex, so the ends of each corner's way and its bulge are enough.
-    keep = c["clearance"] + turning_bulge(step["rpy"], c["hull_radius"])
+    clearance = c["clearance"] + bound_chord_deviation(step["rpy"], c["hull_radius"])
     corners = []
-    for com, turned in ((old["com"], rotation(old["rpy"])), end):
-        corners += [com + turned @ c["hull"][:, k] for k in range(shape.hull)]
-    if shape.curved:
-        inside = [within(x[:2] - c["axis"], c["radius"] - keep) for x in corners]
-        stage.below("body.clearance", *inside)
-    if shape.free_rows:
-        beyond = [pins["free_rows"].T @ x - pins["free_bounds"].T + keep for x in corners]
-        stage.below("body.clearance", *beyond)
+    for com, rotation_of_body in ((old["com"], build_rotation(old["rpy"])), end):
+        corners += [com + rotation_of_body @ c["hull"][:, k] for k in range(shape.num_hull_corners)]
+    if shape.is_curved:
+        tube_violations = [ball_rows(x[:2] - c["axis"], c["radius"] - clearance) for x in corners]
+        stage.add_upper_bound("body.clearance", *tube_violations)
+    if shape.num_free_rows:
+        free_region_violations = [
+            pins["free_rows"].T @ x - pins["free_bounds"].T + clearance for x in corners
+        ]
+        stage.add_upper_bound("body.clearance", *free_region_violations)
 
     stage.minimise("com_step", c["w_com"] * ca.sumsqr(step["com"]))
     stage.minimise("toe_step", c["w_toe"] * ca.sumsqr(step["toes"]))
@@ -176,42 +183,55 @@ def _round(shape: Shape) -> Stage:
     return stage
 
 
-def _goal(shape: Shape) -> Stage:
+def _build_goal_stage(shape: Shape) -> Stage:
     """Cost and tolerance of the last posture: (posture, numbers)."""
-    stage = _Laid("goal", last=posture_layout(shape.limbs), numbers=number_layout(shape))
-    last, c = stage.parts
-    away = {name: last[name] - c[f"goal_{name}"] for name in ("com", "rpy", "toes")}
-    stage.below("goal.reached", within(ca.horzcat(away["com"], away["toes"]), c["tolerance"]))
-    turned = [sign * away["rpy"] - c["rotation_tolerance"] for sign in (1, -1)]
-    stage.below("goal.rotation", *turned, unit="rad")
-    stage.minimise("goal", c["w_goal"] * ca.sumsqr(away["toes"]))
-    stage.minimise("goal_com", c["w_goal_com"] * ca.sumsqr(away["com"]))
-    stage.minimise("goal_rotation", c["w_goal_rotation"] * ca.sumsqr(away["rpy"]))
+    stage = _LayoutStage(
+        "goal", last=build_posture_layout(shape.limbs), numbers=build_number_layout(shape)
+    )
+    last, c = stage.matrices
+    deviation = {name: last[name] - c[f"goal_{name}"] for name in ("com", "rpy", "toes")}
+    stage.add_upper_bound(
+        "goal.reached", ball_rows(ca.horzcat(deviation["com"], deviation["toes"]), c["tolerance"])
+    )
+    rotation_excess = [sign * deviation["rpy"] - c["rotation_tolerance"] for sign in (1, -1)]
+    stage.add_upper_bound("goal.rotation", *rotation_excess, unit="rad")
+    stage.minimise("goal", c["w_goal"] * ca.sumsqr(deviation["toes"]))
+    stage.minimise("goal_com", c["w_goal_com"] * ca.sumsqr(deviation["com"]))
+    stage.minimise("goal_rotation", c["w_goal_rotation"] * ca.sumsqr(deviation["rpy"]))
     return stage
 
 
-def posture_trajectory(shape: Shape) -> Trajectory:
+def build_posture_trajectory(shape: Shape) -> Trajectory:
     """M rounds of postures: com1, rpy1, toes1, ..., com2, ...; bounds and start are given later.
 
     Parameters: `start` posture, `pins` of every round and `numbers`, as `layout` has them.
     """
-    m, base = shape.rounds, posture_layout(shape.limbs).size
-    stated = Trajectory("posture")
-    start = stated.parameter("start", base)
-    pins = stated.parameter("pins", pin_layout(shape).size, m)
-    numbers = stated.parameter("numbers", number_layout(shape).size)
-    arrays = variable_layout(shape.limbs, shape.stated.joints).shapes
+    num_rounds, posture_size = shape.num_rounds, build_posture_layout(shape.limbs).size
+    trajectory = Trajectory("posture")
+    start = trajectory.parameter("start", posture_size)
+    pins = trajectory.parameter("pins", build_pin_layout(shape).size, num_rounds)
+    numbers = trajectory.parameter("numbers", build_number_layout(shape).size)
+    arrays = build_variable_layout(shape.limbs, shape.kinematics.joints).shapes
     columns = [
-        [stated.variable(f"{name}{j + 1}", np.zeros(rows * cols)) for name, (rows, cols) in arrays]
-        for j in range(m)
+        [
+            trajectory.variable(f"{name}{j + 1}", np.zeros(rows * cols))
+            for name, (rows, cols) in arrays
+        ]
+        for j in range(num_rounds)
     ]
-    new = ca.horzcat(*(ca.vertcat(*column) for column in columns))
-    stated.add(_round(shape), ca.horzcat(start, new[:base, :-1]), new, pins, numbers)
-    stated.add(_goal(shape), new[:base, -1], numbers)
-    return stated
+    variables = ca.horzcat(*(ca.vertcat(*column) for column in columns))
+    trajectory.add(
+        _build_round_stage(shape),
+        ca.horzcat(start, variables[:posture_size, :-1]),
+        variables,
+        pins,
+        numbers,
+    )
+    trajectory.add(_build_goal_stage(shape), variables[:posture_size, -1], numbers)
+    return trajectory
 
 
 @lru_cache(maxsize=8)
-def posture_nlp(shape: Shape, iterations: int) -> CompiledTrajectory:
+def compile_posture_nlp(shape: Shape, iterations: int) -> CompiledTrajectory:
     """The program of a shape with IPOPT attached; equal shapes share one."""
-    return compiled(posture_trajectory(shape), {"max_iter": iterations, **SETTINGS})
+    return compile_trajectory(build_posture_trajectory(shape), {"max_iter": iterations, **SETTINGS})

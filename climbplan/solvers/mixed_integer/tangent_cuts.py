@@ -1,19 +1,23 @@
-"""Balls as tangent half-spaces, which hold in the whole tree."""
+"""Outer approximation of norm constraints (balls) by tangent half-spaces.
+
+A tangent is valid for every point of the ball, so it is valid in the whole tree (Duran and
+Grossmann 1986).
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from climbplan.solvers.mixed_integer.compiling import compiled
-from climbplan.solvers.mixed_integer.nodes import Search
-from climbplan.solvers.mixed_integer.numbers import ALWAYS, Numbers
+from climbplan.solvers.mixed_integer.nodes import SearchState
+from climbplan.solvers.mixed_integer.problem_data import ALWAYS, ProblemData
 
 
 @compiled
-def _cut_balls(n: Numbers, s: Search, tolerated: float) -> int:
-    """Add the tangent at s.w of every ball that is violated there; -1 without room for them.
+def _add_tangent_cuts(n: ProblemData, s: SearchState, tolerance: float) -> int:
+    """Add the tangent at s.w of every violated ball; return their number, -1 if rows are exhausted.
 
-    With a = (F w + f) / |F w + f|: a'(F w' + f) <= |F w' + f| <= radius for every w'.
+    With a = (F w + f) / |F w + f|, every w' satisfies a'(F w' + f) <= |F w' + f| <= radius.
     """
     k, added = len(s.u), 0
     for b in range(len(n.radius)):
@@ -26,21 +30,21 @@ def _cut_balls(n: Numbers, s: Search, tolerated: float) -> int:
                 vector[d] += line[j] * s.w[j]
             length += vector[d] * vector[d]
         length = np.sqrt(length)
-        if length - n.radius[b] <= tolerated:
+        if length - n.radius[b] <= tolerance:
             continue
-        r = s.rows.used[0]
-        if r >= len(n.when):
+        r = s.rows.num_used[0]
+        if r >= len(n.activation):
             return -1
         row = s.rows.M[r]
         row[:] = 0.0
-        edge = n.radius[b]
+        right_side = n.radius[b]
         for d in range(len(vector)):
-            share = vector[d] / length
-            s.direction[r, d] = share
-            edge -= share * n.ball[b, d]
+            direction = vector[d] / length
+            s.direction[r, d] = direction
+            right_side -= direction * n.ball[b, d]
             line = n.ball_rows[b, d]
             for j in range(k):
-                row[j] += share * line[j]
+                row[j] += direction * line[j]
         square = 0.0
         for j in range(k):
             total = row[j]
@@ -49,26 +53,26 @@ def _cut_balls(n: Numbers, s: Search, tolerated: float) -> int:
             row[j] = total / n.L[j, j]
             square += row[j] * row[j]
         norm = max(np.sqrt(square), 1e-300)
-        at = 0.0
+        value_at_u = 0.0
         for j in range(k):
             row[j] /= norm
             s.rows.T[j, r] = row[j]
-            at -= row[j] * s.u[j]
-        n.norm[r], n.when[r], n.entity[r] = norm, ALWAYS, -1
+            value_at_u -= row[j] * s.u[j]
+        n.norm[r], n.activation[r], n.entity[r] = norm, ALWAYS, -1
         s.tangent_to[r] = b
-        s.offset[r] = at * norm
-        s.rows.lower[r], s.rows.upper[r] = -np.inf, edge / norm - at
+        s.offset[r] = value_at_u * norm
+        s.rows.lower[r], s.rows.upper[r] = -np.inf, right_side / norm - value_at_u
         s.base_lower[r], s.base_upper[r] = s.rows.lower[r], s.rows.upper[r]
         s.rows.tolerance[r] = max(1e-9 / norm, 1e-13)
-        s.rows.on[r] = 1
-        s.rows.used[0] += 1
+        s.rows.enabled[r] = 1
+        s.rows.num_used[0] += 1
         added += 1
     return added
 
 
 @compiled
-def _outside(n: Numbers, s: Search) -> float:
-    """By how much s.w violates the balls."""
+def _max_ball_violation(n: ProblemData, s: SearchState) -> float:
+    """Return the largest violation of the balls at s.w."""
     worst = 0.0
     for b in range(len(n.radius)):
         length = 0.0

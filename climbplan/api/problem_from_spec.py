@@ -1,0 +1,124 @@
+"""`climbplan.problem_from_spec`: the optimisation problem of a spec, for every method of the table."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from climbplan.api.ctrl_c import ctrl_c_insists
+from climbplan.api.loading import SpecSource, load_spec, override_spec
+from climbplan.api.mistakes import placed_mistakes
+from climbplan.arrays import Array
+from climbplan.bookshelf.schema.loading import LoadedShelf
+from climbplan.climb.schema.loading import LoadedClimb
+from climbplan.climb.schema.transition_loading import LoadedTransition
+from climbplan.deprecation import renamed_parameters
+from climbplan.errors import UsageError
+from climbplan.program.problem import Problem
+from climbplan.schema.loaded import LoadedSpec
+from climbplan.walking.schema.loading import LoadedMpc
+
+ProblemAndParameters = tuple[Problem, dict[str, Array]]
+
+
+@renamed_parameters(set="overrides")
+@ctrl_c_insists()
+def problem_from_spec(
+    spec: SpecSource | LoadedSpec, overrides: Mapping[str, Any] | None = None
+) -> ProblemAndParameters:
+    """Formulate the optimisation problem of a spec: `climbplan.solve(problem, theta, ...)`.
+
+    - A climb gives its posture problem in the mixed-integer formulation of method `micp`, without
+      contact forces. With `solver.method: nlp` it is the nonlinear formulation with exact
+      rotations, at its first starting point.
+    - A transition gives its motion for the best contact sequence of the search, or for the one
+      that the spec names. `pose` is where a round starts, so the first is fixed; costs are 100
+      times those of the plan.
+    - A walk gives all knots, with contacts as binaries, from the initial gait `solver.initial_gait`. Knot
+      n has `state{n}` (position, velocity, roll pitch yaw, angular velocity), `toe{n}` (x, y of
+      each leg), `force{n}` and `contact{n}`.
+    - A bookshelf spec gives its only scene.
+
+    Rows may be added before the problem is solved: `problem.program.between("mine", ...)` on
+    `problem.program.affine(...)`; `problem.program.variables` lists the variables. Solutions have
+    to pass the problem's exact checker where it has one (exact rotations, transitions, walks,
+    bookshelves). Methods of the table see the formulation alone: their `micp` is the generic
+    branch and bound, slower than the planner's method of that name, which uses the structure.
+
+    Args:
+        spec: the result of `climbplan.load_spec`, or anything that it takes.
+        overrides: values by dotted key, as with `--set`.
+
+    Returns:
+        The problem, and the numbers of its parameter blocks by name.
+
+    Raises:
+        SpecError: the spec has mistakes.
+        UsageError: the kind has no formulation, or the spec names a file of several scenes.
+        NoPlanFound: the search has no contact sequence for a transition.
+    """
+    if isinstance(spec, LoadedSpec):
+        loaded: object = override_spec(spec, overrides) if overrides else spec
+    else:
+        loaded = load_spec(spec, overrides)
+    maker = next((made for kind, made in _MAKERS.items() if isinstance(loaded, kind)), None)
+    if maker is None or not isinstance(loaded, LoadedSpec):
+        kind = getattr(getattr(loaded, "spec", None), "kind", type(loaded).__name__)
+        raise UsageError(
+            "problems are stated by specs of kind climb, transition, mpc and bookshelf; "
+            f"this is of kind {kind}"
+        )
+    with placed_mistakes(loaded):
+        return maker(loaded)
+
+
+def _climb(loaded: LoadedClimb) -> ProblemAndParameters:
+    from climbplan.climb.postures.nlp.method import generate_guesses
+    from climbplan.climb.postures.nlp.problem import build_posture_problem
+    from climbplan.climb.postures.planner import reject_nonconvex
+    from climbplan.climb.postures.statement import build_posture_program
+    from climbplan.climb.scene.climb_scene import build_scene
+
+    scene = build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
+    solver = loaded.spec.solver
+    if solver.method == "nlp":
+        return build_posture_problem(
+            scene, next(generate_guesses(scene, 1, time.monotonic() + solver.time_limit))
+        )
+    reject_nonconvex(scene)
+    return Problem("postures", build_posture_program(scene)), {}
+
+
+def _transition(loaded: LoadedTransition) -> ProblemAndParameters:
+    from climbplan.climb.transition.problem import state_transition
+
+    return state_transition(loaded)
+
+
+def _walk(loaded: LoadedMpc) -> ProblemAndParameters:
+    from climbplan.walking.offline.stated import walk_problem
+    from climbplan.walking.problem.problem import build_task
+
+    task = build_task(loaded.spec, loaded.robot, loaded.source)
+    return walk_problem(task, loaded.spec.solver.initial_gait)
+
+
+def _shelf(loaded: LoadedShelf) -> ProblemAndParameters:
+    from climbplan.bookshelf.scene.scene_source import loaded_scenes, shelf_of
+    from climbplan.bookshelf.statement.points import theta_of
+    from climbplan.bookshelf.statement.stated import shelf_problem
+
+    scenes = loaded_scenes(loaded)
+    if len(scenes) != 1:
+        raise UsageError(f"a problem is stated by one scene, {loaded.source} has {len(scenes)}")
+    shelf = shelf_of(loaded.spec.shelf)
+    return shelf_problem(scenes.count, shelf, loaded.spec.meaning), theta_of(scenes[0])
+
+
+_MAKERS: dict[type, Any] = {
+    LoadedClimb: _climb,
+    LoadedTransition: _transition,
+    LoadedMpc: _walk,
+    LoadedShelf: _shelf,
+}

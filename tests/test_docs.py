@@ -135,7 +135,7 @@ WRITES = re.compile(
     re.MULTILINE,
 )
 READS_ONLY = {
-    "climbplan/walking/micp/bounding.py": "solves what `micp/statement.py` states",
+    "climbplan/walking/micp/branch_and_bound.py": "solves what `micp/relaxation.py` states",
     "climbplan/walking/planner/planner.py": "names CasADi's version",
 }
 

@@ -17,8 +17,8 @@ import numpy as np
 from benchmarks.walking.given_gait import bound_of_gait
 from benchmarks.walking.shipped_tasks import FORMS, TASKS, shipped
 from benchmarks.walking.workers import in_order
-from climbplan.walking.micp.limits import MicpLimits, limits_of
-from climbplan.walking.micp.method import solve_micp
+from climbplan.walking.micp.limits import MicpLimits, read_limits
+from climbplan.walking.micp.solver import solve_micp
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.plan.answer import WalkAnswer
 from climbplan.walking.problem.problem import build_task
@@ -68,10 +68,10 @@ def _known(seed: int, quick: bool, name: str) -> _Known:
     seconds, seeds = (_QUICK, _QUICK_SEEDS) if quick else (_SECONDS, _SEEDS)
     loaded = shipped(name, *FORMS["published"])  # `micp` bounds no other
     task = build_task(loaded.spec, loaded.robot, loaded.source)
-    qps = loaded.spec.solver.qps
+    qps = loaded.spec.solver.max_qp_solves
     found = [search(task, SearchLimits(_LONGEST, seed=seed + k, qps=qps)) for k in range(seeds)]
-    tube = loaded.spec.solver.tube.model_copy(update=_ROOM)
-    limits = limits_of(loaded.spec.solver.model_copy(update={"tube": tube}))
+    tube = loaded.spec.solver.attitude_box.model_copy(update=_ROOM)
+    limits = read_limits(loaded.spec.solver.model_copy(update={"attitude_box": tube}))
     limits = replace(limits, clock=time.process_time)
     asked = replace(limits, seconds=seconds, gap=_ASKED[name] / 100)
     begin = time.process_time()

@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.walking.micp.bounding import ROUNDS, TANGENTS
-from climbplan.walking.micp.heads import Stated, bound_drawn
+from climbplan.walking.micp.branch_and_bound import MAX_TIGHTENING_ROUNDS, TANGENT_RATIO
+from climbplan.walking.micp.prefix_relaxation import Formulation, bound_by_tightening
 from climbplan.walking.micp.limits import MicpLimits
-from climbplan.walking.micp.ranges import Box
-from climbplan.walking.micp.tube import tube_about
+from climbplan.walking.micp.variable_bounds import VariableBounds
+from climbplan.walking.micp.attitude_box import build_attitude_box
 from climbplan.walking.plan.answer import WalkAnswer
 from climbplan.walking.task.task import WalkTask
 
@@ -32,10 +32,14 @@ def bound_of_gait(task: WalkTask, limits: MicpLimits, answers: Sequence[WalkAnsw
     cost, best = min(known, key=lambda one: one[0])
     stated = replace(task, integrator="euler")
     motions = np.stack([motion.state for _, motion in known])
-    tube = tube_about(stated, motions, np.array(limits.angles), np.array(limits.spin))
+    tube = build_attitude_box(stated, motions, np.array(limits.angles), np.array(limits.spin))
     pieces = limits.arm_pieces, limits.height_pieces
-    program = Stated(stated, tube, cost * (1.0 - limits.gap), *pieces, TANGENTS)
+    program = Formulation(stated, tube, cost * (1.0 - limits.gap), *pieces, TANGENT_RATIO)
     force = task.body.force_limit / (task.weight / task.body.leg_count)
-    box = Box.open(stated, program.most, force).standing(best.gait.contact[:-1])
+    box = VariableBounds.create_open(stated, program.cutoff, force).fix_contacts(
+        best.gait.contact[:-1]
+    )
     end = limits.clock() + limits.seconds
-    return bound_drawn(program, box, ROUNDS, lambda: end - limits.clock(), limits.clock)
+    return bound_by_tightening(
+        program, box, MAX_TIGHTENING_ROUNDS, lambda: end - limits.clock(), limits.clock
+    )

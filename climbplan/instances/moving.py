@@ -22,12 +22,12 @@ from climbplan.schema.examples import example_text
 from climbplan.schema.overrides import apply_overrides
 from climbplan.schema.source import SourceText
 from climbplan.schema.yaml_source import parse_yaml
-from climbplan.walking.dynamics.cost import objective
-from climbplan.walking.micp.statement import build_relaxation
-from climbplan.walking.micp.tube import build_attitude_box
-from climbplan.walking.offline.nlp import guesses
+from climbplan.walking.dynamics.cost import compute_objective
+from climbplan.walking.micp.relaxation import build_relaxation
+from climbplan.walking.micp.attitude_box import build_attitude_box
+from climbplan.walking.offline.nlp import generate_guesses
 from climbplan.walking.problem.problem import build_task
-from climbplan.walking.schema.loading import mpc_of
+from climbplan.walking.schema.loading import validate_mpc
 
 _TANGENTS = 1.5  # ratio from one tangent of a square to the next
 _ROOM = 2.0  # times the guess's cost: what a walk may cost at most
@@ -54,12 +54,12 @@ def walks(rng: np.random.Generator, knots: int) -> Instance:
         "task.integrator=euler",
         f"task.reference.velocity=[{speed[0]}, {speed[1]}, 0]",
     ]
-    loaded = mpc_of(*_example("mpc_forward", given))
+    loaded = validate_mpc(*_example("mpc_forward", given))
     task = build_task(loaded.spec, loaded.robot, loaded.source)
-    _, at = next(guesses(task, "trot"))
+    _, at = next(generate_guesses(task, "trot"))
     room = np.deg2rad([10.0, 10.0, 10.0]), np.array([2.0, 2.0, 2.0])
     force = np.concatenate([at.force, np.zeros((1, 4, 3))])
-    most = _ROOM * objective(task, at.state, force)
+    most = _ROOM * compute_objective(task, at.state, force)
     tube = build_attitude_box(task, at.state, *room)
     return linear_instance(build_relaxation(task, tube, most, 1, 1, _TANGENTS).model, "walks")
 

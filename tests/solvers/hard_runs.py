@@ -214,8 +214,8 @@ RUNS = {
     "walk-nlp": HardRun(_plan("mpc_turn", solver__method="nlp"), "offline/nlp.py", "solve_nlp"),
     "walk-micp": HardRun(
         _plan("mpc_forward", solver__method="micp", task__integrator="euler"),
-        "walking/micp/method.py",
-        "branch",
+        "walking/micp/solver.py",
+        "solve_micp",
     ),
 }
 

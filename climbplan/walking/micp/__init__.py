@@ -1,1 +1,1 @@
-"""The walking problem as a mixed-integer linear program that bounds it."""
+"""Lower bounds on the cost of walks, by spatial branch and bound on a mixed-integer relaxation."""

@@ -1,4 +1,4 @@
-"""Limits of `micp`."""
+"""Limits of the spatial branch and bound."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from climbplan.walking.schema.solver import WalkSolverSpec
 
 @dataclass(frozen=True)
 class MicpLimits:
-    """What is stated, and when to stop."""
+    """Parameters of the relaxation, and when the branch and bound stops."""
 
-    seconds: float = 150.0
-    gap: float = 0.1
-    arm_pieces: int = 1  # at first
-    height_pieces: int = 1
-    angles: tuple[float, float, float] = (0.035, 0.07, 0.035)  # [rad] half widths of the tube
-    spin: tuple[float, float, float] = (0.5, 1.0, 0.5)  # [rad/s]
-    clock: Callable[[], float] = time.perf_counter  # `process_time` where others share the machine
-    processes: int = 1  # that parts of tubes are bounded by; seconds are of each of them
+    seconds: float = 150.0  # time limit, of each process
+    gap: float = 0.1  # relative optimality gap
+    arm_pieces: int = 1  # of each moment arm, for piecewise McCormick envelopes
+    height_pieces: int = 1  # of the height of the body
+    angles: tuple[float, float, float] = (0.035, 0.07, 0.035)  # [rad] half widths of the boxes
+    spin: tuple[float, float, float] = (0.5, 1.0, 0.5)  # [rad/s] and of angular velocities
+    clock: Callable[[], float] = time.perf_counter  # `process_time` on a shared machine
+    processes: int = 1  # that take nodes in parallel
 
 
-def limits_of(solver: WalkSolverSpec) -> MicpLimits:
-    """The limits that a spec sets."""
+def read_limits(solver: WalkSolverSpec) -> MicpLimits:
+    """Return the limits that the solver section of a spec sets."""
     return MicpLimits(
         solver.time_limit,
         solver.gap,
-        solver.arm_pieces,
+        solver.moment_arm_partitions,
         solver.height_pieces,
-        tuple(np.deg2rad(solver.tube.angles_deg).tolist()),
-        solver.tube.spin,
+        tuple(np.deg2rad(solver.attitude_box.angles_deg).tolist()),
+        solver.attitude_box.spin,
     )

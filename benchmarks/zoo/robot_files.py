@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from benchmarks.zoo.robots import Zoo
-from climbplan.climb.proposed.proposed import file_name
+from climbplan.climb.proposed.proposed import format_file_name
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.proposal.generator import propose_robot
 from climbplan.robots.urdf.proposal.prepared_robot import Proposal
@@ -34,4 +34,4 @@ def robot_file(files: Path, zoo: Zoo) -> Path:
 
 
 def _path(files: Path, zoo: Zoo) -> Path:
-    return files / f"{file_name(zoo.name)}.yaml"
+    return files / f"{format_file_name(zoo.name)}.yaml"

@@ -21,7 +21,7 @@ from benchmarks.zoo.results import Row, keep, kept
 from benchmarks.zoo.robot_files import keep_robot
 from benchmarks.zoo.robots import QUICK, ROBOTS, Zoo
 from benchmarks.zoo.second.look import COUNT
-from climbplan.climb.proposed.proposed import Trials
+from climbplan.climb.proposed.proposed import ProposalTrials
 from climbplan.errors import SpecError, UsageError
 from climbplan.robots.urdf.proposal.generator import propose_robot
 
@@ -110,7 +110,7 @@ def _rows(zoo: Zoo, columns: Sequence[str], files: Path) -> list[Row]:
             why = str(error).partition("\n")[0].replace(str(urdf), urdf.name)
             return [Row(zoo.name, 0.0, 0, 0.0, column, False, "", why, 0.0) for column in columns]
         place = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        trials, robot = Trials(found, place), found.robot
+        trials, robot = ProposalTrials(found, place), found.robot
         keep_robot(files, zoo, trials.found)
         spent = time.process_time() - begin
         own = [round(robot.mass, 2), robot.limb_count, round(spent, 2)]

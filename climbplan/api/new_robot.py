@@ -8,9 +8,9 @@ from pathlib import Path
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.world_sample import WorldSample
-from climbplan.climb.planner.looks import load_visual_geometry
+from climbplan.climb.planner.visual_geometry import load_visual_geometry
 from climbplan.climb.proposed.outcome import Outcome
-from climbplan.climb.proposed.proposed import file_name, planned_proposal
+from climbplan.climb.proposed.proposed import format_file_name, plan_proposal
 from climbplan.climb.simulation.risk.sampling import sample_worlds
 from climbplan.climb.simulation.risk.suggestions import suggest_knowledge
 from climbplan.errors import UsageError
@@ -32,12 +32,12 @@ class NewRobot:
     notes: tuple[str, ...]
 
 
-def names_of_files(urdf: Path) -> list[str]:
+def list_file_names(urdf: Path) -> list[str]:
     """Files that `new_robot` may write, known before anything is planned.
 
     Raises SpecError for what is wrong in the URDF.
     """
-    name = file_name(read_tree(urdf).name)
+    name = format_file_name(read_tree(urdf).name)
     specs = ("ground", "chimney", "bracing", "wall", "wall_bracing", "walk", "walking")
     return [f"{name}.yaml", *(f"{name}_{spec}.yaml" for spec in specs), f"{name}.html"]
 
@@ -55,32 +55,32 @@ def new_robot(
     is wrong in the URDF and UsageError where no robot can be proposed.
     """
     report("proposing legs, toes and postures")
-    found = propose_robot(urdf, toes=toes)
-    made = planned_proposal(found, directory, report, _sample_for_choice)
-    found = made.found
+    proposal = propose_robot(urdf, toes=toes)
+    planned = plan_proposal(proposal, directory, report, _sample_for_choice)
+    proposal = planned.found
     report("counting falls in worlds that nothing was chosen by")
-    outcomes: list[Outcome | ProposedWalk] = [_in_fresh_worlds(one) for one in made.outcomes]
+    outcomes: list[Outcome | ProposedWalk] = [_in_fresh_worlds(one) for one in planned.outcomes]
     walks = {}
-    if made.walks:
+    if planned.walks:
         report("planning a walk at speed")
-        walk_file, walking_file = f"{made.name}_walk.yaml", f"{made.name}_walking.yaml"
-        walk = walk_proposed(found, f"{made.name}.yaml", walking_file)
+        walk_file, walking_file = f"{planned.name}_walk.yaml", f"{planned.name}_walking.yaml"
+        walk = walk_proposed(proposal, f"{planned.name}.yaml", walking_file)
         outcomes.append(walk)
         if walk.text:
             walks[walk_file] = walk.text
-        if walk.text and walk.found is not found:
-            own = format_urdf_path(walk.found, directory)
-            walks[walking_file] = format_robot_document(walk.found, own, walk_file)
-    notes = [f"implausible: {text}" for text in found.implausible]
-    notes += [f"assumed: {text}" for text in found.assumptions]
+        if walk.text and walk.found is not proposal:
+            urdf_path = format_urdf_path(walk.found, directory)
+            walks[walking_file] = format_robot_document(walk.found, urdf_path, walk_file)
+    notes = [f"implausible: {text}" for text in proposal.implausible]
+    notes += [f"assumed: {text}" for text in proposal.assumptions]
     notes += [str(outcome) for outcome in outcomes]
     badges = [
         (one.what if one.plan is not None else f"not found: {one.what}", one.plan is not None)
         for one in outcomes
     ]
-    looks = load_visual_geometry(found.draft.load_robot(), found.robot, _TRIANGLES)
-    page = {f"{made.name}.html": robot_page(found, made.brace, badges, looks)}
-    return NewRobot(made.name, made.files | walks | page, tuple(notes))
+    visual_geometry = load_visual_geometry(proposal.draft.load_robot(), proposal.robot, _TRIANGLES)
+    page = {f"{planned.name}.html": robot_page(proposal, planned.brace, badges, visual_geometry)}
+    return NewRobot(planned.name, planned.files | walks | page, tuple(notes))
 
 
 def _sample_for_choice(plan: ClimbPlan) -> WorldSample | None:

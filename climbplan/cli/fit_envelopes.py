@@ -59,10 +59,10 @@ def fit_envelopes(
         from climbplan.climb.envelopes.file import write_envelopes
         from climbplan.climb.envelopes.run import fit_envelopes as fit
         from climbplan.climb.pages.envelope_report import write_report
-        from climbplan.robots.any_robot import build_robot, without_flat_feet
+        from climbplan.robots.any_robot import build_robot, require_no_flat_feet
 
         with StageProgress(session) as progress:
-            pointed = without_flat_feet(robot_spec, "envelopes")
+            pointed = require_no_flat_feet(robot_spec, "envelopes")
             run = fit(loaded, build_robot(pointed), progress.report, jobs)
         for line in _table(run):
             session.note(line)

@@ -154,12 +154,12 @@ def _new_robot(
     given = {"--urdf": urdf, "--package": package, "--example": example}
     if sum(value is not None for value in given.values()) > 1:
         raise UsageError("expected one of --urdf, --package and --example")
-    from climbplan.api.new_robot import names_of_files, new_robot
+    from climbplan.api.new_robot import list_file_names, new_robot
     from climbplan.robots.urdf.proposal.package_urdfs import find_package_urdf
 
     session = context.ensure_object(Session)
     path = urdf if urdf is not None else find_package_urdf(package or "")
-    _refuse_existing((directory / name for name in names_of_files(path)), force)
+    _refuse_existing((directory / name for name in list_file_names(path)), force)
     made = new_robot(path, directory, session.note, toes)
     content = {directory / name: text.encode() for name, text in made.files.items()}
     _write(content, directory, force)

@@ -44,17 +44,17 @@ def robot(
             raise UsageError(f"{picture}: expected a .png file")
         if picture.exists() and not force:
             raise UsageError(f"{picture}: already exists; --force replaces it")
-    from climbplan.robots.facts import robot_facts
+    from climbplan.robots.facts import measure_robot
 
     spec, made, notes = _robot_of(name)
-    facts = robot_facts(made)
+    facts = measure_robot(made)
     if picture is not None:
-        from climbplan.climb.planner.looks import plan_looks
+        from climbplan.climb.planner.visual_geometry import load_visual_geometry
         from climbplan.reports.robot_picture import robot_picture
         from climbplan.reports.sheet import png
         from climbplan.store.atomic_file import written_aside
 
-        image = png(robot_picture(facts, looks=plan_looks(spec, made, _TRIANGLES)))
+        image = png(robot_picture(facts, looks=load_visual_geometry(spec, made, _TRIANGLES)))
         with written_aside(picture) as aside:
             aside.write_bytes(image)
     if as_json:
@@ -65,7 +65,7 @@ def robot(
 
 def _robot_of(name: str) -> tuple[Any, Any, tuple[str, ...]]:
     """What the file says, the robot, and what was assumed of it."""
-    from climbplan.robots.any_robot import assumptions, build_robot
+    from climbplan.robots.any_robot import build_robot, list_assumptions
     from climbplan.schema.loading import load_spec
     from climbplan.schema.robots.source import UnknownRobot, load_any_robot
 
@@ -81,7 +81,7 @@ def _robot_of(name: str) -> tuple[Any, Any, tuple[str, ...]]:
     except UnknownRobot as error:
         raise UsageError(str(error)) from error
     made = build_robot(spec)
-    return spec, made, assumptions(spec, made)
+    return spec, made, list_assumptions(spec, made)
 
 
 def _is_robot_file(name: str) -> bool:

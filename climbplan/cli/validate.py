@@ -96,10 +96,10 @@ def _check_shelf(loaded: LoadedShelf) -> None:
 
 
 def _check_climb(loaded: LoadedClimb) -> None:
-    from climbplan.climb.planner.chaining import started
+    from climbplan.climb.planner.start_from_plan import resolve_start_plan
     from climbplan.climb.scene.climb_scene import build_scene, on_scan
 
-    loaded = on_scan(started(loaded))
+    loaded = on_scan(resolve_start_plan(loaded))
     with placed_mistakes(loaded):
         build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from climbplan.climb.envelopes.dataset_rows import TerrainRows
 from climbplan.climb.schema.terrains_dataset import TerrainsProblemSpec
-from climbplan.robots.any_robot import build_robot, without_flat_feet
+from climbplan.robots.any_robot import build_robot, require_no_flat_feet
 from climbplan.schema.robots.source import load_any_robot
 
 
@@ -15,6 +15,6 @@ def terrain_source(spec: TerrainsProblemSpec, directory: Path) -> TerrainRows:
     return TerrainRows(
         spec,
         build_robot(
-            without_flat_feet(load_any_robot(spec.robot, directory), "terrains of datasets")
+            require_no_flat_feet(load_any_robot(spec.robot, directory), "terrains of datasets")
         ),
     )

@@ -10,12 +10,12 @@ from climbplan.reports.page_parts import Card, Table
 from climbplan.reports.page_template import fill, frame_fields
 from climbplan.reports.robot_picture import robot_picture
 from climbplan.reports.sheet import png
-from climbplan.robots.facts import robot_facts
-from climbplan.robots.looks import Looks
+from climbplan.robots.facts import measure_robot
 from climbplan.robots.model import Robot, dynamics_of
 from climbplan.robots.task_robot import with_stance
 from climbplan.robots.urdf.proposal.postures import Posture
 from climbplan.robots.urdf.proposal.prepared_robot import Proposal
+from climbplan.robots.visual_geometry import VisualGeometry
 
 _JOINTS = ("leg", "joint", "bounds [deg]", "standing [deg]", "torque [N m]", "speed [rad/s]",
            "stiffness [N m/rad]")  # fmt: skip
@@ -25,21 +25,21 @@ def robot_page(
     proposal: Proposal,
     brace: Posture | None,
     told: Sequence[tuple[str, bool]],
-    looks: Looks | None = None,
+    looks: VisualGeometry | None = None,
 ) -> str:
     """The page; told: what became of each spec that uses the robot, and whether it is a plan.
 
     looks: the URDF's visual geometry, which the pictures show.
     """
     robot = proposal.robot
-    facts = robot_facts(robot)
+    facts = measure_robot(robot)
     images = {"standing on ground": png(robot_picture(facts, "standing on ground", looks))}
     if brace is not None:
         toes = {
             name: (float(x), float(y), float(z))
             for name, (x, y, z) in zip(robot.limb_names, brace.toes, strict=True)
         }
-        braced = robot_facts(with_stance(robot, toes))
+        braced = measure_robot(with_stance(robot, toes))
         title = f"between walls {brace.gap + 2 * robot.standoff:.3f} m apart"
         images[title] = png(robot_picture(braced, title, looks))
     notes = [("IMPLAUSIBLE", text) for text in proposal.implausible]

@@ -23,16 +23,16 @@ from climbplan.reports.sheet import (
 )
 from climbplan.robots.facts import RobotFacts
 from climbplan.robots.kinematics import joint_points_body
-from climbplan.robots.looks import Looks, piece_places, pieces_of
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
+from climbplan.robots.visual_geometry import VisualGeometry, compute_piece_poses, split_by_link
 
 _VIEWS = (("from above", 0, 1), ("front", 0, 2), ("side, from the right", 1, 2))
 _AXES = "xyz"
 _DOTS = 1200  # of a limb's sampled toes that are drawn
 
 
-def robot_picture(facts: RobotFacts, title: str = "", looks: Looks | None = None) -> Figure:
+def robot_picture(facts: RobotFacts, title: str = "", looks: VisualGeometry | None = None) -> Figure:
     """Three views in the body frame [m]; title: what is shown, the robot's name by default.
 
     looks: visual geometry, which takes the place of the body's box.
@@ -80,13 +80,13 @@ def robot_picture(facts: RobotFacts, title: str = "", looks: Looks | None = None
     return figure
 
 
-def _triangles(looks: Looks, robot: Robot, angles: Array) -> Array:
+def _triangles(looks: VisualGeometry, robot: Robot, angles: Array) -> Array:
     """Corners (F, 3, 3) of all triangles at angles (N, J), body frame [m]."""
     chain = robot.mechanism
     if not isinstance(chain, SerialChain):
         raise TypeError("a robot from a URDF is a serial chain")
-    pieces = pieces_of(looks, chain)
-    place, turned = piece_places(pieces, chain, angles)
+    pieces = split_by_link(looks, chain)
+    place, turned = compute_piece_poses(pieces, chain, angles)
     return np.concatenate(
         [(piece.vertices @ turned[k].T + place[k])[piece.faces] for k, piece in enumerate(pieces)]
     )

@@ -1,4 +1,4 @@
-"""A robot from whatever a spec says of it."""
+"""Build a robot from any kind of robot spec."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 
 def build_robot(spec: AnyRobot) -> Robot:
-    """The arrays of a robot of any kind.
+    """Build the arrays of a robot of any kind.
 
-    Raises MissingSolver and SpecError for robots from URDFs, as `robot_of_urdf`.
+    Raises:
+        MissingSolver: The robot is from a URDF and Pinocchio is not installed.
+        SpecError: The URDF is wrong.
     """
     if isinstance(spec, UrdfRobot):
         from climbplan.robots.urdf.robot_builder import build_robot_from_urdf
@@ -20,8 +22,16 @@ def build_robot(spec: AnyRobot) -> Robot:
     return Robot.from_spec(spec)
 
 
-def without_flat_feet(spec: AnyRobot, what: str) -> AnyRobot:
-    """The same robot; raises SpecError, at the key of its feet, where these are flat."""
+def require_no_flat_feet(spec: AnyRobot, what: str) -> AnyRobot:
+    """Return the same robot if its feet are not flat.
+
+    Args:
+        spec: The robot.
+        what: The command or feature that does not support flat feet, for the message.
+
+    Raises:
+        SpecError: Its feet are flat; at their key.
+    """
     if isinstance(spec, UrdfRobot) and spec.spec.flat_feet:
         message = (
             f"flat feet are for `plan-climb`; {what} would take them for points: expected "
@@ -31,48 +41,47 @@ def without_flat_feet(spec: AnyRobot, what: str) -> AnyRobot:
     return spec
 
 
-def assumptions(spec: AnyRobot, robot: Robot) -> tuple[str, ...]:
-    """What a plan rests on that neither the spec nor the URDF says."""
+def list_assumptions(spec: AnyRobot, robot: Robot) -> tuple[str, ...]:
+    """Return what a plan assumes that neither the spec nor the URDF says."""
     if not isinstance(spec, UrdfRobot):
         return ()
     from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
 
-    given, out = spec.spec, []
-    if "joint_stiffness" not in given.model_fields_set:
-        out.append(f"joint_stiffness {given.joint_stiffness:g} N m/rad: no URDF says it")
-    if "slide_stiffness" not in given.model_fields_set and robot.slides.any():
-        out.append(f"slide_stiffness {given.slide_stiffness:g} N/m")
-    if "structural_compliance_share" not in given.model_fields_set:
-        out.append("structural_compliance_share 0: links as rigid bodies")
-    if given.limb_radius is None and robot.capsules is None:
-        out.append(f"limb_radius {LIMB_RADIUS:g} m")
+    section, notes = spec.spec, []
+    if "joint_stiffness" not in section.model_fields_set:
+        notes.append(f"joint_stiffness {section.joint_stiffness:g} N m/rad: no URDF says it")
+    if "slide_stiffness" not in section.model_fields_set and robot.slides.any():
+        notes.append(f"slide_stiffness {section.slide_stiffness:g} N/m")
+    if "structural_compliance_share" not in section.model_fields_set:
+        notes.append("structural_compliance_share 0: links as rigid bodies")
+    if section.limb_radius is None and robot.capsules is None:
+        notes.append(f"limb_radius {LIMB_RADIUS:g} m")
     if robot.capsules is not None and len(robot.touching):
-        out.append(f"not looked at, as they always touch: {_pairs(robot)}")
-    if given.workspace.stance_radius is None:
-        out.append(f"workspace.stance_radius {robot.stance_radius:g} m, sampled")
-    held = sorted(
+        notes.append(f"not looked at, as they always touch: {_describe_touching_pairs(robot)}")
+    if section.workspace.stance_radius is None:
+        notes.append(f"workspace.stance_radius {robot.stance_radius:g} m, sampled")
+    locked = sorted(
         joint.name
         for joint in spec.tree.joints.values()
         if joint.kind != "fixed"
-        and joint.name not in given.locked
-        and not any(joint in own for own in spec.joints.values())
+        and joint.name not in section.locked
+        and not any(joint in leg_joints for leg_joints in spec.joints.values())
     )
-    if held:
-        out.append(f"held at zero, as no leg has them: {', '.join(held)}")
-    return (f"assumed of {spec.name}: {'; '.join(out)}",) if out else ()
+    if locked:
+        notes.append(f"held at zero, as no leg has them: {', '.join(locked)}")
+    return (f"assumed of {spec.name}: {'; '.join(notes)}",) if notes else ()
 
 
-def _pairs(robot: Robot) -> str:
-    """Parts that touch however it stands: "LF's LF_HFE and the body"."""
+def _describe_touching_pairs(robot: Robot) -> str:
+    """Return pairs of parts that always touch: "LF's LF_HFE and the body"."""
     assert robot.capsules is not None
-    told: list[str] = []
-    for limb, own, other, behind in robot.touching.tolist():
-        one = (
-            f"{robot.limb_names[limb]}'s {robot.joint_name(limb, robot.capsules.joint[limb, own])}"
-        )
-        beside = "the body"
-        if other >= 0:
-            link = robot.joint_name(other, robot.capsules.joint[other, behind])
-            beside = f"{robot.limb_names[other]}'s {link}"
-        told.append(f"part of {one} and {beside}")
-    return ", ".join(dict.fromkeys(told))
+    pairs: list[str] = []
+    for limb, capsule, other_limb, other_capsule in robot.touching.tolist():
+        link = robot.joint_name(limb, robot.capsules.joint[limb, capsule])
+        first = f"{robot.limb_names[limb]}'s {link}"
+        second = "the body"
+        if other_limb >= 0:
+            link = robot.joint_name(other_limb, robot.capsules.joint[other_limb, other_capsule])
+            second = f"{robot.limb_names[other_limb]}'s {link}"
+        pairs.append(f"part of {first} and {second}")
+    return ", ".join(dict.fromkeys(pairs))

@@ -1,7 +1,7 @@
-"""Links as capsules: what is solid of a limb, for distances to terrain, body and other limbs.
+"""Capsules that contain the links of limbs, for distances to terrain, body and other limbs.
 
-Most robots tell one radius, and a link is the straight piece from its joint to the next, the last
-one to the toe. A URDF tells more: each piece of a link's collision geometry has a capsule of its
+Most robots state one radius, and a link is the straight piece from its joint to the next, the last
+one to the toe. A URDF says more: each piece of a link's collision geometry has a capsule of its
 own, which moves with the link (`urdf/capsule_fit.py`).
 """
 
@@ -19,7 +19,7 @@ from climbplan.robots.serial_chain import SerialChain
 
 @dataclass(frozen=True)
 class Capsules:
-    """C capsules of each of N limbs in many poses (...); limbs with fewer have some twice."""
+    """C capsules of each of N limbs in many poses (...); limbs with fewer repeat some."""
 
     starts: Array  # (..., N, C, 3) [m]
     ends: Array  # (..., N, C, 3) [m], nearer the toe
@@ -27,17 +27,29 @@ class Capsules:
     link: IntArray  # (N, C) number of the joint that moves it
     to_toe: Array  # (N, C) [m] from a last link's end to the toe; infinite of other links
 
-    def moved(self, com: Array, rotation: Array) -> Self:
-        """Those of bodies at com (..., 3), axes as columns of rotation (..., 3, 3), world."""
-        turn = np.swapaxes(rotation, -1, -2)[..., None, :, :]
-        at = com[..., None, None, :]
+    def to_world(self, com: Array, rotation: Array) -> Self:
+        """Return the capsules of bodies at com (..., 3) with rotations (..., 3, 3), world frame.
+
+        rotation: axes of the body as columns.
+        """
+        rotation_transposed = np.swapaxes(rotation, -1, -2)[..., None, :, :]
+        origin = com[..., None, None, :]
         return type(self)(
-            at + self.starts @ turn, at + self.ends @ turn, self.radius, self.link, self.to_toe
+            origin + self.starts @ rotation_transposed,
+            origin + self.ends @ rotation_transposed,
+            self.radius,
+            self.link,
+            self.to_toe,
         )
 
 
 def limb_capsules(robot: Robot, angles: Array) -> Capsules:
-    """Capsules of all limbs at angles (..., N, J) [rad], body frame; NaN where angles are."""
+    """Return the capsules of all limbs, body frame; NaN where angles are.
+
+    Args:
+        robot: The robot.
+        angles: Joint angles (..., N, J) [rad].
+    """
     mounted = robot.capsules
     if mounted is None or not isinstance(robot.mechanism, SerialChain):
         return straight_capsules(robot.limbs.joint_points(angles), robot.limb_radius)
@@ -49,14 +61,19 @@ def limb_capsules(robot: Robot, angles: Array) -> Capsules:
     starts, ends = (
         places + (turns @ (mounted.ends[:, :, end] - about)[..., None])[..., 0] for end in (0, 1)
     )
-    off = np.linalg.norm(mounted.ends[:, :, 1] - robot.mechanism.toe_zero[:, None], axis=-1)
+    offset = np.linalg.norm(mounted.ends[:, :, 1] - robot.mechanism.toe_zero[:, None], axis=-1)
     last = mounted.joint == robot.joint_count - 1
-    to_toe = np.where(last, off, np.inf)
+    to_toe = np.where(last, offset, np.inf)
     return Capsules(starts, ends, mounted.radius, mounted.joint, to_toe)
 
 
 def straight_capsules(points: Array, radius: float) -> Capsules:
-    """Straight pieces between joints and toe (..., N, P, 3), one radius for all [m]."""
+    """Return straight capsules between joints and toe.
+
+    Args:
+        points: Joints and toe (..., N, P, 3) [m].
+        radius: Of all capsules [m].
+    """
     limbs, links = points.shape[-3], points.shape[-2] - 1
     link = np.broadcast_to(np.arange(links, dtype=np.int64), (limbs, links))
     return Capsules(

@@ -1,4 +1,4 @@
-"""Chains of joints told by where joints, axes and toe are at zero angles (body frame).
+"""Kinematics of chains of joints given by joints, axes and toe at zero angles (body frame).
 
 Moving joint j turns all beyond it about axis a_j through p_j, or slides it along s_j (product of
 exponentials), so that at zero angles every link's frame is parallel to the body's and no frames
@@ -18,7 +18,7 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.robots.rotations import skew
 
-RADIAN = 0.25  # [m] of a sliding joint, which count as much as one radian of a turning one
+RADIAN = 0.25  # [m] of a prismatic joint that count as one radian of a revolute one
 
 
 @dataclass(frozen=True)
@@ -35,35 +35,35 @@ class ChainPose:
 
     @property
     def columns(self) -> Array:
-        """(..., N, J, 3) toe velocity by each joint's own speed: a_j x (toe - p_j) + s_j."""
+        """Toe velocity by each joint's own speed (..., N, J, 3): a_j x (toe - p_j) + s_j."""
         turning = np.cross(self.axes, self.toe[..., None, :] - self.joints)
         return turning if self.slides is None else turning + self.slides
 
     @property
     def jacobian(self) -> Array:
-        """(..., N, 3, J) of the toe by the angles."""
-        own = np.swapaxes(self.columns, -1, -2)
-        return own if self.drive is None else own @ self.drive
+        """Jacobian (..., N, 3, J) of the toe by the angles."""
+        by_joint = np.swapaxes(self.columns, -1, -2)
+        return by_joint if self.drive is None else by_joint @ self.drive
 
     @property
     def turning(self) -> Array:
-        """(..., N, 3, J) turning velocity of the last link by joint speed."""
-        own = np.swapaxes(self.axes, -1, -2)
-        return own if self.drive is None else own @ self.drive
+        """Angular velocity of the last link by joint speed (..., N, 3, J)."""
+        by_joint = np.swapaxes(self.axes, -1, -2)
+        return by_joint if self.drive is None else by_joint @ self.drive
 
     @property
     def hessian(self) -> Array:
-        """(..., N, 3, J, J) of the toe by the angles: a_i x column_j, i <= j."""
+        """Second derivatives (..., N, 3, J, J) of the toe by the angles: a_i x column_j, i <= j."""
         columns = self.columns
         count = columns.shape[-2]
-        out = np.empty((*columns.shape[:-2], 3, count, count))
+        second = np.empty((*columns.shape[:-2], 3, count, count))
         for i in range(count):
-            later = np.cross(self.axes[..., i, None, :], columns[..., i:, :])
-            out[..., i, i:] = out[..., i:, i] = np.swapaxes(later, -1, -2)
+            column = np.cross(self.axes[..., i, None, :], columns[..., i:, :])
+            second[..., i, i:] = second[..., i:, i] = np.swapaxes(column, -1, -2)
         if self.drive is None:
-            return out
+            return second
         drive = self.drive[..., None, :, :]
-        return np.asarray(np.swapaxes(drive, -1, -2) @ out @ drive)
+        return np.asarray(np.swapaxes(drive, -1, -2) @ second @ drive)
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class ChainZero:
     drive: Array | None = None  # (..., J, J) motions by angles; None: each joint moves by its own
 
     def rows(self, index: IntArray) -> Self:
-        """Some of the chains, or the same ones several times."""
+        """Return chains by index, some of them or the same ones several times."""
         return type(self)(
             self.joints[index],
             self.axes[index],
@@ -88,23 +88,23 @@ class ChainZero:
 
     @cached_property
     def moves(self) -> BoolArray:
-        """(..., J): whether an angle moves anything: a joint is there and follows no other."""
-        there = np.abs(self.axes).max(axis=-1) > 0
+        """Whether an angle moves anything (..., J): its joint exists and mimics no other."""
+        exists = np.abs(self.axes).max(axis=-1) > 0
         if self.slides is not None:
-            there = there | (np.abs(self.slides).max(axis=-1) > 0)
+            exists = exists | (np.abs(self.slides).max(axis=-1) > 0)
         if self.drive is None:
-            return np.asarray(there)
-        return np.asarray((np.abs(self.drive) * there[..., :, None]).max(axis=-2) > 0)
+            return np.asarray(exists)
+        return np.asarray((np.abs(self.drive) * exists[..., :, None]).max(axis=-2) > 0)
 
     @cached_property
     def unit(self) -> Array:
-        """(..., J): 1 of angles that are turns, `RADIAN` of those that are lengths."""
+        """Units of angles (..., J): 1 of rotations, `RADIAN` of lengths."""
         if self.slides is None:
             return np.ones(self.axes.shape[:-1])
         return np.where(np.abs(self.slides).max(axis=-1) > 0, RADIAN, 1.0)
 
     def in_radians(self) -> Self:
-        """The same chains with lengths of sliding joints counted in `RADIAN`."""
+        """Return the same chains with lengths of prismatic joints counted in `RADIAN`."""
         if self.slides is None:
             return self
         unit = self.unit
@@ -114,13 +114,13 @@ class ChainZero:
         return replace(self, slides=RADIAN * self.slides, drive=drive)
 
     def motions(self, angles: Array) -> Array:
-        """How far each joint is from zero (..., J), of angles (..., J)."""
+        """Return how far each joint is from zero (..., J), for angles (..., J)."""
         if self.drive is None:
             return angles
         return np.asarray((self.drive @ angles[..., None])[..., 0])
 
     def pose(self, angles: Array) -> ChainPose:
-        """The chains at angles (..., J) [rad, or m of joints that slide]."""
+        """Return the chains at angles (..., J) [rad, or m of prismatic joints]."""
         joint_zero, axis_zero, toe_zero = self.joints, self.axes, self.toe
         motions = self.motions(angles)
         count = motions.shape[-1]
@@ -134,19 +134,19 @@ class ChainZero:
             links = links + motions[..., None] * self.slides
         shape = np.broadcast_shapes(motions.shape[:-1], joint_zero.shape[:-2])
         rotation = np.broadcast_to(np.eye(3), (*shape, 3, 3))
-        at = np.broadcast_to(joint_zero[..., 0, :], (*shape, 3))
+        origin = np.broadcast_to(joint_zero[..., 0, :], (*shape, 3))
         joints, axes = np.empty((*shape, count, 3)), np.empty((*shape, count, 3))
         turns = np.empty((*shape, count, 3, 3))
         slides, places = None, joints
         if self.slides is not None:
             slides, places = np.empty((*shape, count, 3)), np.empty((*shape, count, 3))
         for j in range(count):
-            joints[..., j, :] = at
+            joints[..., j, :] = origin
             axes[..., j, :] = (rotation @ axis_zero[..., j, :, None])[..., 0]
             rotation = rotation @ turn[..., j, :, :]
             turns[..., j, :, :] = rotation
             if slides is not None and self.slides is not None:
                 slides[..., j, :] = (rotation @ self.slides[..., j, :, None])[..., 0]
-                places[..., j, :] = at + motions[..., j, None] * slides[..., j, :]
-            at = at + (rotation @ links[..., j, :, None])[..., 0]
-        return ChainPose(joints, axes, at, places, turns, slides, self.drive)
+                places[..., j, :] = origin + motions[..., j, None] * slides[..., j, :]
+            origin = origin + (rotation @ links[..., j, :, None])[..., 0]
+        return ChainPose(joints, axes, origin, places, turns, slides, self.drive)

@@ -1,4 +1,4 @@
-"""Limbs of coxa, femur and tibia: kinematics in closed form.
+"""Closed-form kinematics of limbs of coxa, femur and tibia.
 
 With yaw psi = mount_yaw + theta_1 the toe of a limb lies at radius
 L1 + L2 cos(theta_2) + L3 sin(theta_2 + theta_3) from the shoulder and at height
@@ -34,13 +34,13 @@ class CoxaFemurTibia:
         return (JOINTS,) * len(self.mount_yaw)
 
     def only(self, limbs: slice) -> Self:
-        """Some limbs alone."""
+        """Return the mechanism of some limbs."""
         return type(self)(
             self.shoulder_body[limbs], self.mount_yaw[limbs], self.link_lengths[limbs]
         )
 
     def joint_points(self, angles: Array) -> Array:
-        """Shoulder, femur joint, knee and toe of every limb.
+        """Return shoulder, femur joint, knee and toe of every limb.
 
         angles: (..., N, 3) [rad]. Returns (..., N, 4, 3) in the body frame [m].
         """
@@ -62,7 +62,7 @@ class CoxaFemurTibia:
         return self.shoulder_body[:, None, :] + offset
 
     def jacobian(self, angles: Array) -> Array:
-        """d(toe_body)/d(angles) of every limb, (..., N, 3, 3), body frame [m/rad]."""
+        """Return d(toe_body)/d(angles) of every limb, (..., N, 3, 3), body frame [m/rad]."""
         l1, l2, l3 = self.link_lengths.T
         psi = self.mount_yaw + angles[..., 0]
         tilt = angles[..., 1] + angles[..., 2]
@@ -79,7 +79,7 @@ class CoxaFemurTibia:
         return np.stack(columns, axis=-1)
 
     def turning(self, angles: Array) -> Array:
-        """Turning velocity of the tibia by joint speed (..., N, 3, 3): the joints' unit axes."""
+        """Return the angular velocity of the tibia by joint speed (..., N, 3, 3): joint axes."""
         psi = self.mount_yaw + angles[..., 0]
         zero = np.zeros_like(psi)
         up = np.stack([zero, zero, zero + 1.0], axis=-1)
@@ -87,13 +87,13 @@ class CoxaFemurTibia:
         return np.stack([up, hinge, hinge], axis=-1)
 
     def last_link(self, angles: Array) -> Array:
-        """Rows (..., N, 3, 3): x along the tibia, y across it in the limb's plane, z its hinge."""
+        """Return rows (..., N, 3, 3): x along the tibia, y across it in the plane, z hinge."""
         psi = self.mount_yaw + angles[..., 0]
-        out = np.stack([np.cos(psi), np.sin(psi), np.zeros_like(psi)], axis=-1)
-        return frame_in_plane(out, angles[..., 1] + angles[..., 2])
+        outward = np.stack([np.cos(psi), np.sin(psi), np.zeros_like(psi)], axis=-1)
+        return frame_in_plane(outward, angles[..., 1] + angles[..., 2])
 
     def hessian(self, angles: Array) -> Array:
-        """Second derivatives of toe_body by the angles of its limb, (..., N, 3, 3, 3) [m/rad^2].
+        """Return second derivatives of toe_body by the angles, (..., N, 3, 3, 3) [m/rad^2].
 
         The first of the last three axes is the toe's, body frame.
         """
@@ -103,20 +103,22 @@ class CoxaFemurTibia:
         tibia_r, tibia_z = l3 * np.sin(tilt), -l3 * np.cos(tilt)
         femur_r, femur_z = l2 * np.cos(angles[..., 1]), l2 * np.sin(angles[..., 1])
         zero = np.zeros_like(psi)
-        along = np.stack([np.cos(psi), np.sin(psi), zero], axis=-1)
-        across = np.stack([-np.sin(psi), np.cos(psi), zero], axis=-1)
+        outward = np.stack([np.cos(psi), np.sin(psi), zero], axis=-1)
+        lateral = np.stack([-np.sin(psi), np.cos(psi), zero], axis=-1)
         up = np.array([0.0, 0.0, 1.0])
-        bent = -tibia_r[..., None] * along - tibia_z[..., None] * up  # towards the joint that turns
+        folded = (
+            -tibia_r[..., None] * outward - tibia_z[..., None] * up
+        )  # towards the joint that turns
         out = np.empty((*psi.shape, 3, 3, 3))
-        out[..., 0, 0] = -(l1 + femur_r + tibia_r)[..., None] * along
-        out[..., 0, 1] = out[..., 1, 0] = -(tibia_z + femur_z)[..., None] * across
-        out[..., 0, 2] = out[..., 2, 0] = -tibia_z[..., None] * across
-        out[..., 1, 1] = bent - femur_r[..., None] * along - femur_z[..., None] * up
-        out[..., 1, 2] = out[..., 2, 1] = out[..., 2, 2] = bent
+        out[..., 0, 0] = -(l1 + femur_r + tibia_r)[..., None] * outward
+        out[..., 0, 1] = out[..., 1, 0] = -(tibia_z + femur_z)[..., None] * lateral
+        out[..., 0, 2] = out[..., 2, 0] = -tibia_z[..., None] * lateral
+        out[..., 1, 1] = folded - femur_r[..., None] * outward - femur_z[..., None] * up
+        out[..., 1, 2] = out[..., 2, 1] = out[..., 2, 2] = folded
         return out
 
     def inverse(self, toes: Array, lower: Array, upper: Array) -> InverseKinematics:
-        """Joint angles that put the toes at toes (..., N, 3), body frame [m]."""
+        """Return joint angles that put the toes at toes (..., N, 3), body frame [m]."""
         l1, l2, l3 = self.link_lengths.T
         offset = toes - self.shoulder_body
         direction = np.arctan2(offset[..., 1], offset[..., 0])
@@ -148,24 +150,24 @@ class CoxaFemurTibia:
             missing=np.stack(missing, axis=-2),
         )
 
-    def miss(
+    def explain_miss(
         self, solution: InverseKinematics, toes: Array, limb: int, lower: Array, upper: Array
     ) -> Miss:
-        """Why limb `limb` of a solution for toes (N, 3) is not valid.
+        """Explain why limb `limb` of a solution for toes (N, 3) is not valid.
 
-        Said of the branches that face the toe: turning the coxa away is no one's intention.
+        Only the branches that face the toe count: nobody means to turn the coxa away.
         """
         if not solution.reachable[:2, limb].any():
             gap = float(solution.missing[:2, limb].min())
             offset = toes[limb] - self.shoulder_body[limb]
             u = np.hypot(offset[0], offset[1]) - self.link_lengths[limb, 0]
-            far = np.hypot(u, offset[2]) > self.link_lengths[limb, 1:].sum()
-            return Miss("too far" if far else "too near", gap)
+            is_far = np.hypot(u, offset[2]) > self.link_lengths[limb, 1:].sum()
+            return Miss("too far" if is_far else "too near", gap)
         excess = np.maximum(
             lower[limb] - solution.angles[:2, limb], solution.angles[:2, limb] - upper[limb]
         )
         branch = int(np.argmin(excess.max(axis=-1)))
         joint = int(np.argmax(excess[branch]))
-        past = float(excess[branch, joint])
-        words = f"{JOINTS[joint]} {np.rad2deg(past):.1f} deg past its bound"
-        return Miss(words, 0.0, joint, past)
+        excess_angle = float(excess[branch, joint])
+        reason = f"{JOINTS[joint]} {np.rad2deg(excess_angle):.1f} deg past its bound"
+        return Miss(reason, 0.0, joint, excess_angle)

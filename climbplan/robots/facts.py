@@ -1,4 +1,4 @@
-"""What a robot's file amounts to: masses, reach, and what standing asks of its joints."""
+"""Facts about a robot: masses, reach, and the joint torques that standing takes."""
 
 from __future__ import annotations
 
@@ -20,15 +20,13 @@ from climbplan.robots.kinematics import (
 from climbplan.robots.model import Robot
 from climbplan.robots.task_robot import heading_as
 
-_SAMPLES = 4000  # of each limb's joints
-_BALANCED = (
-    1e-3  # of the weight that balance may be off [-, m]: the wish for evenness leaves a little
-)
+_NUM_SAMPLES = 4000  # postures of each limb
+_BALANCE_TOLERANCE = 1e-3  # of the weight, error of balance [-, m]: regularisation leaves a little
 
 
 @dataclass(frozen=True)
 class RobotFacts:
-    """N limbs with up to J joints; body frame."""
+    """Facts about a robot of N limbs with up to J joints; body frame."""
 
     robot: Robot
     stance_angles: Array  # (N, J) [rad], NaN where the stance is out of reach
@@ -41,26 +39,31 @@ class RobotFacts:
 
     @property
     def standing_safety(self) -> float | None:
-        """Least ratio of a torque limit to what standing takes; None where it cannot stand."""
+        """The smallest ratio of a torque limit to what standing takes; None if it tips over."""
         if self.standing_torque is None:
             return None
-        there = self.robot.has_joint
-        taken = np.abs(self.standing_torque)[there]
-        most = self.robot.max_torque[there]
-        return float(np.min(most / np.maximum(taken, 1e-12)))
+        exists = self.robot.has_joint
+        torque = np.abs(self.standing_torque)[exists]
+        limit = self.robot.max_torque[exists]
+        return float(np.min(limit / np.maximum(torque, 1e-12)))
 
 
-def robot_facts(robot: Robot, seed: int = 0) -> RobotFacts:
-    """Measure a robot; postures are drawn within its joint bounds, the same for a seed."""
+def measure_robot(robot: Robot, seed: int = 0) -> RobotFacts:
+    """Measure a robot.
+
+    Args:
+        robot: The robot.
+        seed: Of the postures that are sampled within its joint bounds.
+    """
     up = np.broadcast_to([0.0, 0.0, 1.0], robot.stance_body.shape)
     robot = heading_as(robot, np.zeros(3))
     solution = inverse(robot, robot.stance_body, sole_turns(robot, np.zeros(3), up))
     angles = np.where(solution.valid[:, None], solution.best(), np.nan)
-    share = np.random.default_rng(seed).uniform(size=(_SAMPLES, *robot.joint_lower.shape))
-    drawn = robot.joint_lower + share * (robot.joint_upper - robot.joint_lower)
-    toes = np.swapaxes(toe_body(robot, drawn), 0, 1)  # (N, S, 3)
+    fraction = np.random.default_rng(seed).uniform(size=(_NUM_SAMPLES, *robot.joint_lower.shape))
+    samples = robot.joint_lower + fraction * (robot.joint_upper - robot.joint_lower)
+    toes = np.swapaxes(toe_body(robot, samples), 0, 1)  # (N, S, 3)
     reach = np.linalg.norm(toes - robot.shoulder_body[:, None], axis=2).max(axis=1)
-    force = _standing_force(robot, solution.valid)
+    force = _compute_standing_force(robot, solution.valid)
     torque = None
     if force is not None:
         upward = np.stack([np.zeros_like(force), np.zeros_like(force), force], axis=1)
@@ -84,10 +87,10 @@ def robot_facts(robot: Robot, seed: int = 0) -> RobotFacts:
     )
 
 
-def _standing_force(robot: Robot, valid: BoolArray) -> Array | None:
-    """Upward forces (N,) on toes in reach that hold the weight over the stance, most even ones.
+def _compute_standing_force(robot: Robot, valid: BoolArray) -> Array | None:
+    """Return upward forces (N,) on toes in reach that hold the weight, as even as possible.
 
-    Of flat feet forces (4 N,) at the corners of their soles.
+    Of flat feet, forces (4 N,) at the corners of their soles. None where the robot tips over.
     """
     points = robot.stance_body
     if robot.sole is not None:
@@ -95,9 +98,9 @@ def _standing_force(robot: Robot, valid: BoolArray) -> Array | None:
         valid = by_point(robot, valid, 0)
     x, y = points[:, :2].T
     balance = np.vstack([np.ones_like(x), x, y]) * valid
-    even = 1e-4 * np.eye(len(x))  # of several balances the most even one
+    evenness = 1e-4 * np.eye(len(x))  # regularisation: as even as possible
     force, _ = nnls(
-        np.vstack([balance, even]), np.concatenate([[robot.weight, 0.0, 0.0], np.zeros(len(x))])
+        np.vstack([balance, evenness]), np.concatenate([[robot.weight, 0.0, 0.0], np.zeros(len(x))])
     )
-    left = balance @ force - np.array([robot.weight, 0.0, 0.0])
-    return force if np.abs(left).max() < _BALANCED * robot.weight else None
+    residual = balance @ force - np.array([robot.weight, 0.0, 0.0])
+    return force if np.abs(residual).max() < _BALANCE_TOLERANCE * robot.weight else None

@@ -63,35 +63,37 @@ class FiveBar:
         return (JOINTS,) * len(self.mount_yaw)
 
     def only(self, limbs: slice) -> Self:
-        """Some legs alone."""
+        """Return the mechanism of some legs."""
         return type(self)(self.shoulder_body[limbs], self.mount_yaw[limbs], self.linkage)
 
     def plane(self, angles: Array) -> LegPlane:
-        """Elbow and tilt for angles (..., N, 3) [rad]; NaN where the linkage does not close."""
+        """Return elbow and tilt for angles (..., N, 3) [rad]; NaN where the linkage is open."""
         bar = self.linkage
         f, a = angles[..., 1], angles[..., 2]
         elbow = np.array([bar.offset, bar.axis_f]) + bar.crank_f * _down(f)
         end = np.array([bar.offset, bar.axis_a]) + bar.crank_a * _down(a)
-        back = end - elbow
-        distance = np.hypot(back[..., 0], back[..., 1])
-        held = np.hypot(bar.held_along, bar.held_across)
+        to_crank_a = end - elbow
+        distance = np.hypot(to_crank_a[..., 0], to_crank_a[..., 1])
+        radius = np.hypot(bar.held_along, bar.held_across)
         with np.errstate(invalid="ignore"):
-            opening = np.arccos((held**2 + distance**2 - bar.coupler**2) / (2 * held * distance))
-        # From the way back to crank A round to where the link is held, then to the link itself
-        direction = np.arctan2(back[..., 1], back[..., 0]) + opening
+            opening = np.arccos(
+                (radius**2 + distance**2 - bar.coupler**2) / (2 * radius * distance)
+            )
+        # From the direction of crank A to the coupler's joint on the link, then to the link itself
+        direction = np.arctan2(to_crank_a[..., 1], to_crank_a[..., 0]) + opening
         tilt = direction - np.arctan2(bar.held_across, bar.held_along) + np.pi / 2
         tilt = tilt - 2 * np.pi * np.round(tilt / (2 * np.pi))
         # Rates by differentiating |C - end|^2 = coupler^2
-        spoke = held * np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+        spoke = radius * np.stack([np.cos(direction), np.sin(direction)], axis=-1)
         rod = elbow + spoke - end
-        by_tilt = _dot(rod, _turned(spoke))
-        by_f = _dot(rod, bar.crank_f * _turned(_down(f)))
-        by_a = -_dot(rod, bar.crank_a * _turned(_down(a)))
+        by_tilt = _dot(rod, _rotate_quarter(spoke))
+        by_f = _dot(rod, bar.crank_f * _rotate_quarter(_down(f)))
+        by_a = -_dot(rod, bar.crank_a * _rotate_quarter(_down(a)))
         rates = -np.stack([by_f, by_a], axis=-1) / by_tilt[..., None]
         return LegPlane(elbow, tilt, rates)
 
     def joint_points(self, angles: Array) -> Array:
-        """Shoulder, crank F's axis, elbow and toe (..., N, 4, 3), body frame [m]."""
+        """Return shoulder, crank F's axis, elbow and toe (..., N, 4, 3), body frame [m]."""
         plane = self.plane(angles)
         toe = plane.elbow + self.linkage.link * _down(plane.tilt)
         zero = np.zeros_like(toe)
@@ -103,23 +105,23 @@ class FiveBar:
         return self.shoulder_body[:, None, :] + points
 
     def jacobian(self, angles: Array) -> Array:
-        """d(toe)/d(angles) (..., N, 3, 3) [m/rad]."""
+        """Return d(toe)/d(angles) (..., N, 3, 3) [m/rad]."""
         plane = self.plane(angles)
         out = self._out(angles)
         reach = plane.elbow[..., :1] + self.linkage.link * np.sin(plane.tilt)[..., None]
         sideways = np.stack([-out[..., 1], out[..., 0], np.zeros_like(out[..., 0])], axis=-1)
-        by_tilt = self.linkage.link * _turned(_down(plane.tilt))
-        by_f = self.linkage.crank_f * _turned(_down(angles[..., 1]))
+        by_tilt = self.linkage.link * _rotate_quarter(_down(plane.tilt))
+        by_f = self.linkage.crank_f * _rotate_quarter(_down(angles[..., 1]))
         columns = [reach * sideways]
-        for number, own in enumerate((by_f, np.zeros_like(by_f))):
-            flat = own + plane.tilt_rates[..., number, None] * by_tilt
+        for number, by_crank in enumerate((by_f, np.zeros_like(by_f))):
+            flat = by_crank + plane.tilt_rates[..., number, None] * by_tilt
             column = flat[..., :1] * out
             column[..., 2] += flat[..., 1]
             columns.append(column)
         return np.stack(columns, axis=-1)
 
     def turning(self, angles: Array) -> Array:
-        """Turning velocity of the last link by joint speed, (..., N, 3, 3)."""
+        """Return the angular velocity of the last link by joint speed, (..., N, 3, 3)."""
         rates = self.plane(angles).tilt_rates
         out = self._out(angles)
         hinge = np.stack([out[..., 1], -out[..., 0], np.zeros_like(out[..., 0])], axis=-1)
@@ -127,11 +129,11 @@ class FiveBar:
         return np.stack([up, rates[..., :1] * hinge, rates[..., 1:] * hinge], axis=-1)
 
     def last_link(self, angles: Array) -> Array:
-        """Rows x along the last link, y across it in the leg's plane, z the hinge."""
+        """Return rows x along the last link, y across it in the leg's plane, z the hinge."""
         return frame_in_plane(self._out(angles), self.plane(angles).tilt)
 
     def hessian(self, angles: Array) -> Array:
-        """Second derivatives of the toe (..., N, 3, 3, 3), by central differences of the first."""
+        """Return second derivatives of the toe (..., N, 3, 3, 3), by central differences."""
         columns = []
         for joint in range(3):
             step = np.zeros(3)
@@ -141,7 +143,7 @@ class FiveBar:
         return np.stack(columns, axis=-1)
 
     def inverse(self, toes: Array, lower: Array, upper: Array) -> InverseKinematics:
-        """Joint angles for toes (..., N, 3); two branches: elbow up, elbow down."""
+        """Return joint angles for toes (..., N, 3); two branches: elbow up, elbow down."""
         bar = self.linkage
         offset = toes - self.shoulder_body
         yaw = np.arctan2(offset[..., 1], offset[..., 0]) - self.mount_yaw
@@ -151,23 +153,23 @@ class FiveBar:
         gap = np.maximum(span - bar.crank_f - bar.link, np.abs(bar.crank_f - bar.link) - span)
         inner = (span**2 + bar.crank_f**2 - bar.link**2) / (2 * np.maximum(span, 1e-12))
         opening = np.arccos(np.clip(inner / bar.crank_f, -1.0, 1.0))
-        found, reached = [], []
+        branches, reached = [], []
         for side in (1.0, -1.0):
             f = np.arctan2(z, x) + side * opening + np.pi / 2
             a = self._crank_a(f, np.stack([x, z], axis=-1) - bar.crank_f * _down(f))
-            found.append(np.stack([yaw, f, np.where(np.isfinite(a), a, 0.0)], axis=-1))
+            branches.append(np.stack([yaw, f, np.where(np.isfinite(a), a, 0.0)], axis=-1))
             reached.append((gap <= BOUND_SLACK) & np.isfinite(a))
-        stacked, reach = np.stack(found, axis=-3), np.stack(reached, axis=-2)
+        stacked, reach = np.stack(branches, axis=-3), np.stack(reached, axis=-2)
         middle = (lower + upper) / 2
         wrapped = stacked - 2 * np.pi * np.round((stacked - middle) / (2 * np.pi))
         inside = (wrapped >= lower - BOUND_SLACK) & (wrapped <= upper + BOUND_SLACK)
         missing = np.broadcast_to(np.maximum(gap, 0.0)[..., None, :], reach.shape)
         return InverseKinematics(wrapped, reach, reach & inside.all(axis=-1), missing)
 
-    def miss(
+    def explain_miss(
         self, solution: InverseKinematics, toes: Array, limb: int, lower: Array, upper: Array
     ) -> Miss:
-        """Why limb `limb` of a solution for toes (N, 3) is not valid."""
+        """Explain why limb `limb` of a solution for toes (N, 3) is not valid."""
         gap = float(solution.missing[0, limb])
         if gap > BOUND_SLACK:
             return Miss("too far" if np.linalg.norm(toes[limb]) > 0.2 else "too near", gap)
@@ -183,29 +185,34 @@ class FiveBar:
         )
 
     def _out(self, angles: Array) -> Array:
-        """Unit vectors (..., N, 3) outward in the legs' planes."""
+        """Return unit vectors (..., N, 3) outward in the legs' planes."""
         psi = self.mount_yaw + angles[..., 0]
         return np.stack([np.cos(psi), np.sin(psi), np.zeros_like(psi)], axis=-1)
 
     def _crank_a(self, f: Array, along: Array) -> Array:
-        """Angle of crank A that closes the linkage; along: (..., 2) from elbow to toe."""
+        """Return the angle of crank A that closes the linkage.
+
+        along: (..., 2) from elbow to toe [m].
+        """
         bar = self.linkage
         x = along / np.maximum(np.hypot(along[..., 0], along[..., 1]), 1e-12)[..., None]
         elbow = np.array([0.0, bar.axis_f - bar.axis_a]) + bar.crank_f * _down(f)
-        held = elbow + bar.held_along * x + bar.held_across * _turned(x)
-        distance = np.hypot(held[..., 0], held[..., 1])
+        coupler_joint = elbow + bar.held_along * x + bar.held_across * _rotate_quarter(x)
+        distance = np.hypot(coupler_joint[..., 0], coupler_joint[..., 1])
         with np.errstate(invalid="ignore"):
             inner = (bar.crank_a**2 + distance**2 - bar.coupler**2) / (2 * bar.crank_a * distance)
-            return np.asarray(np.arctan2(held[..., 0], -held[..., 1]) - np.arccos(inner))
+            return np.asarray(
+                np.arctan2(coupler_joint[..., 0], -coupler_joint[..., 1]) - np.arccos(inner)
+            )
 
 
 def _down(angle: Array) -> Array:
-    """Unit vectors (..., 2) at angles from straight down towards outward."""
+    """Return unit vectors (..., 2) at angles from straight down towards outward."""
     return np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
 
 
-def _turned(vector: Array) -> Array:
-    """Vectors (..., 2) turned by a quarter, towards growing angles."""
+def _rotate_quarter(vector: Array) -> Array:
+    """Return vectors (..., 2) rotated by a quarter turn, towards growing angles."""
     return np.stack([-vector[..., 1], vector[..., 0]], axis=-1)
 
 

@@ -1,4 +1,4 @@
-"""Grippers on spherical wrists: how wrists turn, and what they feel.
+"""Grippers on spherical wrists: joint angles and torques of wrists.
 
 A wrist sits at the end of a limb's last link, whose frame has x along the link, y across it in the
 limb's plane (towards body z where the link points down), and z along the last joint's axis. Joint 1
@@ -31,7 +31,7 @@ class Gripper:
 
     @classmethod
     def from_spec(cls, spec: GripperSpec) -> Self:
-        """The arrays of a validated gripper spec."""
+        """Build the arrays of a validated gripper spec."""
         return cls(
             length=spec.length,
             finger_span=spec.finger_span,
@@ -44,17 +44,21 @@ class Gripper:
 
 @dataclass(frozen=True)
 class Wrists:
-    """Wrists that hold grippers against a surface."""
+    """Wrists that press grippers against a surface."""
 
     angles: Array  # (..., 3) [rad]
     axes: Array  # (..., 3, 3) rows: unit axes of the three joints
 
 
 def wrists_at(link: Array, approach: Array, closing: Array) -> Wrists:
-    """Wrist angles that point the gripper along `approach`, its fingers along `closing`.
+    """Return wrist angles that point the gripper along `approach`, its fingers along `closing`.
 
-    link: (..., 3, 3) rows x, y, z of the last link's frame; approach, closing: (..., 3) unit and at
-    right angles. Two fingers are the same after half a turn: joint 3 takes the smaller way.
+    Two fingers are the same after half a turn: joint 3 takes the smaller rotation.
+
+    Args:
+        link: Rows x, y, z (..., 3, 3) of the last link's frame.
+        approach: Unit direction (..., 3).
+        closing: Unit direction (..., 3) at right angles to it.
     """
     x, y, z = link[..., 0, :], link[..., 1, :], link[..., 2, :]
     second = np.arcsin(np.clip(_dot(approach, y), -1.0, 1.0))

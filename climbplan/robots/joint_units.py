@@ -1,4 +1,4 @@
-"""Angles, torques and speeds of joints in words: degrees and N m, of slides millimetres and N."""
+"""Format angles, torques and speeds of joints with their units: degrees and N m, or mm and N."""
 
 from __future__ import annotations
 
@@ -8,39 +8,47 @@ from climbplan.arrays import Array
 from climbplan.robots.model import Robot
 
 
-def place_words(robot: Robot, limb: int, joint: int, amount: float, digits: str = ".1f") -> str:
-    """An angle [rad], or a length [m] of a joint that slides: "3.0 deg", "12.0 mm"."""
+def format_joint_position(
+    robot: Robot, limb: int, joint: int, amount: float, digits: str = ".1f"
+) -> str:
+    """Return an angle [rad] as "3.0 deg", or a length [m] of a prismatic joint as "12.0 mm"."""
     if robot.slides[limb, joint]:
         return f"{1e3 * amount:{digits}} mm"
     return f"{np.rad2deg(amount):{digits}} deg"
 
 
 def torque_unit(robot: Robot, limb: int, joint: int) -> str:
-    """Of a joint's torque limit, or of the limit of the force of one that slides."""
+    """Return the unit of a joint's torque or force limit."""
     return "N" if robot.slides[limb, joint] else "N m"
 
 
 def speed_unit(robot: Robot, limb: int, joint: int) -> str:
-    """Of a joint's speed limit."""
+    """Return the unit of a joint's speed limit."""
     return "m/s" if robot.slides[limb, joint] else "rad/s"
 
 
 def stiffness_unit(robot: Robot, limb: int, joint: int) -> str:
-    """Of a joint's stiffness."""
+    """Return the unit of a joint's stiffness."""
     return "N/m" if robot.slides[limb, joint] else "N m/rad"
 
 
-def least_room(robot: Robot, beyond: Array) -> str:
-    """How far the joint nearest to its bounds is inside them; beyond: (..., N, J) past them."""
+def format_bound_margin(robot: Robot, beyond: Array) -> str:
+    """Return how far the joint nearest to its bounds is inside them.
+
+    beyond: (..., N, J) distances past the bounds, negative inside [rad, m].
+    """
     if not robot.slides.any():
         return f"{np.rad2deg(-beyond.max()):.1f} deg"
     worst = (beyond / robot.joint_unit).reshape(-1, robot.slides.size).argmax()
     limb, joint = divmod(int(worst % robot.slides.size), robot.joint_count)
-    return place_words(robot, limb, joint, -float(beyond.reshape(-1)[worst]))
+    return format_joint_position(robot, limb, joint, -float(beyond.reshape(-1)[worst]))
 
 
-def largest_torques(robot: Robot, torque: Array) -> str:
-    """The largest of torques (..., N, J), NaN left out: "12.3 N m", and "45.6 N" of slides."""
+def format_largest_torques(robot: Robot, torque: Array) -> str:
+    """Return the largest of torques (..., N, J): "12.3 N m", and "45.6 N" of slides.
+
+    NaN is left out.
+    """
     size = np.nan_to_num(np.abs(torque))
     slides = robot.slides & robot.has_joint
     turning = f"{float(np.where(slides, 0.0, size).max(initial=0.0)):.1f} N m"

@@ -1,7 +1,7 @@
 """Forward and inverse kinematics of a robot's limbs, in the body frame and in the world.
 
-What a limb is made of is its mechanism's business (`robots/mechanism.py`): coxa, femur and tibia in
-closed form (`coxa_femur_tibia.py`), or any chain of revolute joints (`serial_chain.py`).
+The mechanism of a limb (`robots/mechanism.py`) is coxa, femur and tibia in closed form
+(`coxa_femur_tibia.py`), or any chain of joints (`serial_chain.py`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from climbplan.robots.serial_chain import SerialChain
 
 
 def joint_points_body(robot: Robot, angles: Array) -> Array:
-    """First joint, further joints and toe of every limb (shoulder, femur joint, knee, toe).
+    """Return first joint, further joints and toe of every limb (shoulder, femur joint, knee, toe).
 
     angles: (..., N, J) [rad]. Returns (..., N, P, 3) in the body frame [m].
     """
@@ -30,17 +30,17 @@ def joint_points_body(robot: Robot, angles: Array) -> Array:
 
 
 def toe_body(robot: Robot, angles: Array) -> Array:
-    """Toe positions (..., N, 3) in the body frame [m] for angles (..., N, J) [rad]."""
+    """Return toe positions (..., N, 3) in the body frame [m] for angles (..., N, J) [rad]."""
     return joint_points_body(robot, angles)[..., -1, :]
 
 
 def jacobian_body(robot: Robot, angles: Array) -> Array:
-    """d(toe_body)/d(angles) of every limb, (..., N, 3, J), body frame [m/rad]."""
+    """Return d(toe_body)/d(angles) of every limb, (..., N, 3, J), body frame [m/rad]."""
     return robot.limbs.jacobian(angles)
 
 
 def toe_hessian(robot: Robot, angles: Array) -> Array:
-    """Second derivatives of toe_body by the angles of its limb, (..., N, 3, J, J) [m/rad^2].
+    """Return second derivatives of toe_body by the angles of its limb, (..., N, 3, J, J) [m/rad^2].
 
     The first of the last three axes is the toe's, body frame.
     """
@@ -48,77 +48,90 @@ def toe_hessian(robot: Robot, angles: Array) -> Array:
 
 
 def toe_world(robot: Robot, com: Array, rpy: Array, angles: Array) -> Array:
-    """Toe positions (..., N, 3) in the world for body poses (..., 3) and angles (..., N, J)."""
+    """Return toe positions (..., N, 3) in the world [m].
+
+    com, rpy: body poses (..., 3) [m, rad]; angles: (..., N, J) [rad].
+    """
     rotation = rotation_world_body(rpy)
     return com[..., None, :] + np.einsum("...ij,...nj->...ni", rotation, toe_body(robot, angles))
 
 
 def jacobian_world(robot: Robot, rpy: Array, angles: Array) -> Array:
-    """d(toe_world)/d(angles) at a fixed body, (..., N, 3, J) [m/rad]."""
+    """Return d(toe_world)/d(angles) at a fixed body, (..., N, 3, J) [m/rad]."""
     rotation = rotation_world_body(rpy)
     return np.einsum("...ij,...njk->...nik", rotation, jacobian_body(robot, angles))
 
 
 def contact_jacobian(robot: Robot, rpy: Array, angles: Array, normal: Array) -> Array:
-    """d(point that touches)/d(angles) at a fixed body, (..., N, 3, J), world frame [m/rad].
+    """Return d(contact point)/d(angles) at a fixed body, (..., N, 3, J), world frame [m/rad].
 
-    normal: (..., N, 3) of the surfaces under the toes. The point is one of the last link: of point
-    toes the toe, and where wrists hold grippers their centre.
+    The point is one of the last link: of point toes the toe, and where wrists hold grippers their
+    centre.
+
+    Args:
+        robot: The robot.
+        rpy: Rotation of the body (..., 3) [rad].
+        angles: Joint angles (..., N, J) [rad].
+        normal: Unit normals (..., N, 3) of the surfaces under the toes.
     """
     if robot.foot is None:
         return jacobian_world(robot, rpy, angles)
-    jacobian = _touching(robot, rpy, angles, normal).jacobian
+    jacobian = _build_contact_chains(robot, rpy, angles, normal).jacobian
     return np.einsum("...ij,...njk->...nik", rotation_world_body(rpy), jacobian)
 
 
 def contact_hessian(robot: Robot, rpy: Array, angles: Array, normal: Array) -> Array:
-    """Its second derivatives by the angles of its limb, (..., N, 3, J, J), world [m/rad^2]."""
-    own = toe_hessian(robot, angles)
+    """Return second derivatives of the contact point, (..., N, 3, J, J), world frame [m/rad^2]."""
+    hessian = toe_hessian(robot, angles)
     if robot.foot is not None:
-        own = _touching(robot, rpy, angles, normal).hessian
-    return np.einsum("...il,...nljk->...nijk", rotation_world_body(rpy), own)
+        hessian = _build_contact_chains(robot, rpy, angles, normal).hessian
+    return np.einsum("...il,...nljk->...nijk", rotation_world_body(rpy), hessian)
 
 
 def contact_points(robot: Robot, toes: Array, normal: Array) -> Array:
-    """Where toes (..., N, 3) with surfaces of unit normals (..., N, 3) under them touch [m]."""
+    """Return the points (..., N, 3) where toes touch surfaces of unit normals (..., N, 3) [m]."""
     return toes if robot.foot is None else toes + robot.foot.arm(normal)
 
 
 def point_jacobian(robot: Robot, rpy: Array, angles: Array, normal: Array) -> Array:
-    """d(point that is pushed)/d(angles) at a fixed body, (..., C, 3, J), world frame [m/rad].
+    """Return d(force point)/d(angles) at a fixed body, (..., C, 3, J), world frame [m/rad].
 
-    C: N limbs times the points of a foot, limb by limb; one and the same as `contact_jacobian` but
-    of flat feet.
+    C is N limbs times the points of a foot, limb by limb. It differs from `contact_jacobian` only
+    for
+    flat feet.
     """
-    own = contact_jacobian(robot, rpy, angles, normal)
+    contact = contact_jacobian(robot, rpy, angles, normal)
     if robot.foot is None or robot.foot.points == 1:
-        return own
+        return contact
     world = rotation_world_body(rpy)[..., None, :, :]
     turning = world @ robot.limbs.turning(angles)  # (..., N, 3, J)
     arm = robot.foot.point_arms(normal)  # (..., N, P, 3)
-    points = own[..., None, :, :] - skew(arm) @ turning[..., None, :, :]
-    return np.asarray(points.reshape(*own.shape[:-3], -1, *own.shape[-2:]))
+    points = contact[..., None, :, :] - skew(arm) @ turning[..., None, :, :]
+    return np.asarray(points.reshape(*contact.shape[:-3], -1, *contact.shape[-2:]))
 
 
 def point_hessian(robot: Robot, rpy: Array, angles: Array, normal: Array) -> Array:
-    """Its second derivatives by the angles of its limb, (..., C, 3, J, J), world [m/rad^2]."""
+    """Return second derivatives of the force points, (..., C, 3, J, J), world frame [m/rad^2]."""
     if robot.foot is None or robot.foot.points == 1:
         return contact_hessian(robot, rpy, angles, normal)
     assert isinstance(robot.mechanism, SerialChain)
     pose = robot.mechanism.pose(angles)
     world = rotation_world_body(rpy)
     arms = robot.foot.point_arms(normal)
-    found = []
+    hessians = []
     for point in range(robot.foot.points):
         local = np.einsum("...ji,...nj->...ni", world, arms[..., point, :])
-        own = replace(pose, toe=pose.toe + local).hessian
-        found.append(np.einsum("...il,...nljk->...nijk", world, own))
-    both = np.stack(found, axis=-4)  # (..., N, P, 3, J, J)
+        hessian = replace(pose, toe=pose.toe + local).hessian
+        hessians.append(np.einsum("...il,...nljk->...nijk", world, hessian))
+    both = np.stack(hessians, axis=-4)  # (..., N, P, 3, J, J)
     return np.asarray(both.reshape(*angles.shape[:-2], -1, *both.shape[-3:]))
 
 
 def pushed_points(robot: Robot, toes: Array, normal: Array) -> Array:
-    """(..., C, 3) points at which feet on surfaces of normals (..., N, 3) are pushed [m]."""
+    """Return the points (..., C, 3) at which forces act on feet on surfaces [m].
+
+    normal: (..., N, 3) unit, of the surfaces.
+    """
     if robot.foot is None or robot.foot.points == 1:
         return contact_points(robot, toes, normal)
     points = toes[..., None, :] + robot.foot.point_arms(normal)
@@ -126,22 +139,23 @@ def pushed_points(robot: Robot, toes: Array, normal: Array) -> Array:
 
 
 def held_rows(robot: Robot, rpy: Array, angles: Array, normal: Array, jacobian: Array) -> Array:
-    """(..., N, R, J) velocities by joint speed of what surfaces hold of each limb, world frame.
+    """Return the velocities (..., N, R, J) that a surface constrains, by joint speed, world frame.
 
-    The point that touches, R = 3, whose Jacobian (..., N, 3, J) is given; of flat feet, R = 6, the
-    toe and the turning of the foot.
+    R = 3: the contact point, whose Jacobian (..., N, 3, J) is given. R = 6 for flat feet: the toe
+    and
+    the rotation of the foot.
     """
     if robot.sole is None:
         return jacobian
     world = rotation_world_body(rpy)[..., None, :, :]
-    own = contact_jacobian(robot, rpy, angles, normal)
-    return np.concatenate([own, world @ robot.limbs.turning(angles)], axis=-2)
+    contact = contact_jacobian(robot, rpy, angles, normal)
+    return np.concatenate([contact, world @ robot.limbs.turning(angles)], axis=-2)
 
 
 def held_motion(robot: Robot, arms: Array) -> Array:
-    """(..., N, R, 6) velocities of the same by those of the body and its turning.
+    """Return the constrained velocities (..., N, R, 6) by the twist of the body.
 
-    arms: (..., C, 3) from the body's origin to the points that are pushed, limb by limb [m].
+    arms: (..., C, 3) from the body's origin to the force points, limb by limb [m].
     """
     if robot.sole is None:
         return rigid_motion(arms)
@@ -152,7 +166,7 @@ def held_motion(robot: Robot, arms: Array) -> Array:
 
 
 def rigid_motion(arms: Array) -> Array:
-    """B = [I P^T]: displacement of points by a small body motion, eq. (4.12).
+    """Return B = [I P^T]: displacement of points by a small body motion, eq. (4.12).
 
     arms: (..., 3) from the body origin to the points [m]. Returns (..., 3, 6).
     """
@@ -161,13 +175,13 @@ def rigid_motion(arms: Array) -> Array:
 
 
 def by_point(robot: Robot, values: NDArray[Any], axis: int) -> NDArray[Any]:
-    """Values by limb along an axis, as often as their feet have points."""
+    """Return values by limb along an axis, repeated for every point of their feet."""
     count = 1 if robot.foot is None else robot.foot.points
     return values if count == 1 else np.repeat(values, count, axis=axis)
 
 
-def _touching(robot: Robot, rpy: Array, angles: Array, normal: Array) -> ChainPose:
-    """Chains in the body frame that end in the points of their feet that touch."""
+def _build_contact_chains(robot: Robot, rpy: Array, angles: Array, normal: Array) -> ChainPose:
+    """Return the chains in the body frame that end in the contact points of their feet."""
     assert robot.foot is not None
     assert isinstance(robot.mechanism, SerialChain)
     pose = robot.mechanism.pose(angles)
@@ -176,42 +190,50 @@ def _touching(robot: Robot, rpy: Array, angles: Array, normal: Array) -> ChainPo
 
 
 def to_body(com: Array, rpy: Array, points_world: Array) -> Array:
-    """World points (..., N, 3) in the frame of bodies at com, rpy (..., 3)."""
+    """Return world points (..., N, 3) in the frame of bodies at com, rpy (..., 3)."""
     rotation = rotation_world_body(rpy)
     return np.einsum("...ji,...nj->...ni", rotation, points_world - com[..., None, :])
 
 
 def sole_turns(robot: Robot, rpy: Array, normal: Array) -> Array | None:
-    """(..., N, 3, 3) of last links from zero angles, of limbs whose soles lie on their surfaces.
+    """Return rotations (..., N, 3, 3) of last links from zero angles, with soles on their surfaces.
 
-    rpy: (..., 3) of bodies, normal: (..., N, 3) of surfaces, unit or nearly so. None where feet are
-    not flat: their limbs turn as they like.
+    Args:
+        robot: The robot.
+        rpy: Rotation of the body (..., 3) [rad].
+        normal: Normals (..., N, 3) of surfaces, unit or nearly so.
+
+    Returns:
+        The rotations; None where feet are not flat: their limbs turn freely.
     """
     return None if robot.sole is None else turns_under(robot, rotation_world_body(rpy), normal)
 
 
 def turns_under(robot: Robot, rotation: Array, normal: Array) -> Array | None:
-    """The same for bodies of rotations (..., 3, 3)."""
+    """Return the rotations of `sole_turns` for bodies of rotations (..., 3, 3)."""
     sole = robot.sole
     if sole is None:
         return None
     unit = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-    turned = np.swapaxes(rotation, -1, -2)[..., None, :, :] @ sole.axes(unit)
-    return np.asarray(turned @ np.swapaxes(sole.axes_zero, -1, -2))
+    rotations = np.swapaxes(rotation, -1, -2)[..., None, :, :] @ sole.axes(unit)
+    return np.asarray(rotations @ np.swapaxes(sole.axes_zero, -1, -2))
 
 
 def inverse(
     robot: Robot, toes_body: Array, turns: Array | None = None, inside: Array | float = 0.0
 ) -> InverseKinematics:
-    """Joint angles that put the toes at toes_body (..., N, 3), body frame [m].
+    """Return joint angles that put the toes at toes_body.
 
-    turns: (..., N, 3, 3) of last links, of `sole_turns`. Robots with flat feet do not go without.
-    inside: (N, J) that joints keep within their bounds [rad].
+    Args:
+        robot: The robot.
+        toes_body: Positions (..., N, 3), body frame [m].
+        turns: Rotations (..., N, 3, 3) of last links from `sole_turns`; required for flat feet.
+        inside: Margin (N, J) from joint bounds [rad].
     """
     bounds = robot.joint_lower + inside, robot.joint_upper - inside
     if turns is None:
         if robot.sole is not None:
-            raise TypeError("flat feet lie on surfaces: which way is not told")
+            raise TypeError("flat feet lie on surfaces: expected the rotations of last links")
         return robot.limbs.inverse(toes_body, *bounds)
     assert isinstance(robot.mechanism, SerialChain)
     return robot.mechanism.inverse(toes_body, *bounds, turns)
@@ -220,9 +242,14 @@ def inverse(
 def standing_inverse(
     robot: Robot, com: Array, rpy: Array, toes: Array, normal: Array
 ) -> InverseKinematics:
-    """Joint angles for toes (..., N, 3) on surfaces of normals (..., N, 3), world frame.
+    """Return joint angles for toes on surfaces, world frame. Flat feet lie on the surfaces.
 
-    com, rpy: (..., 3) of the bodies. Flat feet lie on the surfaces.
+    Args:
+        robot: The robot.
+        com: Position of the body (..., 3) [m].
+        rpy: Rotation of the body (..., 3) [rad].
+        toes: Positions (..., N, 3) [m].
+        normal: Unit normals (..., N, 3).
     """
     return inverse(robot, to_body(com, rpy, toes), sole_turns(robot, rpy, normal))
 
@@ -230,15 +257,22 @@ def standing_inverse(
 def require_reachable(
     robot: Robot, toes_body: Array, where: str, turns: Array | None = None
 ) -> Array:
-    """Joint angles (N, J) for one posture; turns as of `inverse`.
+    """Return joint angles (N, J) for one posture.
 
-    Raises ReachFailure with the limb, the missing reach or the violated joint bound.
+    Args:
+        robot: The robot.
+        toes_body: Positions (N, 3), body frame [m].
+        where: The posture, for the message.
+        turns: Rotations (N, 3, 3) of last links from `sole_turns`; required for flat feet.
+
+    Raises:
+        ReachFailure: A toe is out of reach; with the missing distance or the violated joint bound.
     """
     solution = inverse(robot, toes_body, turns)
     for limb in (int(i) for i in np.flatnonzero(~solution.valid)):
         bounds = robot.joint_lower, robot.joint_upper
-        found = robot.limbs.miss(solution, toes_body, limb, *bounds)
+        miss = robot.limbs.explain_miss(solution, toes_body, limb, *bounds)
         raise ReachFailure(
-            robot.limb_names[limb], found.reason, found.missing, where, found.joint, found.past
+            robot.limb_names[limb], miss.reason, miss.missing, where, miss.joint, miss.past
         )
     return solution.best()

@@ -9,7 +9,7 @@ from climbplan.robots.model import Robot
 
 
 def joint_axes_body(robot: Robot, angles: Array) -> Array:
-    """Turning velocity of the last link by joint speed, as rows (..., N, J, 3), body frame.
+    """Return the angular velocity of the last link by joint speed, rows (..., N, J, 3), body frame.
 
     Of serial limbs these are the unit axes of the joints.
     """
@@ -17,5 +17,5 @@ def joint_axes_body(robot: Robot, angles: Array) -> Array:
 
 
 def last_link_body(robot: Robot, angles: Array) -> Array:
-    """Rows x along the last link, y across it, z along its joint's axis (..., N, 3, 3), body."""
+    """Return rows x along the last link, y across it, z along its joint's axis (..., N, 3, 3)."""
     return robot.limbs.last_link(angles)

@@ -1,7 +1,7 @@
-"""The order of legs: pairs from front to hind, of each the left leg and then the right one.
+"""The order of legs: pairs from front to hind, in each the left leg and then the right one.
 
-Left front, right front, left hind, right hind of a quadruped; a hexapod has a middle pair between
-them. What is said of legs in turn, in mirrors and in groups follows from it.
+A quadruped has left front, right front, left hind, right hind. A hexapod has a middle pair between
+them. Mirrors and groups of legs follow from this order.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ MIRROR_TURN = np.array([-1.0, 1.0, -1.0])  # of angles and angular velocities
 
 
 def mirror_legs(legs: int) -> IntArray:
-    """(L,) the leg on the other side of each."""
+    """Return for each leg the one on the other side (L,)."""
     return np.arange(legs, dtype=np.int64) ^ 1
 
 
 def alternating(legs: int) -> IntArray:
-    """(L,) 0 or 1: groups that stand in turn, neighbours in different ones.
+    """Return the groups 0 or 1 (L,) that stand in turn, neighbours in different ones.
 
     Diagonals of a quadruped, tripods of a hexapod.
     """
@@ -29,16 +29,18 @@ def alternating(legs: int) -> IntArray:
 
 
 def contrasts(legs: int) -> Array:
-    """(L - 1, L) orthonormal rows that add up to 0: all that sets forces of legs apart.
+    """Return orthonormal rows (L - 1, L) that add up to 0: contrasts between the forces of legs.
 
     Squares of differences over ordered pairs are 2 L times the sum of their squares.
     """
-    every: Array = np.kron(_orthonormal(legs // 2), _orthonormal(2)).astype(np.float64)
-    return every[1:]
+    full: Array = np.kron(_build_helmert_matrix(legs // 2), _build_helmert_matrix(2)).astype(
+        np.float64
+    )
+    return full[1:]
 
 
-def _orthonormal(size: int) -> Array:
-    """Helmert's matrix (size, size): its first row is even, each other sets one apart."""
+def _build_helmert_matrix(size: int) -> Array:
+    """Return the Helmert matrix (size, size): a constant first row, then contrasts."""
     rows = np.ones((size, size))
     for k in range(1, size):
         rows[k] = [1.0] * k + [-float(k)] + [0.0] * (size - k - 1)

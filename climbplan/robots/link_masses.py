@@ -1,4 +1,4 @@
-"""What each link of a limb weighs, and where: as a limb moves, so does the centre of mass."""
+"""Masses of the links of limbs: the centre of mass moves with the limbs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from climbplan.robots.serial_chain import SerialChain
 
 @dataclass(frozen=True)
 class LinkMasses:
-    """Links of N chains of J joints, body frame, at zero angles; and what is left to the body.
+    """Links of N chains of J joints, body frame, at zero angles; and the remaining body.
 
     A link is all that moves with a joint; zero where a limb has no such joint.
     """
@@ -26,17 +26,17 @@ class LinkMasses:
     body_inertia: Array  # (3, 3) about it [kg m^2]
 
     @property
-    def share(self) -> float:
-        """Of the whole mass, in the links."""
+    def mass_fraction(self) -> float:
+        """The fraction of the mass that is in the links."""
         return float(self.mass.sum() / (self.mass.sum() + self.body_mass))
 
     def middles(self, chain: SerialChain, angles: Array) -> Array:
-        """Centres of mass of links (..., N, J, 3) at angles (..., N, J), body frame [m]."""
+        """Return centres of mass of links (..., N, J, 3) at angles (..., N, J), body frame [m]."""
         pose = chain.pose(angles)
         return np.asarray(pose.places + (pose.turns @ self.middle[..., None])[..., 0])
 
     def torques(self, chain: SerialChain, angles: Array, down: Array) -> Array:
-        """(..., N, J) torques of the links' weight about their joints, as J^T f has them [N m, N].
+        """Return torques (..., N, J) of the links' weight about their joints, as J^T f [N m, N].
 
         down: (..., 3) gravity in the body frame [m/s^2].
         """
@@ -44,16 +44,19 @@ class LinkMasses:
         return weight_torques(chain.pose(angles), self.middles(chain, angles), weight)
 
     def centre(self, chain: SerialChain, angles: Array) -> Array:
-        """Centre of mass of the robot (..., 3) at angles (..., N, J), body frame [m]."""
+        """Return the centre of mass of the robot (..., 3) at angles (..., N, J), body frame [m]."""
         moment = np.einsum("nj,...nji->...i", self.mass, self.middles(chain, angles))
         whole = self.mass.sum() + self.body_mass
         return np.asarray((moment + self.body_mass * self.body_middle) / whole)
 
 
 def weight_torques(pose: ChainPose, middles: Array, weight: Array) -> Array:
-    """(..., N, J) torques of forces on links about the joints that carry them [N m, or N].
+    """Return torques (..., N, J) of forces on links about the joints that carry them [N m, or N].
 
-    middles, weight: (..., N, J, 3) where the forces act and what they are, body frame [m, N].
+    Args:
+        pose: The chains.
+        middles: Points (..., N, J, 3) at which the forces act, body frame [m].
+        weight: Forces (..., N, J, 3), body frame [N].
     """
     # Power of the weight of link l by joint j <= l: axis . (arm x weight), or slide . weight
     arms = middles[..., None, :, :] - pose.joints[..., :, None, :]  # (..., N, joint, link, 3)
@@ -61,7 +64,7 @@ def weight_torques(pose: ChainPose, middles: Array, weight: Array) -> Array:
     power = np.einsum("...ji,...jli->...jl", pose.axes, moment)
     if pose.slides is not None:
         power += np.einsum("...ji,...li->...jl", pose.slides, weight)
-    own = np.triu(power).sum(axis=-1)  # links from the joint outward
+    by_joint = np.triu(power).sum(axis=-1)  # links from the joint outward
     if pose.drive is None:
-        return np.asarray(own)
-    return np.asarray((np.swapaxes(pose.drive, -1, -2) @ own[..., None])[..., 0])
+        return np.asarray(by_joint)
+    return np.asarray((np.swapaxes(pose.drive, -1, -2) @ by_joint[..., None])[..., 0])

@@ -1,7 +1,7 @@
-"""What every kind of limb answers, whatever its joints are.
+"""The interface of all kinds of limbs, whatever their joints are.
 
-A mechanism knows the geometry of all N limbs of a robot in the body frame and nothing else: no
-torques, bounds or masses. J is the number of joints of the limb that has most; a limb with fewer
+A mechanism has the geometry of all N limbs of a robot in the body frame and nothing else: no
+torques, bounds or masses. J is the number of joints of the limb that has most. A limb with fewer
 begins with joints that move nothing and stay at zero (no name, a zero column in the Jacobian).
 """
 
@@ -29,18 +29,18 @@ class InverseKinematics:
     reachable: BoolArray  # (..., B, N) the toe lies within the links' reach
     within_bounds: BoolArray  # (..., B, N) reachable and every joint within its bounds
     missing: Array  # (..., B, N) [m] distance by which the toe is out of reach, 0 if reachable
-    tilted: Array | None = None  # (..., B, N) [rad] by which a last link lies otherwise than asked
+    tilted: Array | None = None  # (..., B, N) [rad] of a last link from its required rotation
 
     @property
     def valid(self) -> BoolArray:
-        """(..., N): at least one branch is within the joint bounds."""
+        """Whether at least one branch is within the joint bounds, (..., N)."""
         return np.asarray(self.within_bounds.any(axis=-2))
 
     def best(self) -> Array:
-        """(..., N, J): the first branch within bounds of every limb (NaN where there is none)."""
+        """Return the first branch within bounds of every limb, (..., N, J); NaN without one."""
         first = np.argmax(self.within_bounds, axis=-2)  # (..., N)
-        chosen = np.take_along_axis(self.angles, first[..., None, :, None], axis=-3)[..., 0, :, :]
-        return np.where(self.valid[..., None], chosen, np.nan)
+        selected = np.take_along_axis(self.angles, first[..., None, :, None], axis=-3)[..., 0, :, :]
+        return np.where(self.valid[..., None], selected, np.nan)
 
 
 @dataclass(frozen=True)
@@ -61,41 +61,41 @@ class Mechanism(Protocol):
         """Names of every limb's J joints, from the body to the toe; empty for none; N tuples."""
 
     def joint_points(self, angles: Array) -> Array:
-        """First joint, further joints and toe (..., N, P, 3) for angles (..., N, J) [rad].
+        """Return first joint, further joints and toe (..., N, P, 3) for angles (..., N, J) [rad].
 
         Links are the straight pieces between them; the link after joint j moves with joint j.
         """
 
     def jacobian(self, angles: Array) -> Array:
-        """d(toe)/d(angles) (..., N, 3, J) [m/rad] for angles (..., N, J)."""
+        """Return d(toe)/d(angles) (..., N, 3, J) [m/rad] for angles (..., N, J)."""
 
     def hessian(self, angles: Array) -> Array:
-        """Second derivatives of the toe (..., N, 3, J, J) [m/rad^2] for angles (..., N, J)."""
+        """Return second derivatives of the toe (..., N, 3, J, J) for angles (..., N, J)."""
 
     def turning(self, angles: Array) -> Array:
-        """Turning velocity of the last link by joint speed (..., N, 3, J) for angles (..., N, J).
+        """Return the angular velocity of the last link by joint speed, (..., N, 3, J).
 
         Of serial limbs its columns are the unit axes of the joints.
         """
 
     def last_link(self, angles: Array) -> Array:
-        """Rows (..., N, 3, 3): x along the last link, y across it, z along the last joint's axis.
+        """Return rows (..., N, 3, 3): x along the last link, y across it, z its joint's axis.
 
         What is mounted at the toe counts its angles from there. NaN where the toe lies on that
         axis.
         """
 
     def inverse(self, toes: Array, lower: Array, upper: Array) -> InverseKinematics:
-        """Joint angles for toes (..., N, 3) and joint bounds (N, J) [rad].
+        """Return joint angles for toes (..., N, 3) and joint bounds (N, J) [rad].
 
-        A function of each toe alone: the same toe is reached in the same way every time, and toes
-        along a path without a jump.
+        They are a function of each toe alone: the same toe has the same angles every time, and they
+        are continuous along a path.
         """
 
-    def miss(
+    def explain_miss(
         self, solution: InverseKinematics, toes: Array, limb: int, lower: Array, upper: Array
     ) -> Miss:
-        """Why limb `limb` of a solution for toes (N, 3) is not valid."""
+        """Explain why limb `limb` of a solution for toes (N, 3) is not valid."""
 
     def only(self, limbs: slice) -> Self:
-        """Some limbs alone."""
+        """Return the mechanism of some limbs."""

@@ -1,4 +1,4 @@
-"""A robot as arrays: what kinematics and mechanics compute with."""
+"""A robot as arrays that kinematics and mechanics compute with."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from climbplan.schema.robots.robot import RobotSpec
 
 @dataclass(frozen=True)
 class MountedCapsules:
-    """C capsules of each of N limbs at zero angles; limbs with fewer have some twice."""
+    """C capsules of each of N limbs at zero angles; limbs with fewer repeat some."""
 
     joint: IntArray  # (N, C) number of the joint that moves it
     ends: Array  # (N, C, 2, 3) of its axis, the second nearer the toe, body frame [m]
     radius: Array  # (N, C) [m]
 
     def only(self, limbs: slice) -> Self:
-        """Those of some limbs."""
+        """Return the capsules of some limbs."""
         return type(self)(self.joint[limbs], self.ends[limbs], self.radius[limbs])
 
 
@@ -81,8 +81,8 @@ class Robot:
     links: LinkMasses | None = None  # of limbs that are chains; None: limbs weigh nothing
     capsules: MountedCapsules | None = None  # None: from joint to joint, as thick as limb_radius
     body_parts: tuple[Array, ...] = ()  # (V, 3) convex parts that limbs keep off; none: the hull
-    # (T, 4) limb and capsule, and limb and capsule or -1 and 0 for the body: parts that touch
-    # however the robot stands, by the capsules that hold them, and that nothing is said of
+    # (T, 4) limb and capsule, and limb and capsule or -1 and 0 for the body: parts that always
+    # touch, by the capsules that contain them, and that no check tests
     touching: IntArray = field(default_factory=lambda: np.zeros((0, 4), np.int64))
     dynamics: JointDynamics | None = None  # of the joints; None: by their limits (`dynamics_of`)
 
@@ -98,7 +98,7 @@ class Robot:
 
     @property
     def standoff(self) -> float:
-        """How far toes stay off the surfaces that they stand on [m]."""
+        """The distance of toes from the surfaces that they stand on [m]."""
         if self.gripper is not None:
             return self.gripper.length
         return 0.0 if self.foot is None else self.foot.radius
@@ -109,7 +109,7 @@ class Robot:
         return None if self.foot is None else self.foot.sole
 
     def pressed_within(self, margin: float) -> Self:
-        """The robot with soles that are shorter and narrower by a part of what they are."""
+        """Return the robot with soles that are shorter and narrower by the fraction `margin`."""
         if self.foot is None or self.foot.sole is None or margin == 0:
             return self
         return replace(self, foot=replace(self.foot, sole=self.foot.sole.within(margin)))
@@ -123,8 +123,8 @@ class Robot:
 
     @property
     def has_joint(self) -> BoolArray:
-        """(N, J): whether a limb has a joint of that number."""
-        return np.array([[bool(name) for name in own] for own in self.limbs.joint_names])
+        """Whether a limb has a joint of that number, (N, J)."""
+        return np.array([[bool(name) for name in names] for names in self.limbs.joint_names])
 
     @property
     def motor_names(self) -> tuple[str, ...]:
@@ -132,47 +132,47 @@ class Robot:
 
         Those of the URDF where the robot is from one, else limb and joint: "RF_femur".
         """
-        own = self.limbs.joint_names
+        joint_names = self.limbs.joint_names
         if isinstance(self.mechanism, SerialChain):  # joints that mimic others have no motor
-            return tuple(name for names in own for name in names if name)
+            return tuple(name for names in joint_names for name in names if name)
         return tuple(
             f"{limb}_{name}"
-            for limb, names in zip(self.limb_names, own, strict=True)
+            for limb, names in zip(self.limb_names, joint_names, strict=True)
             for name in names
             if name
         )
 
     @property
     def slides(self) -> BoolArray:
-        """(N, J): joints whose angles are lengths, torques forces, and so on."""
+        """Prismatic joints (N, J), whose angles are lengths, torques forces, and so on."""
         if isinstance(self.mechanism, SerialChain):
             return self.mechanism.sliding
         return np.zeros(self.max_torque.shape, bool)
 
     @property
     def joint_unit(self) -> Array:
-        """(N, J): what counts as one radian: 1, or a length [m] of joints that slide."""
+        """What counts as one radian (N, J): 1, or a length [m] of prismatic joints."""
         return np.where(self.slides, RADIAN, 1.0)
 
     @property
     def longest_links(self) -> Array:
-        """(N, J) `link_lengths`, of joints that slide when these are out as far as they go [m]."""
+        """The `link_lengths` (N, J), of prismatic joints at their longest extension [m]."""
         chain = self.mechanism
         if not isinstance(chain, SerialChain) or chain.slide_zero is None:
             return self.link_lengths
-        far = np.where(self.has_joint, np.maximum(-self.joint_lower, self.joint_upper), 0.0)
-        moved = (np.abs(chain.drives) @ np.maximum(far, 0.0)[..., None])[..., 0]
-        return np.asarray(self.link_lengths + np.where(self.slides, moved, 0.0))
+        limit = np.where(self.has_joint, np.maximum(-self.joint_lower, self.joint_upper), 0.0)
+        extension = (np.abs(chain.drives) @ np.maximum(limit, 0.0)[..., None])[..., 0]
+        return np.asarray(self.link_lengths + np.where(self.slides, extension, 0.0))
 
     def joint_name(self, limb: int, joint: int) -> str:
-        """What a joint is called, and the link that it moves: "femur"."""
-        own = self.limbs.joint_names[limb]
+        """Return the name of a joint, and of the link that it moves: "femur"."""
+        names = self.limbs.joint_names[limb]
         if isinstance(self.mechanism, SerialChain):
-            own = self.mechanism.names[limb]
-        return next((name for name in own[joint:] if name), own[-1])
+            names = self.mechanism.names[limb]
+        return next((name for name in names[joint:] if name), names[-1])
 
     def one_limb(self, limb: int) -> Self:
-        """The robot with one limb alone, whose kinematics are done as many times as fast."""
+        """Return the robot with one limb alone, for faster kinematics."""
         keep = slice(limb, limb + 1)
         rows: dict[str, Any] = {
             name: value[keep] for name, value in vars(self).items() if name in _BY_LIMB
@@ -191,14 +191,17 @@ class Robot:
         return self.mass * self.gravity
 
     def centre_of_mass(self, angles: Array) -> Array:
-        """(..., 3) body frame [m], at angles (..., N, J): the origin if limbs weigh nothing."""
+        """Return the centre of mass (..., 3) at angles (..., N, J), body frame [m].
+
+        It is the origin if limbs weigh nothing.
+        """
         if self.links is None or not isinstance(self.mechanism, SerialChain):
             return np.zeros((*angles.shape[:-2], 3))
         return self.links.centre(self.mechanism, angles)
 
     @classmethod
     def from_spec(cls, spec: RobotSpec) -> Self:
-        """The arrays of a validated robot spec."""
+        """Build the arrays of a validated robot spec."""
         limbs = spec.limbs
 
         def rows(attribute: str) -> Array:
@@ -232,12 +235,12 @@ class Robot:
             limb_radius=spec.limb_radius,
             mechanism=mechanism,
             gripper=None if spec.gripper is None else Gripper.from_spec(spec.gripper),
-            dynamics=_stated_dynamics(spec),
+            dynamics=_build_dynamics(spec),
         )
 
 
-def _stated_dynamics(spec: RobotSpec) -> JointDynamics:
-    """What a robot file says of its joints, of each limb or of all; else by their limits."""
+def _build_dynamics(spec: RobotSpec) -> JointDynamics:
+    """Return the stated joint dynamics of each limb or of all, else defaults by their limits."""
     rows = {
         key: np.array([getattr(limb, key) for limb in spec.limbs], dtype=float)
         for key in ("max_torque", "max_joint_speed", "joint_stiffness")

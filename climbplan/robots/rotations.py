@@ -10,14 +10,14 @@ _OPPOSITE = 1e-9  # of 1 + cosine, below which vectors count as opposite
 
 
 def rotation_world_body(rpy: Array) -> Array:
-    """Body-to-world rotation R = Rz(yaw) Ry(pitch) Rx(roll).
+    """Return the body-to-world rotation R = Rz(yaw) Ry(pitch) Rx(roll).
 
     rpy: (..., 3) roll, pitch, yaw [rad]. Returns (..., 3, 3).
     """
     sines, cosines = np.sin(rpy), np.cos(rpy)
     sr, sp, sy = sines[..., 0], sines[..., 1], sines[..., 2]
     cr, cp, cy = cosines[..., 0], cosines[..., 1], cosines[..., 2]
-    R: Array = np.empty((*sr.shape, 3, 3))  # filled: stacking rows takes three times as long
+    R: Array = np.empty((*sr.shape, 3, 3))  # filled: faster than stacking rows
     R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = (
         cy * cp,
         cy * sp * sr - sy * cr,
@@ -33,7 +33,10 @@ def rotation_world_body(rpy: Array) -> Array:
 
 
 def skew(vector: Array) -> Array:
-    """Matrix of the cross product: skew(a) b = a x b, eq. (4.13). (..., 3) to (..., 3, 3)."""
+    """Return the matrix of the cross product: skew(a) b = a x b, eq. (4.13).
+
+    vector: (..., 3). Returns (..., 3, 3).
+    """
     x, y, z = np.moveaxis(vector, -1, 0)
     zero = np.zeros_like(x)
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
@@ -41,11 +44,13 @@ def skew(vector: Array) -> Array:
 
 
 def frame_in_plane(out: Array, tilt: Array) -> Array:
-    """Axes of a link in an upright plane as rows (..., 3, 3), body frame.
+    """Return the axes of a link in an upright plane as rows (..., 3, 3), body frame.
 
     out: (..., 3) level unit vectors in the plane; tilt: (...) of the link from straight down
-    towards them [rad]. x is along the link, y across it, upwards where it points outward, z is
-    square to the plane.
+    towards
+    them [rad]. x is along the link, y across it, upwards where it points outward, z is normal to
+    the
+    plane.
     """
     sin, cos = np.sin(tilt)[..., None], np.cos(tilt)[..., None]
     up = np.array([0.0, 0.0, 1.0])
@@ -54,16 +59,16 @@ def frame_in_plane(out: Array, tilt: Array) -> Array:
 
 
 def turn_between(first: Array, then: Array) -> Array:
-    """The least rotation (..., 3, 3) that takes unit vectors (..., 3) to others (..., 3).
+    """Return the smallest rotation (..., 3, 3) that takes unit vectors (..., 3) to others (..., 3).
 
-    Of opposite vectors, of which there is none least, half a turn about an axis square to them.
+    Opposite vectors have no smallest rotation: it is half a turn about an axis normal to them.
     """
     first, then = np.broadcast_arrays(first, then)
     cosine = (first * then).sum(axis=-1)[..., None, None]
     cross = skew(np.cross(first, then))
-    part = np.divide(1.0, 1.0 + cosine, out=np.zeros_like(cosine), where=cosine > _OPPOSITE - 1.0)
-    turn = np.eye(3) + cross + part * (cross @ cross)
-    aside = np.cross(first, np.where(np.abs(first[..., :1]) < 0.9, np.eye(3)[0], np.eye(3)[1]))
-    aside = aside / np.linalg.norm(aside, axis=-1, keepdims=True)
-    half = 2 * aside[..., :, None] * aside[..., None, :] - np.eye(3)
+    factor = np.divide(1.0, 1.0 + cosine, out=np.zeros_like(cosine), where=cosine > _OPPOSITE - 1.0)
+    turn = np.eye(3) + cross + factor * (cross @ cross)
+    axis = np.cross(first, np.where(np.abs(first[..., :1]) < 0.9, np.eye(3)[0], np.eye(3)[1]))
+    axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+    half = 2 * axis[..., :, None] * axis[..., None, :] - np.eye(3)
     return np.asarray(np.where(cosine > _OPPOSITE - 1.0, turn, half))

@@ -118,16 +118,16 @@ def compute_segment_distances(p: Array, q: Array, r: Array, s: Array) -> Array:
 
 
 def compute_segment_separations(p: Array, q: Array, r: Array, s: Array) -> Array:
-    """Return the shortest vectors (..., 3) to segments p q from segments r s, zero where they cross.
+    """Return the shortest vectors (..., 3) to segments p q from segments r s, zero if they cross.
+
+    The nearest point on one line is projected to the other segment and back (C. Ericson, 2004,
+    section 5.1.9).
 
     Args:
         p: First ends of the first segments (..., 3).
         q: Their second ends.
         r: First ends of the second segments (..., 3).
         s: Their second ends.
-
-    The nearest point on one line is projected to the other segment and back (C. Ericson, 2004,
-    section 5.1.9).
     """
     u, v, w = q - p, s - r, p - r
     tiny = np.finfo(float).tiny

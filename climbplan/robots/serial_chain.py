@@ -1,4 +1,4 @@
-"""Limbs that are chains of joints, in any number and about or along any axes (`chain_pose.py`)."""
+"""Limbs that are chains of any number of revolute and prismatic joints (`chain_pose.py`)."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from climbplan.robots.pose_inverse import pose_inverse
 
 _AT_BOUND = 1e-6  # [rad], [m]
 _ON_AXIS = 1e-9  # [m] off the last joint's axis, below which a toe has no direction
-_TURNED = 0.1  # [deg] off its surface, for a sole that is told of
-_ALONG = 0.7  # part of what is missing that has to lie along the limb for "too far"
+_MIN_TILT = 0.1  # [deg] of a sole off its surface, that messages mention
+_ALONG_RATIO = 0.7  # of the missing distance, that lies along the limb for "too far"
 
 
 @dataclass(frozen=True)
@@ -43,18 +43,18 @@ class SerialChain:
         if self.drive is None:
             return self.names
         return tuple(
-            tuple(name if own else "" for name, own in zip(row, moves, strict=True))
+            tuple(name if has_angle else "" for name, has_angle in zip(row, moves, strict=True))
             for row, moves in zip(self.names, self.zero.moves, strict=True)
         )
 
     @property
     def slides_zero(self) -> Array:
-        """(N, J, 3) `slide_zero`, zeros where no joint slides."""
+        """Directions `slide_zero` (N, J, 3), zeros where no joint is prismatic."""
         return np.zeros_like(self.axis_zero) if self.slide_zero is None else self.slide_zero
 
     @property
     def drives(self) -> Array:
-        """(N, J, J) `drive`, the identity where each joint moves by its own angle."""
+        """The `drive` (N, J, J), the identity where each joint moves by its own angle."""
         if self.drive is not None:
             return self.drive
         limbs, joints = self.posture.shape
@@ -62,14 +62,14 @@ class SerialChain:
 
     @property
     def sliding(self) -> BoolArray:
-        """(N, J) joints that slide."""
+        """Prismatic joints (N, J)."""
         if self.slide_zero is None:
             return np.zeros(self.axis_zero.shape[:-1], bool)
         return np.asarray(np.abs(self.slide_zero).max(axis=-1) > 0)
 
     @property
     def joint_count(self) -> int:
-        """J."""
+        """The number of joints J."""
         return self.axis_zero.shape[1]
 
     @property
@@ -80,11 +80,11 @@ class SerialChain:
         )
 
     def only(self, limbs: slice) -> Self:
-        """Some limbs alone."""
-        return self.ordered(list(range(len(self.names)))[limbs])
+        """Return the chains of some limbs."""
+        return self.select_limbs(list(range(len(self.names)))[limbs])
 
-    def ordered(self, limbs: Sequence[int]) -> Self:
-        """The limbs of these numbers, in this order."""
+    def select_limbs(self, limbs: Sequence[int]) -> Self:
+        """Return the limbs of these numbers, in this order."""
         limbs = list(limbs)
         return type(self)(
             tuple(self.names[limb] for limb in limbs),
@@ -96,8 +96,11 @@ class SerialChain:
             None if self.drive is None else self.drive[limbs],
         )
 
-    def turned(self, turn: Array) -> Self:
-        """The same chains in other axes of the body, which `turn` (3, 3) leads to."""
+    def rotate(self, turn: Array) -> Self:
+        """Return the same chains in other axes of the body.
+
+        turn: rotation (3, 3) to the other axes.
+        """
         return replace(
             self,
             joint_zero=self.joint_zero @ turn.T,
@@ -107,65 +110,76 @@ class SerialChain:
         )
 
     def pose(self, angles: Array) -> ChainPose:
-        """Joints, axes and toes for angles (..., N, J) [rad]."""
+        """Return joints, axes and toes for angles (..., N, J) [rad]."""
         return self.zero.pose(angles)
 
     def joint_points(self, angles: Array) -> Array:
-        """Joints and toe (..., N, J + 1, 3) in the body frame [m] for angles (..., N, J)."""
+        """Return joints and toe (..., N, J + 1, 3) in the body frame [m] for angles (..., N, J)."""
         pose = self.pose(angles)
         return np.concatenate([pose.joints, pose.toe[..., None, :]], axis=-2)
 
     def jacobian(self, angles: Array) -> Array:
-        """d(toe)/d(angles) (..., N, 3, J) [m/rad, or 1 of joints that slide]."""
+        """Return d(toe)/d(angles) (..., N, 3, J) [m/rad, or 1 of prismatic joints]."""
         return self.pose(angles).jacobian
 
     def turning(self, angles: Array) -> Array:
-        """Angular velocity of the toe's link by joint speed (..., N, 3, J): the joint axes."""
+        """Return the angular velocity of the toe's link by joint speed (..., N, 3, J).
+
+        Its columns are the joint axes.
+        """
         return self.pose(angles).turning
 
     def last_link(self, angles: Array) -> Array:
-        """Rows x along the last link, square to its joint's axis, y across it, z that axis.
+        """Return rows x along the last link, normal to its joint's axis, y across it, z that axis.
 
-        Of a last joint that slides the axis is the direction in which it does.
+        The axis of a prismatic last joint is its direction.
         """
         pose = self.pose(angles)
         z = pose.axes[..., -1, :]
         if pose.slides is not None:
             z = z + pose.slides[..., -1, :]
-        along = pose.toe - pose.joints[..., -1, :]
-        along = along - (along * z).sum(axis=-1, keepdims=True) * z
-        length = np.linalg.norm(along, axis=-1, keepdims=True)
-        x = along / np.where(length > _ON_AXIS, length, np.nan)
+        direction = pose.toe - pose.joints[..., -1, :]
+        direction = direction - (direction * z).sum(axis=-1, keepdims=True) * z
+        length = np.linalg.norm(direction, axis=-1, keepdims=True)
+        x = direction / np.where(length > _ON_AXIS, length, np.nan)
         return np.stack([x, np.cross(z, x), z], axis=-2)
 
     def hessian(self, angles: Array) -> Array:
-        """Second derivatives of the toe (..., N, 3, J, J) [m/rad^2]."""
+        """Return second derivatives of the toe (..., N, 3, J, J) [m/rad^2]."""
         return self.pose(angles).hessian
 
     def inverse(
         self, toes: Array, lower: Array, upper: Array, turns: Array | None = None
     ) -> InverseKinematics:
-        """The angles nearest to `posture` that put the toes at toes (..., N, 3); one branch.
+        """Return the angles nearest to `posture` that put the toes at toes; one branch.
 
-        turns: (..., N, 3, 3) of last links; angles are then those found from `posture`.
+        Args:
+            toes: Positions (..., N, 3) [m].
+            lower: Lower bounds (N, J) [rad].
+            upper: Upper bounds (N, J) [rad].
+            turns: Rotations (..., N, 3, 3) of last links; None for any. With rotations the angles
+                are
+                those that Newton's method finds from `posture`.
         """
         batch = toes.shape[:-2]
         limbs = np.broadcast_to(np.arange(toes.shape[-2]), toes.shape[:-1]).ravel()
         if turns is not None:
-            return self._posed(toes, np.broadcast_to(turns, (*toes.shape, 3)), limbs, lower, upper)
-        found = chain_inverse(
+            return self._solve_poses(
+                toes, np.broadcast_to(turns, (*toes.shape, 3)), limbs, lower, upper
+            )
+        solution = chain_inverse(
             self.zero, self.posture, limbs, toes.reshape(-1, 3), lower[limbs], upper[limbs]
         )
         shape = (*batch, 1, toes.shape[-2])
-        reachable = found.reached.reshape(shape)
+        reachable = solution.reached.reshape(shape)
         return InverseKinematics(
-            angles=found.angles.reshape(*shape, -1),
+            angles=solution.angles.reshape(*shape, -1),
             reachable=reachable,
             within_bounds=reachable,  # bounds are kept all the way
-            missing=np.where(reachable, 0.0, found.missing.reshape(shape)),
+            missing=np.where(reachable, 0.0, solution.missing.reshape(shape)),
         )
 
-    def _posed(
+    def _solve_poses(
         self,
         toes: Array,
         turns: Array,
@@ -173,7 +187,8 @@ class SerialChain:
         lower: Array,
         upper: Array,
     ) -> InverseKinematics:
-        found = pose_inverse(
+        """Return angles with given rotations of last links."""
+        solution = pose_inverse(
             self.zero.rows(limbs),
             self.posture[limbs],
             toes.reshape(-1, 3),
@@ -182,34 +197,37 @@ class SerialChain:
             upper[limbs],
         )
         shape = (*toes.shape[:-2], 1, toes.shape[-2])
-        reachable = found.reached.reshape(shape)
-        missing, tilted = (found.missing[:, k].reshape(shape) for k in range(2))
+        reachable = solution.reached.reshape(shape)
+        missing, tilted = (solution.missing[:, k].reshape(shape) for k in range(2))
         return InverseKinematics(
-            angles=found.angles.reshape(*shape, -1),
+            angles=solution.angles.reshape(*shape, -1),
             reachable=reachable,
             within_bounds=reachable,
             missing=np.where(reachable, 0.0, missing),
             tilted=np.where(reachable, 0.0, tilted),
         )
 
-    def miss(
+    def explain_miss(
         self, solution: InverseKinematics, toes: Array, limb: int, lower: Array, upper: Array
     ) -> Miss:
-        """Why limb `limb` of a solution for toes (N, 3) is not valid, and which joints stop it."""
+        """Explain why limb `limb` of a solution for toes (N, 3) is not valid.
+
+        The reason names the joints at their bounds.
+        """
         angles = solution.angles[0, limb]
         missing = float(solution.missing[0, limb])
         gap = np.minimum(angles - lower[limb], upper[limb] - angles)
         names = zip(self.names[limb], gap, strict=True)
-        stopped = ", ".join(name for name, room in names if name and room < _AT_BOUND)
-        there = self.only(slice(limb, limb + 1)).joint_points(angles[None])[0]
-        first, toe = there[0], there[-1]
+        stopped = ", ".join(name for name, margin in names if name and margin < _AT_BOUND)
+        points = self.only(slice(limb, limb + 1)).joint_points(angles[None])[0]
+        first, toe = points[0], points[-1]
         beyond = float(np.linalg.norm(toes[limb] - first) - np.linalg.norm(toe - first))
         if solution.tilted is not None:
-            turned = np.rad2deg(float(solution.tilted[0, limb]))
-            where = f" ({stopped} at its bound)" if stopped else ""
-            if turned > _TURNED:
-                return Miss(f"its sole {turned:.1f} deg off its surface{where}, and", missing)
-        if stopped and abs(beyond) < _ALONG * missing:
+            tilt = np.rad2deg(float(solution.tilted[0, limb]))
+            suffix = f" ({stopped} at its bound)" if stopped else ""
+            if tilt > _MIN_TILT:
+                return Miss(f"its sole {tilt:.1f} deg off its surface{suffix}, and", missing)
+        if stopped and abs(beyond) < _ALONG_RATIO * missing:
             return Miss(f"stopped by the bound of {stopped}", missing)
-        which = "too far" if beyond > 0 else "too near"
-        return Miss(f"{which} ({stopped} at its bound)" if stopped else which, missing)
+        direction = "too far" if beyond > 0 else "too near"
+        return Miss(f"{direction} ({stopped} at its bound)" if stopped else direction, missing)

@@ -1,10 +1,10 @@
 """Limbs that are chains of joints in programs: angles as variables, tied to the toes.
 
-Exact forward kinematics ties them. A limb with more than three joints has freedom to choose and
-takes the angles nearest to its posture q0 (`chain_inverse.py`); where its joints are inside their
-bounds that is q - q0 = U^2 J^T pull for some pull (3,), a variable too, with the units U that
-angles are compared in (1 rad, or `RADIAN` of a joint that slides). Programs so keep such limbs off
-their joint bounds, and have the angles that the plan will have.
+Exact forward kinematics ties them. A limb with more than three joints is redundant and takes the
+angles nearest to its posture q0 (`chain_inverse.py`). Where its joints are inside their bounds the
+optimality condition is q - q0 = U^2 J^T pull for some multiplier `pull` (3,), a variable too, with
+the units U of angles (1 rad, or `RADIAN` of a prismatic joint). Programs therefore keep such limbs
+off their joint bounds, and have the angles that the plan will have.
 """
 
 from __future__ import annotations
@@ -24,38 +24,45 @@ from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.stated_limbs import Shapes, Tie
 
-# How far chains are bent off full stretch: programs meet their rows up to a tolerance, and bodies
-# that turn between two poses leave the straight way, so that toes that a stretched limb alone
-# reaches are out of reach a moment later. Of two equal links behind two hips, a knee bent by the
-# angle whose cosine is 1 - room has the square of `bent_by` at this times room, to first order.
+# Programs meet their rows up to a tolerance, and bodies that rotate between two poses leave the
+# straight line. A toe in reach of a stretched limb alone is then out of reach a moment later. For
+# two equal links behind two hips, a knee at the angle whose cosine is 1 - margin has a squared
+# `compute_singularity_measure` of this times the margin, to first order.
 _BY_KNEE = 2 / 45
 _TINY = 1e-12  # keeps roots smooth
 
 
-def least_bent(room: float) -> float:
-    """What `bent_by` is to be at least, `room` off full stretch of a knee's cosine."""
-    return float(np.sqrt(_BY_KNEE * room))
+def compute_min_singularity_measure(margin: float) -> float:
+    """Return the smallest admissible `compute_singularity_measure`.
+
+    margin: off full stretch, of a knee's cosine.
+    """
+    return float(np.sqrt(_BY_KNEE * margin))
 
 
-def bent_by(columns: list[Any], side: Any) -> Any:
-    """(1, N) how far toes are from where they could not move on in some direction.
+def compute_singularity_measure(columns: list[Any], side: Any) -> Any:
+    """Return how far toes are from a singular configuration, (1, N).
 
-    columns: (3, N) by angle, of J. The root of 1 / (tr M tr M^-1), M = J J^T: the least singular
-    value of J over the root of the sum of all squares, or up to a root of three below that. Zero at
-    full stretch, and wherever else a toe is on the border of what a limb inside its joint bounds
-    reaches. side: (1, N) of det J, below zero on the other: inverse kinematics of three joints
-    bend one way; None: of more joints, which bend any way.
+    It is the root of 1 / (tr M tr M^-1), M = J J^T: the smallest singular value of J over the root
+    of
+    the sum of all squares, or up to a factor sqrt(3) below that. It is zero at full stretch, and
+    wherever else a toe is on the border of the limb's workspace.
+
+    Args:
+        columns: Columns of J by angle, (3, N) each.
+        side: Sign of det J (1, N): inverse kinematics of three joints bend one way. None for more
+            joints, which bend either way.
     """
     xx, yy, zz, xy, yz, xz = (
         sum(c[a, :] * c[b, :] for c in columns)
         for a, b in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
     )
-    across = (yy * zz - yz**2, xx * zz - xz**2, xx * yy - xy**2)  # diagonal of M's adjugate
-    size = sum(across) * (xx + yy + zz)
+    adjugate = (yy * zz - yz**2, xx * zz - xz**2, xx * yy - xy**2)  # diagonal of M's adjugate
+    size = sum(adjugate) * (xx + yy + zz)
     if side is not None:
-        one, two, three = columns
-        return side * ca.sum1(one * ca.cross(two, three)) / ca.sqrt(size)
-    volume = xx * across[0] - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)  # det M
+        first, second, third = columns
+        return side * ca.sum1(first * ca.cross(second, third)) / ca.sqrt(size)
+    volume = xx * adjugate[0] - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)  # det M
     return ca.sqrt(volume / size + _TINY)
 
 
@@ -79,16 +86,19 @@ class StatedPose:
         return [arm + slide for arm, slide in zip(arms, self.slides, strict=True)]
 
 
-def turned_about(axis: Any, angle: Any, vector: Any) -> Any:
-    """Vectors (3, N) turned about unit axes (3, N) by angles (1, N); the same where axes are 0."""
-    once = ca.cross(axis, vector)
-    sin, rest = (ca.repmat(x, 3, 1) for x in (ca.sin(angle), 1 - ca.cos(angle)))
-    return vector + sin * once + rest * ca.cross(axis, once)
+def rotate_about_axis(axis: Any, angle: Any, vector: Any) -> Any:
+    """Return vectors (3, N) rotated about unit axes (3, N) by angles (1, N).
+
+    Zero axes leave them unchanged.
+    """
+    cross = ca.cross(axis, vector)
+    sin, versine = (ca.repmat(x, 3, 1) for x in (ca.sin(angle), 1 - ca.cos(angle)))
+    return vector + sin * cross + versine * ca.cross(axis, cross)
 
 
 @dataclass(frozen=True)
 class ChainsAtToes:
-    """N chains with angles that are to put their toes at points."""
+    """N chains with angles that put their toes at points."""
 
     stated: StatedChains
     numbers: Mapping[str, Any]
@@ -97,57 +107,65 @@ class ChainsAtToes:
     pull: Any  # (3, N) [rad / m], or None of chains without freedom to choose
     side: Any  # (1, N) of det J, 1 or -1, or None of chains with freedom to choose
 
-    def ties(self, room: float) -> list[Tie]:
-        """Forward kinematics, bent enough, and nothing left to choose.
+    def ties(self, margin: float) -> list[Tie]:
+        """Return the rows of forward kinematics, singularity and optimality.
 
         Joint bounds are those of variables.
         """
         pose = self.stated.pose(self.numbers, self.angles)
         ties = [Tie("kinematics.toes", pose.toe - self.toes, "m", 0.0, 0.0)]
-        if room > 0:
-            bent = bent_by(self.stated.columns(self.numbers, pose), self.side)
-            ties.append(Tie("transition.reach", bent, "", least_bent(room)))
+        if margin > 0:
+            measure = compute_singularity_measure(
+                self.stated.columns(self.numbers, pose), self.side
+            )
+            ties.append(
+                Tie("transition.reach", measure, "", compute_min_singularity_measure(margin))
+            )
         if self.pull is not None:
-            eased = self.stated.eased(self.numbers, self.torques(self.pull))
-            off = self.angles - self.numbers["posture"] - eased
-            ties.append(Tie("kinematics.settled", off, "rad", 0.0, 0.0))
+            scaled = self.stated.scale_by_unit(self.numbers, self.torques(self.pull))
+            residual = self.angles - self.numbers["posture"] - scaled
+            ties.append(Tie("kinematics.settled", residual, "rad", 0.0, 0.0))
         return ties
 
     def torques(self, force: Any, moment: Any = None) -> Any:
-        """Joint torques (J, N) of forces (3, N) on the toes and moments about them, body frame."""
+        """Return joint torques (J, N) of forces and moments (3, N) at the toes, body frame."""
         pose = self.stated.pose(self.numbers, self.angles)
         torques = [ca.sum1(arm * force) for arm in pose.arms]
         if moment is not None:
             turning = zip(torques, pose.axes, strict=True)
             torques = [torque + ca.sum1(axis * moment) for torque, axis in turning]
-        return self.stated.by_angles(self.numbers, ca.vertcat(*torques))
+        return self.stated.map_to_angles(self.numbers, ca.vertcat(*torques))
 
     def centre(self) -> Any:
-        """(3, 1) centre of mass of the robot, body frame [m]; None where limbs weigh nothing."""
-        if not self.stated.weighs:
+        """Return the robot's centre of mass (3, 1), body frame [m]; None if limbs weigh nothing."""
+        if not self.stated.has_mass:
             return None
-        carried = self.stated.carried(self.numbers, self.angles)
+        carried = self.stated.accumulate_masses(self.numbers, self.angles)
         return ca.sum2(carried[0][1]) + self.numbers["body_middle"]
 
     def weight_torques(self, down: Any) -> Any:
-        """Joint torques (J, N) of links that pull along `down` (3, 1), over the robot's weight.
+        """Return joint torques (J, N) of the links' weight along `down` (3, 1), over the robot's.
 
         Body frame [m]; None where limbs weigh nothing.
         """
-        if not self.stated.weighs:
+        if not self.stated.has_mass:
             return None
         pose = self.stated.pose(self.numbers, self.angles)
         pull = ca.repmat(down, 1, self.stated.limbs)
-        own = []
-        for j, (mass, moment) in enumerate(self.stated.carried(self.numbers, self.angles)):
-            three = ca.repmat(mass, 3, 1)
-            arm = ca.cross(pose.axes[j], moment - three * pose.joints[j])
-            own.append(ca.sum1((arm + three * pose.slides[j] if pose.slides else arm) * pull))
-        return self.stated.by_angles(self.numbers, ca.vertcat(*own))
+        torques = []
+        for j, (mass, moment) in enumerate(
+            self.stated.accumulate_masses(self.numbers, self.angles)
+        ):
+            weight_of_three = ca.repmat(mass, 3, 1)
+            arm = ca.cross(pose.axes[j], moment - weight_of_three * pose.joints[j])
+            torques.append(
+                ca.sum1((arm + weight_of_three * pose.slides[j] if pose.slides else arm) * pull)
+            )
+        return self.stated.map_to_angles(self.numbers, ca.vertcat(*torques))
 
-    def free_toes(self, bent: Any) -> Any:
-        """Where toes (3, N) would be in free space, body frame, with joints `bent` (J, N) back."""
-        return self.stated.points(self.numbers, self.angles - bent)[-1]
+    def free_toes(self, deflection: Any) -> Any:
+        """Return toes (3, N) in free space, body frame, with joints back by `deflection` (J, N)."""
+        return self.stated.points(self.numbers, self.angles - deflection)[-1]
 
 
 @dataclass(frozen=True)
@@ -160,9 +178,9 @@ class StatedChains:
     # (N, C) joints that move the limbs' capsules; None: links are straight from joint to joint
     mounted: tuple[tuple[int, ...], ...] | None = None
     slides: bool = False  # whether a joint does
-    follows: bool = False  # whether a joint moves by the angle of another one
-    footed: bool = False  # whether feet are spheres about the toes
-    weighs: bool = False  # whether links do
+    has_mimics: bool = False  # whether a joint moves by the angle of another one
+    has_feet: bool = False  # whether feet are spheres about the toes
+    has_mass: bool = False  # whether links do
 
     @property
     def numbers(self) -> Shapes:
@@ -174,32 +192,32 @@ class StatedChains:
             "toe_zero": (3, n),
             "posture": (self.joints, n),
             **({"slide_zero": (3, n * self.joints)} if self.slides else {}),
-            **({"drive": (self.joints**2, n)} if self.follows else {}),
-            **({"foot": (1, 1)} if self.footed else {}),
-            **(self._weights if self.weighs else {}),
+            **({"drive": (self.joints**2, n)} if self.has_mimics else {}),
+            **({"foot": (1, 1)} if self.has_feet else {}),
+            **(self._weights if self.has_mass else {}),
             **({} if self.mounted is None else {"capsule_zero": (3, 2 * n * len(self.mounted[0]))}),
         }
 
     @property
     def _weights(self) -> Shapes:
-        """Shares of the mass in links, their centres at zero angles, and what the body adds."""
+        """Mass fractions of links, their centres at zero angles, and the body's contribution."""
         n = self.limbs * self.joints
         return {"link_share": (1, n), "link_zero": (3, n), "body_middle": (3, 1)}
 
     @property
-    def given(self) -> Shapes:
-        """On which side of full stretch, and of other singular angles, limbs bend (`bent_by`)."""
+    def parameter_shapes(self) -> Shapes:
+        """The sign of det J on which limbs bend (`compute_singularity_measure`)."""
         return {} if self.redundant else {"side": (1, self.limbs)}
 
     @property
-    def found(self) -> Shapes:
-        """Angles, and what pulls a limb with freedom to choose off its posture."""
+    def variable_shapes(self) -> Shapes:
+        """Angles, and the multiplier that pulls a redundant limb off its posture."""
         angles = {"angles": (self.joints, self.limbs)}
         return angles | ({"pull": (3, self.limbs)} if self.redundant else {})
 
     def values(self, robot: Robot) -> dict[str, Array]:
-        """The robot's numbers."""
-        chain = _chain(robot)
+        """Return the robot's numbers."""
+        chain = _require_chain(robot)
         by_joint = {"joint_zero": chain.joint_zero, "axis_zero": chain.axis_zero}
         if chain.slide_zero is not None:
             by_joint["slide_zero"] = chain.slide_zero
@@ -207,9 +225,9 @@ class StatedChains:
         by_link = {}
         if links is not None:
             by_joint["link_zero"] = chain.joint_zero + links.middle
-            whole = links.mass.sum() + links.body_mass
-            by_link["link_share"] = links.mass.T.reshape(1, -1) / whole
-            by_link["body_middle"] = links.body_middle[:, None] * links.body_mass / whole
+            total_mass = links.mass.sum() + links.body_mass
+            by_link["link_share"] = links.mass.T.reshape(1, -1) / total_mass
+            by_link["body_middle"] = links.body_middle[:, None] * links.body_mass / total_mass
         if robot.capsules is not None:
             n, count = robot.capsules.joint.shape
             by_joint["capsule_zero"] = robot.capsules.ends.reshape(n, 2 * count, 3)
@@ -223,8 +241,8 @@ class StatedChains:
         }
 
     def at_toes(self, robot: Robot, toes: Array) -> dict[str, Array]:
-        """Angles for toes (..., N, 3), the nearest there are, and what pulls them there."""
-        chain = _chain(robot)
+        """Return angles for toes (..., N, 3), the nearest there are, and multipliers or signs."""
+        chain = _require_chain(robot)
         angles = inverse(robot, toes).angles[..., 0, :, :]
         if not self.redundant:
             side = np.where(np.linalg.det(chain.jacobian(angles)) < 0, -1.0, 1.0)
@@ -234,23 +252,26 @@ class StatedChains:
         return {"angles": angles, "pull": pull[..., 0]}
 
     def motions(self, numbers: Mapping[str, Any], angles: Any) -> Any:
-        """How far each joint is from zero (J, N), for angles (J, N)."""
-        if not self.follows:
+        """Return how far each joint is from zero (J, N), for angles (J, N)."""
+        if not self.has_mimics:
             return angles
         drive, count = numbers["drive"], self.joints
         return ca.vertcat(
             *(ca.sum1(drive[count * j : count * (j + 1), :] * angles) for j in range(count))
         )
 
-    def by_angles(self, numbers: Mapping[str, Any], own: Any) -> Any:
-        """What forces do to angles (J, N), of what they do to each joint (J, N)."""
-        if not self.follows:
-            return own
+    def map_to_angles(self, numbers: Mapping[str, Any], by_joint: Any) -> Any:
+        """Return generalised forces of angles (J, N), from those of each joint (J, N)."""
+        if not self.has_mimics:
+            return by_joint
         drive, count = numbers["drive"], self.joints
-        return ca.vertcat(*(ca.sum1(drive[k::count, :] * own) for k in range(count)))
+        return ca.vertcat(*(ca.sum1(drive[k::count, :] * by_joint) for k in range(count)))
 
-    def eased(self, numbers: Mapping[str, Any], torques: Any, power: int = 2) -> Any:
-        """U^2 torques (J, N): how far springs of one and the same energy give; or U to a power."""
+    def scale_by_unit(self, numbers: Mapping[str, Any], torques: Any, power: int = 2) -> Any:
+        """Return torques (J, N) times U^power.
+
+        With power 2 it is the deflection of springs of equal energy.
+        """
         if not self.slides:
             return torques
         n = self.limbs
@@ -260,17 +281,22 @@ class StatedChains:
         return torques * (1 - (1 - RADIAN**power) * ca.vertcat(*lengths))
 
     def columns(self, numbers: Mapping[str, Any], pose: StatedPose) -> list[Any]:
-        """Toe velocity by each angle's speed in its unit (1 rad, or `RADIAN`), J of (3, N)."""
+        """Return toe velocities by each angle's speed in its unit (1 rad, or `RADIAN`).
+
+        J entries of (3, N).
+        """
         by_axis = [ca.vertcat(*(arm[k, :] for arm in pose.arms)) for k in range(3)]  # (J, N) each
-        own = [self.eased(numbers, self.by_angles(numbers, rows), 1) for rows in by_axis]
-        return [ca.vertcat(*(rows[j, :] for rows in own)) for j in range(self.joints)]
+        scaled = [
+            self.scale_by_unit(numbers, self.map_to_angles(numbers, rows), 1) for rows in by_axis
+        ]
+        return [ca.vertcat(*(rows[j, :] for rows in scaled)) for j in range(self.joints)]
 
     def pose(self, numbers: Mapping[str, Any], angles: Any) -> StatedPose:
-        """The chains for angles (J, N)."""
-        n, moved = self.limbs, self.motions(numbers, angles)
-        at, axis, slide = (
-            [numbers[name][:, j * n : (j + 1) * n] for j in range(self.joints)] if there else []
-            for name, there in (
+        """Return the chains for angles (J, N)."""
+        n, motion = self.limbs, self.motions(numbers, angles)
+        points, axis, slide = (
+            [numbers[name][:, j * n : (j + 1) * n] for j in range(self.joints)] if has_them else []
+            for name, has_them in (
                 ("joint_zero", True), ("axis_zero", True), ("slide_zero", self.slides)
             )
         )  # fmt: skip
@@ -280,77 +306,82 @@ class StatedChains:
         slides: list[Any] = []
         for j in reversed(range(self.joints)):
             # All beyond the joint turns about it, or slides along it
-            along = slide[j] * ca.repmat(moved[j, :], 3, 1) if slide else 0
+            shift = slide[j] * ca.repmat(motion[j, :], 3, 1) if slide else 0
             toe, *joints = [
-                at[j] + turned_about(axis[j], moved[j, :], p - at[j]) + along
+                points[j] + rotate_about_axis(axis[j], motion[j, :], p - points[j]) + shift
                 for p in (toe, *joints)
             ]
-            joints = [at[j], *joints]
-            axes = [axis[j]] + [turned_about(axis[j], moved[j, :], a) for a in axes]
+            joints = [points[j], *joints]
+            axes = [axis[j]] + [rotate_about_axis(axis[j], motion[j, :], a) for a in axes]
             if slide:
-                slides = [slide[j]] + [turned_about(axis[j], moved[j, :], a) for a in slides]
+                slides = [slide[j]] + [rotate_about_axis(axis[j], motion[j, :], a) for a in slides]
         return StatedPose(joints, axes, slides, toe)
 
-    def carried(self, numbers: Mapping[str, Any], angles: Any) -> list[tuple[Any, Any]]:
-        """By joint the share (1, N) of the mass beyond it, and that times its centre (3, N).
+    def accumulate_masses(self, numbers: Mapping[str, Any], angles: Any) -> list[tuple[Any, Any]]:
+        """Return by joint the mass fraction (1, N) beyond it, and that times its centre (3, N).
 
         Body frame, for angles (J, N).
         """
-        n, moved = self.limbs, self.motions(numbers, angles)
-        out: list[tuple[Any, Any]] = []
+        n, motion = self.limbs, self.motions(numbers, angles)
+        beyond_joint: list[tuple[Any, Any]] = []
         for j in reversed(range(self.joints)):
-            at, axis, zero, share = (
+            point, axis, zero, fraction = (
                 numbers[name][:, j * n : (j + 1) * n]
                 for name in ("joint_zero", "axis_zero", "link_zero", "link_share")
             )
-            own = ca.repmat(share, 3, 1) * zero
-            beyond = out[0] if out else (0, 0)
-            out = [(share + beyond[0], own + beyond[1]), *out]
-            for k, (mass, moment) in enumerate(out):
-                three = ca.repmat(mass, 3, 1)
-                turned = three * at + turned_about(axis, moved[j, :], moment - three * at)
+            link_moment = ca.repmat(fraction, 3, 1) * zero
+            beyond = beyond_joint[0] if beyond_joint else (0, 0)
+            beyond_joint = [(fraction + beyond[0], link_moment + beyond[1]), *beyond_joint]
+            for k, (mass, moment) in enumerate(beyond_joint):
+                weights = ca.repmat(mass, 3, 1)
+                moved_moment = weights * point + rotate_about_axis(
+                    axis, motion[j, :], moment - weights * point
+                )
                 if self.slides:
-                    turned += (
-                        three
+                    moved_moment += (
+                        weights
                         * numbers["slide_zero"][:, j * n : (j + 1) * n]
-                        * ca.repmat(moved[j, :], 3, 1)
+                        * ca.repmat(motion[j, :], 3, 1)
                     )
-                out[k] = mass, turned
-        return out
+                beyond_joint[k] = mass, moved_moment
+        return beyond_joint
 
     def points(self, numbers: Mapping[str, Any], angles: Any) -> list[Any]:
-        """Joints and toe (3, N), body frame, for angles (J, N)."""
+        """Return joints and toe (3, N), body frame, for angles (J, N)."""
         pose = self.pose(numbers, angles)
         return [*pose.joints, pose.toe]
 
     def pieces(self, numbers: Mapping[str, Any], angles: Any) -> list[tuple[Any, Any]]:
-        """Ends (3, N) of the axis of each capsule, body frame, for angles (J, N)."""
+        """Return ends (3, N) of the axis of each capsule, body frame, for angles (J, N)."""
         if self.mounted is None:
             return list(itertools.pairwise(self.points(numbers, angles)))
-        n, moved = self.limbs, self.motions(numbers, angles)
+        n, motion = self.limbs, self.motions(numbers, angles)
         ends = []
         for number in range(2 * len(self.mounted[0])):
             columns = []
             for i in range(n):
                 point = numbers["capsule_zero"][:, number * n + i]
                 for j in reversed(range(self.mounted[i][number // 2] + 1)):
-                    at = numbers["joint_zero"][:, j * n + i]
+                    origin = numbers["joint_zero"][:, j * n + i]
                     axis = numbers["axis_zero"][:, j * n + i]
-                    point = at + turned_about(axis, moved[j, i], point - at)
+                    point = origin + rotate_about_axis(axis, motion[j, i], point - origin)
                     if self.slides:
-                        point += numbers["slide_zero"][:, j * n + i] * moved[j, i]
+                        point += numbers["slide_zero"][:, j * n + i] * motion[j, i]
                 columns.append(point)
             ends.append(ca.horzcat(*columns))
         return list(zip(ends[::2], ends[1::2], strict=True))
 
     def standing(
-        self, numbers: Mapping[str, Any], toes: Any, own: Mapping[str, Any]
+        self, numbers: Mapping[str, Any], toes: Any, values: Mapping[str, Any]
     ) -> ChainsAtToes:
-        """Chains with toes (3, N) in the body frame."""
-        return ChainsAtToes(self, numbers, toes, own["angles"], own.get("pull"), own.get("side"))
+        """Return chains with toes (3, N) in the body frame."""
+        return ChainsAtToes(
+            self, numbers, toes, values["angles"], values.get("pull"), values.get("side")
+        )
 
 
-def _chain(robot: Robot) -> SerialChain:
+def _require_chain(robot: Robot) -> SerialChain:
+    """Return the chains of the robot."""
     if not isinstance(robot.mechanism, SerialChain):
         raise TypeError("expected a robot whose limbs are chains")
     return robot.mechanism

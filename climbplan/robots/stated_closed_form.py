@@ -1,7 +1,8 @@
-"""Limbs of coxa, femur and tibia in programs: angles as functions of the toe, knee branches given.
+"""Limbs of coxa, femur and tibia in programs: angles as functions of the toe.
 
-The same formulas as in `coxa_femur_tibia.py`, with rounding at full stretch cut off so that they
-stay finite a little out of reach, where a row of the program says that the toe is too far.
+Knee branches are given. The formulas are those of `coxa_femur_tibia.py`. Rounding at full stretch
+is cut off, so that they stay finite a little out of reach, where a row of the program says that the
+toe is too far.
 """
 
 from __future__ import annotations
@@ -33,32 +34,35 @@ class ClosedFormAtToes:
     radial: Any  # (2, N) unit horizontal direction to the toe, body frame
     reach: Any  # (2, N) horizontal distance beyond the coxa and height of the toe [m]
 
-    def ties(self, room: float) -> list[Tie]:
-        """|cos(knee)| within 1, and joints within bounds that are numbers."""
+    def ties(self, margin: float) -> list[Tie]:
+        """Return the rows |cos(knee)| within 1, and joints within bounds that are numbers."""
         return [
-            Tie("transition.reach", self.stretch, "", room - 1, 1 - room),
+            Tie("transition.reach", self.stretch, "", margin - 1, 1 - margin),
             Tie("transition.joints", self.angles, "rad"),
         ]
 
     def centre(self) -> None:
-        """Limbs weigh nothing."""
+        """Return None: limbs weigh nothing."""
 
     def weight_torques(self, down: Any) -> None:
-        """Limbs weigh nothing."""
+        """Return None: limbs weigh nothing."""
 
-    def free_toes(self, bent: Any) -> Any:
-        """Where toes (3, N) would be in free space, body frame, with joints `bent` (3, N) back."""
+    def free_toes(self, deflection: Any) -> Any:
+        """Return toes (3, N) in free space, body frame, with joints back by `deflection` (3, N)."""
         links = self.links
-        femur, tibia = self.angles[1, :] - bent[1, :], self.angles[2, :] - bent[2, :]
+        femur, tibia = self.angles[1, :] - deflection[1, :], self.angles[2, :] - deflection[2, :]
         u = links[1, :] * ca.cos(femur) + links[2, :] * ca.sin(femur + tibia)
         z = links[1, :] * ca.sin(femur) - links[2, :] * ca.cos(femur + tibia)
-        out, turn = links[0, :] + u, -bent[0, :]
+        out, turn = links[0, :] + u, -deflection[0, :]
         x = self.radial[0, :] * ca.cos(turn) - self.radial[1, :] * ca.sin(turn)
         y = self.radial[0, :] * ca.sin(turn) + self.radial[1, :] * ca.cos(turn)
         return self.shoulder + ca.vertcat(out * x, out * y, z)
 
     def torques(self, force: Any, moment: Any = None) -> Any:
-        """Joint torques J^T f (3, N) of forces (3, N) on the toes, body frame; no moments."""
+        """Return joint torques J^T f (3, N) of forces (3, N) on the toes, body frame.
+
+        Moments are not supported.
+        """
         if moment is not None:
             raise TypeError("feet of finite size are stated for chains of joints")
         links = self.links
@@ -85,7 +89,7 @@ class StatedClosedForm:
         return 3
 
     @property
-    def footed(self) -> bool:
+    def has_feet(self) -> bool:
         """Toes are points."""
         return False
 
@@ -96,17 +100,17 @@ class StatedClosedForm:
         return {"shoulder": (3, n), "links": (3, n), "mount_yaw": (1, n), "middle": (1, n)}
 
     @property
-    def given(self) -> Shapes:
+    def parameter_shapes(self) -> Shapes:
         """Knee branches: -1 knee up, 1 knee down."""
         return {"branch": (1, self.limbs)}
 
     @property
-    def found(self) -> Shapes:
+    def variable_shapes(self) -> Shapes:
         """Nothing: angles are functions of the toes."""
         return {}
 
     def values(self, robot: Robot) -> dict[str, Array]:
-        """The robot's numbers."""
+        """Return the robot's numbers."""
         return {
             "shoulder": robot.shoulder_body.T,
             "links": robot.link_lengths.T,
@@ -115,13 +119,13 @@ class StatedClosedForm:
         }
 
     def at_toes(self, robot: Robot, toes: Array) -> dict[str, Array]:
-        """The knee branch in use for toes (..., N, 3); up where neither is."""
+        """Return the knee branch in use for toes (..., N, 3); up where neither is."""
         within = inverse(robot, toes).within_bounds
         up, down = within[..., 0, :], within[..., 1, :]
         return {"branch": np.where(~up & down, 1.0, -1.0)[..., None]}
 
     def points(self, numbers: Mapping[str, Any], angles: Any) -> list[Any]:
-        """Shoulder, femur joint, knee and toe (3, N), body frame, for angles (3, N)."""
+        """Return shoulder, femur joint, knee and toe (3, N), body frame, for angles (3, N)."""
         shoulder, links = numbers["shoulder"], numbers["links"]
         psi, tilt = numbers["mount_yaw"] + angles[0, :], angles[1, :] + angles[2, :]
         knee = links[0, :] + links[1, :] * ca.cos(angles[1, :]), links[1, :] * ca.sin(angles[1, :])
@@ -134,16 +138,16 @@ class StatedClosedForm:
         return [shoulder, point(links[0, :], level), point(*knee), point(*toe)]
 
     def pieces(self, numbers: Mapping[str, Any], angles: Any) -> list[tuple[Any, Any]]:
-        """The links, straight from joint to joint and toe."""
+        """Return the links, straight from joint to joint and toe."""
         points = self.points(numbers, angles)
         return list(itertools.pairwise(points))
 
     def standing(
-        self, numbers: Mapping[str, Any], toes: Any, own: Mapping[str, Any]
+        self, numbers: Mapping[str, Any], toes: Any, values: Mapping[str, Any]
     ) -> ClosedFormAtToes:
-        """Joint angles for toes (3, N) in the body frame, the coxa wrapped about its middle."""
+        """Return limbs with toes (3, N) in the body frame, the coxa wrapped about its middle."""
         shoulder, links = numbers["shoulder"], numbers["links"]
-        middle, branch = numbers["middle"], own["branch"]
+        middle, branch = numbers["middle"], values["branch"]
         offset = toes - shoulder
         distance = ca.sqrt(offset[0, :] ** 2 + offset[1, :] ** 2 + 1e-12)
         u, z = distance - links[0, :], offset[2, :]

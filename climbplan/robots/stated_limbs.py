@@ -1,10 +1,10 @@
-"""What programs state of limbs, whatever these are made of: one interface of all mechanisms.
+"""The interface of limbs in optimisation programs, for all mechanisms.
 
-A program has the toes of N limbs as expressions in the body frame and asks for joint angles there,
-for torques of forces, and for where toes would be with joints elsewhere. A mechanism with inverse
-kinematics in closed form answers with functions of the toes (`stated_closed_form.py`); others have
-angles as variables of the program and rows that tie them to the toes (`stated_chains.py`). Matrices
-have one column a limb. What a program is built for is hashable; everything else is a number.
+A program has the toes of N limbs as expressions in the body frame. It needs joint angles there,
+torques of forces, and where toes would be with joints elsewhere. A mechanism with closed-form
+inverse kinematics has functions of the toes (`stated_closed_form.py`). Others have angles as
+variables of the program and rows that tie them to the toes (`stated_chains.py`). Matrices have one
+column a limb. The structure of a program is hashable; everything else is a number.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Shapes = dict[str, tuple[int, int]]
 
 @dataclass(frozen=True)
 class Tie:
-    """Rows that hold where a limb stands at its toe; bounds left out are given with the numbers."""
+    """Rows that hold where a limb stands at its toe; missing bounds are given with the numbers."""
 
     name: str
     rows: Any  # (r, N)
@@ -35,25 +35,28 @@ class StandingLimbs(Protocol):
 
     @property
     def angles(self) -> Any:
-        """(J, N) [rad]."""
+        """Joint angles (J, N) [rad]."""
 
-    def ties(self, room: float) -> list[Tie]:
-        """What has to hold for the toes to be in reach; room: off full stretch, of a cosine."""
+    def ties(self, margin: float) -> list[Tie]:
+        """Return the rows that hold for toes in reach.
 
-    def torques(self, force: Any, moment: Any = None) -> Any:
-        """Joint torques (J, N) of forces (3, N) on the toes and moments about them, body frame."""
-
-    def centre(self) -> Any:
-        """(3, 1) centre of mass of the robot, body frame [m]; None where limbs weigh nothing."""
-
-    def weight_torques(self, down: Any) -> Any:
-        """Joint torques (J, N) of links that pull along `down` (3, 1), over the robot's weight [m].
-
-        Body frame; None where limbs weigh nothing.
+        margin: off full stretch, of a cosine.
         """
 
-    def free_toes(self, bent: Any) -> Any:
-        """Where toes (3, N) would be in free space, body frame, with joints `bent` (J, N) back."""
+    def torques(self, force: Any, moment: Any = None) -> Any:
+        """Return joint torques (J, N) of forces and moments (3, N) at the toes, body frame."""
+
+    def centre(self) -> Any:
+        """Return the robot's centre of mass (3, 1), body frame [m]; None if limbs weigh nothing."""
+
+    def weight_torques(self, down: Any) -> Any:
+        """Return joint torques (J, N) of the links' weight, over the weight of the robot [m].
+
+        down: direction of gravity (3, 1), body frame. None where limbs weigh nothing.
+        """
+
+    def free_toes(self, deflection: Any) -> Any:
+        """Return toes (3, N) in free space, body frame, with joints back by `deflection` (J, N)."""
 
 
 class StatedLimbs(Protocol):
@@ -61,14 +64,14 @@ class StatedLimbs(Protocol):
 
     @property
     def limbs(self) -> int:
-        """N."""
+        """The number of limbs N."""
 
     @property
     def joints(self) -> int:
-        """J."""
+        """The number of joints J."""
 
     @property
-    def footed(self) -> bool:
+    def has_feet(self) -> bool:
         """Whether feet are of finite size: `foot` [m] is then one of the robot's numbers."""
 
     @property
@@ -76,26 +79,29 @@ class StatedLimbs(Protocol):
         """Names and shapes of the robot's numbers."""
 
     @property
-    def given(self) -> Shapes:
-        """Names and shapes of further numbers for toes at one point each."""
+    def parameter_shapes(self) -> Shapes:
+        """Names and shapes of further parameters for toes at one point each."""
 
     @property
-    def found(self) -> Shapes:
+    def variable_shapes(self) -> Shapes:
         """Names and shapes of the variables that a program has for toes at one point each."""
 
     def values(self, robot: Robot) -> dict[str, Array]:
-        """The robot's numbers."""
+        """Return the robot's numbers."""
 
     def at_toes(self, robot: Robot, toes: Array) -> dict[str, Array]:
-        """What is given, and where what is found starts, for toes (..., N, 3): (..., N, rows)."""
+        """Return parameters and start values of variables for toes (..., N, 3).
+
+        Each is (..., N, rows).
+        """
 
     def points(self, numbers: Mapping[str, Any], angles: Any) -> list[Any]:
-        """J joints and the toe, (3, N) each, body frame, for angles (J, N)."""
+        """Return J joints and the toe, (3, N) each, body frame, for angles (J, N)."""
 
     def pieces(self, numbers: Mapping[str, Any], angles: Any) -> list[tuple[Any, Any]]:
-        """Ends (3, N) of the axis of each capsule of the limbs, body frame, for angles (J, N)."""
+        """Return ends (3, N) of the axis of each capsule, body frame, for angles (J, N)."""
 
     def standing(
-        self, numbers: Mapping[str, Any], toes: Any, own: Mapping[str, Any]
+        self, numbers: Mapping[str, Any], toes: Any, values: Mapping[str, Any]
     ) -> StandingLimbs:
-        """Limbs with toes (3, N), body frame; own: what is given and found there."""
+        """Return limbs with toes (3, N), body frame; values: of parameters and variables there."""

@@ -1,4 +1,4 @@
-"""The limbs of a robot as programs state them: which statement its mechanism takes."""
+"""The statement of a robot's limbs in programs, by its mechanism."""
 
 from __future__ import annotations
 
@@ -11,16 +11,20 @@ from climbplan.robots.stated_limbs import StatedLimbs
 
 
 def stated_limbs(robot: Robot) -> StatedLimbs:
-    """The limbs of a robot as programs state them; raises UsageError for closed linkages."""
+    """Return the limbs of a robot as programs state them.
+
+    Raises:
+        UsageError: The legs are closed linkages.
+    """
     if robot.mechanism is None:
         return StatedClosedForm(robot.limb_count)
     if isinstance(robot.mechanism, SerialChain):
-        parts = None if robot.capsules is None else robot.capsules.joint.tolist()
-        own = None if parts is None else tuple(map(tuple, parts))
+        joints_of_capsules = None if robot.capsules is None else robot.capsules.joint.tolist()
+        mounted = None if joints_of_capsules is None else tuple(map(tuple, joints_of_capsules))
         chain, count = robot.mechanism, robot.joint_count
         moving = chain.slide_zero is not None, chain.drive is not None
         kinds = *moving, robot.foot is not None, robot.links is not None
-        return StatedChains(robot.limb_count, count, count > 3, own, *kinds)
+        return StatedChains(robot.limb_count, count, count > 3, mounted, *kinds)
     raise UsageError(
         f"{robot.name} has legs that are closed linkages, which smooth programs do not state; "
         "expected limbs of coxa, femur and tibia, or the legs of a URDF"

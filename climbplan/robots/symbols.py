@@ -1,4 +1,4 @@
-"""Rotations as CasADi expressions: what statements with exact rotations are written with."""
+"""Rotations as CasADi expressions."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from typing import Any
 import casadi as ca
 
 
-def rotation(rpy: Any) -> Any:
-    """R = Rz(yaw) Ry(pitch) Rx(roll), body to world, as an expression; rpy (3,) [rad]."""
+def build_rotation(rpy: Any) -> Any:
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll), body to world, as an expression.
+
+    rpy: (3,) [rad].
+    """
     cr, cp, cy = (ca.cos(rpy[k]) for k in range(3))
     sr, sp, sy = (ca.sin(rpy[k]) for k in range(3))
     return ca.vertcat(

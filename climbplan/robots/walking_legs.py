@@ -12,9 +12,9 @@ from climbplan.robots.serial_chain import SerialChain
 
 @dataclass(frozen=True)
 class WalkingLegs:
-    """L legs of up to J joints: pairs from front to hind, of each the left one first.
+    """L legs of up to J joints: pairs from front to hind, in each the left one first.
 
-    The first joints of a leg with fewer are none: they move nothing, their names are empty.
+    Missing first joints of a leg with fewer move nothing, and their names are empty.
     """
 
     chain: SerialChain  # body frame of walking; its posture is how the robot stands
@@ -25,11 +25,11 @@ class WalkingLegs:
 
     @property
     def there(self) -> BoolArray:
-        """(L, J) which angles a leg has."""
+        """Whether a leg has an angle of that number, (L, J)."""
         return self.chain.zero.moves
 
     @property
     def mimics(self) -> BoolArray:
-        """(L, J) joints that move by the angle of another one."""
+        """Joints that move by the angle of another one, (L, J)."""
         named = np.array([[bool(name) for name in row] for row in self.chain.names])
         return np.asarray(named & ~self.there)

@@ -15,22 +15,22 @@ from hypothesis import strategies as st
 from benchmarks.climb.literal_solvers import solve_cvxpy, solve_literal
 from climbplan.arrays import Array
 from climbplan.climb.forces import solving as forces_module
-from climbplan.climb.forces.literal import literal_problems
+from climbplan.climb.forces.unreduced import build_unreduced_problems
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.reduction import ReducedForces
 from climbplan.climb.forces.solving import SolvedForces, solve_forces
 from climbplan.climb.forces.statement import (
     ForceStatement,
+    build_force_statement,
     check_forces,
-    commands_of,
-    objective_of,
-    state_forces,
+    compute_commands,
+    compute_objective,
 )
 from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene.climb_scene import ClimbScene
-from climbplan.errors import LimitReached, NotProved, UsageError
-from climbplan.instances.straight_climb import straight_rounds
+from climbplan.errors import LimitReached, Unresolved, UsageError
+from climbplan.instances.straight_climb import interpolate_rounds
 from climbplan.mechanics.stability import loaded_stiffness
 from climbplan.mechanics.stiffness import contact_forces, limb_stiffness
 from climbplan.robots.kinematics import toe_world
@@ -50,7 +50,7 @@ def rows_of(instants: Instants, rows: list[int]) -> Instants:
 
 @pytest.fixture(scope="module")
 def statement(demo_scene: ClimbScene, demo_instants: Instants) -> ForceStatement:
-    return state_forces(demo_scene, demo_instants).as_published()
+    return build_force_statement(demo_scene, demo_instants).as_published()
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +116,7 @@ def test_deflections_produce_the_forces(
 ) -> None:
     scene = demo_climb(force={"sag": sag})
     found = plan_forces(scene, demo_instants)
-    statement = state_forces(scene, demo_instants)
+    statement = build_force_statement(scene, demo_instants)
     stiffness = limb_stiffness(scene.robot, statement.jacobian)
     stiffness *= demo_instants.contact[..., None, None]
     back = contact_forces(stiffness, statement.arms, found.wall_deflection, found.com_deflection)
@@ -139,7 +139,7 @@ def test_commands_are_within_bounds(
 ) -> None:
     """With forces planned for their own sake some commands would be out of bounds."""
     free = solve_forces(statement, "daqp", 16).force
-    assert spread(demo_scene.robot, commands_of(statement, free)) < 0
+    assert spread(demo_scene.robot, compute_commands(statement, free)) < 0
     found = plan_forces(demo_scene, demo_instants)
     assert spread(demo_scene.robot, found.joint_command) > 1e-3
 
@@ -152,13 +152,13 @@ def test_restrictions_leave_the_optimum_where_they_do_not_matter(
     scene = demo_climb()
     robot = replace(scene.robot, joint_stiffness=0.8 * scene.robot.joint_stiffness)
     soft = replace(scene, robot=robot)
-    instants = plan_instants(scene, straight_rounds(scene))
-    statement = state_forces(soft, instants).as_published()
+    instants = plan_instants(scene, interpolate_rounds(scene))
+    statement = build_force_statement(soft, instants).as_published()
     optimal = solve_forces(statement, solver, 16).force
-    solved = solve_forces(state_forces(soft, instants), solver, 16)
+    solved = solve_forces(build_force_statement(soft, instants), solver, 16)
     assert not len(solved.missing)
-    assert check_forces(state_forces(soft, instants), solved.force).worst.max() <= 1e-7
-    worse = objective_of(statement, solved.force) - objective_of(statement, optimal)
+    assert check_forces(build_force_statement(soft, instants), solved.force).worst.max() <= 1e-7
+    worse = compute_objective(statement, solved.force) - compute_objective(statement, optimal)
     assert worse.min() >= -1e-3
     assert worse.max() > 5e-3
     assert np.median(worse) < 1e-3
@@ -172,28 +172,28 @@ def test_softness_is_answered_with_the_stiffness_that_is_enough(demo_climb: Scen
         robot = replace(scene.robot, joint_stiffness=factor * stiffness)
         return replace(scene, robot=robot)
 
-    instants = plan_instants(scene, straight_rounds(scene))
-    with pytest.raises(NotProved, match="no admissible contact forces") as caught:
+    instants = plan_instants(scene, interpolate_rounds(scene))
+    with pytest.raises(Unresolved, match="no admissible contact forces") as caught:
         plan_forces(softened(1.0), instants)
     text = str(caught.value)
     assert re.search("(command within bounds of .* coxa|stability of the braced body)", text)
     enough = re.search(r"all have with .*?([\d.]+) times the joint stiffness", text)
     assert enough
     plan_forces(softened(float(enough[1])), instants)
-    with pytest.raises(NotProved):
+    with pytest.raises(Unresolved):
         plan_forces(softened(0.9 * float(enough[1])), instants)
 
 
 def test_forces_leave_the_stiffness_asked_for(demo_climb: SceneMaker) -> None:
     scene = demo_climb()
-    instants = plan_instants(scene, straight_rounds(scene))
-    free = state_forces(scene, instants)
-    left = loaded_stiffness(free.braced, solve_forces(free, "daqp", 16).force).left
+    instants = plan_instants(scene, interpolate_rounds(scene))
+    free = build_force_statement(scene, instants)
+    left = loaded_stiffness(free.braced_body, solve_forces(free, "daqp", 16).force).left
     asked = float(left.min()) + 0.05
-    firm = state_forces(demo_climb(**{"force": {"stiffness_left": asked}}), instants)
+    firm = build_force_statement(demo_climb(**{"force": {"min_stiffness_ratio": asked}}), instants)
     solved = solve_forces(firm, "daqp", 16)
     assert not len(solved.missing)
-    assert loaded_stiffness(firm.braced, solved.force).left.min() >= asked - 1e-7
+    assert loaded_stiffness(firm.braced_body, solved.force).left.min() >= asked - 1e-7
 
 
 @pytest.mark.parametrize(("solver", "count"), [("daqp", 36), ("osqp", 12)])
@@ -206,19 +206,19 @@ def test_pyramids_come_close_to_the_cones(
     demo_instants: Instants,
 ) -> None:
     rows = rows_of(demo_instants, list(range(count)))
-    part = state_forces(demo_scene, rows).as_published()
+    part = build_force_statement(demo_scene, rows).as_published()
     solved = solve_forces(part, solver, 16)
-    assert solved.solved_again <= count // 3
-    best = objective_of(statement, exact.force)[:count]
-    off = objective_of(part, solved.force) / best - 1
+    assert solved.num_resolved <= count // 3
+    best = compute_objective(statement, exact.force)[:count]
+    off = compute_objective(part, solved.force) / best - 1
     assert off.min() >= -EXACT
     assert off.max() <= PYRAMID
 
 
 def test_more_facets_come_closer(statement: ForceStatement, exact: SolvedForces) -> None:
-    best = objective_of(statement, exact.force)
+    best = compute_objective(statement, exact.force)
     off = [
-        (objective_of(statement, solve_forces(statement, "daqp", facets).force) / best - 1).max()
+        (compute_objective(statement, solve_forces(statement, "daqp", facets).force) / best - 1).max()
         for facets in (4, 8, 64)
     ]
     assert off[0] > off[1] > off[2]
@@ -226,25 +226,25 @@ def test_more_facets_come_closer(statement: ForceStatement, exact: SolvedForces)
 
 
 def test_literal_form_has_the_same_optimum(statement: ForceStatement, exact: SolvedForces) -> None:
-    best = objective_of(statement, exact.force)
-    problems = literal_problems(statement)
+    best = compute_objective(statement, exact.force)
+    problems = build_unreduced_problems(statement)
     assert 7 + 9 * len(problems[0].normal) == 61
     answers = [solve_literal(problem) for problem in problems]
     force = np.stack([a.force for a in answers if a is not None])
     assert check_forces(statement, force).worst.max() < 1e-6
-    np.testing.assert_allclose(objective_of(statement, force), best, rtol=EXACT)
+    np.testing.assert_allclose(compute_objective(statement, force), best, rtol=EXACT)
 
 
 def test_cvxpy_has_the_same_optimum(statement: ForceStatement, exact: SolvedForces) -> None:
     pytest.importorskip("cvxpy")
-    best = objective_of(statement, exact.force)
-    problems = literal_problems(statement)
+    best = compute_objective(statement, exact.force)
+    problems = build_unreduced_problems(statement)
     for k in (0, 1, 2, 11):
         answer = solve_cvxpy(problems[k])
         assert answer is not None
         force = np.zeros_like(exact.force)
         force[k] = answer.force
-        assert objective_of(statement, force)[k] == pytest.approx(best[k], rel=CVXPY)
+        assert compute_objective(statement, force)[k] == pytest.approx(best[k], rel=CVXPY)
 
 
 @pytest.mark.parametrize("limbs", range(4, 9))
@@ -263,14 +263,14 @@ def test_solvers_agree_on_robots_of_many_kinds(
                 "task.goal": {"com": (0.0, 0.0, 0.05)},
             },
         )
-        instants = plan_instants(scene, straight_rounds(scene))
-        statement = state_forces(scene, instants)
+        instants = plan_instants(scene, interpolate_rounds(scene))
+        statement = build_force_statement(scene, instants)
         cones, pyramids = (solve_forces(statement, name, 16) for name in ("clarabel", "daqp"))
         np.testing.assert_array_equal(cones.missing, pyramids.missing)
         there = np.setdiff1d(np.arange(instants.count), cones.missing)
         feasible += len(there)
-        off = objective_of(statement, pyramids.force)[there]
-        off /= objective_of(statement, cones.force)[there]
+        off = compute_objective(statement, pyramids.force)[there]
+        off /= compute_objective(statement, cones.force)[there]
         assert (off >= 1 - EXACT).all()
         assert np.median(off) <= 1 + PYRAMID
         assert check_forces(statement, pyramids.force).worst[there].max() <= 1e-7
@@ -279,11 +279,11 @@ def test_solvers_agree_on_robots_of_many_kinds(
 
 def test_answers_are_unique_and_repeatable(demo_scene: ClimbScene, demo_instants: Instants) -> None:
     """Neither order nor neighbours of an instant matter, although DAQP starts from neighbours."""
-    whole = solve_forces(state_forces(demo_scene, demo_instants), "daqp", 16).force
-    again = solve_forces(state_forces(demo_scene, demo_instants), "daqp", 16).force
+    whole = solve_forces(build_force_statement(demo_scene, demo_instants), "daqp", 16).force
+    again = solve_forces(build_force_statement(demo_scene, demo_instants), "daqp", 16).force
     np.testing.assert_array_equal(whole, again)
     order = np.random.default_rng(0).permutation(demo_instants.count).tolist()
-    shuffled = state_forces(demo_scene, rows_of(demo_instants, order))
+    shuffled = build_force_statement(demo_scene, rows_of(demo_instants, order))
     np.testing.assert_allclose(solve_forces(shuffled, "daqp", 16).force, whole[order], atol=1e-4)
 
 
@@ -334,7 +334,7 @@ def test_a_large_weight_presses_as_hard_as_torque_allows(
 ) -> None:
     soft, hard = (
         solve_forces(
-            state_forces(
+            build_force_statement(
                 demo_climb(force={"normal_force_weight": w}), demo_instants
             ).as_published(),
             "daqp",
@@ -342,7 +342,7 @@ def test_a_large_weight_presses_as_hard_as_torque_allows(
         ).force
         for w in (0.0, 5e-3)
     )
-    statement = state_forces(demo_climb(), demo_instants)
+    statement = build_force_statement(demo_climb(), demo_instants)
     use = np.abs(np.einsum("knij,kni->knj", statement.jacobian, hard)) / statement.max_torque
     np.testing.assert_allclose(use.max(axis=(1, 2)), 1.0, rtol=1e-6)
     pressure = [(f * statement.normal).sum(axis=(1, 2)) for f in (soft, hard)]
@@ -353,7 +353,7 @@ def test_payload_and_wind_are_carried(demo_climb: SceneMaker) -> None:
     payload = {"mass": 1.5, "offset": (0.0, 0.05, 0.1)}
     wind = {"force": (10.0, 5.0, 0.0), "moment": (0.0, 1.0, 0.0)}
     scene = demo_climb(**{"task.payload": payload, "task.external_wrench": wind})
-    instants = plan_instants(scene, straight_rounds(scene))
+    instants = plan_instants(scene, interpolate_rounds(scene))
     found = plan_forces(scene, instants)
     g = scene.robot.gravity
     np.testing.assert_allclose(
@@ -383,12 +383,12 @@ def test_more_friction_never_hurts(
 ) -> None:
     one = rows_of(demo_instants, [row])
     one = replace(one, com=one.com + np.array([shift, -shift, shift]))
-    worse = state_forces(demo_scene, replace(one, mu=np.full_like(one.mu, low)))
+    worse = build_force_statement(demo_scene, replace(one, mu=np.full_like(one.mu, low)))
     before = solve_forces(worse, "daqp", 16)
     if len(before.missing):
         return
-    better = state_forces(demo_scene, replace(one, mu=np.full_like(one.mu, low * more)))
+    better = build_force_statement(demo_scene, replace(one, mu=np.full_like(one.mu, low * more)))
     after = solve_forces(better, "daqp", 16)
     assert not len(after.missing)
     # Pyramids differ a little from one friction to the next.
-    assert objective_of(better, after.force) <= objective_of(worse, before.force) * (1 + PYRAMID)
+    assert compute_objective(better, after.force) <= compute_objective(worse, before.force) * (1 + PYRAMID)

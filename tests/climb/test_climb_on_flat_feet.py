@@ -15,7 +15,7 @@ from climbplan.climb.check.subject import subject_of
 from climbplan.climb.check.verification import verification_of
 from climbplan.climb.forces.explanation import NoForces
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.gait.instants import instants_at
+from climbplan.climb.gait.instants import build_instants_at
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.planner.planner import plan_climb
@@ -139,7 +139,7 @@ def test_a_load_beside_the_sole_is_told_by_how_much() -> None:
     lifted = np.array([[True, False]])
     com = scene.start.com[None] + [0.0, 0.0, 0.0]
     where = scene.start.toes[None], scene.start.region[None], lifted
-    instants = instants_at(scene, np.ones(1, np.int64), com, np.zeros((1, 3)), *where)
+    instants = build_instants_at(scene, np.ones(1, np.int64), com, np.zeros((1, 3)), *where)
     with pytest.raises(NoForces, match="centre of pressure 25 mm beyond the edge of its sole"):
         plan_forces(scene, instants)
 
@@ -148,7 +148,11 @@ def test_a_load_beside_the_sole_is_told_by_how_much() -> None:
     ("change", "key", "words"),
     [
         ("solver.method=nlp", "solver.method", "`auto`, `micp`, `sl1-relaxation` alone"),
-        ("force.sag=predicted", "force.sag", "would tilt them"),
+        (
+            "force.deflection_compensation=predicted",
+            "force.deflection_compensation",
+            "would tilt them",
+        ),
         ("terrain.ground={across: [-1, 1], along: [-0.1, 0.1]}", "terrain", "220 x 110 mm sole"),
         (
             "task.start.toes={L: [-0.98, 0, 0], R: [0.08, 0, 0]}",
@@ -187,8 +191,8 @@ def test_a_biped_does_not_fall_in_simulation(tmp_path: Path) -> None:
     pytest.importorskip("mujoco", reason="mujoco is missing: pip install '.[simulate]'")
     plan = plan_climb(load_climb(SPEC, [*ONE_ROUND, "trajectory.speed=0.01"]))
     write_climb(plan, tmp_path / "plan.h5")
-    found = climbplan.read(tmp_path / "plan.h5").simulate()
-    assert found.stands
+    found = climbplan.load_plan(tmp_path / "plan.h5").simulate()
+    assert found.passed
     assert found.slips == 0
     with pytest.raises(UsageError, match="not flat feet"):
-        climbplan.read(tmp_path / "plan.h5").simulate(regulator="joints")
+        climbplan.load_plan(tmp_path / "plan.h5").simulate(regulator="joints")

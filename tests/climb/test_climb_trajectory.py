@@ -14,7 +14,7 @@ from climbplan.climb.motion.trajectory import SPEEDING_UP, plan_trajectory
 from climbplan.climb.plan.climb_plan import Trajectory
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import UsageError
-from climbplan.instances.straight_climb import straight_rounds
+from climbplan.instances.straight_climb import interpolate_rounds
 from climbplan.robots.kinematics import toe_world
 
 SceneMaker = Callable[..., ClimbScene]
@@ -22,7 +22,7 @@ SceneMaker = Callable[..., ClimbScene]
 
 def motion(scene: ClimbScene) -> tuple[Trajectory, float]:
     """The motion, and by how much its samples miss the worst instant [m]."""
-    rounds = straight_rounds(scene)
+    rounds = interpolate_rounds(scene)
     instants = plan_instants(scene, rounds)
     forces = plan_forces(scene, instants)
     trajectory = plan_trajectory(scene, rounds, instants, forces)

@@ -19,11 +19,11 @@ from climbplan.climb.exports.regulator_files import write_regulator
 from climbplan.climb.exports.table import export_csv
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found, read_climb, write_climb
-from climbplan.climb.planner.chaining import started
 from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.planner.start_from_plan import resolve_start_plan
 from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
-from climbplan.exports.formats import Told, told
+from climbplan.exports.formats import ControllerOptions, adapt_motion
 from climbplan.exports.sidecar import facts_of
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.serial_chain import SerialChain
@@ -97,7 +97,7 @@ def test_exported_motions_are_in_balance_on_the_urdf(plan: ClimbPlan, stored: Pa
 
 def test_gains_of_rigid_simulators(stored: Path) -> None:
     """The same commands, on angles without the structure's give, under gains K (1 - share)."""
-    planned, rigid = climb_motion(stored), told(climb_motion(stored), Told(gains="rigid"))
+    planned, rigid = climb_motion(stored), adapt_motion(climb_motion(stored), ControllerOptions(gains="rigid"))
     own, joints = planned.joints, rigid.joints
     assert own is not None
     assert joints is not None
@@ -195,10 +195,10 @@ def test_going_on_where_a_walker_stands(stored: Path, plan: ClimbPlan, tmp_path:
     marked = Path(shutil.copy(stored, tmp_path / "verified.h5"))
     mark_verified(marked, verification_of(read_as_found(marked)))
     on[-1] = f"task.start={{plan: {marked}}}"
-    loaded = started(load_climb(tmp_path / "climb.yaml", on))
+    loaded = resolve_start_plan(load_climb(tmp_path / "climb.yaml", on))
     assert loaded.spec.task.start.com == tuple(plan.rounds.com[-1])
     urdf = tmp_path / "walker.urdf"
     turned_axis = urdf.read_text().replace('<axis xyz="0 -1 0"/>', '<axis xyz="0 -0.9 0.1"/>', 1)
     urdf.write_text(turned_axis)
     with pytest.raises(SpecError, match=r"a plan of walker, with an?other "):
-        started(load_climb(tmp_path / "climb.yaml", on))
+        resolve_start_plan(load_climb(tmp_path / "climb.yaml", on))

@@ -10,7 +10,7 @@ from urdf_walkers import Walker
 
 from climbplan.climb.check.anew.kinematics import limbs_at
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.forces.grips.sharing import more_of_parts
+from climbplan.climb.forces.grips.moment_distribution import distribute_moment
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.planner.planner import plan_climb
@@ -143,7 +143,7 @@ def test_a_missing_moment_is_shared_by_parts_that_press() -> None:
     palm = np.where(np.arange(4)[:, None] == 0, force, force / 3)
     grips = GripForces(grip, palm, np.zeros((1, 4, 3)))
     off = np.array([[0.02, -0.03, 0.04]])
-    more, shared = more_of_parts(
+    more, shared = distribute_moment(
         grippers, normal, region, contact, arms, force, grips, off, in_line=1e-6
     )
     change = more - force

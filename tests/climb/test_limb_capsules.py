@@ -13,19 +13,25 @@ from climbplan.arrays import Array
 from climbplan.climb.check.convex import hull_distance
 from climbplan.climb.clearance.limbs import (
     BETWEEN,
-    limb_points,
-    limb_shortfall,
-    link_distances,
+    compute_limb_points,
+    compute_link_distances,
+    find_limb_shortfall,
     standing_room,
 )
-from climbplan.climb.clearance.swing import Swing, SwingBlocked, swing_path, swing_paths, swings_of
+from climbplan.climb.clearance.swing import (
+    Swing,
+    SwingBlocked,
+    plan_swing_paths,
+    swing_path,
+    swings_of,
+)
 from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.motion.motion import StageClock, plan_motion
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.postures import statement
-from climbplan.climb.postures.limb_shape import limb_shape
-from climbplan.climb.postures.statement import LinearRotation, limb_polytopes
+from climbplan.climb.postures.limb_shape import linearise_limb
+from climbplan.climb.postures.statement import LinearisedRotation, build_limb_polytopes
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import load_text
 from climbplan.robots.rotations import rotation_world_body
@@ -62,7 +68,7 @@ def densely(scene: ClimbScene, swing: Swing, path: Array) -> Array:
     com, rpy = (np.broadcast_to(x, toes.shape) for x in (swing.com, swing.rpy))
     stance = com[:, None] + scene.robot.stance_body @ rotation_world_body(swing.rpy).T
     stance[:, swing.limb] = toes
-    return limb_points(scene, com, rpy, stance)[:, swing.limb]
+    return compute_limb_points(scene, com, rpy, stance)[:, swing.limb]
 
 
 def test_link_distances_agree_with_least_distance_programming() -> None:
@@ -74,34 +80,34 @@ def test_link_distances_agree_with_least_distance_programming() -> None:
         exact = np.array(
             [hull_distance(np.stack(x), solid.vertices) for x in zip(starts, ends, strict=True)]
         )
-        found = link_distances(solid, starts, ends)
+        found = compute_link_distances(solid, starts, ends)
         apart = exact > 1e-9
         assert 20 < apart.sum() < 200
         np.testing.assert_allclose(found[apart], exact[apart], atol=1e-8)
         assert (found[~apart] <= 1e-8).all()
-        bounded = link_distances(solid, starts, ends, enough=0.05)
+        bounded = compute_link_distances(solid, starts, ends, enough=0.05)
         assert (bounded <= found + 1e-12).all()
         np.testing.assert_array_equal(bounded >= 0.05, found >= 0.05)
 
 
 def test_the_statement_holds_the_knee_to_first_order() -> None:
     scene = beam_scene()
-    rotation = LinearRotation((0.0, 0.0, 0.0))
+    rotation = LinearisedRotation((0.0, 0.0, 0.0))
     rng = np.random.default_rng(1)
     solid, keep = scene.terrain.obstacles[0], 0.03
     for limb in range(scene.robot.limb_count):
-        shape = limb_shape(scene, limb, rotation.reference)
-        faces = limb_polytopes(solid, shape, keep, keep, rotation)
+        shape = linearise_limb(scene, limb, rotation.reference)
+        faces = build_limb_polytopes(solid, shape, keep, keep, rotation)
         for size, error in ((1e-3, 5e-4), (0.03, 0.015)):
             com, rpy = rng.uniform(-size, size, (2, 40, 3))
             turned = rotation_world_body(rpy)
             toes = com[:, None] + np.einsum("kab,nb->kna", turned, scene.robot.stance_body)
             toes[:, limb] += rng.uniform(-size, size, (40, 3))
-            knee = limb_points(scene, com, rpy, toes)[:, limb, 2]
+            knee = compute_limb_points(scene, com, rpy, toes)[:, limb, 2]
             lifted = toes.copy()
             inward = -np.sign(scene.robot.stance_body[limb, 0]) * np.array([1.0, 0, 0])
-            lifted[:, limb] += scene.spec.trajectory.lift * inward
-            knee_lifted = limb_points(scene, com, rpy, lifted)[:, limb, 2]
+            lifted[:, limb] += scene.spec.trajectory.swing_clearance * inward
+            knee_lifted = compute_limb_points(scene, com, rpy, lifted)[:, limb, 2]
             x = np.hstack([toes[:, limb], com, rpy])
             x = np.hstack([x, x])
             for face, normal, offset in zip(faces, solid.A, solid.b, strict=True):
@@ -123,21 +129,21 @@ def test_standing_limbs_are_measured_at_their_thickness(
     standing: tuple[ClimbScene, Rounds, Instants],
 ) -> None:
     scene, rounds, instants = standing
-    bare = limb_shortfall(scene, rounds, instants)
+    bare = find_limb_shortfall(scene, rounds, instants)
     assert bare is not None
     assert bare.missing < 0
-    last = limb_points(scene, instants.com[-1:], instants.rpy[-1:], rounds.toes[-1:])
+    last = compute_limb_points(scene, instants.com[-1:], instants.rpy[-1:], rounds.toes[-1:])
     height = float(last[..., 2].max())
-    short = limb_shortfall(with_obstacle(scene, lid(height + 0.02)), rounds, instants)
+    short = find_limb_shortfall(with_obstacle(scene, lid(height + 0.02)), rounds, instants)
     assert short is not None
     assert short.missing == pytest.approx(scene.robot.limb_radius + BETWEEN - 0.02, abs=1e-9)
     assert short.obstacle == "lid"
     assert short.where.startswith("round 3, push")
-    words = short.words(scene)
+    words = short.describe(scene)
     assert scene.robot.limb_names[short.limb] in words
     assert "6.0 mm too close to 'lid'" in words
     other = replace(scene, robot=replace(scene.robot, limb_radius=0.01))
-    thin = limb_shortfall(with_obstacle(other, lid(height + 0.02)), rounds, instants)
+    thin = find_limb_shortfall(with_obstacle(other, lid(height + 0.02)), rounds, instants)
     assert thin is not None
     assert thin.missing == pytest.approx(0.011 - 0.02, abs=1e-9)
 
@@ -147,7 +153,7 @@ def test_a_swing_without_room_says_what_is_missing(
 ) -> None:
     scene, rounds, instants = standing
     swing = swings_of(scene, rounds, instants)[0]
-    limb = limb_points(scene, swing.com[None], swing.rpy[None], rounds.toes[:1])[0, swing.limb]
+    limb = compute_limb_points(scene, swing.com[None], swing.rpy[None], rounds.toes[:1])[0, swing.limb]
     room = scene.robot.limb_radius + BETWEEN
     # Room enough while it stands; a lifted toe raises the knee
     under = with_obstacle(scene, lid(float(limb[:, 2].max()) + room + 0.005))
@@ -177,11 +183,11 @@ def test_swings_go_round_what_only_their_links_would_touch(
     centre = chain[len(chain) // 2, 2] + [0.0, 0.0, 0.02]
     block = Solid.from_box("block", centre - 0.01, centre + 0.01)
     blocked = with_obstacle(scene, block)
-    before = link_distances(block, chain[:, :-1], chain[:, 1:]).min()
+    before = compute_link_distances(block, chain[:, :-1], chain[:, 1:]).min()
     assert before < scene.robot.limb_radius
     path = swing_path(blocked, swing)
     after = densely(scene, swing, path)
-    assert link_distances(block, after[:, :-1], after[:, 1:]).min() >= scene.robot.limb_radius
+    assert compute_link_distances(block, after[:, :-1], after[:, 1:]).min() >= scene.robot.limb_radius
     assert len(path) > len(straight)
 
 
@@ -198,14 +204,14 @@ def test_the_climb_round_the_beam_keeps_every_swing_clear(
     assert motion.posture.bound is not None
     assert motion.posture.objective < 1.02 * motion.posture.bound
     rounds, instants = motion.posture.rounds, plan_instants(scene, motion.posture.rounds)
-    short = limb_shortfall(scene, rounds, instants)
+    short = find_limb_shortfall(scene, rounds, instants)
     assert short is not None
     assert short.missing <= 1e-9
     assert motion.swings is not None
     beam = scene.terrain.obstacles[0]
     for swing, path in zip(swings_of(scene, rounds, instants), motion.swings, strict=True):
         chain = densely(scene, swing, path)
-        assert link_distances(beam, chain[:, :-1], chain[:, 1:]).min() > scene.robot.limb_radius
+        assert compute_link_distances(beam, chain[:, :-1], chain[:, 1:]).min() > scene.robot.limb_radius
 
 
 def test_limb_clearance_is_kept_beside_the_radius(demo_climb: SceneMaker) -> None:
@@ -218,7 +224,7 @@ def test_limb_clearance_is_kept_beside_the_radius(demo_climb: SceneMaker) -> Non
 @pytest.mark.slow
 def test_thicker_limbs_are_planned_further_off() -> None:
     # No other postures for forces, and a robot that the text of the spec does not have
-    soft = ("force.stiffness_left=0.15", "force.least_pressure=0", "solver.method=micp")
+    soft = ("force.min_stiffness_ratio=0.15", "force.min_normal_force=0", "solver.method=micp")
     loaded = load_text(example_text("climb_obstacle"), "climb_obstacle", soft)
     thin, thick = (
         plan_climb(
@@ -231,7 +237,7 @@ def test_thicker_limbs_are_planned_further_off() -> None:
 
 def test_swings_are_those_of_the_motion(standing: tuple[ClimbScene, Rounds, Instants]) -> None:
     scene, rounds, instants = standing
-    paths = swing_paths(scene, rounds, instants)
+    paths = plan_swing_paths(scene, rounds, instants)
     assert len(paths) == rounds.count * scene.robot.limb_count
     moves = swings_of(scene, rounds, instants)
     np.testing.assert_array_equal(moves[-1].new, rounds.toes[-1, moves[-1].limb])

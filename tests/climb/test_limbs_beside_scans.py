@@ -20,7 +20,7 @@ from climbplan.climb.check.anew.capsules import capsules_at
 from climbplan.climb.check.scan_links import Contacts as Checked
 from climbplan.climb.check.scan_links import judge_scan_links
 from climbplan.climb.check.subject import Subject
-from climbplan.climb.clearance.raw_surface import Contacts, nearest_raw
+from climbplan.climb.clearance.raw_surface import Contacts, find_nearest_raw
 from climbplan.robots.capsules import straight_capsules
 from climbplan.robots.model import Robot
 from climbplan.scan.raw import RawScan
@@ -45,7 +45,7 @@ def both(raw: RawScan, points: Array, places: Array, normals: Array) -> tuple[fl
     scan = RawSurface(raw.vertices, raw.triangles, FLATNESS, 0.01)
     known = ~np.isnan(places).any(axis=1)
     links = straight_capsules(points, RADIUS)
-    found = nearest_raw(scan, links, Contacts(places[known], normals[known]), 0.0)
+    found = find_nearest_raw(scan, links, Contacts(places[known], normals[known]), 0.0)
     plan = SimpleNamespace(terrain=SimpleNamespace(scan=scan))
     subject = cast("Subject", SimpleNamespace(plan=plan, limb=lambda *_: "limb"))
     robot = SimpleNamespace(
@@ -212,4 +212,4 @@ def test_a_mission_in_a_scan_is_planned_from_any_folder(
     monkeypatch.chdir(tmp_path)
     plan = climbplan.plan(spec)
     assert plan.verify().passed
-    assert plan.simulate().stands
+    assert plan.simulate().passed

@@ -10,14 +10,18 @@ import numpy as np
 import pytest
 
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.forces.margins import kept_share, solve_with_margins, with_margins
+from climbplan.climb.forces.margins import (
+    apply_margins,
+    compute_margin_fraction,
+    solve_with_margins,
+)
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.statement import (
+    build_force_statement,
     check_forces,
-    depths_of,
-    free_depths_of,
-    standing_use,
-    state_forces,
+    compute_contact_torque_ratio,
+    compute_free_penetration,
+    compute_penetration,
 )
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.plan.file import write_climb
@@ -45,17 +49,17 @@ def test_forces_keep_all_margins_where_they_can(
     demo_scene: ClimbScene, demo_instants: Instants
 ) -> None:
     scene = with_spec_margins(demo_scene, MarginsSpec())
-    statement = state_forces(scene, demo_instants)
+    statement = build_force_statement(scene, demo_instants)
     bare = plan_forces(demo_scene, demo_instants).force
     found = solve_with_margins(scene, statement, "daqp", 16)
     margins = scene.spec.margins
-    assert kept_share(statement, margins, bare).min() < 0.9
+    assert compute_margin_fraction(statement, margins, bare).min() < 0.9
     assert not len(found.solved.missing)
-    assert (found.share == 1.0).all()
-    np.testing.assert_array_equal(found.share, kept_share(statement, margins, found.solved.force))
-    whole = check_forces(with_margins(statement, margins), found.solved.force)
+    assert (found.margin_fraction == 1.0).all()
+    np.testing.assert_array_equal(found.margin_fraction, compute_margin_fraction(statement, margins, found.solved.force))
+    whole = check_forces(apply_margins(statement, margins), found.solved.force)
     assert whole.worst.max() < 1e-7
-    deep = free_depths_of(statement, found.solved.force)[statement.contact]
+    deep = compute_free_penetration(statement, found.solved.force)[statement.contact]
     assert deep.min() > margins.depth - 2e-4
 
 
@@ -64,10 +68,10 @@ def test_margins_that_cannot_be_had_are_shared(
     demo_scene: ClimbScene, demo_instants: Instants, solver: str
 ) -> None:
     """Three times as much pressure as the motors have: still forces, and no worse than without."""
-    greedy = MarginsSpec(pressure=0.9, friction=0.0, depth=0.0, stiffness=0.0)
+    greedy = MarginsSpec(normal_force=0.9, friction=0.0, depth=0.0, stiffness=0.0)
     scene = with_spec_margins(demo_scene, greedy)
-    statement = state_forces(scene, demo_instants)
-    bare = kept_share(statement, greedy, plan_forces(demo_scene, demo_instants, solver).force)
+    statement = build_force_statement(scene, demo_instants)
+    bare = compute_margin_fraction(statement, greedy, plan_forces(demo_scene, demo_instants, solver).force)
     found = plan_forces(scene, demo_instants, solver)
     assert check_forces(statement, found.force).worst.max() < 1e-7
     assert found.margin_share is not None
@@ -92,17 +96,17 @@ def test_without_margins_forces_are_those_of_least_cost(
 def test_free_depth_is_where_commands_put_free_toes(
     demo_scene: ClimbScene, demo_instants: Instants
 ) -> None:
-    statement = state_forces(demo_scene, demo_instants)
+    statement = build_force_statement(demo_scene, demo_instants)
     found = plan_forces(demo_scene, demo_instants)
     command = found.joint_command
     free = toe_world(demo_scene.robot, demo_instants.com, demo_instants.rpy, command)
     inside = np.einsum("kni,kni->kn", demo_instants.toes - free, demo_instants.normal)
-    deep = free_depths_of(statement, found.force)
+    deep = compute_free_penetration(statement, found.force)
     np.testing.assert_allclose(deep, inside, atol=1e-12)
     # A thousandth of the forces bends limbs along straight lines
     little = 1e-3 * found.force
     np.testing.assert_allclose(
-        free_depths_of(statement, little), depths_of(statement, little), atol=2e-7
+        compute_free_penetration(statement, little), compute_penetration(statement, little), atol=2e-7
     )
 
 
@@ -118,19 +122,19 @@ def test_margins_in_a_word_and_misspelt() -> None:
 def test_motors_have_a_part_of_their_limits_left(
     demo_scene: ClimbScene, demo_instants: Instants
 ) -> None:
-    statement = state_forces(demo_scene, demo_instants)
-    bare = standing_use(statement, plan_forces(demo_scene, demo_instants).force)
+    statement = build_force_statement(demo_scene, demo_instants)
+    bare = compute_contact_torque_ratio(statement, plan_forces(demo_scene, demo_instants).force)
     left = 0.5 * (1 - bare.max())
     for torque, whole in ((left, True), (0.99, False)):
         margins = MarginsSpec(torque=torque)
         scene = with_spec_margins(demo_scene, margins)
         found = solve_with_margins(scene, statement, "daqp", 16)
         assert not len(found.solved.missing)
-        use = standing_use(statement, found.solved.force)
+        use = compute_contact_torque_ratio(statement, found.solved.force)
         assert bool((use <= 1 - torque + 1e-7).all()) is whole
-        assert (1 - use >= found.share * torque - 1e-7).all()
+        assert (1 - use >= found.margin_fraction * torque - 1e-7).all()
         if not whole:
-            assert (found.share < 0.95).all()
+            assert (found.margin_fraction < 0.95).all()
 
 
 def test_checks_recompute_margins_and_call_a_plan_fragile(tmp_path: Path) -> None:
@@ -224,6 +228,6 @@ def test_without_friction_for_the_margin_there_are_forces_all_the_same(
     demo_scene: ClimbScene, demo_instants: Instants
 ) -> None:
     scene = with_spec_margins(demo_scene, MarginsSpec(slip=0.9))
-    found = solve_with_margins(scene, state_forces(scene, demo_instants), "daqp", 16)
+    found = solve_with_margins(scene, build_force_statement(scene, demo_instants), "daqp", 16)
     assert not len(found.solved.missing)
-    assert (found.share < 1.0).all()
+    assert (found.margin_fraction < 1.0).all()

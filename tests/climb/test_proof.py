@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from climbplan.climb.planner.proof import proof_of_infeasibility
-from climbplan.climb.postures.outer import outer_program, shoulder_balls
+from climbplan.climb.planner.proof import prove_infeasibility
+from climbplan.climb.postures.outer_relaxation import bound_shoulders, build_outer_program
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import Infeasible
-from climbplan.instances.straight_climb import straight_rounds
+from climbplan.instances.straight_climb import interpolate_rounds
 from climbplan.robots.rotations import rotation_world_body
 
 SceneMaker = Callable[..., ClimbScene]
@@ -22,7 +22,7 @@ FREE: dict[str, Any] = {"task.goal.toes": {}, "task.goal.com": (0.0, 0.0, 0.3)}
 
 
 def proof(scene: ClimbScene) -> Infeasible | None:
-    return proof_of_infeasibility(scene, time.monotonic() + 60.0)
+    return prove_infeasibility(scene, time.monotonic() + 60.0)
 
 
 def test_what_has_a_plan_is_not_proved_away(demo_climb: SceneMaker) -> None:
@@ -123,8 +123,8 @@ def test_every_plan_satisfies_the_outer_statement(demo_climb: SceneMaker) -> Non
         "posture.rotation_limit_deg": 20.0,
     }
     scene = demo_climb(**values)
-    for rounds in (plan_postures(scene).rounds, straight_rounds(scene)):
-        program = outer_program(scene)
+    for rounds in (plan_postures(scene).rounds, interpolate_rounds(scene)):
+        program = build_outer_program(scene)
         point = program.point({"toe": rounds.toes[1:], "com": rounds.com[1:]})
         report = program.check(point)
         assert report.worst().residual <= 1e-9, report.worst()
@@ -136,7 +136,7 @@ def test_balls_hold_the_shoulders_at_every_rotation(demo_climb: SceneMaker) -> N
     limit = np.deg2rad(25.0)
     turns = rotation_world_body(rng.uniform(-limit, limit, (2000, 3)))
     shoulders = np.einsum("kij,nj->kni", turns, scene.robot.shoulder_body)
-    balls = shoulder_balls(scene)
+    balls = bound_shoulders(scene)
     assert len(balls) == 2
     for centre, radius in balls:
         assert (np.linalg.norm(shoulders - centre, axis=-1) <= radius + 1e-12).all()

@@ -18,13 +18,13 @@ from climbplan.climb.check.anew.kinematics import body_axes, limbs_at
 from climbplan.climb.check.convex import hull_of
 from climbplan.climb.check.self_collision import parts_apart, segments_apart
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.clearance.limb_pairs import self_shortfall
+from climbplan.climb.clearance.limb_pairs import compute_self_shortfall
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_text
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.model import Robot
-from climbplan.robots.touching_parts import parts_beside, segment_distances
+from climbplan.robots.self_clearance import compute_segment_distances, list_clearance_pairs
 from climbplan.robots.urdf.canonical_urdf import write_canonical_urdf
 from climbplan.robots.urdf.pinocchio_model import build_urdf_model
 from climbplan.schema.examples import example_text
@@ -92,7 +92,7 @@ def test_segments_are_as_far_apart_as_coal_says() -> None:
         np.full((1, 2), np.inf),
     )
     truth = np.array([coal_room(links, p, (0, 0), (0, 1)) + 2e-3 for p in range(400)])
-    planner = segment_distances(one[:, 0], one[:, 1], other[:, 0], other[:, 1])
+    planner = compute_segment_distances(one[:, 0], one[:, 1], other[:, 0], other[:, 1])
     checker = segments_apart(one, other, np.inf)
     np.testing.assert_allclose(planner, truth, atol=1e-6)
     np.testing.assert_allclose(checker, truth, atol=1e-6)
@@ -114,12 +114,12 @@ def test_no_posture_passes_that_coal_refuses(tmp_path: Path, made: Any) -> None:
     robot = made(tmp_path)
     angles = drawn(robot)
     links = limb_capsules(robot, angles)
-    _, pairs = parts_beside(robot, links)
+    _, pairs = list_clearance_pairs(robot, links)
     near = residuals(robot, angles)
     refused = near > LIMITS["limbs.self_collision"].value
     met = np.zeros(POSTURES, bool)
     room = (
-        segment_distances(
+        compute_segment_distances(
             *(
                 points[:, row[0], row[1]]
                 for row in (pairs[:, :2].T, pairs[:, 2:].T)
@@ -138,7 +138,7 @@ def test_no_posture_passes_that_coal_refuses(tmp_path: Path, made: Any) -> None:
     assert refused[met].all()
     # Planner and checker agree on every posture, the body among what is looked at
     single = [
-        self_shortfall(robot, limb_capsules(robot, angles[p : p + 1])).missing for p in range(200)
+        compute_self_shortfall(robot, limb_capsules(robot, angles[p : p + 1])).missing for p in range(200)
     ]
     single, near = np.array(single), near[:200]
     measured = np.abs(near) < 2e-3

@@ -23,10 +23,10 @@ from climbplan.arrays import Array
 from climbplan.cli.app import run
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
+from climbplan.climb.simulation.initial_posture import place_robot
 from climbplan.climb.simulation.model.chain_limb import name_motors
 from climbplan.climb.simulation.model.mjcf import TIME_STEP, build_mjcf
 from climbplan.climb.simulation.replay import Run, simulate
-from climbplan.climb.simulation.initial_posture import place_robot
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import NOMINAL, Conditions

@@ -12,7 +12,7 @@ from climbplan.climb.exports.motion import read_motion as climb_motion
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.simulation.replay import simulate
 from climbplan.errors import SpecError, UsageError
-from climbplan.exports.formats import Told, told
+from climbplan.exports.formats import ControllerOptions, adapt_motion
 from climbplan.exports.motion import JointMotion, RobotMotion
 from climbplan.limms.exports.motion import read_motion as limms_motion
 from climbplan.robots.any_robot import build_robot
@@ -30,18 +30,18 @@ def joints(motion: RobotMotion) -> JointMotion:
 
 def test_the_plans_own_samples_are_kept_to_the_last_bit(plans: dict[str, Path]) -> None:
     plan, motion = read_climb(plans["climb"]), climb_motion(plans["climb"])
-    at_plan = told(motion, Told(rate=20.0))  # what the plan is sampled at
+    at_plan = adapt_motion(motion, ControllerOptions(rate=20.0))  # what the plan is sampled at
     for one in (motion, at_plan):
         assert np.array_equal(one.time, plan.trajectory.time)
         commands = plan.trajectory.joint_command.reshape(len(one.time), -1)
         assert np.array_equal(joints(one).command, commands)
         assert np.array_equal(one.bodies[0].position, plan.trajectory.com)
-    fine = told(motion, Told(rate=100.0))
+    fine = adapt_motion(motion, ControllerOptions(rate=100.0))
     assert np.array_equal(joints(fine).command[::5], joints(motion).command)
 
 
 def test_velocities_and_accelerations_are_those_of_the_commands(plans: dict[str, Path]) -> None:
-    fine = joints(told(climb_motion(plans["climb"]), Told(rate=1000.0)))
+    fine = joints(adapt_motion(climb_motion(plans["climb"]), ControllerOptions(rate=1000.0)))
     step = 1e-3
     moved = (fine.command[2:] - fine.command[:-2]) / (2 * step)
     assert np.abs(moved - fine.velocity[1:-1]).max() < 1e-3 * np.abs(fine.velocity).max() + 1e-9
@@ -63,13 +63,13 @@ def test_other_gains_bring_the_same_torques(plans: dict[str, Path]) -> None:
     motion = climb_motion(plans["climb"])
     own = joints(motion)
     for gains in (20.0, 300.0):
-        other = joints(told(motion, Told(gains=str(gains))))
+        other = joints(adapt_motion(motion, ControllerOptions(gains=str(gains))))
         torque = gains * (other.command - own.angle)
         assert torque == pytest.approx(own.torque, abs=1e-9)
-    apart = joints(told(motion, Told(feedforward=True)))
+    apart = joints(adapt_motion(motion, ControllerOptions(feedforward=True)))
     assert np.array_equal(apart.command, own.angle)
     assert np.array_equal(apart.feedforward, own.torque)
-    same = joints(told(motion, Told(gains=str(float(own.gain[0])))))
+    same = joints(adapt_motion(motion, ControllerOptions(gains=str(float(own.gain[0])))))
     assert same.command == pytest.approx(own.command, abs=1e-12)
 
 
@@ -89,7 +89,7 @@ def test_a_controller_with_other_gains_holds_the_climb(
     write_climb(rigid, tmp_path / "rigid.h5")
     own = robot.joint_stiffness[0, 0]
     assert (robot.joint_stiffness == own).all()
-    other = told(climb_motion(tmp_path / "rigid.h5"), Told(gains=str(float(own * factor))))
+    other = adapt_motion(climb_motion(tmp_path / "rigid.h5"), ControllerOptions(gains=str(float(own * factor))))
 
     def departure(command: np.ndarray, gain: float) -> float:
         moving = replace(rigid.trajectory, joint_command=command.reshape(stiff.shape))
@@ -119,19 +119,19 @@ def test_modules_and_walks(plans: dict[str, Path]) -> None:
     assert walk.joints is None
     assert walk.contacts is not None
     for motion in (modules, walk):
-        fine = told(motion, Told(rate=200.0))
+        fine = adapt_motion(motion, ControllerOptions(rate=200.0))
         assert fine.time[-1] == motion.time[-1]
         assert np.allclose(np.linalg.norm(fine.bodies[0].quaternion, axis=1), 1.0)
     with pytest.raises(UsageError, match="modules have no mass"):
-        told(modules, Told(gains="20"))
+        adapt_motion(modules, ControllerOptions(gains="20"))
     with pytest.raises(UsageError, match="joints are its controller's"):
-        told(walk, Told(feedforward=True))
+        adapt_motion(walk, ControllerOptions(feedforward=True))
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, 1e9, float("nan"), float("inf")])
 def test_rates_that_cannot_be(plans: dict[str, Path], rate: float) -> None:
     with pytest.raises(UsageError, match="--rate"):
-        told(walk_motion(plans["walk"]), Told(rate=rate))
+        adapt_motion(walk_motion(plans["walk"]), ControllerOptions(rate=rate))
 
 
 @pytest.mark.parametrize(
@@ -150,11 +150,11 @@ def test_gains_of_a_file(plans: dict[str, Path], tmp_path: Path, text: str, word
     path.write_text(text, encoding="utf-8")
     motion = climb_motion(plans["climb"])
     with pytest.raises((UsageError, SpecError)) as refused:
-        told(motion, Told(gains=str(path)))
+        adapt_motion(motion, ControllerOptions(gains=str(path)))
     assert words in str(refused.value)
     for given in ("0", "-3", "nan", "inf", str(tmp_path / "none.yaml")):
         with pytest.raises(UsageError, match=r"--gains|cannot be read"):
-            told(motion, Told(gains=given))
+            adapt_motion(motion, ControllerOptions(gains=given))
     names = joints(motion).names
     path.write_text("".join(f"{name}: {30 + k}\n" for k, name in enumerate(names)))
-    assert joints(told(motion, Told(gains=str(path)))).gain[-1] == 30 + len(names) - 1
+    assert joints(adapt_motion(motion, ControllerOptions(gains=str(path)))).gain[-1] == 30 + len(names) - 1

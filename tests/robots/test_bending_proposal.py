@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from urdf_humanoid import humanoid
 
-from climbplan.climb.proposed.proposed import Trials
+from climbplan.climb.proposed.proposed import ProposalTrials
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.proposal import bracing_search
 from climbplan.robots.urdf.proposal.candidate_stances import find_candidate_stances
@@ -27,7 +27,7 @@ def standing_humanoid(folder: Path) -> Proposal:
 @pytest.mark.slow
 def test_a_robot_that_braces_bent_otherwise_has_a_file_of_its_own(tmp_path: Path) -> None:
     found = standing_humanoid(tmp_path)
-    trials = Trials(found, tmp_path)
+    trials = ProposalTrials(found, tmp_path)
     climbed = trials.chimney(lambda words: None)
     assert climbed.plan is not None, climbed.why
     assert climbed.bent is not None
@@ -49,7 +49,7 @@ def test_a_robot_for_which_nothing_is_found_says_that_both_were_looked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(bracing_search, "_sample_bracing_postures", lambda own: [])
-    trials = Trials(standing_humanoid(tmp_path), tmp_path)
+    trials = ProposalTrials(standing_humanoid(tmp_path), tmp_path)
     refused = trials.chimney(lambda words: None)
     assert refused.plan is None
     assert refused.bent is None

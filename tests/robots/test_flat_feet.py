@@ -12,8 +12,8 @@ import pytest
 from climbplan.arrays import Array
 from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
-from climbplan.robots.any_robot import build_robot, without_flat_feet
-from climbplan.robots.facts import robot_facts
+from climbplan.robots.any_robot import build_robot, require_no_flat_feet
+from climbplan.robots.facts import measure_robot
 from climbplan.robots.kinematics import (
     inverse,
     point_hessian,
@@ -94,13 +94,13 @@ def test_jacobians_are_those_of_the_corners(robot: Robot) -> None:
 
 
 def test_a_biped_stands_on_its_soles(robot: Robot) -> None:
-    facts = robot_facts(robot)
+    facts = measure_robot(robot)
     assert facts.standing_force is not None
     assert facts.standing_force.sum() == pytest.approx(robot.weight, rel=1e-3)
     assert facts.standing_torque is not None
     # Twice as far from its centre of mass, of which soles reach 110 mm, it tips over
     away = replace(robot, stance_body=robot.stance_body + np.array([0.0, 0.12, 0.0]))
-    assert robot_facts(away).standing_force is None
+    assert measure_robot(away).standing_force is None
 
 
 def section(folder: Path, old: str, new: str) -> SpecError:
@@ -158,4 +158,4 @@ def test_the_middle_of_the_sole_may_be_beside_the_toe(robot: Robot, tmp_path: Pa
 def test_what_takes_feet_for_points_refuses_flat_ones() -> None:
     loaded = load_climb(SPECS / "climb_biped.yaml", []).robot
     with pytest.raises(SpecError, match="transitions would take them for points"):
-        without_flat_feet(loaded, "transitions")
+        require_no_flat_feet(loaded, "transitions")

@@ -11,10 +11,15 @@ from walking_urdf import walking_robot
 
 from climbplan.reports.robot_picture import robot_picture
 from climbplan.robots.any_robot import build_robot
-from climbplan.robots.facts import robot_facts
-from climbplan.robots.looks import BODY, Looks, piece_places, pieces_of
+from climbplan.robots.facts import measure_robot
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.visuals import simplify_mesh
+from climbplan.robots.visual_geometry import (
+    BODY,
+    VisualGeometry,
+    compute_piece_poses,
+    split_by_link,
+)
 
 
 def test_a_vertex_at_the_toe_goes_where_the_toe_goes() -> None:
@@ -26,10 +31,10 @@ def test_a_vertex_at_the_toe_goes_where_the_toe_goes() -> None:
     chain = SerialChain(names, rng.normal(size=(2, 3, 3)), axes, toe, np.zeros((2, 3)))
     vertices = np.concatenate([np.tile(toe[1], (3, 1)), np.eye(3)])
     limb, joint = np.repeat([1, BODY], 3), np.repeat([2, 0], 3)
-    looks = Looks(vertices, np.array([[0, 1, 2], [3, 4, 5]]), limb, joint)
-    pieces = pieces_of(looks, chain)
+    looks = VisualGeometry(vertices, np.array([[0, 1, 2], [3, 4, 5]]), limb, joint)
+    pieces = split_by_link(looks, chain)
     angles = rng.uniform(-2, 2, size=(5, 2, 3))
-    place, turned = piece_places(pieces, chain, angles)
+    place, turned = compute_piece_poses(pieces, chain, angles)
     assert [piece.limb for piece in pieces] == [BODY, 1]
     at = place[:, 1] + turned[:, 1] @ pieces[1].vertices[0]
     assert np.abs(at - chain.joint_points(angles)[:, 1, -1]).max() < 1e-12
@@ -51,13 +56,13 @@ def test_large_meshes_become_coarser_and_keep_their_size() -> None:
 def test_a_picture_shows_triangles_at_their_links(tmp_path: Path) -> None:
     """A box about a toe's link, where the posture has that link."""
     robot = build_robot(walking_robot(tmp_path))
-    facts = robot_facts(robot)
+    facts = measure_robot(robot)
     chain = robot.mechanism
     assert isinstance(chain, SerialChain)
     box = trimesh.creation.box((0.02, 0.02, 0.02))
     vertices = np.array(box.vertices) + chain.toe_zero[1]
     here = np.ones(len(vertices), np.int64)
-    looks = Looks(vertices, np.array(box.faces, np.int64), here, 2 * here)
+    looks = VisualGeometry(vertices, np.array(box.faces, np.int64), here, 2 * here)
     figure = robot_picture(facts, looks=looks)
     toe = robot.stance_body[1]
     for ax, (across, up) in zip(figure.axes, ((0, 1), (0, 2), (1, 2)), strict=True):

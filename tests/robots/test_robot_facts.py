@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from climbplan.robots.facts import robot_facts
+from climbplan.robots.facts import measure_robot
 from climbplan.robots.kinematics import toe_body
 from climbplan.robots.model import Robot
 from climbplan.schema.robots.source import builtin_robots, load_robot
@@ -16,7 +16,7 @@ from climbplan.schema.robots.source import builtin_robots, load_robot
 @pytest.mark.parametrize("name", builtin_robots())
 def test_standing_balances_the_weight(name: str) -> None:
     robot = Robot.from_spec(load_robot(name))
-    facts = robot_facts(robot)
+    facts = measure_robot(robot)
     assert toe_body(robot, facts.stance_angles) == pytest.approx(robot.stance_body, abs=1e-9)
     assert facts.standing_force is not None
     assert facts.standing_torque is not None
@@ -31,12 +31,12 @@ def test_standing_balances_the_weight(name: str) -> None:
         assert facts.standing_torque[:, joint] == pytest.approx(expected, abs=1e-3)
     assert facts.standing_safety is not None
     assert (facts.reach > 0.2).all()
-    assert np.array_equal(facts.samples, robot_facts(robot).samples)
+    assert np.array_equal(facts.samples, measure_robot(robot).samples)
 
 
 def test_a_body_beside_its_toes_tips_over() -> None:
     robot = Robot.from_spec(load_robot("silvia"))
     aside = replace(robot, stance_body=np.abs(robot.stance_body) * [1, 1, -1] + [0.0, 0.05, 0.0])
-    facts = robot_facts(aside)
+    facts = measure_robot(aside)
     assert facts.standing_force is None
     assert facts.standing_safety is None

@@ -113,12 +113,12 @@ def test_out_of_reach_is_said(robot: Robot) -> None:
     toes = robot.stance_body.copy()
     toes[0] += [0.0, 0.3, 0.0]
     solution = inverse(robot, toes)
-    found = robot.limbs.miss(solution, toes, 0, robot.joint_lower, robot.joint_upper)
+    found = robot.limbs.explain_miss(solution, toes, 0, robot.joint_lower, robot.joint_upper)
     assert found.reason == "too far"
     assert found.missing > 0.1
     toes[0] = robot.stance_body[0] + [0.0, 0.0, 0.12]
     solution = inverse(robot, toes)
-    found = robot.limbs.miss(solution, toes, 0, robot.joint_lower, robot.joint_upper)
+    found = robot.limbs.explain_miss(solution, toes, 0, robot.joint_lower, robot.joint_upper)
     assert "crank" in found.reason or "close" in found.reason
 
 

@@ -29,7 +29,7 @@ from climbplan.robots.urdf.proposal.generator import detect_legs
 
 def limbs_of_walker(folder: Path, effort: float) -> Limbs:
     found = detect_legs(Walker(joints=3).write(folder / "walker.urdf"))
-    model = build_urdf_model(found.draft.robot())
+    model = build_urdf_model(found.draft.load_robot())
     return Limbs(model, {j.name: effort for own in model.robot.joints.values() for j in own})
 
 
@@ -102,7 +102,7 @@ def test_toes_are_put_where_they_were(tmp_path: Path) -> None:
 def subject(folder: Path, effort: float) -> Subject:
     """A walker of a robot file, motors limited there."""
     urdf = Walker(joints=3).write(folder / "walker.urdf")
-    limbs = detect_legs(urdf).draft.robot().joints
+    limbs = detect_legs(urdf).draft.load_robot().joints
     legs = {
         name: f"{{toe: {own[-1].child.rpartition('_')[0]}_foot, posture_deg: {{}}}}"
         for name, own in limbs.items()

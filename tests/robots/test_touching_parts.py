@@ -23,7 +23,7 @@ def parts_in(folder: Path) -> SelfCollisionModel:
     """Of a quadruped with legs of three joints."""
     path = Walker(joints=3, sprawl_deg=(0.0, 0.0)).write(folder / "walker.urdf")
     legs = {name: {"toe": f"{name}_toe"} for name in ("L1", "R1", "L2", "R2")}
-    model = build_urdf_model(Draft(path, "base_link", legs, {}, {}).robot(meshes=True))
+    model = build_urdf_model(Draft(path, "base_link", legs, {}, {}).load_robot(meshes=True))
     bounds = {f"{leg}_{joint}": (-1.0, 1.0) for leg in legs for joint in JOINTS}
     return build_self_collision_model(model, bounds)
 

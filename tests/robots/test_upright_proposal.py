@@ -10,10 +10,10 @@ import pytest
 from urdf_humanoid import humanoid
 from urdf_walkers import Walker
 
-from climbplan.climb.proposed.proposed import Trials
+from climbplan.climb.proposed.proposed import ProposalTrials
 from climbplan.errors import UsageError
 from climbplan.robots.capsules import limb_capsules
-from climbplan.robots.touching_parts import parts_beside
+from climbplan.robots.self_clearance import list_clearance_pairs
 from climbplan.robots.urdf.proposal.candidate_stances import find_candidate_stances
 from climbplan.robots.urdf.proposal.generator import detect_legs, propose_robot
 from climbplan.robots.urdf.proposal.prepared_robot import Proposal, prepare_robot
@@ -84,7 +84,7 @@ def test_hips_of_several_joints_in_one_place(tmp_path: Path) -> None:
     spec = drawn.spec.model_copy(update={"workspace": size})
     robot = build_robot_from_urdf(replace(drawn, spec=spec))
     links = limb_capsules(robot, np.zeros((1, 4, 4)))
-    for pairs in parts_beside(robot, links):
+    for pairs in list_clearance_pairs(robot, links):
         for limb, capsule, other, beside in pairs:
             if other < 0:
                 assert links.link[limb, capsule] >= 2
@@ -101,7 +101,7 @@ def test_one_reach_is_a_necessary_one_for_all() -> None:
 def _upright(tmp_path_factory: pytest.TempPathFactory) -> Proposal:
     found = detect_legs(humanoid(tmp_path_factory.mktemp("upright") / "humanoid.urdf"))
     own = found.draft, found.tree, found.toes, found.naming, found.shapes, found.geometry_error
-    return find_candidate_stances(prepare_robot(*own)).proposal()
+    return find_candidate_stances(prepare_robot(*own)).build_proposal()
 
 
 @pytest.mark.slow
@@ -111,7 +111,7 @@ def test_a_humanoid_goes_on_hands_and_feet(tmp_path: Path) -> None:
     assert found.naming.names == ("RF", "RR", "LR", "LF")
     assert not found.posture.gap
     np.testing.assert_allclose(found.posture.toes[:, 2], found.posture.toes[0, 2])
-    trials = Trials(found, tmp_path)
+    trials = ProposalTrials(found, tmp_path)
     assert trials.ground.plan is not None, trials.ground.why
     assert "walls:" not in trials.ground.text
 
@@ -143,6 +143,6 @@ def test_motors_that_cannot_hold_it_are_told_by_how_much(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_it_walks_between_the_walls(upright: Proposal, tmp_path: Path) -> None:
-    trials = Trials(upright, tmp_path)
+    trials = ProposalTrials(upright, tmp_path)
     assert trials.ground.plan is not None, trials.ground.why
     assert "walls:" in trials.ground.text

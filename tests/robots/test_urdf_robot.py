@@ -15,7 +15,7 @@ import yaml
 from urdf_walkers import OCTOPOD, QUADRUPED, Walker
 
 from climbplan.errors import MissingSolver, SpecError
-from climbplan.robots.any_robot import assumptions, build_robot
+from climbplan.robots.any_robot import build_robot, list_assumptions
 from climbplan.robots.kinematics import inverse, joint_points_body, toe_body
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
@@ -271,12 +271,12 @@ def test_meshes_that_cannot_be_read(tmp_path: Path) -> None:
 
 def test_assumptions_are_told(tmp_path: Path) -> None:
     robot = located(tmp_path, QUADRUPED)
-    (said,) = assumptions(robot, build_robot(robot))
+    (said,) = list_assumptions(robot, build_robot(robot))
     assert said.startswith("assumed of walker4: joint_stiffness 50 N m/rad: no URDF says it; ")
     assert "structural_compliance_share 0" in said
     given = {"joint_stiffness": 80, "structural_compliance_share": 0.2}
     robot = located(tmp_path, QUADRUPED, **given, workspace={"stance_radius": 0.1})
-    assert assumptions(robot, build_robot(robot)) == ()
+    assert list_assumptions(robot, build_robot(robot)) == ()
 
 
 def test_other_joints_are_held(tmp_path: Path) -> None:
@@ -291,7 +291,7 @@ def test_other_joints_are_held(tmp_path: Path) -> None:
     robot = build_robot(located_robot)
     assert robot.mass == pytest.approx(QUADRUPED.body_mass + 16 * QUADRUPED.link_mass + 2)
     assert robot.shoulder_body[0, 1] < 0.2  # the head pulls the centre of mass forward
-    assert "held at zero, as no leg has them: neck" in assumptions(located_robot, robot)[0]
+    assert "held at zero, as no leg has them: neck" in list_assumptions(located_robot, robot)[0]
 
 
 def test_without_pinocchio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from climbplan.errors import UsageError
 from climbplan.robots.urdf.walking_body import TO_WALKING
 from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import NOMINAL, Conditions
-from climbplan.walking.plan.swing_way import held_back
+from climbplan.walking.plan.swing_trajectory import choose_vertical_fractions
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.simulation.whole_body_model import (
     build_whole_body_mjcf,
@@ -141,7 +141,7 @@ def test_toes_at_a_riser_go_up_alone_first(plan: WalkPlan) -> None:
 
     def alone(left: np.ndarray, lands: np.ndarray) -> tuple[float, float]:
         top = 0.04 + abs(lands[2] - left[2]) / 2
-        return held_back(stairs, left, lands, top, 0.03)
+        return choose_vertical_fractions(stairs, left, lands, top, 0.03)
 
     first, last = alone(near, up)
     assert first > 0

@@ -235,7 +235,7 @@ def _trajectory(
             toes[limb] = toe
             return toes
 
-        above = after[limb] + scene.spec.trajectory.lift * instants.normal[k + 1, limb]
+        above = after[limb] + scene.spec.trajectory.swing_clearance * instants.normal[k + 1, limb]
         go(force=forces.force[k], contact=everyone)
         go(toes=swung(instants.toes[k, limb]), contact=others)
         go(toes=swung(above), contact=others)

@@ -16,7 +16,7 @@ from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.check.speed import leg_speeds
 from climbplan.walking.check.truth import euler_rates
 from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
-from climbplan.walking.plan.swing_way import along, arch
+from climbplan.walking.plan.swing_trajectory import quartic_arch, quintic_progress
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.planner.planner import plan_walk, solve_task
 from climbplan.walking.schema.loading import load_body, load_mpc
@@ -135,13 +135,13 @@ def test_speeds_are_those_of_finely_sampled_angles(plan: WalkPlan) -> None:
     assert found.gait.contact[n + 1, leg]
     left, lands = found.toes[n - 1, leg], found.toes[n + 1, leg]
     s = np.linspace(0.0, 1.0, 401)
-    way = left + along(s)[0][:, None] * (lands - left)
-    way[:, 2] += arch(s)[0] * task.lift
+    way = left + quintic_progress(s)[0][:, None] * (lands - left)
+    way[:, 2] += quartic_arch(s)[0] * task.swing_clearance
     drive = found.state[[n, n + 1]]
-    time = task.step * s
-    path = CubicHermiteSpline([0.0, task.step], drive[:, POSITION], drive[:, VELOCITY])(time)
+    time = task.dt * s
+    path = CubicHermiteSpline([0.0, task.dt], drive[:, POSITION], drive[:, VELOCITY])(time)
     rates = euler_rates(drive[:, ANGLES], drive[:, SPIN])
-    turned = CubicHermiteSpline([0.0, task.step], drive[:, ANGLES], rates)(time)
+    turned = CubicHermiteSpline([0.0, task.dt], drive[:, ANGLES], rates)(time)
     spots = np.einsum("ti,tij->tj", way - path, rotation_world_body(turned))
     one = task.legs.chain.only(slice(leg, leg + 1))
     bounds = task.legs.lower[leg : leg + 1], task.legs.upper[leg : leg + 1]

@@ -6,30 +6,33 @@ import numpy as np
 import pytest
 
 from climbplan.robots.leg_order import alternating, contrasts, mirror_legs
-from climbplan.walking.offline.gait_moves import contact_moves
-from climbplan.walking.offline.gaits import GAITS, steps_of
+from climbplan.walking.offline.gait_moves import list_contact_moves
+from climbplan.walking.offline.gaits import GAITS, build_gait_phases
 
 COUNTS = (4, 6, 8)
 
 
 def test_gaits_of_a_quadruped() -> None:
     """Left front, right front, left hind, right hind."""
-    assert steps_of("trot", 4).astype(int).tolist() == [[1, 0, 0, 1], [0, 1, 1, 0]]
-    assert steps_of("pace", 4).astype(int).tolist() == [[1, 0, 1, 0], [0, 1, 0, 1]]
-    assert steps_of("bound", 4).astype(int).tolist() == [[1, 1, 0, 0], [0, 0, 1, 1]]
-    swings = [int(np.flatnonzero(~row)[0]) for row in steps_of("walk", 4)]
+    assert build_gait_phases("trot", 4).astype(int).tolist() == [[1, 0, 0, 1], [0, 1, 1, 0]]
+    assert build_gait_phases("pace", 4).astype(int).tolist() == [[1, 0, 1, 0], [0, 1, 0, 1]]
+    assert build_gait_phases("bound", 4).astype(int).tolist() == [[1, 1, 0, 0], [0, 0, 1, 1]]
+    swings = [int(np.flatnonzero(~row)[0]) for row in build_gait_phases("walk", 4)]
     assert swings == [0, 3, 1, 2]
 
 
 def test_a_hexapod_trots_on_tripods() -> None:
     """Both end legs of a side, and the middle one of the other."""
-    assert steps_of("trot", 6).astype(int).tolist() == [[1, 0, 0, 1, 1, 0], [0, 1, 1, 0, 0, 1]]
+    assert build_gait_phases("trot", 6).astype(int).tolist() == [
+        [1, 0, 0, 1, 1, 0],
+        [0, 1, 1, 0, 0, 1],
+    ]
 
 
 @pytest.mark.parametrize("legs", COUNTS)
 @pytest.mark.parametrize("name", GAITS)
 def test_every_leg_takes_part(name: str, legs: int) -> None:
-    steps = steps_of(name, legs)
+    steps = build_gait_phases(name, legs)
     assert steps.shape[1] == legs
     stands = steps.mean(axis=0)
     np.testing.assert_array_equal(stands, stands[0])  # all for the same share of the time
@@ -54,7 +57,7 @@ def test_contrasts_are_what_differences_are(legs: int) -> None:
 @pytest.mark.parametrize("legs", COUNTS)
 def test_moves_of_a_search_are_of_all_legs(legs: int) -> None:
     contact = np.ones((3, legs), bool)
-    moves = contact_moves(contact)
+    moves = list_contact_moves(contact)
     assert all(move.shape == contact.shape for move in moves)
     flipped = {tuple(np.flatnonzero(~move[1])) for move in moves}
     assert {(leg,) for leg in range(legs)} <= flipped

@@ -21,12 +21,13 @@ from climbplan.walking.check.truth import (
     knot_step,
     runge_kutta,
 )
-from climbplan.walking.dynamics.dynamics import BodyNumbers, net_load
-from climbplan.walking.dynamics.dynamics import derivative as symbolic_rates
+from climbplan.walking.dynamics.dynamics import BodyNumbers, sum_contact_wrench
 from climbplan.walking.dynamics.dynamics import knot_step as symbolic_step
-from climbplan.walking.kernels import compiling, step
-from climbplan.walking.kernels.knots import knots_rolled
-from climbplan.walking.kernels.step import linearised
+from climbplan.walking.dynamics.dynamics import state_derivative as symbolic_rates
+from climbplan.walking.kernels import compiling, dynamics_step
+from climbplan.walking.kernels.discrete_rollout import roll_out_knots
+from climbplan.walking.kernels.dynamics_step import linearise_steps
+from climbplan.walking.kernels.parameters import ForcedMotion
 from climbplan.walking.task.task import ANGLES, SPIN, STATE, VELOCITY, Integrator
 
 RNG = np.random.default_rng(5)
@@ -57,20 +58,21 @@ def compiled_slopes(
     integrator: Integrator, state: np.ndarray, toes: np.ndarray, force: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Steps (N, 12) and slopes (N, 12 + 6 L, 12) by the compiled function."""
-    inverse, mean = np.linalg.inv(BODY.inertia).astype(float), integrator == "mean"
     after, slopes = (
         np.empty((len(force), STATE)),
         np.full((len(force), 12 + 6 * force.shape[1], STATE), np.nan),
     )
-    numbers = (BODY.mass, BODY.gravity, BODY.inertia, inverse, np.full(len(force), 0.08), mean)
-    linearised(*numbers, state, toes, force, after, slopes)
+    steps, motion = np.full(len(force), 0.08), ForcedMotion(state, toes, force)
+    linearise_steps(BODY.parameters, steps, integrator == "mean", motion, after, slopes)
     return after, slopes
 
 
 def test_rates_agree_with_numpy() -> None:
     state, toes, force = some_states(1)[0], some_toes(1)[0], some_forces(1)[0]
     rates = ca.Function(
-        "rates", NAMES, [symbolic_rates(BodyNumbers.of(BODY), NAMES[0], *net_load(*NAMES[1:]))]
+        "rates",
+        NAMES,
+        [symbolic_rates(BodyNumbers.of(BODY), NAMES[0], *sum_contact_wrench(*NAMES[1:]))],
     )
     found = np.asarray(rates(state, toes.ravel(), force.ravel())).ravel()
     np.testing.assert_allclose(found, derivative(BODY, state, toes, force), atol=1e-10)
@@ -80,7 +82,9 @@ def test_rates_agree_with_numpy() -> None:
 def test_expressions_agree_with_numpy(integrator: Integrator) -> None:
     state, toes, force = some_states(1)[0], some_toes(1)[0], some_forces(1)[0]
     mean = float(integrator == "mean")
-    stated = symbolic_step(BodyNumbers.of(BODY), 0.08, mean, NAMES[0], *net_load(*NAMES[1:]))
+    stated = symbolic_step(
+        BodyNumbers.of(BODY), 0.08, mean, NAMES[0], *sum_contact_wrench(*NAMES[1:])
+    )
     declared = ca.Function("step", NAMES, [stated])
     after = knot_step(BODY, integrator, 0.08, state, toes, force)
     found = np.asarray(declared(state, toes.ravel(), force.ravel())).ravel()
@@ -92,7 +96,9 @@ def test_compiled_steps_and_slopes_are_those_of_the_declaration(integrator: Inte
     count = 20
     state, toes, force = some_states(count), some_toes(count), some_forces(count)
     mean = float(integrator == "mean")
-    stated = symbolic_step(BodyNumbers.of(BODY), 0.08, mean, NAMES[0], *net_load(*NAMES[1:]))
+    stated = symbolic_step(
+        BodyNumbers.of(BODY), 0.08, mean, NAMES[0], *sum_contact_wrench(*NAMES[1:])
+    )
     slopes = ca.jacobian(stated, ca.vertcat(*NAMES))
     declared = ca.Function("declared", NAMES, [stated, slopes])
     after, found = compiled_slopes(integrator, state, toes, force)
@@ -127,9 +133,8 @@ def test_compiled_steps_and_slopes(integrator: Integrator, legs: int) -> None:
 @pytest.mark.parametrize("integrator", ["euler", "mean"])
 def test_compiled_knots_are_those_of_the_checker(integrator: Integrator) -> None:
     start, toes, force = 0.2 * some_states(1)[0], some_toes(6), 0.2 * some_forces(5)
-    inverse, mean = np.linalg.inv(BODY.inertia).astype(float), integrator == "mean"
-    numbers = (BODY.mass, BODY.gravity, BODY.inertia, inverse, np.full(len(force), 0.08), mean)
-    found = knots_rolled(*numbers, start, toes, force)
+    steps = np.full(len(force), 0.08)
+    found = roll_out_knots(BODY.parameters, steps, integrator == "mean", start, toes, force)
     wanted = knot_rollout(BODY, integrator, 0.08, start, toes, force)
     np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-8)
 
@@ -154,11 +159,11 @@ def test_code_is_renewed_after_edits_of_all_that_declares_it() -> None:
     before = sys.getprofile()
     sys.setprofile(watch)
     try:
-        step._step(1.0, True)
-        step._rates()
+        dynamics_step._step(1.0, True)
+        dynamics_step._rates()
     finally:
         sys.setprofile(before)
-    room = Path(str(step.__file__)).parent
+    room = Path(str(dynamics_step.__file__)).parent
     package = room.parents[1]
     ours = {path for path in ran if path.is_relative_to(package) and path.parent != room}
     assert ours == {Path(str(module.__file__)) for module in compiling.DECLARED}

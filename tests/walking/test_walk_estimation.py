@@ -13,19 +13,19 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.online.estimation import (
     ACCEL_BIAS,
     GYRO_BIAS,
+    ORIENTATION,
     POSITION,
-    TURN,
     VELOCITY,
-    Beginning,
-    ContactFilter,
-    Sensed,
+    ContactAidedEkf,
+    InitialEstimate,
     SensorQuality,
+    SensorSample,
     exponential,
-    foot,
+    foot_slice,
     left_jacobian,
     logarithm,
 )
-from climbplan.walking.online.perception import SimulatedSensors
+from climbplan.walking.online.state_feedback import SimulatedSensors
 
 DT, GRAVITY = 0.005, 9.81
 QUALITY = SensorQuality()
@@ -102,27 +102,27 @@ def run(seed: int, quality: SensorQuality = QUALITY) -> Run:
     known[3:6] += 0.1 * rng.normal(size=3)
     known[:3] += 0.01 * rng.normal(size=3)
     # What the filter is told of its beginning holds of the errors as they are drawn here.
-    filter_ = ContactFilter(Beginning(known, position=0.01), quality, GRAVITY, 4)
+    filter_ = ContactAidedEkf(InitialEstimate(known, position=0.01), quality, GRAVITY, 4)
     off, height = [], []
     for k in range(1, SAMPLES + 1):
         toes = truth.feet(k, QUALITY)
         sensed = sensors.sample(truth.state(k - 1), truth.state(k), toes, truth.contact(k), DT)
         filter_.predict(sensed, DT)
-        filter_.correct(sensed)
+        filter_.update(sensed)
         state = truth.state(k)
         R = rotation_world_body(state[6:9])
         off.append(np.linalg.norm(filter_.R.T @ filter_.v - R.T @ state[3:6]))
         stand = filter_.standing
         above = filter_.p[2] - filter_.d[stand, 2].mean()
         height.append(above - (state[2] - toes[stand, 2].mean()))
-    error = np.zeros(filter_.size)
+    error = np.zeros(filter_.error_size)
     turn = filter_.R @ R.T
     spread = np.linalg.inv(left_jacobian(logarithm(turn)))
-    error[TURN] = logarithm(turn)
+    error[ORIENTATION] = logarithm(turn)
     error[VELOCITY] = spread @ (filter_.v - turn @ state[3:6])
     error[POSITION] = spread @ (filter_.p - turn @ state[:3])
     for leg in range(4):
-        error[foot(leg)] = spread @ (filter_.d[leg] - turn @ toes[leg])
+        error[foot_slice(leg)] = spread @ (filter_.d[leg] - turn @ toes[leg])
     error[GYRO_BIAS] = filter_.gyro_bias - sensors.gyro_bias
     error[ACCEL_BIAS] = filter_.accel_bias - sensors.accel_bias
     drift = float(np.linalg.norm(filter_.p - state[:3]))
@@ -141,13 +141,13 @@ def nees(one: Run, observable: bool) -> tuple[float, int]:
     that is measured can tell.
     """
     places = np.arange(len(one.error))
-    feet = [places[foot(int(leg))] for leg in np.flatnonzero(one.standing)]
-    kept = np.concatenate([places[: foot(0).start], *feet])
+    feet = [places[foot_slice(int(leg))] for leg in np.flatnonzero(one.standing)]
+    kept = np.concatenate([places[: foot_slice(0).start], *feet])
     error, P = one.error[kept], one.covariance[np.ix_(kept, kept)]
     if observable:
         unknown = np.zeros((len(one.error), 4))
         unknown[2, 0] = 1.0
-        for place in (POSITION, *map(foot, range(4))):
+        for place in (POSITION, *map(foot_slice, range(4))):
             unknown[place, 1:] = np.eye(3)
         basis = np.linalg.qr(unknown[kept], mode="complete")[0][:, 4:]
         error, P = basis.T @ error, basis.T @ P @ basis
@@ -187,15 +187,15 @@ def test_nothing_is_learned_of_heading_and_place() -> None:
 
 def test_a_foot_in_the_air_or_unseen_is_not_trusted() -> None:
     truth = Truth(np.random.default_rng(0))
-    filter_ = ContactFilter(Beginning(truth.state(0)), QUALITY, GRAVITY, 4)
+    filter_ = ContactAidedEkf(InitialEstimate(truth.state(0)), QUALITY, GRAVITY, 4)
     seen = HIPS.copy()
     three, none = np.array([1, 1, 1, 0], bool), np.zeros(3)
-    still = Sensed(none, np.array([0, 0, GRAVITY]), seen, three, none)
-    filter_.correct(still)
+    still = SensorSample(none, np.array([0, 0, GRAVITY]), seen, three, none)
+    filter_.update(still)
     assert filter_.standing.tolist() == [True, True, True, False]
     seen = seen.copy()
     seen[1] = np.nan
-    filter_.correct(Sensed(none, still.accel, seen, np.ones(4, bool), none))
+    filter_.update(SensorSample(none, still.accel, seen, np.ones(4, bool), none))
     assert filter_.standing.tolist() == [True, False, True, True]
     assert np.isfinite(filter_.P).all()
     assert np.linalg.eigvalsh(filter_.P).min() > -1e-9
@@ -207,27 +207,27 @@ def test_a_foot_that_slips_is_taken_anew() -> None:
     state[2] = 0.2
     for jumps, slips in ((0.0, 0), (0.05, 1)):
         sensors = SimulatedSensors(QUALITY, GRAVITY, np.random.default_rng(5))
-        filter_ = ContactFilter(Beginning(state), QUALITY, GRAVITY, 4)
+        filter_ = ContactAidedEkf(InitialEstimate(state), QUALITY, GRAVITY, 4)
         toes = state[:3] + HIPS
         for k in range(60):
             if k == 40:
                 toes[1, 0] += jumps
             sensed = sensors.sample(state, state, toes, np.ones(4, bool), DT)
             filter_.predict(sensed, DT)
-            filter_.correct(sensed)
-        assert filter_.slips == slips
+            filter_.update(sensed)
+        assert filter_.num_slips == slips
         assert np.linalg.norm(filter_.v) < 0.05
 
 
-@pytest.mark.parametrize("toe_rate", [0.0, QUALITY.toe_rate])
+@pytest.mark.parametrize("toe_rate", [0.0, QUALITY.foot_velocity_std])
 def test_a_blow_beyond_the_accelerometers_range_is_caught_by_the_legs(toe_rate: float) -> None:
     """By where toes are within 200 ms; by joint velocities with the next sample: along its axis."""
-    quality = SensorQuality(toe_rate=toe_rate)
+    quality = SensorQuality(foot_velocity_std=toe_rate)
     rng = np.random.default_rng(2)
     sensors = SimulatedSensors(quality, GRAVITY, rng)
     state = np.zeros(12)
     state[2] = 0.2
-    filter_ = ContactFilter(Beginning(state), quality, GRAVITY, 4)
+    filter_ = ContactAidedEkf(InitialEstimate(state), quality, GRAVITY, 4)
     toes = state[:3] + HIPS
     for k in range(60):
         before = state.copy()
@@ -236,11 +236,11 @@ def test_a_blow_beyond_the_accelerometers_range_is_caught_by_the_legs(toe_rate: 
         state[:3] += DT * state[3:6]
         sensed = sensors.sample(before, state, toes, np.ones(4, bool), DT)
         filter_.predict(sensed, DT)
-        filter_.correct(sensed)
+        filter_.update(sensed)
         if k == 20:
             off = abs(filter_.v[0] + 1.5)
             assert off < 0.2 if toe_rate else off > 0.2  # half of it was beyond the range
-            assert (filter_.speed_error < 0.1) == (toe_rate > 0)
+            assert (filter_.velocity_std < 0.1) == (toe_rate > 0)
             # Along the other axes the accelerometer was within its range, and is believed
             spread = np.sqrt(np.diag(filter_.P[VELOCITY, VELOCITY]))
             assert (spread[1:] < 0.03).all()  # 0.05 or 0.6 if they were not
@@ -252,15 +252,15 @@ def test_a_leg_that_slides_does_not_tell_of_the_velocity() -> None:
     state = np.zeros(12)
     state[2] = 0.2
     sensors = SimulatedSensors(QUALITY, GRAVITY, np.random.default_rng(3))
-    filter_ = ContactFilter(Beginning(state), QUALITY, GRAVITY, 4)
+    filter_ = ContactAidedEkf(InitialEstimate(state), QUALITY, GRAVITY, 4)
     toes = state[:3] + HIPS
     for k in range(60):
         sensed = sensors.sample(state, state, toes, np.ones(4, bool), DT)
-        assert sensed.toe_rate is not None
+        assert sensed.toe_velocity is not None
         if k == 40:
-            sensed.toe_rate[1, 0] += 3.0  # of the leg alone, within less than a sample's way
+            sensed.toe_velocity[1, 0] += 3.0  # of the leg alone, within less than a sample's way
         filter_.predict(sensed, DT)
-        filter_.correct(sensed)
+        filter_.update(sensed)
         assert k < 40 or np.linalg.norm(filter_.v) < 0.06
 
 

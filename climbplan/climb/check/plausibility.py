@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.robots.joint_units import place_words, stiffness_unit, torque_unit
+from climbplan.robots.joint_units import format_joint_position, stiffness_unit, torque_unit
 from climbplan.robots.model import Robot
 from climbplan.terrain.surfaces import Region
 from climbplan.verification.plausibility import (
@@ -174,7 +174,7 @@ def _stiff(robot: Robot, limb: int, joint: int) -> str:
 
 
 def _bent(robot: Robot, limb: int, joint: int, amount: float, digits: str) -> str:
-    return place_words(robot, limb, joint, amount, digits).replace(" deg", " degrees")
+    return format_joint_position(robot, limb, joint, amount, digits).replace(" deg", " degrees")
 
 
 def _name(robot: Robot, limb: int, joint: int) -> str:

@@ -11,7 +11,7 @@ from climbplan.climb.check.anew.gait import gait_of
 from climbplan.climb.check.convex import polygon_edges, polygon_normal
 from climbplan.climb.check.normals import normals_of
 from climbplan.climb.check.subject import Subject
-from climbplan.robots.joint_units import least_room
+from climbplan.robots.joint_units import format_bound_margin
 from climbplan.terrain.surfaces import Region, Surface, Tube
 from climbplan.verification.check import Check, judge_worst
 
@@ -169,7 +169,7 @@ def _kinematics(subject: Subject) -> Iterator[Check]:
     for angles in (instants.joint_angles, plan.forces.joint_command):
         outside = np.maximum(robot.joint_lower - angles, angles - robot.joint_upper)
         over = np.maximum(over, outside)
-    margin = least_room(robot, over)
+    margin = format_bound_margin(robot, over)
     span = (robot.joint_upper - robot.joint_lower) / 2
     yield judge_worst("kinematics.joint_bounds", over, subject.at, margin, used=1 + over / span)
 

@@ -14,7 +14,7 @@ from climbplan.climb.check.grip_motion import motion_grips, wrist_moment_on_the_
 from climbplan.climb.check.motion_forces import motion_forces
 from climbplan.climb.check.motion_state import Motion, angles_of, instants_of, load_of
 from climbplan.climb.check.soles import sole_motion_checks
-from climbplan.robots.joint_units import largest_torques
+from climbplan.robots.joint_units import format_largest_torques
 from climbplan.verification.check import Check, judge_worst
 
 
@@ -52,7 +52,7 @@ def pressing_checks(motion: Motion) -> Iterator[Check]:
         yield from motion_grips(motion.subject, found.force, limbs, k, ~motion.lifted, motion.at)
     held = found.torque + link_torques(robot, body_axes(trajectory.rpy), angles_of(motion))
     use = np.abs(held) / robot.max_torque
-    most = f"at most {largest_torques(robot, held)}"
+    most = f"at most {format_largest_torques(robot, held)}"
     yield judge_worst("trajectory.torque", use - 1.0, motion.at, margin=most, used=use)
 
 

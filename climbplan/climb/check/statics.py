@@ -1,7 +1,7 @@
 """What the joint commands do: the pose, forces and stability of the nonlinear static equilibrium.
 
 Commands that hold the body at its planned pose must do so exactly. Where the body is to sag
-(`force.sag: predicted`), plan and commands follow the linear model of eq. (4.14), of which the
+(`force.deflection_compensation: predicted`), plan and commands follow the linear model of eq. (4.14), of which the
 equilibrium is no consequence: it is looked for and told, but not judged.
 """
 
@@ -21,10 +21,10 @@ from climbplan.climb.check.robust import robust_checks
 from climbplan.climb.check.soles import parted
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.schema.margins import MarginsSpec
-from climbplan.robots.joint_units import largest_torques
+from climbplan.robots.joint_units import format_largest_torques
 from climbplan.verification.check import Check, judge_worst, unjudged
 
-LINEAR = "force.sag: predicted is a linear model"
+LINEAR = "force.deflection_compensation: predicted is a linear model"
 MODEL = "linear sag"  # of the badge
 LACKS = {
     "static.pose": "joints that are springs hold the body elsewhere than planned: {figure}",
@@ -95,7 +95,7 @@ def _checks(subject: Subject, settled: Settled) -> Iterator[Check]:
         "static.torque",
         use - 1 / asked,
         subject.at,
-        margin=f"at most {largest_torques(robot, held)}",
+        margin=f"at most {format_largest_torques(robot, held)}",
         used=use * asked,
     )
 

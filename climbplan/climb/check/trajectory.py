@@ -25,7 +25,7 @@ from climbplan.climb.check.pressing import pressing_checks
 from climbplan.climb.check.self_collision import judge_self_collision
 from climbplan.climb.check.statics import told_of_sag
 from climbplan.climb.check.subject import Subject
-from climbplan.robots.joint_units import least_room
+from climbplan.robots.joint_units import format_bound_margin
 from climbplan.verification.check import Check, judge, judge_worst
 
 _STRIDE = 5e-3  # [m] a swinging toe is looked at this often
@@ -133,7 +133,7 @@ def _joints(motion: Motion) -> Iterator[Check]:
     over = np.full(command.shape, -np.inf)
     for angles in (command, stands):
         over = np.maximum(over, np.maximum(robot.joint_lower - angles, angles - robot.joint_upper))
-    margin = least_room(robot, over)
+    margin = format_bound_margin(robot, over)
     span = (robot.joint_upper - robot.joint_lower) / 2
     yield judge_worst("trajectory.joint_bounds", over, motion.at, margin, used=1 + over / span)
 

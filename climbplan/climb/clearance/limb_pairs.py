@@ -12,13 +12,13 @@ from functools import lru_cache
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.clearance.limbs import link_distances
+from climbplan.climb.clearance.limbs import compute_link_distances
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.kinematics import standing_inverse
 from climbplan.robots.model import Robot
-from climbplan.robots.touching_parts import limbs_room, parts_beside
+from climbplan.robots.self_clearance import compute_limb_clearance, list_clearance_pairs
 from climbplan.terrain.solids import Solid
 
 _TOLD = 2e-3  # [m] room up to which it is measured
@@ -38,58 +38,63 @@ class SelfShortfall:
     other: int  # limb, or -1 for the body
     other_link: int
 
-    def words(self, robot: Robot) -> str:
+    def describe(self, robot: Robot) -> str:
         """Which parts, and by how much, in the robot's terms."""
-        one = f"{robot.limb_names[self.limb]}'s {robot.joint_name(self.limb, self.link)}"
-        other = "the body"
+        first = f"{robot.limb_names[self.limb]}'s {robot.joint_name(self.limb, self.link)}"
+        second = "the body"
         if self.other >= 0:
             name = robot.joint_name(self.other, self.other_link)
-            other = f"{robot.limb_names[self.other]}'s {name}"
-        return f"{one} would be {1e3 * self.missing:.1f} mm deep in {other}"
+            second = f"{robot.limb_names[self.other]}'s {name}"
+        return f"{first} would be {1e3 * self.missing:.1f} mm deep in {second}"
 
 
-def self_shortfall(
+def compute_self_shortfall(
     robot: Robot, links: Capsules, of_limb: int | None = None, still: BoolArray | None = None
 ) -> SelfShortfall:
     """Where parts come closest, of links (P, N, C) in the body frame; NaN are left out.
 
     of_limb: look at that limb alone, beside the body and the limbs of `still` (N,).
     """
-    body, limbs = parts_beside(robot, links)
+    body, limbs = list_clearance_pairs(robot, links)
     if of_limb is not None:
         assert still is not None
         body = body[body[:, 0] == of_limb]
-        beside = np.where(limbs[:, 0] == of_limb, limbs[:, 2], limbs[:, 0])
-        limbs = limbs[(limbs[:, [0, 2]] == of_limb).any(axis=1) & still[beside]]
-    room = np.concatenate([body_room(robot, links, body), limbs_room(links, limbs)], axis=-1)
-    if not room.size:
+        limb_pairs = np.where(limbs[:, 0] == of_limb, limbs[:, 2], limbs[:, 0])
+        limbs = limbs[(limbs[:, [0, 2]] == of_limb).any(axis=1) & still[limb_pairs]]
+    distance = np.concatenate(
+        [compute_body_distances(robot, links, body), compute_limb_clearance(links, limbs)], axis=-1
+    )
+    if not distance.size:
         return SelfShortfall(-np.inf, 0, 0, 0, -1, 0)
-    known = np.where(np.isnan(room), np.inf, room)
-    pose, pair = (int(i) for i in np.unravel_index(int(np.argmin(known)), known.shape))
-    limb, own, other, behind = (int(i) for i in np.concatenate([body, limbs])[pair])
+    is_known = np.where(np.isnan(distance), np.inf, distance)
+    pose, pair = (int(i) for i in np.unravel_index(int(np.argmin(is_known)), is_known.shape))
+    limb, is_body_pair, other, behind = (int(i) for i in np.concatenate([body, limbs])[pair])
     return SelfShortfall(
-        -float(known[pose, pair]),
+        -float(is_known[pose, pair]),
         pose,
         limb,
-        int(links.link[limb, own]),
+        int(links.link[limb, is_body_pair]),
         other,
         int(links.link[other, behind]) if other >= 0 else 0,
     )
 
 
-def standing_overlap(scene: MotionScene, instants: Instants) -> tuple[SelfShortfall, str] | None:
+def find_standing_overlap(
+    scene: MotionScene, instants: Instants
+) -> tuple[SelfShortfall, str] | None:
     """The worst overlap of parts at the instants and along every push, and where; None without."""
     robot = scene.robot
     lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
-    share = np.linspace(0.0, 1.0, _STEPS)[1:-1, None]
+    fraction = np.linspace(0.0, 1.0, _STEPS)[1:-1, None]
     com, rpy = (
-        x[lift, None] + share * (x[push] - x[lift])[:, None] for x in (instants.com, instants.rpy)
+        x[lift, None] + fraction * (x[push] - x[lift])[:, None]
+        for x in (instants.com, instants.rpy)
     )
     toes = np.broadcast_to(instants.toes[push, None], (*com.shape[:2], robot.limb_count, 3))
     normal = np.broadcast_to(instants.normal[push, None], toes.shape)
     between = (v.reshape(-1, *v.shape[2:]) for v in (com, rpy, toes, normal))
     angles = np.concatenate([instants.joint_angles, standing_inverse(robot, *between).best()])
-    worst = self_shortfall(robot, limb_capsules(robot, angles))
+    worst = compute_self_shortfall(robot, limb_capsules(robot, angles))
     if worst.missing <= _OVERLAP:
         return None
     k = worst.pose
@@ -98,27 +103,29 @@ def standing_overlap(scene: MotionScene, instants: Instants) -> tuple[SelfShortf
     return worst, instants.label(k, robot.limb_names)
 
 
-def body_room(robot: Robot, links: Capsules, pairs: IntArray) -> Array:
+def compute_body_distances(robot: Robot, links: Capsules, pairs: IntArray) -> Array:
     """Room (P, B) [m] of links beside the body; below zero where they touch."""
-    own = pairs[:, 0].astype(int), pairs[:, 1].astype(int)
-    starts, ends = (v[..., own[0], own[1], :] for v in (links.starts, links.ends))
-    radius = links.radius[own]
+    limb_link = pairs[:, 0].astype(int), pairs[:, 1].astype(int)
+    starts, ends = (v[..., limb_link[0], limb_link[1], :] for v in (links.starts, links.ends))
+    radius = links.radius[limb_link]
     if robot.capsules is None:
-        second = links.link[own] == robot.has_joint.argmax(axis=1)[own[0]] + 1
+        second = links.link[limb_link] == robot.has_joint.argmax(axis=1)[limb_link[0]] + 1
         cut = np.where(second, _OF_JOINT * radius, 0.0)
         along = ends - starts
         length = np.maximum(np.linalg.norm(along, axis=-1), 1e-9)
         starts = starts + np.minimum(cut / length, 1.0)[..., None] * along
         radius = np.hypot(radius, cut / 2)
     enough = float(radius.max(initial=0.0)) + _TOLD
-    away = [link_distances(part, starts, ends, enough) for part in body_solids(robot)]
+    away = [
+        compute_link_distances(solid, starts, ends, enough) for solid in build_body_solids(robot)
+    ]
     return np.asarray(np.min(away, axis=0) - radius)
 
 
-def body_solids(robot: Robot) -> list[Solid]:
+def build_body_solids(robot: Robot) -> list[Solid]:
     """Convex parts of the body that limbs keep off, body frame."""
-    parts = robot.body_parts or (robot.body_hull,)
-    return [_solid(np.ascontiguousarray(part).tobytes()) for part in parts]
+    body_parts = robot.body_parts or (robot.body_hull,)
+    return [_solid(np.ascontiguousarray(body_part).tobytes()) for body_part in body_parts]
 
 
 @lru_cache(maxsize=64)

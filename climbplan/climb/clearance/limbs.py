@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.climb.clearance.raw_surface import THE_SCAN, Contacts, nearest_raw
+from climbplan.climb.clearance.raw_surface import THE_SCAN, Contacts, find_nearest_raw
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene.climb_scene import ClimbScene, MotionScene
 from climbplan.robots.capsules import Capsules, limb_capsules
@@ -63,7 +63,7 @@ class LimbShortfall:
     solids: tuple[Solid, ...] = ()  # that links come too close to
     toe: Array | None = None  # (3,) of that limb where it stands on another surface [m]
 
-    def words(self, scene: MotionScene) -> str:
+    def describe(self, scene: MotionScene) -> str:
         """Limb, link, obstacle and missing room in the robot's terms."""
         robot = scene.robot
         name = f"{robot.limb_names[self.limb]}'s {robot.joint_name(self.limb, self.link)}"
@@ -73,7 +73,9 @@ class LimbShortfall:
         )
 
 
-def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> LimbShortfall | None:
+def find_limb_shortfall(
+    scene: MotionScene, rounds: Rounds, instants: Instants
+) -> LimbShortfall | None:
     """Return where standing limbs come closest to a solid or a scan; None if there is neither.
 
     Looked at along every push, from the placing of a limb to the next lift, and at the start.
@@ -81,9 +83,10 @@ def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> Li
     if not scene.terrain.link_solids and scene.terrain.scan is None:
         return None
     lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
-    share = np.linspace(0.0, 1.0, _STEPS)[:, None]
+    fractions = np.linspace(0.0, 1.0, _STEPS)[:, None]
     com, rpy = (
-        x[lift, None] + share * (x[push] - x[lift])[:, None] for x in (instants.com, instants.rpy)
+        x[lift, None] + fractions * (x[push] - x[lift])[:, None]
+        for x in (instants.com, instants.rpy)
     )  # (P, S, 3)
     toes = np.broadcast_to(instants.toes[push, None], (*com.shape[:2], scene.robot.limb_count, 3))
     normals = np.broadcast_to(instants.normal[push, None], toes.shape)
@@ -93,7 +96,9 @@ def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> Li
     flat_toes, flat_normals = (v.reshape(-1, *v.shape[2:]) for v in (toes, normals))
     flat = (com.reshape(-1, 3), rpy.reshape(-1, 3), flat_toes, flat_normals)
     stood = np.concatenate([start[2], flat_toes])
-    links = world_capsules(scene, *(np.concatenate(both) for both in zip(start, flat, strict=True)))
+    links = compute_world_capsules(
+        scene, *(np.concatenate(both) for both in zip(start, flat, strict=True))
+    )
     solids = scene.terrain.link_solids
 
     def shortfall(
@@ -107,12 +112,12 @@ def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> Li
 
     short = []
     if solids:
-        found = closest_link(scene, links)
-        solid = solids[found.solid]
-        missing = BETWEEN - found.distance
-        nearest = shortfall(missing, found.index, found.link, found.radius, solid.name)
+        closest = find_closest_link(scene, links)
+        solid = solids[closest.solid]
+        missing = BETWEEN - closest.distance
+        nearest = shortfall(missing, closest.index, closest.link, closest.radius, solid.name)
         if isinstance(solid, Solid):
-            pose, limb = found.index
+            pose, limb = closest.index
             toe = stood[pose, limb]
             # One that it stands on is as near to its toe as feet are large
             on_it = solid.face_distance(toe) < scene.robot.standoff + _ON_SOLID
@@ -124,13 +129,13 @@ def limb_shortfall(scene: MotionScene, rounds: Rounds, instants: Instants) -> Li
             np.concatenate([start[2], flat_toes])[..., None, :],
             np.concatenate([first, flat_normals])[..., None, :],
         )
-        raw = nearest_raw(scene.terrain.scan, links, contacts, BETWEEN)
+        raw = find_nearest_raw(scene.terrain.scan, links, contacts, BETWEEN)
         nearest = shortfall(raw.missing, raw.index, raw.link, raw.radius, THE_SCAN)
         short.append(replace(nearest, solids=raw.solids))
     return max(short, key=lambda s: s.missing)
 
 
-def limb_points(scene: MotionScene, com: Array, rpy: Array, toes: Array) -> Array:
+def compute_limb_points(scene: MotionScene, com: Array, rpy: Array, toes: Array) -> Array:
     """Joints and toes (P, N, J + 1, 3) of limbs for toes (P, N, 3), world; NaN out of reach.
 
     Of feet that are not flat.
@@ -141,7 +146,7 @@ def limb_points(scene: MotionScene, com: Array, rpy: Array, toes: Array) -> Arra
     return com[:, None, None] + np.einsum("kab,knjb->knja", rotation_world_body(rpy), points)
 
 
-def world_capsules(
+def compute_world_capsules(
     scene: MotionScene, com: Array, rpy: Array, toes: Array, normal: Array
 ) -> Capsules:
     """Links (P, N, C) of limbs for toes (P, N, 3), world; NaN out of reach.
@@ -149,15 +154,15 @@ def world_capsules(
     normal: (P, N, 3) of the surfaces under the toes.
     """
     angles = standing_inverse(scene.robot, com, rpy, toes, normal).best()
-    return limb_capsules(scene.robot, angles).moved(com, rotation_world_body(rpy))
+    return limb_capsules(scene.robot, angles).to_world(com, rotation_world_body(rpy))
 
 
-def foot_radius(robot: Robot) -> float:
+def get_foot_radius(robot: Robot) -> float:
     """Return the radius of spherical feet [m]; zero for points, soles and grippers."""
     return 0.0 if robot.foot is None or robot.foot.sole is not None else robot.foot.radius
 
 
-def tapered(links: Capsules, foot: float) -> Capsules:
+def taper_links(links: Capsules, foot: float) -> Capsules:
     """Return links as they keep off what they may stand on: last ones narrow to their toes.
 
     Args:
@@ -169,46 +174,55 @@ def tapered(links: Capsules, foot: float) -> Capsules:
     """
     last = np.isfinite(links.to_toe)  # (N, C)
     first = 0.0 if foot > 0 else NARROW
-    whole = np.maximum((links.radius + BETWEEN - foot) / SLENDER, first)  # (N, C) from the toe on
+    taper_length = np.maximum(
+        (links.radius + BETWEEN - foot) / SLENDER, first
+    )  # (N, C) from the toe on
     along = links.starts - links.ends
     length = np.linalg.norm(along, axis=-1)  # (..., N, C)
     unit = along / np.maximum(length, 1e-9)[..., None]
-    beyond = links.to_toe + np.nan_to_num(_largest(length))  # (N, C) from the toe to the start
+    beyond = links.to_toe + np.nan_to_num(
+        _find_largest_length(length)
+    )  # (N, C) from the toe to the start
     foot_itself = last & (beyond + links.radius <= foot + _SAME_SPHERE)
 
-    def cut(far: Array) -> Array:
+    def interpolate_links(distances: Array) -> Array:
         """Places (..., N, C, 3) of last links so far (N, C) from their toes, on their axes."""
-        way = np.clip(far - np.where(last, links.to_toe, 0.0), 0.0, length)
-        return np.asarray(links.ends + way[..., None] * unit)
+        distance = np.clip(distances - np.where(last, links.to_toe, 0.0), 0.0, length)
+        return np.asarray(links.ends + distance[..., None] * unit)
 
     # From the knee on to where a link begins to narrow, then piece by piece to the toe
-    gone = last & (whole >= beyond)
-    starts = [np.where((gone | foot_itself)[..., None], np.nan, links.starts)]
-    ends, room = [np.where(last[..., None], cut(whole), links.ends)], [links.radius]
+    is_left_out = last & (taper_length >= beyond)
+    starts = [np.where((is_left_out | foot_itself)[..., None], np.nan, links.starts)]
+    ends, radii = (
+        [np.where(last[..., None], interpolate_links(taper_length), links.ends)],
+        [links.radius],
+    )
     for piece in range(_CONE):
-        far = first + (whole - first) * np.array([piece + 1, piece])[:, None, None] / _CONE
-        left_out = ~last | foot_itself | (far[0] <= links.to_toe) | (far[1] >= beyond)
-        left_out |= far[0] <= far[1]
-        starts.append(np.where(left_out[..., None], np.nan, cut(far[0])))
-        ends.append(cut(far[1]))
-        room.append(np.minimum(links.radius, foot + SLENDER * far[1] - BETWEEN))
+        distances = (
+            first + (taper_length - first) * np.array([piece + 1, piece])[:, None, None] / _CONE
+        )
+        left_out = ~last | foot_itself | (distances[0] <= links.to_toe) | (distances[1] >= beyond)
+        left_out |= distances[0] <= distances[1]
+        starts.append(np.where(left_out[..., None], np.nan, interpolate_links(distances[0])))
+        ends.append(interpolate_links(distances[1]))
+        radii.append(np.minimum(links.radius, foot + SLENDER * distances[1] - BETWEEN))
     return Capsules(
         np.concatenate(starts, axis=-2),
         np.concatenate(ends, axis=-2),
-        np.concatenate(room, axis=-1),
+        np.concatenate(radii, axis=-1),
         np.tile(links.link, 1 + _CONE),
         np.tile(links.to_toe, 1 + _CONE),
     )
 
 
-def _largest(length: Array) -> Array:
+def _find_largest_length(length: Array) -> Array:
     """The length (N, C) of links (..., N, C), the same in all poses; zero where none is known."""
     flat = length.reshape(-1, *length.shape[-2:])
     return np.asarray(np.where(np.isnan(flat), 0.0, flat).max(axis=0, initial=0.0))
 
 
 @dataclass(frozen=True)
-class Closest:
+class ClosestLink:
     """The link closest to a solid among many."""
 
     distance: float  # [m] of its surface
@@ -218,7 +232,7 @@ class Closest:
     solid: int  # of `Terrain.link_solids`
 
 
-def closest_link(scene: MotionScene, links: Capsules, limb: int | None = None) -> Closest:
+def find_closest_link(scene: MotionScene, links: Capsules, limb: int | None = None) -> ClosestLink:
     """Return the link that comes closest to a solid, as thick as links are; NaN are left out.
 
     Args:
@@ -228,12 +242,12 @@ def closest_link(scene: MotionScene, links: Capsules, limb: int | None = None) -
 
     Distances beyond `BETWEEN` are lower bounds.
     """
-    room = links_room(scene, links, BETWEEN, limb)
-    least = int(np.argmin(np.where(np.isnan(room), np.inf, room)))
-    *index, solid, link = (int(i) for i in np.unravel_index(least, room.shape))
+    distances = compute_link_clearances(scene, links, BETWEEN, limb)
+    index_of_min = int(np.argmin(np.where(np.isnan(distances), np.inf, distances)))
+    *index, solid, link = (int(i) for i in np.unravel_index(index_of_min, distances.shape))
     which = index[-1], link
-    return Closest(
-        float(room.flat[least]),
+    return ClosestLink(
+        float(distances.flat[index_of_min]),
         tuple(index) if limb is None else (*index[:-1], limb),
         int(links.link[which]),
         float(links.radius[which]),
@@ -241,8 +255,8 @@ def closest_link(scene: MotionScene, links: Capsules, limb: int | None = None) -
     )
 
 
-def links_room(
-    scene: MotionScene, links: Capsules, enough: float, limb: int | None = None
+def compute_link_clearances(
+    scene: MotionScene, links: Capsules, max_distance: float, limb: int | None = None
 ) -> Array:
     """Room (..., N, S, C) [m] of links beside each of `Terrain.link_solids`, as thick as they are.
 
@@ -256,27 +270,33 @@ def links_room(
     """
     terrain = scene.terrain
     count = links.radius.shape[-1]
-    near = tapered(links, foot_radius(scene.robot))
+    tapered = taper_links(links, get_foot_radius(scene.robot))
     stood = terrain.stood_solids if limb is None else terrain.stood_solids[limb : limb + 1]
-    every = np.empty((*links.starts.shape[:-2], len(terrain.link_solids), count))
+    clearances = np.empty((*links.starts.shape[:-2], len(terrain.link_solids), count))
     for number, solid in enumerate(terrain.link_solids):
-        on = stood[:, number]
-        for chosen, rows in ((links, np.flatnonzero(~on)), (near, np.flatnonzero(on))):
+        is_stood_on = stood[:, number]
+        for chosen, rows in (
+            (links, np.flatnonzero(~is_stood_on)),
+            (tapered, np.flatnonzero(is_stood_on)),
+        ):
             if not len(rows):
                 continue
             radius = chosen.radius[rows]
             starts, ends = (v[..., rows, :, :] for v in (chosen.starts, chosen.ends))
-            room = link_distances(solid, starts, ends, float(radius.max()) + enough) - radius
+            distances = (
+                compute_link_distances(solid, starts, ends, float(radius.max()) + max_distance)
+                - radius
+            )
             # All pieces of a link; what is left out has no places
-            pieces = room.reshape(*room.shape[:-1], -1, count)
-            room = np.where(np.isnan(pieces), np.inf, pieces).min(axis=-2)
-            every[..., rows, number, :] = room
+            pieces = distances.reshape(*distances.shape[:-1], -1, count)
+            distances = np.where(np.isnan(pieces), np.inf, pieces).min(axis=-2)
+            clearances[..., rows, number, :] = distances
     unknown = np.asarray(np.isnan(links.starts).any(axis=-1))[..., None, :]
-    return np.where(unknown, np.nan, every)
+    return np.where(unknown, np.nan, clearances)
 
 
-def link_distances(
-    solid: Solid | Tube, starts: Array, ends: Array, enough: float = np.inf
+def compute_link_distances(
+    solid: Solid | Tube, starts: Array, ends: Array, max_distance: float = np.inf
 ) -> Array:
     """Distances (...) of segments (..., 3) from a convex solid, negative where they meet it.
 
@@ -291,26 +311,28 @@ def link_distances(
     flat = np.stack([starts.reshape(-1, 3), ends.reshape(-1, 3)])
     faces = flat @ solid.A.T - solid.b  # (2, S, F)
     distance = faces.min(axis=0).max(axis=1)
-    near = distance < enough
-    if near.any():
-        distance[near] = _near_distances(solid, flat[:, near], faces[:, near], distance[near])
+    is_near = distance < max_distance
+    if is_near.any():
+        distance[is_near] = _compute_near_distances(
+            solid, flat[:, is_near], faces[:, is_near], distance[is_near]
+        )
     return np.asarray(distance.reshape(starts.shape[:-1]))
 
 
-def _near_distances(solid: Solid, flat: Array, faces: Array, bound: Array) -> Array:
+def _compute_near_distances(solid: Solid, flat: Array, faces: Array, bound: Array) -> Array:
     """Exact distances (S,) of segments with ends (2, S, 3), face distances (2, S, F) of their ends.
 
     Apart, the nearest points lie on an edge of the solid or at an end of the segment before a face.
     """
-    best = _edge_distances(solid, *flat)
+    best = _compute_edge_distances(solid, *flat)
     for end, distance in zip(flat, faces, strict=True):
         foot = end[:, None] - distance[..., None] * solid.A  # (S, F, 3)
         on_face = (foot @ solid.A.T - solid.b).max(axis=-1) <= _TOUCHING
         best = np.minimum(best, np.where(on_face & (distance >= 0), distance, np.inf).min(axis=1))
-    return np.where((bound < 0) & _meets(faces), bound, best)
+    return np.where((bound < 0) & _is_intersecting(faces), bound, best)
 
 
-def _meets(faces: Array) -> BoolArray:
+def _is_intersecting(faces: Array) -> BoolArray:
     """Whether segments with face distances (2, S, F) at their ends pass through the solid (S,)."""
     first, last = faces
     slope = last - first
@@ -318,11 +340,11 @@ def _meets(faces: Array) -> BoolArray:
         crossing = -first / slope
     enter = np.where(slope < 0, crossing, -np.inf).max(axis=1)
     leave = np.where(slope > 0, crossing, np.inf).min(axis=1)
-    beside = ((slope == 0) & (first > 0)).any(axis=1)
-    return np.asarray(~beside & (np.maximum(enter, 0.0) <= np.minimum(leave, 1.0)))
+    is_outside = ((slope == 0) & (first > 0)).any(axis=1)
+    return np.asarray(~is_outside & (np.maximum(enter, 0.0) <= np.minimum(leave, 1.0)))
 
 
-def _edge_distances(solid: Solid, starts: Array, ends: Array) -> Array:
+def _compute_edge_distances(solid: Solid, starts: Array, ends: Array) -> Array:
     """Least distance (S,) of segments from all edges of a solid."""
     on = np.abs(solid.vertices @ solid.A.T - solid.b) < 1e3 * _TOUCHING
     first, last = np.nonzero(np.triu(on.astype(int) @ on.T.astype(int) >= 2, k=1))

@@ -45,7 +45,7 @@ class NearestRaw:
     solids: tuple[Solid, ...]  # what is behind the triangles that links come too close to
 
 
-def nearest_raw(
+def find_nearest_raw(
     scan: RawSurface, capsules: Capsules, contacts: Contacts, beyond: float
 ) -> NearestRaw:
     """The room that links lack from raw triangles: their radius from all that counts, and more.
@@ -70,7 +70,7 @@ def nearest_raw(
 
     both_ends = np.stack([capsules.starts, capsules.ends])
     reach = float(capsules.radius.max()) + beyond
-    number = _near(scan, both_ends, reach)
+    number = _find_near_triangles(scan, both_ends, reach)
     corners = np.ascontiguousarray(scan.corners[number])
     places, normals = (np.ascontiguousarray(v) for v in np.split(np.nan_to_num(unique), 2, axis=1))
     own = contact_surfaces(places, normals, corners, FACING, RISING, scan.flatness)
@@ -223,12 +223,12 @@ def raw_toes_clear(scan: RawSurface, path: Array, room: float) -> bool:
     """Whether a way (S, 3) keeps `room` [m] from all raw triangles."""
     from climbplan.scan.distances import segment_distances
 
-    corners = np.ascontiguousarray(scan.corners[_near(scan, path, room)])
+    corners = np.ascontiguousarray(scan.corners[_find_near_triangles(scan, path, room)])
     starts, ends = (np.ascontiguousarray(v) for v in (path[:-1], path[1:]))
     return bool((segment_distances(starts, ends, corners, room) >= room - 1e-9).all())
 
 
-def raw_body_room(scan: RawSurface, hulls: Array, room: float) -> Array:
+def compute_raw_body_distance(scan: RawSurface, hulls: Array, room: float) -> Array:
     """Distances (...) of body hulls (..., V, 3) from raw triangles, `room` [m] at most.
 
     Corners and edges of the hull against triangles, and these against the hull's faces: zero where
@@ -237,7 +237,7 @@ def raw_body_room(scan: RawSurface, hulls: Array, room: float) -> Array:
     from climbplan.scan.distances import segment_distances
 
     flat = hulls.reshape(-1, *hulls.shape[-2:])
-    corners = np.ascontiguousarray(scan.corners[_near(scan, hulls, room)])
+    corners = np.ascontiguousarray(scan.corners[_find_near_triangles(scan, hulls, room)])
     out = np.full(len(flat), room)
     if not len(corners):
         return out.reshape(hulls.shape[:-2])
@@ -263,7 +263,7 @@ def _heights(hull: Array, points: Array) -> Array:
     return points @ planes[:, :3].T + planes[:, 3]
 
 
-def _near(scan: RawSurface, points: Array, room: float) -> IntArray:
+def _find_near_triangles(scan: RawSurface, points: Array, room: float) -> IntArray:
     """Numbers of triangles whose bounds come within `room` [m] of the bounds of points."""
     flat = points.reshape(-1, 3)
     low, high = np.nanmin(flat, axis=0) - room, np.nanmax(flat, axis=0) + room

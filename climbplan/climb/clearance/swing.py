@@ -14,13 +14,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.climb.clearance.limb_pairs import SelfShortfall, self_shortfall
-from climbplan.climb.clearance.limbs import BETWEEN, LimbShortfall, closest_link
-from climbplan.climb.clearance.raw_surface import THE_SCAN, Contacts, nearest_raw, raw_toes_clear
+from climbplan.climb.clearance.limb_pairs import SelfShortfall, compute_self_shortfall
+from climbplan.climb.clearance.limbs import BETWEEN, LimbShortfall, find_closest_link
+from climbplan.climb.clearance.raw_surface import (
+    THE_SCAN,
+    Contacts,
+    find_nearest_raw,
+    raw_toes_clear,
+)
 from climbplan.climb.clearance.swing_ways import candidates, hover, joined, sampled, sampled_shares
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene.climb_scene import MotionScene
-from climbplan.errors import Conflict, NotProved
+from climbplan.errors import Conflict, Unresolved
 from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.foot import Sole
 from climbplan.robots.kinematics import standing_inverse
@@ -66,7 +71,7 @@ class Swing:
 WAYS = "some ways of a limb are looked at, between postures that the planner chose"
 
 
-class SwingBlocked(NotProved):
+class SwingBlocked(Unresolved):
     """No way was found on which a limb misses the obstacles; says what is missing at least."""
 
     def __init__(self, shortfall: LimbShortfall, words: str) -> None:
@@ -75,7 +80,7 @@ class SwingBlocked(NotProved):
         super().__init__("no clear swing path", [conflict], because=WAYS, stage="swing")
 
 
-class SwingMeets(NotProved):
+class SwingMeets(Unresolved):
     """On all ways of a limb that are clear of the terrain it meets another one, or the body."""
 
     def __init__(self, limb: int, where: str, words: str) -> None:
@@ -102,7 +107,7 @@ def swings_of(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[S
     return tuple(found)
 
 
-def swing_paths(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[Array, ...]:
+def plan_swing_paths(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[Array, ...]:
     """Way points of all limb moves of a posture sequence.
 
     Raises as `swing_path`; of several swings that links block, for the one that misses most.
@@ -127,7 +132,7 @@ def swing_path(scene: MotionScene, swing: Swing) -> Array:
     what blocks the toe.
     """
     solids = scene.terrain.solids
-    lift = scene.spec.trajectory.lift
+    lift = scene.spec.trajectory.swing_clearance
     ends = hover(swing.contacts, swing.normals, lift)
     robot = scene.robot.one_limb(swing.limb)
     blocker: str | None = None
@@ -184,14 +189,14 @@ def swing_path(scene: MotionScene, swing: Swing) -> Array:
     if closest is not None:
         raise SwingBlocked(closest, f"{closest.words(scene)} on the clearest of {tried} ways")
     if met is not None:
-        words = f"{met.words(scene.robot)} on the nearest way"
+        words = f"{met.describe(scene.robot)} on the nearest way"
         raise SwingMeets(swing.limb, swing.where, words)
     raise _no_way(swing, f"past {blocker!r}" if blocker is not None else "within the limb's reach")
 
 
-def _no_way(swing: Swing, where: str) -> NotProved:
+def _no_way(swing: Swing, where: str) -> Unresolved:
     conflict = Conflict(swing.where, (f"swing path of the toe {where}",))
-    return NotProved("no clear swing path", [conflict], because=WAYS, stage="swing")
+    return Unresolved("no clear swing path", [conflict], because=WAYS, stage="swing")
 
 
 @dataclass(frozen=True)
@@ -211,7 +216,7 @@ class _Beside:
         pose = swing.com[None], swing.rpy[None]
         under = np.zeros_like(swing.toes) if swing.under is None else swing.under
         angles = standing_inverse(robot, *pose, swing.toes[None], under[None]).best()
-        standing = limb_capsules(robot, angles).moved(swing.com, rotation_world_body(swing.rpy))
+        standing = limb_capsules(robot, angles).to_world(swing.com, rotation_world_body(swing.rpy))
         return cls(robot, swing, swing.still, standing)
 
     def overlap(self, links: Capsules) -> SelfShortfall | None:
@@ -227,7 +232,7 @@ class _Beside:
         starts = seen(self.standing.starts, links.starts)
         ends = seen(self.standing.ends, links.ends)
         every = replace(self.standing, starts=starts, ends=ends)
-        worst = self_shortfall(self.robot, every, swing.limb, self.still)
+        worst = compute_self_shortfall(self.robot, every, swing.limb, self.still)
         return worst if worst.missing > _OVERLAP else None
 
 
@@ -239,7 +244,7 @@ def _links_too_near(
         return None
     if scene.terrain.scan is not None:
         contacts = Contacts(np.stack([swing.old, swing.new]), swing.normals)
-        raw = nearest_raw(scene.terrain.scan, links, contacts, BETWEEN)
+        raw = find_nearest_raw(scene.terrain.scan, links, contacts, BETWEEN)
         if raw.missing > 1e-9:
             return LimbShortfall(
                 raw.missing, swing.where, swing.limb, raw.link, raw.radius, THE_SCAN, raw.solids
@@ -247,7 +252,7 @@ def _links_too_near(
     solids = scene.terrain.link_solids
     if not solids:
         return None
-    found = closest_link(scene, links, swing.limb)
+    found = find_closest_link(scene, links, swing.limb)
     if found.distance >= BETWEEN - 1e-9:
         return None
     solid = solids[found.solid]
@@ -266,7 +271,7 @@ def _roomiest_first(scene: MotionScene, paths: Iterator[Array]) -> Iterator[Arra
     """Ways on which the toe has room to spare beside a scan, then all others, each in its order."""
     scan = scene.terrain.scan
     size = 0.0 if scene.robot.foot is None else scene.robot.foot.radius
-    room = min(_ROOMY, _OF_LIFT * scene.spec.trajectory.lift)
+    room = min(_ROOMY, _OF_LIFT * scene.spec.trajectory.swing_clearance)
     if scan is None or room <= TOE_CLEARANCE:
         yield from paths
         return
@@ -306,4 +311,4 @@ def _links(robot: Robot, swing: Swing, toes: Array, normals: Array) -> Capsules 
     if not solution.valid.all():
         return None
     links = limb_capsules(robot, solution.best())
-    return links.moved(swing.com, rotation_world_body(swing.rpy))
+    return links.to_world(swing.com, rotation_world_body(swing.rpy))

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.climb.coupled.statement import force_range
+from climbplan.climb.coupled.statement import compute_force_range
 from climbplan.climb.envelopes.file import StoredEnvelopes, read_envelopes
 from climbplan.climb.envelopes.legs import POSITION_SCALE
 from climbplan.climb.envelopes.shipped import PREFERENCE, SHIPPED, shipped_envelopes
@@ -27,7 +27,7 @@ _TILT = float(np.cos(np.deg2rad(30.0)))  # of normals from the nominal one, as i
 
 _TOE = 0.35  # [m] a toe's range about its stance along each axis, of the expert
 _SHEAR = 0.3
-_MOST_LOAD = 0.5
+_MAX_LOAD = 0.5
 
 
 @dataclass(frozen=True)
@@ -39,15 +39,15 @@ class NamedEnvelope:
     box: Envelope  # (N, 6) toe about the point of reference [P], force [weights]
 
 
-def chosen_envelopes(scene: ClimbScene, several: bool = False) -> tuple[NamedEnvelope, ...]:
+def select_envelopes(scene: ClimbScene, several: bool = False) -> tuple[NamedEnvelope, ...]:
     """Those that the spec names, or by the terrain: one, or with modes ground and wall."""
     names = scene.spec.solver.envelopes
     if not names:
         names = _modes(scene) if several else (_by_terrain(scene),)
-    return tuple(named_envelope(scene, name) for name in names)
+    return tuple(load_envelope(scene, name) for name in names)
 
 
-def named_envelope(scene: ClimbScene, name: str) -> NamedEnvelope:
+def load_envelope(scene: ClimbScene, name: str) -> NamedEnvelope:
     """A shipped envelope, an expert's, or one of a file; raises UsageError for another name.
 
     name: a shipped one may be followed by the method of the fit, `wall5:genetic`.
@@ -55,29 +55,29 @@ def named_envelope(scene: ClimbScene, name: str) -> NamedEnvelope:
     if name in (EXPERT, EXPERT_GROUND):
         box = braced_envelope(scene) if name == EXPERT else ground_envelope(scene)
         return NamedEnvelope(name, "expert", box)
-    shipped, _, wanted = name.partition(":")
+    shipped, _, fit = name.partition(":")
     if shipped in SHIPPED:
         stored = shipped_envelopes(shipped)
     elif Path(name).is_file():
-        stored, wanted = read_envelopes(Path(name)), ""
+        stored, fit = read_envelopes(Path(name)), ""
     else:
-        known = ", ".join((*SHIPPED, EXPERT, EXPERT_GROUND))
-        raise UsageError(f"unknown envelope {name!r}: expected one of {known}, or a file")
-    asked = (wanted,) if wanted else PREFERENCE
-    method = next((m for m in asked if m in stored.envelopes), None)
+        known_names = ", ".join((*SHIPPED, EXPERT, EXPERT_GROUND))
+        raise UsageError(f"unknown envelope {name!r}: expected one of {known_names}, or a file")
+    fits = (fit,) if fit else PREFERENCE
+    method = next((m for m in fits if m in stored.envelopes), None)
     if method is None:
-        there = ", ".join(stored.envelopes) or "none"
-        raise UsageError(f"envelope {name!r}: no such fit, there are {there}")
-    return NamedEnvelope(name, method, spread(scene, stored, stored.envelopes[method]))
+        available = ", ".join(stored.envelopes) or "none"
+        raise UsageError(f"envelope {name!r}: no such fit, there are {available}")
+    return NamedEnvelope(name, method, extend_envelope(scene, stored, stored.envelopes[method]))
 
 
-def spread(scene: ClimbScene, stored: StoredEnvelopes, envelope: Envelope) -> Envelope:
+def extend_envelope(scene: ClimbScene, stored: StoredEnvelopes, envelope: Envelope) -> Envelope:
     """The envelope for all limbs of the scene's robot, as forces are bounded in its statement."""
     robot = scene.robot
     if not set(stored.limb_names) <= set(robot.limb_names):
-        theirs, own = ", ".join(stored.limb_names), ", ".join(robot.limb_names)
+        theirs, own_names = ", ".join(stored.limb_names), ", ".join(robot.limb_names)
         raise UsageError(
-            f"envelopes of {theirs} do not fit {robot.name}, whose limbs are {own}; expected "
+            f"envelopes of {theirs} do not fit {robot.name}, whose limbs are {own_names}; expected "
             f"`{EXPERT}`, `{EXPERT_GROUND}`, or a file that `fit-envelopes` wrote for them"
         )
     scale = np.array([stored.position_scale / POSITION_SCALE] * 3 + [1.0] * 3)
@@ -88,19 +88,19 @@ def spread(scene: ClimbScene, stored: StoredEnvelopes, envelope: Envelope) -> En
             k = stored.limb_names.index(name)
             low[limb], high[limb] = lower[k], upper[k]
             continue
-        other = robot.limb_names[opposite(robot, limb)]
-        if other not in stored.limb_names:
+        opposite_limb = robot.limb_names[opposite(robot, limb)]
+        if opposite_limb not in stored.limb_names:
             raise UsageError(f"envelopes of {', '.join(stored.limb_names)} tell nothing of {name}")
-        k = stored.limb_names.index(other)
-        turned = np.array([-1.0, 1.0, 1.0, -1.0, 1.0, 1.0])  # mirrored at x = 0
-        ends = np.stack([lower[k] * turned, upper[k] * turned])
+        k = stored.limb_names.index(opposite_limb)
+        mirrored = np.array([-1.0, 1.0, 1.0, -1.0, 1.0, 1.0])  # mirrored at x = 0
+        ends = np.stack([lower[k] * mirrored, upper[k] * mirrored])
         low[limb], high[limb] = ends.min(axis=0), ends.max(axis=0)
-    share = len(stored.limb_names) / robot.limb_count
-    low[:, 3:] *= share
-    high[:, 3:] *= share
-    given = force_range(scene)
-    low[:, 3:] = np.clip(low[:, 3:], given.lower, given.upper)
-    high[:, 3:] = np.clip(high[:, 3:], given.lower, given.upper)
+    fraction = len(stored.limb_names) / robot.limb_count
+    low[:, 3:] *= fraction
+    high[:, 3:] *= fraction
+    force_bounds = compute_force_range(scene)
+    low[:, 3:] = np.clip(low[:, 3:], force_bounds.lower, force_bounds.upper)
+    high[:, 3:] = np.clip(high[:, 3:], force_bounds.lower, force_bounds.upper)
     return Envelope(low, high)
 
 
@@ -138,7 +138,7 @@ def _has_limbs(robot: Robot, name: str) -> bool:
 
 def braced_envelope(scene: ClimbScene) -> Envelope:
     """The expert's bounds for a robot between walls, each limb carrying some of the weight."""
-    return _expert(scene, float(force_range(scene).upper[0]))
+    return _expert(scene, float(compute_force_range(scene).upper[0]))
 
 
 def ground_envelope(scene: ClimbScene) -> Envelope:
@@ -146,11 +146,11 @@ def ground_envelope(scene: ClimbScene) -> Envelope:
     return _expert(scene, _SHEAR)
 
 
-def _expert(scene: ClimbScene, across: float) -> Envelope:
+def _expert(scene: ClimbScene, lateral: float) -> Envelope:
     """across: most force of a limb along x [weights]."""
     stance = scene.robot.stance_body / POSITION_SCALE
-    reach, given = _TOE / POSITION_SCALE, force_range(scene)
-    force = np.array([across, _SHEAR, 0.0])
+    reach, force_bounds = _TOE / POSITION_SCALE, compute_force_range(scene)
+    force = np.array([lateral, _SHEAR, 0.0])
     low, high = np.tile(-force, (len(stance), 1)), np.tile(force, (len(stance), 1))
-    low[:, 2], high[:, 2] = given.lower[2], _MOST_LOAD
+    low[:, 2], high[:, 2] = force_bounds.lower[2], _MAX_LOAD
     return Envelope(np.hstack([stance - reach, low]), np.hstack([stance + reach, high]))

@@ -77,7 +77,7 @@ class TerrainRows:
             root = solve_relaxed(statement.legs, patches, theta["force"], theta["moment"])
             if (root is not None) != wanted:
                 continue
-            linear = linear_point(statement.program.at(theta))
+            linear = linear_point(statement.program.instantiate(theta))
             if linear is None:
                 continue
             if root is None:

@@ -28,7 +28,7 @@ from climbplan.climb.schema.envelopes import EnvelopeFitSpec, EnvelopesSpec
 from climbplan.climb.schema.envelopes_loading import LoadedEnvelopes
 from climbplan.learning.envelope_box import EnvelopeSet, FirstStageLabels
 from climbplan.learning.envelope_clustering import fit_clusters
-from climbplan.learning.envelope_genetic import GeneticOptions, GeneticResult, evolve
+from climbplan.learning.envelope_genetic import GeneticOptions, GeneticResult, run_genetic_search
 from climbplan.progress import Progress
 from climbplan.robots.model import Robot
 from climbplan.store.dataset_file import read_dataset_file
@@ -184,7 +184,7 @@ def clustered(moved: Rows, labels: FirstStageLabels, spec: EnvelopesSpec) -> Env
     fitted = [cluster.envelope for cluster in found]
     feasible = np.flatnonzero(moved.feasible)
     for growth in GROWTHS:
-        envelopes = tuple(e.grown(growth) for e in fitted)
+        envelopes = tuple(e.widen(growth) for e in fitted)
         if labels([envelopes], feasible)[0].mean() >= spec.fit.least_feasible:
             break
     return envelopes
@@ -204,7 +204,7 @@ def _searched(
         terrains=fit.genetic.terrains,
         delta=fit.genetic.delta,
     )
-    return evolve(
+    return run_genetic_search(
         labels, training.feasible, first, options, seed, lambda share: report("genetic", share)
     )
 

@@ -12,14 +12,14 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.forces.explanation import explain, fragile_notes
-from climbplan.climb.forces.soles import solve_on_feet
+from climbplan.climb.forces.explanation import describe_fragile_instants, explain_infeasible_forces
+from climbplan.climb.forces.sole_margins import solve_with_sole_margins
 from climbplan.climb.forces.statement import (
     ForceStatement,
-    commands_of,
-    of_limbs,
-    torque_use,
-    torques_of,
+    compute_commands,
+    compute_joint_torques,
+    compute_torque_ratio,
+    sum_over_limb_points,
 )
 from climbplan.climb.plan.climb_plan import Forces, Instants
 from climbplan.climb.scene.climb_scene import MotionScene
@@ -38,59 +38,65 @@ def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = Non
     instants without admissible forces, and LimitReached if Clarabel cannot settle an instant.
     """
     if scene.grippers is not None:
-        if scene.spec.force.least_pressure > 0:
-            raise UsageError("force.least_pressure: grippers pull; it is for toes that only press")
-        if scene.spec.force.least_depth is not None:
-            raise UsageError("force.least_depth: grippers hold; it is for toes that only press")
+        if scene.spec.force.min_normal_force > 0:
+            raise UsageError(
+                "force.min_normal_force: grippers pull; it is for toes that only press"
+            )
+        if scene.spec.force.min_penetration is not None:
+            raise UsageError("force.min_penetration: grippers hold; it is for toes that only press")
         from climbplan.climb.forces.grips.planner import plan_grip_forces
 
         return plan_grip_forces(scene, instants, scene.grippers, solver)
-    statement, found = solve_on_feet(scene, instants, solver or scene.spec.solver.force)
-    solved = found.solved
+    statement, margined = solve_with_sole_margins(
+        scene, instants, solver or scene.spec.solver.force_solver
+    )
+    solved = margined.solved
     if len(solved.missing) or len(solved.unbalanced):
-        raise explain(scene, instants, statement, solved)
-    forces = _assembled(scene, instants, statement, solved.force)
-    notes = fragile_notes(scene, instants, found.asked, found.share)
-    return replace(forces, margin_share=found.share, notes=notes)
+        raise explain_infeasible_forces(scene, instants, statement, solved)
+    forces = _assemble_forces(scene, instants, statement, solved.force)
+    notes = describe_fragile_instants(scene, instants, margined.required, margined.margin_fraction)
+    return replace(forces, margin_share=margined.margin_fraction, notes=notes)
 
 
-def _assembled(
+def _assemble_forces(
     scene: MotionScene, instants: Instants, statement: ForceStatement, force: Array
 ) -> Forces:
     """Torques, commands and safety factors; factors are infinite where nothing is loaded."""
-    compensated = scene.spec.force.sag == "compensated"
-    deflections = deflections_of(statement, force, compensated)
-    command = commands_of(statement, force)
-    torques = torques_of(statement, force)
-    use = torque_use(statement, force)
-    critical = critical_friction(force, statement.normal)
-    ratio = np.full(critical.shape, np.inf)
-    np.divide(statement.mu, critical, out=ratio, where=critical > 0)
+    compensated = scene.spec.force.deflection_compensation == "compensated"
+    deflections = compute_deflections(statement, force, compensated)
+    command = compute_commands(statement, force)
+    torques = compute_joint_torques(statement, force)
+    torque_ratio = compute_torque_ratio(statement, force)
+    critical_mu = critical_friction(force, statement.normal)
+    safety_friction = np.full(critical_mu.shape, np.inf)
+    np.divide(statement.mu, critical_mu, out=safety_friction, where=critical_mu > 0)
     points = statement.points
-    by_foot = (*instants.contact.shape, points)
-    safety_torque = np.full(len(use), np.inf)
-    np.divide(1.0, use, out=safety_torque, where=use > 0)
+    foot_shape = (*instants.contact.shape, points)
+    safety_torque = np.full(len(torque_ratio), np.inf)
+    np.divide(1.0, torque_ratio, out=safety_torque, where=torque_ratio > 0)
     return Forces(
-        force=of_limbs(force, points),
+        force=sum_over_limb_points(force, points),
         joint_torques=torques,
         wall_deflection=deflections.wall,
         com_deflection=deflections.com,
         joint_command=command,
         toe_command=toe_world(scene.robot, instants.com, instants.rpy, command),
         safety_torque=safety_torque,
-        safety_friction=ratio.min(axis=1),
-        mu_critical=critical if points == 1 else critical.reshape(by_foot).max(axis=-1),
+        safety_friction=safety_friction.min(axis=1),
+        mu_critical=critical_mu if points == 1 else critical_mu.reshape(foot_shape).max(axis=-1),
         link_torques=None if scene.robot.links is None else statement.link_torques,
-        corner_force=None if points == 1 else force.reshape(*by_foot, 3),
+        corner_force=None if points == 1 else force.reshape(*foot_shape, 3),
     )
 
 
-def deflections_of(statement: ForceStatement, force: Array, compensated: bool) -> Deflections:
+def compute_deflections(statement: ForceStatement, force: Array, compensated: bool) -> Deflections:
     """Of toes and body; of flat feet the toes' as far as the joints give way, the body's none."""
     if statement.points == 1:
         return deflections_for_forces(
             statement.compliance, statement.arms, force, statement.contact, compensated
         )
-    bent = statement.joint_angles - commands_of(statement, force)
-    jacobian = statement.jacobian.reshape(*bent.shape[:2], statement.points, 3, -1).mean(axis=2)
-    return Deflections((jacobian @ bent[..., None])[..., 0], np.zeros((len(force), 6)))
+    joint_deflection = statement.joint_angles - compute_commands(statement, force)
+    jacobian = statement.jacobian.reshape(
+        *joint_deflection.shape[:2], statement.points, 3, -1
+    ).mean(axis=2)
+    return Deflections((jacobian @ joint_deflection[..., None])[..., 0], np.zeros((len(force), 6)))

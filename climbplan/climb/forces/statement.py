@@ -63,28 +63,30 @@ class ForceStatement:
     jacobian: Array  # (K, C, 3, J) of where limbs are pushed, world frame [m/rad]
     compliance: Array  # (K, C, 3, 3) of the limbs there [m/N]
     joint_angles: Array  # (K, N, J) [rad]
-    bending: Array  # (K, N, J, C, 3) D, joint angles less commands by forces [rad/N]
-    inward: Array  # (K, N, C, 3) how deep in its surface each toe is commanded, by forces [m/N]
-    room_below: Array  # (K, N, J) from the lower joint bound to the joint angle [rad]
-    room_above: Array  # (K, N, J) from the joint angle to the upper bound [rad]
+    deflection_per_force: Array  # (K, N, J, C, 3) D, joint angles less commands by forces [rad/N]
+    penetration_per_force: (
+        Array  # (K, N, C, 3) how deep in its surface each toe is commanded, by forces [m/N]
+    )
+    margin_below: Array  # (K, N, J) from the lower joint bound to the joint angle [rad]
+    margin_above: Array  # (K, N, J) from the joint angle to the upper bound [rad]
     max_torque: Array  # (N, J) [N m]
     link_torques: Array  # (K, N, J) of the links' own weight [N m]
     load: Array  # (K, 6) weight and external wrench on the body [N, N m]
     safety_friction: float  # S_mu
-    least_safety_torque: float  # lower bound on S_tau
-    largest_s: Array  # (K,) upper bound of s: of 1 / S_tau, or what margins leave of it
-    stiffness_left: Array  # (K,) least share of the elastic stiffness left; -inf if not asked
+    min_safety_torque: float  # lower bound on S_tau
+    max_s: Array  # (K,) upper bound of s: of 1 / S_tau, or what margins leave of it
+    min_stiffness_ratio: Array  # (K,) least share of the elastic stiffness left; -inf if not asked
     normal_force_weight: float  # w [1/N]
-    least_pressure: Array  # (K,) of each point in contact [N]
+    min_normal_force: Array  # (K,) of each point in contact [N]
     reserve: Array  # (K,) pressure that it may miss before it slips [N]
-    least_depth: Array  # (K, N) of their commands inside the surface [m]; -inf if not asked
+    min_penetration: Array  # (K, N) of their commands inside the surface [m]; -inf if not asked
     unit: float  # force scale [N]
     length: float  # lever arm scale [m]
     robot: Robot
     rpy: Array  # (K, 3) [rad]
 
     @cached_property
-    def braced(self) -> BracedBody:
+    def braced_body(self) -> BracedBody:
         """What the stiffness of the K bodies depends on beside the forces."""
         return braced_body(
             self.robot,
@@ -101,12 +103,12 @@ class ForceStatement:
         unbounded = np.full(self.joint_angles.shape, np.inf)
         return replace(
             self,
-            room_below=unbounded,
-            room_above=unbounded,
-            stiffness_left=np.full(len(self.arms), -np.inf),
-            least_pressure=np.zeros(len(self.arms)),
+            margin_below=unbounded,
+            margin_above=unbounded,
+            min_stiffness_ratio=np.full(len(self.arms), -np.inf),
+            min_normal_force=np.zeros(len(self.arms)),
             reserve=np.zeros(len(self.arms)),
-            least_depth=np.full(self.least_depth.shape, -np.inf),
+            min_penetration=np.full(self.min_penetration.shape, -np.inf),
         )
 
     @property
@@ -141,7 +143,7 @@ class ForceStatement:
         return np.asarray(np.swapaxes(self.jacobian, -1, -2) / limit[..., None])
 
     @property
-    def links_share(self) -> Array:
+    def link_torque_ratio(self) -> Array:
         """(K, N, J) torques of the links' own weight, as parts of the limits."""
         return np.asarray(self.link_torques / self.max_torque)
 
@@ -176,21 +178,21 @@ def build_force_statement(
         jacobian=jacobian,
         compliance=limb_compliance(robot, jacobian),
         joint_angles=instants.joint_angles,
-        bending=bending,
-        inward=commanded_depth(toe_jacobian, instants.normal, bending),
-        room_below=np.maximum(instants.joint_angles - robot.joint_lower, 0.0),
-        room_above=np.maximum(robot.joint_upper - instants.joint_angles, 0.0),
+        deflection_per_force=bending,
+        penetration_per_force=commanded_depth(toe_jacobian, instants.normal, bending),
+        margin_below=np.maximum(instants.joint_angles - robot.joint_lower, 0.0),
+        margin_above=np.maximum(robot.joint_upper - instants.joint_angles, 0.0),
         max_torque=robot.max_torque,
         link_torques=link_torques(robot, instants.rpy, instants.joint_angles),
         load=load,
         safety_friction=force.safety_friction,
-        least_safety_torque=force.safety_torque,
-        largest_s=np.full(count, (1 - TORQUE_MARGIN) / force.safety_torque),
-        stiffness_left=np.full(count, force.min_stiffness_ratio),
+        min_safety_torque=force.safety_torque,
+        max_s=np.full(count, (1 - TORQUE_MARGIN) / force.safety_torque),
+        min_stiffness_ratio=np.full(count, force.min_stiffness_ratio),
         normal_force_weight=force.normal_force_weight,
-        least_pressure=np.full(count, force.min_normal_force / points),
+        min_normal_force=np.full(count, force.min_normal_force / points),
         reserve=np.zeros(count),
-        least_depth=np.full(instants.contact.shape, min_penetration),
+        min_penetration=np.full(instants.contact.shape, min_penetration),
         unit=unit,
         length=length,
         robot=robot,
@@ -237,7 +239,7 @@ def compute_commands(statement: ForceStatement, force: Array) -> Array:
 
 
 def _compute_deflection(statement: ForceStatement, force: Array) -> Array:
-    return np.einsum("knjml,kml->knj", statement.bending, force, optimize=True)
+    return np.einsum("knjml,kml->knj", statement.deflection_per_force, force, optimize=True)
 
 
 def compute_bound_violation(statement: ForceStatement, force: Array, margin: float = 0.0) -> Array:
@@ -245,14 +247,16 @@ def compute_bound_violation(statement: ForceStatement, force: Array, margin: flo
     deflection = _compute_deflection(statement, force)
     max_below, max_above = (
         reduce_margin(bound_margin, margin)
-        for bound_margin in (statement.room_below, statement.room_above)
+        for bound_margin in (statement.margin_below, statement.margin_above)
     )
     return np.maximum(np.maximum(deflection - max_below, -deflection - max_above), 0.0)
 
 
 def compute_penetration(statement: ForceStatement, force: Array) -> Array:
     """(K, N) how deep inside their surfaces toes are commanded by forces (K, C, 3) [m]."""
-    return np.asarray(np.einsum("kiml,kml->ki", statement.inward, force, optimize=True))
+    return np.asarray(
+        np.einsum("kiml,kml->ki", statement.penetration_per_force, force, optimize=True)
+    )
 
 
 def compute_free_penetration(statement: ForceStatement, force: Array) -> Array:
@@ -273,15 +277,17 @@ def compute_free_penetration(statement: ForceStatement, force: Array) -> Array:
 def compute_penetration_shortfall(statement: ForceStatement, force: Array) -> Array:
     """(K, N) by how much toes in contact are not commanded as deep as asked [m]."""
     penetration = compute_penetration(statement, force)
-    return np.where(statement.standing, np.maximum(statement.least_depth - penetration, 0.0), 0.0)
+    return np.where(
+        statement.standing, np.maximum(statement.min_penetration - penetration, 0.0), 0.0
+    )
 
 
 def _compute_stiffness_shortfall(statement: ForceStatement, force: Array) -> Array:
     """(K,) share of the elastic stiffness that forces take beyond what they may."""
-    if (statement.stiffness_left == -np.inf).all():
+    if (statement.min_stiffness_ratio == -np.inf).all():
         return np.zeros(len(force))
     return np.maximum(
-        statement.stiffness_left - loaded_stiffness(statement.braced, force).left, 0.0
+        statement.min_stiffness_ratio - loaded_stiffness(statement.braced_body, force).left, 0.0
     )
 
 
@@ -322,11 +328,11 @@ def check_forces(statement: ForceStatement, force: Array) -> ForceResiduals:
     components = split_force(force, statement.normal)
     cone_force = np.maximum(components.normal - statement.reserve[:, None] * statement.contact, 0.0)
     excess = components.shear - statement.usable_mu * cone_force
-    missing_pressure = statement.least_pressure[:, None] * statement.contact - components.normal
+    missing_pressure = statement.min_normal_force[:, None] * statement.contact - components.normal
     airborne_force = np.abs(force).max(axis=-1) * ~statement.contact
-    safety_ratio = compute_torque_ratio(statement, force) * statement.least_safety_torque
+    safety_ratio = compute_torque_ratio(statement, force) * statement.min_safety_torque
     margin_ratio = (
-        compute_contact_torque_ratio(statement, force) * (1 - TORQUE_MARGIN) / statement.largest_s
+        compute_contact_torque_ratio(statement, force) * (1 - TORQUE_MARGIN) / statement.max_s
     )
     return ForceResiduals(
         equilibrium=np.linalg.norm(residual_wrench, axis=1) / statement.unit,

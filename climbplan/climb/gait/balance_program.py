@@ -28,16 +28,16 @@ from climbplan.robots.kinematics import (
 )
 from climbplan.robots.serial_chain import SerialChain
 
-NONE = 1e-5  # [m] a shift that counts as none
-NEARBY = 1e-3  # [m] from which the weight's moment is followed by its difference
-_EVEN = 1e-6  # [m^2] weight of the squared forces, in units of the load
-_IN_HAND = 0.02  # of the torque limits, as Jacobians change with the shift
+ZERO_SHIFT = 1e-5  # [m] a shift that counts as none
+DIFFERENCE_STEP = 1e-3  # [m] from which the weight's moment is followed by its difference
+_FORCE_WEIGHT = 1e-6  # [m^2] weight of the squared forces, in units of the load
+_TORQUE_MARGIN = 0.02  # of the torque limits, as Jacobians change with the shift
 _SOLVED = ("Solved", "AlmostSolved")
-_FORCES = 3  # columns of the program before those of forces
+_NUM_LEADING_COLUMNS = 3  # columns of the program before those of forces
 
 
 @dataclass(frozen=True)
-class Balanced:
+class BalanceSolution:
     """A shift and its forces."""
 
     shift: Array  # (2,) [m]
@@ -49,7 +49,7 @@ class Balanced:
 class LiftPosture:
     """Limbs of the body shifted by `at`, P phases of what is lifted."""
 
-    at: Array  # (2,) [m]
+    shift: Array  # (2,) [m]
     jacobian: Array  # (n, 3, J) of points that are pushed, world
     reached: bool  # whether standing limbs reach
     moment: Array  # (P, 3) of the weight about the body's origin, by units of the load
@@ -58,11 +58,13 @@ class LiftPosture:
     inward: Array  # (L, n, 3) how deep toes are commanded into surfaces, by units of the load [m]
 
 
-class Lift:
+class LiftBalance:
     """One instant with limbs lifted, in one phase of the lift or in P."""
 
-    def __init__(self, scene: MotionScene, phases: list[Instants], k: int, narrower: float) -> None:
-        self.scene, self.phases, self.k, self.narrower = scene, phases, k, narrower
+    def __init__(
+        self, scene: MotionScene, phases: list[Instants], k: int, cone_scale: float
+    ) -> None:
+        self.scene, self.phases, self.k, self.cone_scale = scene, phases, k, cone_scale
         self.lifts = lifts = phases[0]
         spec, robot = scene.spec, scene.robot
         self.stands = np.flatnonzero(lifts.contact[k])
@@ -76,127 +78,144 @@ class Lift:
         self.n = n = len(stands)
         self.depth = 0.0  # [m] in their surfaces, at which commands of standing limbs are asked for
         # Shift, excess, forces in units of the load
-        self.size = size = _FORCES + 3 * n
+        self.size = size = _NUM_LEADING_COLUMNS + 3 * n
         self.load = load / unit
         self.equal = np.zeros((6, size))
         normal = by_point(robot, lifts.normal[k], 0)[stands]
         self.touching = pushed_points(robot, lifts.toes[k], lifts.normal[k])
-        self.equal[:, _FORCES:] = grasp_matrix(self.touching[stands] - lifts.com[k])
+        self.equal[:, _NUM_LEADING_COLUMNS:] = grasp_matrix(self.touching[stands] - lifts.com[k])
         self.equal[3:, 0] = np.cross([1.0, 0.0, 0.0], self.load[:3])
         self.equal[3:, 1] = np.cross([0.0, 1.0, 0.0], self.load[:3])
         frame = contact_frame(normal).axes  # (n, 3, 3)
-        self.steep = narrower * by_point(robot, lifts.mu[k], 0)[stands] / spec.force.safety_friction
+        self.steep = (
+            cone_scale * by_point(robot, lifts.mu[k], 0)[stands] / spec.force.safety_friction
+        )
         self.press = np.zeros((n, size))
         self.cones = np.zeros((n, 3, size))
         for i in range(n):
-            own = slice(_FORCES + 3 * i, _FORCES + 3 * i + 3)
-            self.press[i, own] = -frame[i, 0]
-            self.cones[i, :, own] = -frame[i]
-            self.cones[i, 0, own] *= self.steep[i]
+            force_columns = slice(_NUM_LEADING_COLUMNS + 3 * i, _NUM_LEADING_COLUMNS + 3 * i + 3)
+            self.press[i, force_columns] = -frame[i, 0]
+            self.cones[i, :, force_columns] = -frame[i]
+            self.cones[i, 0, force_columns] *= self.steep[i]
 
-    def pressed_within(self, share: float) -> Lift:
+    def with_sole_margin(self, margin_fraction: float) -> LiftBalance:
         """The same with a share of the margin of soles; itself for feet that are not flat."""
-        margin = share * self.scene.spec.margins.sole
+        margin = margin_fraction * self.scene.spec.margins.sole
         if self.scene.robot.sole is None or margin == 0:
             return self
         scene = replace(self.scene, robot=self.scene.robot.pressed_within(margin))
-        return Lift(scene, self.phases, self.k, self.narrower)
+        return LiftBalance(scene, self.phases, self.k, self.cone_scale)
 
-    def commanded(self, depth: float) -> Lift:
+    def with_depth(self, depth: float) -> LiftBalance:
         """The same with commands so deep in their surfaces [m]."""
-        other = copy(self)
-        other.depth = depth
-        return other
+        result = copy(self)
+        result.depth = depth
+        return result
 
-    def posture(self, shift: Array) -> LiftPosture:
+    def compute_posture(self, shift: Array) -> LiftPosture:
         """Limbs of the body shifted by (2,).
 
         Jacobians are zero for a limb out of reach: torques are left open, as another shift may mend
         it.
         """
         robot, k = self.scene.robot, self.k
-        off = np.array([*shift, 0.0]) + NEARBY * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        offsets = np.array([*shift, 0.0]) + DIFFERENCE_STEP * np.array(
+            [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+        )
         if robot.links is None:
-            off = off[:1]
-        count = len(self.phases), len(off)
-        com = np.broadcast_to(self.lifts.com[k] + off, (*count, 3))
+            offsets = offsets[:1]
+        count = len(self.phases), len(offsets)
+        com = np.broadcast_to(self.lifts.com[k] + offsets, (*count, 3))
         rpy = np.broadcast_to(self.lifts.rpy[k], (*count, 3))
         toes, normal = (
-            np.stack([np.broadcast_to(vars(one)[name][k], (len(off), *one.toes[k].shape))
-                      for one in self.phases])
+            np.stack([np.broadcast_to(vars(phase)[name][k], (len(offsets), *phase.toes[k].shape))
+                      for phase in self.phases])
             for name in ("toes", "normal")
         )  # fmt: skip
         angles = standing_inverse(robot, com, rpy, toes, normal).best()
         first = angles[:1, 0]
-        out = np.asarray(np.isnan(first).any(axis=-1))
+        is_unreached = np.asarray(np.isnan(first).any(axis=-1))
         jacobian = point_jacobian(robot, rpy[0, :1], np.nan_to_num(first), normal[0, :1])
-        jacobian[by_point(robot, out, 1)] = 0.0
+        jacobian[by_point(robot, is_unreached, 1)] = 0.0
         standing = by_point(robot, self.lifts.contact[k], 0)
         inward = np.zeros((len(self.stands), self.n, 3))
         if self.depth > 0:
             pose = rpy[0, :1], np.nan_to_num(first), normal[0, :1]
-            arms = self.touching - self.lifts.com[k] - off[0]
-            sag = self.scene.spec.force.sag == "compensated"
-            bending = joint_bending(robot, jacobian, arms[None], standing[None], sag)
+            arms = self.touching - self.lifts.com[k] - offsets[0]
+            compensates_sag = self.scene.spec.force.deflection_compensation == "compensated"
+            bending = joint_bending(robot, jacobian, arms[None], standing[None], compensates_sag)
             of_toes = contact_jacobian(robot, *pose)
             depths = self.unit * commanded_depth(of_toes, normal[0, :1], bending)[0]
             inward = depths[self.stands][:, standing]
         moment, slope = np.zeros((count[0], 3)), np.zeros((count[0], 2, 3))
         links = np.zeros((len(self.stands), robot.joint_count))
         if robot.links is not None:
-            bent = self._bent(angles)
-            own = link_torques(robot, rpy[0, 0], bent[0, 0])[self.stands]
-            links = own * self.scene.spec.force.safety_torque / robot.max_torque[self.stands]
-            by_shift = weight_moment(robot, rpy, bent) / self.unit
+            angles_reached = self._replace_unreached(angles)
+            gravity_torque = link_torques(robot, rpy[0, 0], angles_reached[0, 0])[self.stands]
+            links = (
+                gravity_torque * self.scene.spec.force.safety_torque / robot.max_torque[self.stands]
+            )
+            by_shift = weight_moment(robot, rpy, angles_reached) / self.unit
             moment = by_shift[:, 0]
-            slope = (by_shift[:, 1:] - by_shift[:, :1]) / NEARBY
-        reached = not bool(out[0][self.stands].any())
+            slope = (by_shift[:, 1:] - by_shift[:, :1]) / DIFFERENCE_STEP
+        reached = not bool(is_unreached[0][self.stands].any())
         return LiftPosture(
             np.asarray(shift), jacobian[0][standing], reached, moment, slope, links, inward
         )
 
-    def _bent(self, angles: Array) -> Array:
+    def _replace_unreached(self, angles: Array) -> Array:
         """Angles (P, 3, N, J), of limbs out of reach those in which the robot stands."""
         chain = self.scene.robot.mechanism
         assert isinstance(chain, SerialChain)
-        here = angles[:, :1]
-        lost = np.isnan(here).any(axis=-1, keepdims=True)
-        here = np.where(lost, chain.posture, here)
-        return np.where(lost | np.isnan(angles).any(axis=-1, keepdims=True), here, angles)
+        reference = angles[:, :1]
+        is_unreached = np.isnan(reference).any(axis=-1, keepdims=True)
+        reference = np.where(is_unreached, chain.posture, reference)
+        return np.where(
+            is_unreached | np.isnan(angles).any(axis=-1, keepdims=True), reference, angles
+        )
 
-    def _share(self, jacobian: Array) -> Array:
+    def _compute_torque_use(self, jacobian: Array) -> Array:
         """(n, 3, J) of torque limits over S_tau, by units of the load."""
         limit = self.scene.robot.max_torque[self.stands][self.limb_of, None]
-        share: Array = jacobian * self.unit * self.scene.spec.force.safety_torque / limit
-        return share
+        torque_use: Array = jacobian * self.unit * self.scene.spec.force.safety_torque / limit
+        return torque_use
 
-    def excess(self, posture: LiftPosture, force: Array) -> float:
+    def compute_excess(self, compute_posture: LiftPosture, force: Array) -> float:
         """What forces (P, 3 n) take beyond the torque limits; infinite out of reach."""
-        pushes = force.reshape(len(force), -1, 3)
-        taken = np.einsum("nij,pni->pnj", self._share(posture.jacobian), pushes)
+        forces = force.reshape(len(force), -1, 3)
+        torque_use = np.einsum(
+            "nij,pni->pnj", self._compute_torque_use(compute_posture.jacobian), forces
+        )
         if self.points > 1:
-            taken = taken.reshape(len(force), len(self.stands), self.points, -1).sum(axis=2)
-        most = float(np.abs(taken + posture.links).max())
-        return most - 1.0 if posture.reached else np.inf
+            torque_use = torque_use.reshape(len(force), len(self.stands), self.points, -1).sum(
+                axis=2
+            )
+        max_use = float(np.abs(torque_use + compute_posture.links).max())
+        return max_use - 1.0 if compute_posture.reached else np.inf
 
-    def _phased(self, rows: Array) -> Array:
+    def _repeat_by_phase(self, rows: Array) -> Array:
         """Rows (R, 3 + 3 n) of each phase, (P R, 3 + 3 n P): the same shift, forces of its own."""
-        count, each = len(self.phases), 3 * self.n
-        out = np.zeros((count, len(rows), _FORCES + count * each))
-        out[:, :, :_FORCES] = rows[:, :_FORCES]
+        count, num_force_columns = len(self.phases), 3 * self.n
+        repeated = np.zeros((count, len(rows), _NUM_LEADING_COLUMNS + count * num_force_columns))
+        repeated[:, :, :_NUM_LEADING_COLUMNS] = rows[:, :_NUM_LEADING_COLUMNS]
         for phase in range(count):
-            out[phase, :, _FORCES + phase * each : _FORCES + (phase + 1) * each] = rows[:, _FORCES:]
-        return out.reshape(count * len(rows), out.shape[-1])
+            repeated[
+                phase,
+                :,
+                _NUM_LEADING_COLUMNS + phase * num_force_columns : _NUM_LEADING_COLUMNS
+                + (phase + 1) * num_force_columns,
+            ] = rows[:, _NUM_LEADING_COLUMNS:]
+        return repeated.reshape(count * len(rows), repeated.shape[-1])
 
-    def solved(
+    def solve(
         self,
         posture: LiftPosture,
-        share: float,
-        about: Array,
+        margin_fraction: float,
+        center: Array,
         trust: float,
-        most: float,
+        max_shift: float,
         price: float,
-    ) -> Balanced | None:
+    ) -> BalanceSolution | None:
         """The least shift with a share of the margins, None where there is none.
 
         about: shift (2,) that it is no farther from than `trust` [m]; most: its size [m]; price: of
@@ -204,54 +223,60 @@ class Lift:
         """
         spec, size, n, phases = self.scene.spec, self.size, self.n, len(self.phases)
         joints = self.scene.robot.joint_count
-        taken = self._share(posture.jacobian)
+        torque_use = self._compute_torque_use(posture.jacobian)
         limbs = len(self.stands)
-        turns = np.zeros((limbs, 2, joints, size))
+        torque_rows = np.zeros((limbs, 2, joints, size))
         for i, limb in enumerate(self.limb_of):
-            own = slice(_FORCES + 3 * i, _FORCES + 3 * i + 3)
-            turns[limb, 0][:, own], turns[limb, 1][:, own] = taken[i].T, -taken[i].T
-        turns[..., 2] = -1.0
+            force_columns = slice(_NUM_LEADING_COLUMNS + 3 * i, _NUM_LEADING_COLUMNS + 3 * i + 3)
+            torque_rows[limb, 0][:, force_columns], torque_rows[limb, 1][:, force_columns] = (
+                torque_use[i].T,
+                -torque_use[i].T,
+            )
+        torque_rows[..., 2] = -1.0
         # Depths by what is asked for, as rows of the size of others
-        deep = np.zeros((limbs if self.depth > 0 else 0, size))
-        if len(deep):
-            deep[:, _FORCES:] = -posture.inward.reshape(limbs, -1) / self.depth
-        equal = self._phased(self.equal)
+        depth_rows = np.zeros((limbs if self.depth > 0 else 0, size))
+        if len(depth_rows):
+            depth_rows[:, _NUM_LEADING_COLUMNS:] = -posture.inward.reshape(limbs, -1) / self.depth
+        equal = self._repeat_by_phase(self.equal)
         equal.reshape(phases, 6, -1)[:, 3:, :2] += np.swapaxes(posture.slope, 1, 2)
         load = np.tile(self.load, (phases, 1))
-        load[:, 3:] += posture.moment - posture.at @ posture.slope
-        whole = equal.shape[1]
-        over = np.zeros((1, whole))
-        over[0, 2] = -1.0 if price else 0.0
-        none = np.zeros((1, whole))
-        none[0, 2] = 0.0 if price else 1.0
-        balls = np.zeros((2, 3, whole))
-        balls[:, 1, 0] = balls[:, 2, 1] = -1.0
+        load[:, 3:] += posture.moment - posture.shift @ posture.slope
+        num_columns = equal.shape[1]
+        excess_row = np.zeros((1, num_columns))
+        excess_row[0, 2] = -1.0 if price else 0.0
+        no_excess_row = np.zeros((1, num_columns))
+        no_excess_row[0, 2] = 0.0 if price else 1.0
+        shift_balls = np.zeros((2, 3, num_columns))
+        shift_balls[:, 1, 0] = shift_balls[:, 2, 1] = -1.0
         A = sparse.csc_matrix(
             np.vstack(
-                [equal, none, self._phased(self.press), self._phased(turns.reshape(-1, size)),
-                 self._phased(deep), over,
-                 self._phased(self.cones.reshape(3 * n, size)), balls.reshape(6, whole)]
+                [equal, no_excess_row, self._repeat_by_phase(self.press), self._repeat_by_phase(torque_rows.reshape(-1, size)),
+                 self._repeat_by_phase(depth_rows), excess_row,
+                 self._repeat_by_phase(self.cones.reshape(3 * n, size)), shift_balls.reshape(6, num_columns)]
             )
         )  # fmt: skip
-        P = sparse.diags([2.0, 2.0, 0.0, *[2 * _EVEN] * (whole - _FORCES)], format="csc")
-        q = np.zeros(whole)
+        P = sparse.diags(
+            [2.0, 2.0, 0.0, *[2 * _FORCE_WEIGHT] * (num_columns - _NUM_LEADING_COLUMNS)],
+            format="csc",
+        )
+        q = np.zeros(num_columns)
         q[2] = price
-        room = np.stack([-posture.links, posture.links], axis=1) + (1.0 - _IN_HAND)
-        torques = np.tile(room.ravel(), phases)
+        torque_slack = np.stack([-posture.links, posture.links], axis=1) + (1.0 - _TORQUE_MARGIN)
+        torques = np.tile(torque_slack.ravel(), phases)
         kinds = [
             clarabel.ZeroConeT(6 * phases + 1),
-            clarabel.NonnegativeConeT(n * phases + len(torques) + len(deep) * phases + 1),
+            clarabel.NonnegativeConeT(n * phases + len(torques) + len(depth_rows) * phases + 1),
             *[clarabel.SecondOrderConeT(3)] * (n * phases + 2),
         ]
         weight = self.scene.robot.weight / self.unit / self.points
-        asked = spec.force.least_pressure / self.unit / self.points
-        least = max(share * spec.margins.pressure * weight, asked)
-        ends = np.zeros((phases, n, 3))
-        ends[..., 0] = -self.steep * share * spec.margins.friction * weight
+        required = spec.force.min_normal_force / self.unit / self.points
+        min_force = max(margin_fraction * spec.margins.normal_force * weight, required)
+        cone_offsets = np.zeros((phases, n, 3))
+        cone_offsets[..., 0] = -self.steep * margin_fraction * spec.margins.friction * weight
         b = np.concatenate(
-            [-load.ravel(), [0.0], np.full(n * phases, -least), torques,
-             np.full(len(deep) * phases, -1.0),
-             [0.0], ends.ravel(), [most, 0.0, 0.0], [trust + NONE, *-about]]
+            [-load.ravel(), [0.0], np.full(n * phases, -min_force), torques,
+             np.full(len(depth_rows) * phases, -1.0),
+             [0.0], cone_offsets.ravel(), [max_shift, 0.0, 0.0], [trust + ZERO_SHIFT, *-center]]
         )  # fmt: skip
         settings = clarabel.DefaultSettings()
         settings.verbose = False
@@ -260,4 +285,4 @@ class Lift:
         if str(solution.status) not in _SOLVED:
             return None
         x = np.array(solution.x)
-        return Balanced(x[:2], x[_FORCES:].reshape(phases, -1), float(x[2]))
+        return BalanceSolution(x[:2], x[_NUM_LEADING_COLUMNS:].reshape(phases, -1), float(x[2]))

@@ -13,7 +13,7 @@ from climbplan.robots.kinematics import inverse, require_reachable, sole_turns, 
 from climbplan.robots.model import Robot
 
 
-def instants_at(
+def build_instants_at(
     scene: MotionScene,
     rounds: IntArray,
     com: Array,
@@ -27,11 +27,13 @@ def instants_at(
     Arguments as of `standing_at`. Raises ReachFailure naming round, limb and missing reach or joint
     bound.
     """
-    instants = standing_at(scene, rounds, com, rpy, toes, region, lifted)
-    return replace(instants, joint_angles=joint_angles(scene.robot, instants, instants.toes))
+    instants = build_instants(scene, rounds, com, rpy, toes, region, lifted)
+    return replace(
+        instants, joint_angles=compute_joint_angles(scene.robot, instants, instants.toes)
+    )
 
 
-def standing_at(
+def build_instants(
     scene: MotionScene,
     rounds: IntArray,
     com: Array,
@@ -47,10 +49,10 @@ def standing_at(
     """
     normals, mu = np.empty_like(toes), np.empty(region.shape)
     for index, surface in enumerate(scene.terrain.surfaces):
-        here = region == index
-        mu[here] = surface.friction
-        normals[here] = surface.normal_at(toes[here])
-    toes = toes + scene.spec.trajectory.lift * normals * lifted[..., None]
+        uses_surface = region == index
+        mu[uses_surface] = surface.friction
+        normals[uses_surface] = surface.normal_at(toes[uses_surface])
+    toes = toes + scene.spec.trajectory.swing_clearance * normals * lifted[..., None]
     return Instants(
         round=rounds,
         lifted=lifted,
@@ -66,7 +68,7 @@ def standing_at(
     )
 
 
-def joint_angles(robot: Robot, instants: Instants, toes: Array, doing: str = "") -> Array:
+def compute_joint_angles(robot: Robot, instants: Instants, toes: Array, doing: str = "") -> Array:
     """Joint angles (K, N, J) for toes (K, N, 3) at the instants' poses.
 
     Raises ReachFailure with the instant and what is being done there (`doing`).
@@ -76,6 +78,6 @@ def joint_angles(robot: Robot, instants: Instants, toes: Array, doing: str = "")
     solution = inverse(robot, toes_body, turns)
     names = robot.limb_names
     for k in np.flatnonzero(~solution.valid.all(axis=1)):
-        turned = None if turns is None else turns[k]
-        require_reachable(robot, toes_body[k], instants.label(int(k), names) + doing, turned)
+        violation = None if turns is None else turns[k]
+        require_reachable(robot, toes_body[k], instants.label(int(k), names) + doing, violation)
     return solution.best()

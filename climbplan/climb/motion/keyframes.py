@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.clearance.swing_ways import together, way_shares
-from climbplan.climb.forces.planner import deflections_of, plan_forces
-from climbplan.climb.forces.soles import solve_on_feet
+from climbplan.climb.clearance.swing_ways import compute_path_fractions, merge_paths
+from climbplan.climb.forces.planner import compute_deflections, plan_forces
+from climbplan.climb.forces.sole_margins import solve_with_sole_margins
 from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds
 from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene.climb_scene import MotionScene
-from climbplan.errors import NoPlanFound, NotProved
+from climbplan.errors import NoPlanFound, Unresolved
 from climbplan.mechanics.equilibrium import weight_moment
 from climbplan.mechanics.flat_contact import moment_of
 from climbplan.mechanics.grip import Grippers
@@ -29,20 +29,22 @@ PACKED, HELD = 7, 10  # entries of packed grips, and with the moments at wrists,
 
 
 @dataclass(frozen=True)
-class Load:
+class KeyframeLoad:
     """What commands add to the joint angles: forces, and toes carried along by a body that sags."""
 
     force: Array  # (N, 3) [N]
     carried: Array  # (N, 3) toe displacement by the body's own deflection, zero in the air [m]
-    held: Array  # (N, 10) grips as they are packed; moments at wrists, or on soles; else zeros
+    contact_state: (
+        Array  # (N, 10) grips as they are packed; moments at wrists, or on soles; else zeros
+    )
     weight: Array  # (3,) moment of the weight about the body's origin, which they balance [N m]
 
-    def toward(self, other: Load, share: float) -> Load:
+    def interpolate(self, target: KeyframeLoad, fraction: float) -> KeyframeLoad:
         """A share of the way to another, itself where they are the same."""
-        if other is self:
+        if target is self:
             return self
-        mixed = {n: (1 - share) * v + share * vars(other)[n] for n, v in vars(self).items()}
-        return Load(**mixed)
+        mixed = {n: (1 - fraction) * v + fraction * vars(target)[n] for n, v in vars(self).items()}
+        return KeyframeLoad(**mixed)
 
 
 @dataclass(frozen=True)
@@ -55,59 +57,67 @@ class Keyframes:
     force: Array  # (F, N, 3) on the toes [N]
     carried: Array  # (F, N, 3) as in Load
     normal: Array  # (F, N, 3) of the surfaces that toes stand on, or are on their way to
-    held: Array  # (F, N, 10) likewise
+    contact_state: Array  # (F, N, 10) likewise
     weight: Array  # (F, 3) likewise
     contact: BoolArray  # (F-1, N) toes on their surface during each segment
     region: IntArray  # (F-1, N) of these surfaces
-    share: Array  # (F-1,) nominal part of one limb step's time
+    duration_fraction: Array  # (F-1,) nominal part of one limb step's time
     label: tuple[str, ...]  # (F-1,) where each segment stands in the gait
 
 
-def _start_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> Load:
+def _solve_start_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> KeyframeLoad:
     """Forces of the start posture with all limbs on the surface.
 
     Raises NotProved if the start posture cannot hold itself.
     """
     first = np.zeros(1, np.int64)
-    begun = replace(instants, com=rounds.com[:1], rpy=rounds.rpy[:1])
-    standing = _all_standing(scene, begun, first, first, rounds.toes[:1])
+    start_instants = replace(instants, com=rounds.com[:1], rpy=rounds.rpy[:1])
+    standing = _build_standing_instants(scene, start_instants, first, first, rounds.toes[:1])
     try:
         forces = plan_forces(scene, standing)
     except NoPlanFound as error:
         conflicts = [replace(c, where="start posture") for c in error.conflicts]
-        raise NotProved(
+        raise Unresolved(
             "the start posture cannot hold itself",
             conflicts,
             because="toes and factors that the spec leaves out are our own",
             stage="trajectory",
         ) from error
-    return _loads(scene, standing, _pushes(forces), forces.com_deflection, forces.grips)[0]
+    return _build_loads(
+        scene, standing, _get_contact_forces(forces), forces.com_deflection, forces.grips
+    )[0]
 
 
-def _pushes(forces: Forces) -> Array:
+def _get_contact_forces(forces: Forces) -> Array:
     """Forces (K, N, 3), or of flat feet those of the corners (K, N, 4, 3)."""
     return forces.force if forces.corner_force is None else forces.corner_force
 
 
-def _ready_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> Load:
+def _solve_ready_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> KeyframeLoad:
     """Forces of all limbs where the body waits for the first lift; raises as `plan_forces`."""
     first = np.zeros(1, np.int64)
-    standing = _all_standing(scene, instants, first, first, rounds.toes[:1])
+    standing = _build_standing_instants(scene, instants, first, first, rounds.toes[:1])
     forces = plan_forces(scene, standing)
-    return _loads(scene, standing, _pushes(forces), forces.com_deflection, forces.grips)[0]
+    return _build_loads(
+        scene, standing, _get_contact_forces(forces), forces.com_deflection, forces.grips
+    )[0]
 
 
-def _placing_loads(scene: MotionScene, instants: Instants, lifted: list[Load]) -> list[Load]:
+def _solve_placing_loads(
+    scene: MotionScene, instants: Instants, lifted: list[KeyframeLoad]
+) -> list[KeyframeLoad]:
     """Forces of all limbs before each push, when the body is where the limb was lifted.
 
     Those of the lift would do, with the placed limb idle; they stay where nothing better is found.
     """
     lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
-    standing = _all_standing(scene, instants, lift, push, instants.toes[push])
-    return _loads_found(scene, standing, lifted[::2])
+    standing = _build_standing_instants(scene, instants, lift, push, instants.toes[push])
+    return _solve_loads(scene, standing, lifted[::2])
 
 
-def _arriving_loads(scene: MotionScene, instants: Instants, lifted: list[Load]) -> list[Load]:
+def _solve_arriving_loads(
+    scene: MotionScene, instants: Instants, lifted: list[KeyframeLoad]
+) -> list[KeyframeLoad]:
     """Forces at the end of each lift, with limbs on their new places that bear nothing yet.
 
     Those of its beginning, but for the weight of what was moved; they stay where nothing is found.
@@ -116,48 +126,52 @@ def _arriving_loads(scene: MotionScene, instants: Instants, lifted: list[Load]) 
         return lifted[::2]
     lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
     toes = np.where(instants.lifted[lift][..., None], instants.toes[push], instants.toes[lift])
-    arriving = _all_standing(scene, instants, lift, push, toes)
+    arriving = _build_standing_instants(scene, instants, lift, push, toes)
     arriving = replace(
         arriving, lifted=instants.lifted[lift], contact=instants.contact[lift], toes=toes
     )
-    return _loads_found(scene, arriving, lifted[::2])
+    return _solve_loads(scene, arriving, lifted[::2])
 
 
-def _loads_found(scene: MotionScene, instants: Instants, otherwise: list[Load]) -> list[Load]:
+def _solve_loads(
+    scene: MotionScene, instants: Instants, otherwise: list[KeyframeLoad]
+) -> list[KeyframeLoad]:
     """Forces at instants, and others where none are found."""
     if scene.grippers is not None:
-        return _grips_found(scene, instants, scene.grippers, otherwise)
-    statement, found = solve_on_feet(scene, instants, scene.spec.solver.force)
-    solved = found.solved
-    com = deflections_of(statement, solved.force, scene.spec.force.sag == "compensated").com
+        return _solve_grip_loads(scene, instants, scene.grippers, otherwise)
+    statement, solution = solve_with_sole_margins(scene, instants, scene.spec.solver.force_solver)
+    solved = solution.solved
+    com = compute_deflections(
+        statement, solved.force, scene.spec.force.deflection_compensation == "compensated"
+    ).com
     force = solved.force
     if statement.points > 1:
         force = force.reshape(*instants.contact.shape, statement.points, 3)
-    loads = _loads(scene, instants, force, com)
+    loads = _build_loads(scene, instants, force, com)
     for place in np.concatenate([solved.missing, solved.unbalanced]):
         loads[place] = otherwise[int(place)]
     return loads
 
 
-def _grips_found(
-    scene: MotionScene, instants: Instants, grippers: Grippers, otherwise: list[Load]
-) -> list[Load]:
+def _solve_grip_loads(
+    scene: MotionScene, instants: Instants, grippers: Grippers, otherwise: list[KeyframeLoad]
+) -> list[KeyframeLoad]:
     """The same for a robot with grippers."""
-    from climbplan.climb.forces.grips.planner import answers_of
+    from climbplan.climb.forces.grips.planner import assemble_grip_answers
     from climbplan.climb.forces.grips.solving import solve_grips
-    from climbplan.climb.forces.grips.statement import state_grips
+    from climbplan.climb.forces.grips.statement import build_grip_statement
 
-    statement = state_grips(scene, instants, grippers)
-    solved = solve_grips(statement, scene.spec.solver.force, scene.spec.force.facets)
-    found = answers_of(statement, solved)
-    still = np.zeros((instants.count, 6))
-    loads = _loads(scene, instants, found.force, still, found.grips)
+    statement = build_grip_statement(scene, instants, grippers)
+    solved = solve_grips(statement, scene.spec.solver.force_solver, scene.spec.force.facets)
+    answers = assemble_grip_answers(statement, solved)
+    no_deflection = np.zeros((instants.count, 6))
+    loads = _build_loads(scene, instants, answers.force, no_deflection, answers.grips)
     for place in solved.missing:
         loads[place] = otherwise[int(place)]
     return loads
 
 
-def _all_standing(
+def _build_standing_instants(
     scene: MotionScene, instants: Instants, pose: IntArray, ground: IntArray, toes: Array
 ) -> Instants:
     """Instants with all limbs in contact: body poses of some, surfaces under the toes of others."""
@@ -178,29 +192,31 @@ def _all_standing(
     )
 
 
-def _loads(
+def _build_loads(
     scene: MotionScene,
     instants: Instants,
     force: Array,
     com_deflection: Array,
     grips: GripForces | None = None,
-) -> list[Load]:
+) -> list[KeyframeLoad]:
     """One of each instant; force: (K, N, 3), or (K, N, 4, 3) at the corners of flat feet."""
-    held = np.zeros((*instants.contact.shape, HELD))
+    contact_state = np.zeros((*instants.contact.shape, HELD))
     if scene.robot.sole is not None:
-        held[..., PACKED:] = moment_of(scene.robot.sole, instants.normal, force)
+        contact_state[..., PACKED:] = moment_of(scene.robot.sole, instants.normal, force)
         force = force.sum(axis=-2)
     if grips is not None and scene.robot.gripper is not None:
         arm = -scene.robot.gripper.length * instants.normal
-        held = np.concatenate([grips.packed, grips.moment + np.cross(arm, force)], axis=-1)
+        contact_state = np.concatenate([grips.packed, grips.moment + np.cross(arm, force)], axis=-1)
     touching = contact_points(scene.robot, instants.toes, instants.normal)
     motion = rigid_motion(touching - instants.com[:, None]) * instants.contact[..., None, None]
     carried = np.einsum("kniv,kv->kni", motion, com_deflection)
     weight = weight_moment(scene.robot, instants.rpy, instants.joint_angles)
-    return [Load(*own) for own in zip(force, carried, held, weight, strict=True)]
+    return [
+        KeyframeLoad(*values) for values in zip(force, carried, contact_state, weight, strict=True)
+    ]
 
 
-def keyframes(
+def build_keyframes(
     scene: MotionScene,
     rounds: Rounds,
     instants: Instants,
@@ -208,84 +224,100 @@ def keyframes(
     paths: tuple[Array, ...],
 ) -> Keyframes:
     names = scene.robot.limb_names
-    held = _loads(scene, instants, _pushes(forces), forces.com_deflection, forces.grips)
-    arrived = _arriving_loads(scene, instants, held)
-    placed = _placing_loads(scene, instants, held)
+    loads_at_instants = _build_loads(
+        scene, instants, _get_contact_forces(forces), forces.com_deflection, forces.grips
+    )
+    arrival_loads = _solve_arriving_loads(scene, instants, loads_at_instants)
+    placing_loads = _solve_placing_loads(scene, instants, loads_at_instants)
     com, rpy, toes = [rounds.com[0]], [rounds.rpy[0]], [rounds.toes[0]]
     normal = [instants.normal[0]]
-    load = [_start_load(scene, rounds, instants)]
+    load = [_solve_start_load(scene, rounds, instants)]
     contact: list[BoolArray] = []
     region: list[IntArray] = []
-    share: list[float] = []
+    fractions: list[float] = []
     label: list[str] = []
-    ways_left = iter(paths)
+    remaining_paths = iter(paths)
     everyone = np.ones(len(names), bool)
 
-    def to(
-        where: Array,
-        under: Array,
-        pressing: Load,
-        touching: BoolArray,
-        part: float,
+    def add_frame(
+        positions: Array,
+        normals_under: Array,
+        frame_load: KeyframeLoad,
+        in_contact: BoolArray,
+        fraction: float,
         name: str,
-        ground: int,
+        surface_instant: int,
     ) -> None:
         com.append(com[-1])
         rpy.append(rpy[-1])
-        toes.append(where)
-        normal.append(under)
-        load.append(pressing)
-        contact.append(touching)
-        region.append(instants.region[ground])
-        share.append(part)
+        toes.append(positions)
+        normal.append(normals_under)
+        load.append(frame_load)
+        contact.append(in_contact)
+        region.append(instants.region[surface_instant])
+        fractions.append(fraction)
         label.append(name)
 
     if (instants.com[0] != rounds.com[0]).any():  # over the limbs that stay at the first lift
-        ready = _ready_load(scene, rounds, instants)
-        to(toes[0], normal[0], ready, everyone, _PUSH, "first shift", 0)
+        ready = _solve_ready_load(scene, rounds, instants)
+        add_frame(toes[0], normal[0], ready, everyone, _PUSH, "first shift", 0)
         com[-1], rpy[-1] = instants.com[0], instants.rpy[0]
     for k in range(0, instants.count, 2):
         limbs = np.flatnonzero(instants.lifted[k])
         name = instants.label(k, names)
-        others = ~instants.lifted[k]
+        standing = ~instants.lifted[k]
         old, new = toes[-1], instants.toes[k + 1]
-        was, under = instants.normal[k], instants.normal[k + 1]
-        ways = together([next(ways_left) for _ in limbs])  # (P, limbs, 3)
+        old_normal, normals_under = instants.normal[k], instants.normal[k + 1]
+        path = merge_paths([next(remaining_paths) for _ in limbs])  # (P, limbs, 3)
 
-        def swung(points: Array, standing: Array = old, limbs: IntArray = limbs) -> Array:
+        def move_toes(points: Array, standing: Array = old, limbs: IntArray = limbs) -> Array:
             out = standing.copy()
             out[limbs] = points
             return out
 
-        to(old, was, held[k], everyone, _UNLOAD, name, k)
-        turned = _turned(scene, was, under, len(ways))
-        to(swung(ways[0]), turned[0], held[k], others, _LIFT, name, k)
-        shares = way_shares(len(ways)).tolist()
-        for share_of, points, normals in zip(shares[1:], ways[1:], turned[1:], strict=True):
-            load_there = held[k].toward(arrived[k // 2], share_of)
-            to(swung(points), normals, load_there, others, _SWING / (len(ways) - 1), name, k)
-        to(new, under, arrived[k // 2], others, _LOWER, name, k)
-        to(new, under, placed[k // 2], everyone, _PRESS, name, k + 1)
-        to(new, under, held[k + 1], everyone, _PUSH, instants.label(k + 1, names), k + 1)
+        add_frame(old, old_normal, loads_at_instants[k], everyone, _UNLOAD, name, k)
+        path_normals = _interpolate_normals(scene, old_normal, normals_under, len(path))
+        add_frame(
+            move_toes(path[0]), path_normals[0], loads_at_instants[k], standing, _LIFT, name, k
+        )
+        shares = compute_path_fractions(len(path)).tolist()
+        for path_fraction, points, normals in zip(
+            shares[1:], path[1:], path_normals[1:], strict=True
+        ):
+            swing_load = loads_at_instants[k].interpolate(arrival_loads[k // 2], path_fraction)
+            add_frame(
+                move_toes(points), normals, swing_load, standing, _SWING / (len(path) - 1), name, k
+            )
+        add_frame(new, normals_under, arrival_loads[k // 2], standing, _LOWER, name, k)
+        add_frame(new, normals_under, placing_loads[k // 2], everyone, _PRESS, name, k + 1)
+        add_frame(
+            new,
+            normals_under,
+            loads_at_instants[k + 1],
+            everyone,
+            _PUSH,
+            instants.label(k + 1, names),
+            k + 1,
+        )
         com[-1], rpy[-1] = instants.com[k + 1], instants.rpy[k + 1]
     return Keyframes(
         np.array(com),
         np.array(rpy),
         np.array(toes),
-        np.array([one.force for one in load]),
-        np.array([one.carried for one in load]),
+        np.array([frame.force for frame in load]),
+        np.array([frame.carried for frame in load]),
         np.array(normal),
-        np.array([one.held for one in load]),
-        np.array([one.weight for one in load]),
+        np.array([frame.contact_state for frame in load]),
+        np.array([frame.weight for frame in load]),
         np.array(contact),
         np.array(region),
-        np.array(share),
+        np.array(fractions),
         tuple(label),
     )
 
 
-def _turned(scene: MotionScene, was: Array, under: Array, count: int) -> Array:
+def _interpolate_normals(scene: MotionScene, was: Array, under: Array, count: int) -> Array:
     """(P, N, 3) normals by way point: soles turn between lifting off and setting down."""
     if scene.robot.sole is None:
         return np.broadcast_to(under, (count, *under.shape))
-    return was + way_shares(count)[:, None, None] * (under - was)
+    return was + compute_path_fractions(count)[:, None, None] * (under - was)

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray, spans_of
-from climbplan.climb.clearance.swing import swing_paths
-from climbplan.climb.motion.keyframes import PACKED, Keyframes, keyframes
+from climbplan.climb.clearance.swing import plan_swing_paths
+from climbplan.climb.motion.keyframes import PACKED, Keyframes, build_keyframes
 from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds, Trajectory
 from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene.climb_scene import MotionScene
@@ -23,7 +23,7 @@ from climbplan.errors import ReachFailure, UsageError
 from climbplan.mechanics.equilibrium import grasp_matrix, link_torques, weight_moment
 from climbplan.mechanics.grip import Grippers
 from climbplan.mechanics.stiffness import joint_softness, joint_turns
-from climbplan.robots.joint_units import place_words
+from climbplan.robots.joint_units import format_joint_position
 from climbplan.robots.kinematics import (
     contact_jacobian,
     contact_points,
@@ -50,7 +50,7 @@ class Played:
     """A motion, and the largest part of its limit that a motor's torque has at any sample."""
 
     trajectory: Trajectory
-    use: float
+    torque_use: float
 
 
 def plan_trajectory(
@@ -80,14 +80,16 @@ def play(
     blocked, and UsageError for a motion of more samples than a plan holds.
     """
     robot = scene.robot
-    paths = swing_paths(scene, rounds, instants) if swings is None else swings
-    frames = keyframes(scene, rounds, instants, forces, paths)
+    paths = plan_swing_paths(scene, rounds, instants) if swings is None else swings
+    frames = build_keyframes(scene, rounds, instants, forces, paths)
     travel = float(np.linalg.norm(np.diff(rounds.com, axis=0), axis=1).sum())
     steps = instants.count // 2
     nominal = travel / scene.spec.trajectory.speed / steps  # [s] one limb step
     rate = scene.spec.trajectory.rate
     least = np.ceil(_least_durations(scene, frames) * rate)
-    count = np.maximum(np.rint(frames.share * nominal * rate), least)  # samples of each segment
+    count = np.maximum(
+        np.rint(frames.duration_fraction * nominal * rate), least
+    )  # samples of each segment
     if count.sum() >= _MOST_SAMPLES:
         raise UsageError(
             f"the motion takes {count.sum() / rate:.3g} s, {count.sum():.3g} samples at {rate:g} "
@@ -102,15 +104,15 @@ def play(
     driven = _driven(scene, moving, [frames.label[s] for s in segment])
     contact = frames.contact[segment]
     motion = Trajectory(sample / rate, moving.com, moving.rpy, driven.command, contact)
-    use = float((np.abs(driven.torque) / robot.max_torque).max())
+    torque_use = float((np.abs(driven.torque) / robot.max_torque).max())
     if robot.gripper is None:
-        return Played(motion, use)
-    from climbplan.climb.forces.grips.plan import may_grip_firmly
+        return Played(motion, torque_use)
+    from climbplan.climb.forces.grips.plan import find_firm_limbs
 
-    grips = GripForces.unpacked(driven.held[..., :PACKED])
+    grips = GripForces.unpacked(driven.contact_state[..., :PACKED])
     assert scene.grippers is not None
-    firm = _gripped_firmly(grips.grip, motion.contact, may_grip_firmly(scene.grippers, instants))
-    return Played(replace(motion, grips=replace(grips, grip=firm), force=driven.force), use)
+    firm = _gripped_firmly(grips.grip, motion.contact, find_firm_limbs(scene.grippers, instants))
+    return Played(replace(motion, grips=replace(grips, grip=firm), force=driven.force), torque_use)
 
 
 def _gripped_firmly(grip: Array, contact: BoolArray, may: BoolArray) -> Array:
@@ -161,7 +163,7 @@ def _between(frames: Keyframes, segment: IntArray, share: Array) -> _Moving:
         mix(frames.force),
         mix(frames.carried),
         mix(frames.normal),
-        mix(frames.held),
+        mix(frames.contact_state),
         frames.contact[segment],
         frames.region[segment],
         mix(frames.weight),
@@ -170,7 +172,7 @@ def _between(frames: Keyframes, segment: IntArray, share: Array) -> _Moving:
 
 def _least_durations(scene: MotionScene, frames: Keyframes) -> Array:
     """Time (F-1,) each segment needs for the joints to stay within their speeds [s]."""
-    robot, count = scene.robot, len(frames.share)
+    robot, count = scene.robot, len(frames.duration_fraction)
     segment = np.repeat(np.arange(count), _PROBES)
     share = np.tile(np.linspace(0.0, 1.0, _PROBES), count)
     moving = _between(frames, segment, _ease(share))
@@ -214,10 +216,10 @@ def _weighed(scene: MotionScene, moving: _Moving, angles: Array) -> _Moving:
         return _weighed_by_grips(scene.grippers, moving, off)
     pressure = np.maximum((moving.force * moving.normal).sum(axis=-1), 0.0) * moving.contact
     if robot.sole is not None:
-        held = moving.held.copy()
+        held = moving.contact_state.copy()
         part = pressure / np.maximum(pressure.sum(axis=1, keepdims=True), 1e-300)
         held[..., PACKED:] += part[..., None] * off[:, None]
-        return replace(moving, held=held)
+        return replace(moving, contact_state=held)
     arms = contact_points(robot, moving.toes, moving.normal) - moving.com[:, None]
     root = np.repeat(np.sqrt(pressure), 3, axis=1)  # (S, 3 N)
     grasp = grasp_matrix(arms) * root[:, None]
@@ -228,22 +230,22 @@ def _weighed(scene: MotionScene, moving: _Moving, angles: Array) -> _Moving:
 
 def _weighed_by_grips(grippers: Grippers, moving: _Moving, off: Array) -> _Moving:
     """Grips that bring a moment off (S, 3) too, and the moments at wrists that go with them."""
-    from climbplan.climb.forces.grips.sharing import more_of_parts
+    from climbplan.climb.forces.grips.moment_distribution import distribute_moment
 
     arm = -grippers.gripper.length * moving.normal
-    force, grips = more_of_parts(
+    force, grips = distribute_moment(
         grippers,
         moving.normal,
         moving.region,
         moving.contact,
         moving.toes + arm - moving.com[:, None],
         moving.force,
-        GripForces.unpacked(moving.held[..., :PACKED]),
+        GripForces.unpacked(moving.contact_state[..., :PACKED]),
         off,
         _IN_LINE,
     )
     held = np.concatenate([grips.packed, grips.moment + np.cross(arm, force)], axis=-1)
-    return replace(moving, force=force, held=held)
+    return replace(moving, force=force, contact_state=held)
 
 
 @dataclass(frozen=True)
@@ -272,18 +274,21 @@ def _driven(scene: MotionScene, moving: _Moving, where: list[str]) -> _Driven:
         axes = joint_axes_body(robot, angles) @ np.swapaxes(
             rotation_world_body(moving.rpy)[:, None], -1, -2
         )
-        torques += (axes @ moving.held[..., PACKED:, None])[..., 0]
+        torques += (axes @ moving.contact_state[..., PACKED:, None])[..., 0]
     command = angles - joint_softness(robot) * torques
     if moving.carried.any():
         command -= (joint_turns(robot, jacobian) @ moving.carried[..., None])[..., 0]
     beyond = np.maximum(robot.joint_lower - command, command - robot.joint_upper)
     if beyond.max() > _BOUND_SLACK:
         s, limb, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
-        amount = place_words(robot, int(limb), int(joint), float(beyond.max()), ".2g")
+        amount = format_joint_position(robot, int(limb), int(joint), float(beyond.max()), ".2g")
         over = f"{amount} past its bound"
         name = robot.joint_name(int(limb), int(joint))
         reason = f"toe with the planned force: commanded {name} {over}"
         raise ReachFailure(robot.limb_names[limb], reason, 0.0, where[s])
     return _Driven(
-        command, torques + link_torques(robot, moving.rpy, angles), moving.force, moving.held
+        command,
+        torques + link_torques(robot, moving.rpy, angles),
+        moving.force,
+        moving.contact_state,
     )

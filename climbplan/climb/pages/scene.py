@@ -23,9 +23,9 @@ from climbplan.climb.plan.played import START
 from climbplan.reports import palette
 from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, Solids, polygons
 from climbplan.robots.kinematics import joint_points_body
-from climbplan.robots.looks import BODY, piece_places, pieces_of
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
+from climbplan.robots.visual_geometry import BODY, compute_piece_poses, split_by_link
 
 
 def read_scene(path: FilePath) -> Scene:
@@ -149,8 +149,8 @@ def _solids(plan: ClimbPlan, frames: Replay, rotation: Array) -> Solids | None:
     chain = plan.robot.mechanism
     if plan.looks is None or not isinstance(chain, SerialChain):
         return None
-    pieces = pieces_of(plan.looks, chain)
-    place, turned = piece_places(pieces, chain, frames.angles)
+    pieces = split_by_link(plan.looks, chain)
+    place, turned = compute_piece_poses(pieces, chain, frames.angles)
     used = np.abs(plan.forces.motor_torques) / plan.robot.max_torque  # (K, N, J)
     load = np.zeros((len(frames.time), len(pieces)))
     acting = frames.instant != START

@@ -14,8 +14,8 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.plan.grips import GripForces, GripPlan
 from climbplan.climb.plan.promise import Promise
 from climbplan.climb.plan.world_sample import WorldSample
-from climbplan.robots.looks import Looks
 from climbplan.robots.model import Robot
+from climbplan.robots.visual_geometry import VisualGeometry
 from climbplan.schema.robots.stored import RobotTexts
 from climbplan.store.root_attributes import PlanHeader
 from climbplan.terrain.model import Terrain
@@ -181,7 +181,7 @@ class ClimbPlan(PlanHeader):
     sequences: Sequences | None = None
     grips: GripPlan | None = None
     robot_texts: RobotTexts = field(default_factory=RobotTexts)  # of files the robot is from
-    looks: Looks | None = None  # of a robot from a URDF; only pictures read it
+    looks: VisualGeometry | None = None  # of a robot from a URDF; only pictures read it
     promise: Promise | None = None  # of falls, where the spec states a risk
     sample: WorldSample | None = None  # of worlds, where it or the robot states an uncertainty
 

@@ -24,8 +24,8 @@ from climbplan.climb.plan.promise import NEEDED, Promise, promise_of
 from climbplan.climb.plan.robot_store import read_robot, read_robot_texts, write_robot
 from climbplan.climb.plan.terrain_store import read_terrain, write_terrain
 from climbplan.climb.plan.world_sample import REQUIRED, WorldSample, sample_from_dict
-from climbplan.robots.looks import BODY, Looks
 from climbplan.robots.model import Robot
+from climbplan.robots.visual_geometry import BODY, VisualGeometry
 from climbplan.store.hdf5_layout import Layout
 from climbplan.store.hdf5_reading import Reader, opened_store
 from climbplan.store.hdf5_writing import new_store, write_dataset, write_datasets, write_json
@@ -47,7 +47,7 @@ _LOOKS_LAYOUT = {
 }
 
 
-def write_looks(group: h5py.Group, looks: Looks | None) -> None:
+def write_looks(group: h5py.Group, looks: VisualGeometry | None) -> None:
     """Add the group `looks` to that of a robot that has some."""
     if looks is None:
         return
@@ -58,7 +58,7 @@ def write_looks(group: h5py.Group, looks: Looks | None) -> None:
         write_dataset(own, name, np.round(value, 5), form, compressed=True)
 
 
-def read_looks(reader: Reader, robot: Robot) -> Looks | None:
+def read_looks(reader: Reader, robot: Robot) -> VisualGeometry | None:
     """The looks of a plan's robot, None where it has none.
 
     Raises PlanFileError for what is misshapen or names links that are not there.
@@ -66,7 +66,7 @@ def read_looks(reader: Reader, robot: Robot) -> Looks | None:
     if not reader.has(f"robot/{_LOOKS}"):
         return None
     found = reader.datasets(f"robot/{_LOOKS}", _LOOKS_LAYOUT)
-    looks = Looks(**found)
+    looks = VisualGeometry(**found)
     count, limb, joint = len(looks.vertices), looks.limb, looks.joint
     if len(limb) != count or len(joint) != count:
         raise reader.refuse(f"robot/{_LOOKS}: {count} vertices, expected a limb and joint for each")

@@ -8,19 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.climb.motion.in_hand import in_hand
+from climbplan.climb.motion.in_hand import plan_with_torque_reserve
 from climbplan.climb.motion.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.plan.climb_plan import ClimbPlan, Forces, StepLimits
-from climbplan.climb.planner.chaining import started
-from climbplan.climb.planner.looks import plan_looks
-from climbplan.climb.planner.summary import summary_lines
+from climbplan.climb.planner.start_from_plan import resolve_start_plan
+from climbplan.climb.planner.summary import format_summary
+from climbplan.climb.planner.visual_geometry import load_visual_geometry
 from climbplan.climb.scene.climb_scene import ClimbScene, MotionScene, build_scene, on_scan
 from climbplan.climb.scene.within_reach import window_of
 from climbplan.climb.schema.loading import LoadedClimb
 from climbplan.climb.schema.model import ClimbSpec
-from climbplan.errors import NoPlanFound, NotProved, UsageError
+from climbplan.errors import NoPlanFound, Unresolved, UsageError
 from climbplan.progress import Progress
-from climbplan.robots.any_robot import assumptions
+from climbplan.robots.any_robot import list_assumptions
 from climbplan.schema.overrides import Override
 from climbplan.schema.robots.stored import robot_texts
 
@@ -32,43 +32,51 @@ def plan_climb(
     save_model: Path | None = None,
     nodes: float = np.inf,
 ) -> ClimbPlan:
-    """A climb plan for a loaded spec, by its method; that of `auto` is verified in memory.
+    """Plan a climb by the method of its spec; plans of method `auto` are verified in memory.
 
-    report: called with stage name and fraction done. jobs: worker processes of a study. nodes: of
-    each search by branch and bound, at most: where they end it, not the time, the answer is the
-    same on every machine.
-    Raises Infeasible where it is proved that the stated climb has no plan, and NotProved,
-    ReachFailure or LimitReached where none was found, all in the robot's terms.
+    Args:
+        loaded: The loaded spec.
+        report: Called with the name of a stage and the fraction of it that is done.
+        jobs: Number of worker processes of a study.
+        save_model: File for the mixed-integer program; None for no file.
+        nodes: Largest number of nodes of each branch and bound. Where this limit ends a search
+            before the time limit does, the answer is the same on every machine.
+
+    Raises:
+        Infeasible: It is proved that the stated climb has no plan.
+        Unresolved: No plan was found, which proves nothing.
+        ReachFailure: A limb cannot reach its toe.
+        LimitReached: A time or node limit ended the search.
     """
     clock = StageClock(report or (lambda stage, fraction: None))
     begin = time.monotonic()
-    loaded = on_scan(started(loaded))
+    loaded = on_scan(resolve_start_plan(loaded))
 
-    tried: list[LoadedClimb] = []
+    attempts: list[LoadedClimb] = []
 
-    def scene_of(spec: ClimbSpec) -> ClimbScene:
+    def build_scene_of_spec(spec: ClimbSpec) -> ClimbScene:
         return build_scene(spec, loaded.robot, loaded.source, loaded.directory)
 
-    def by_method(given: LoadedClimb, deadline: float) -> ClimbPlan:
+    def plan_until(climb: LoadedClimb, deadline: float) -> ClimbPlan:
         # Other methods than the first of `auto` have no mixed-integer program to write
-        saved = save_model if loaded.spec.solver.method != "auto" or not tried else None
-        tried.append(given)
-        return plan_by_method(given, clock, deadline, saved, nodes)
+        model_path = save_model if loaded.spec.solver.method != "auto" or not attempts else None
+        attempts.append(climb)
+        return plan_by_method(climb, clock, deadline, model_path, nodes)
 
     limit = loaded.spec.solver.time_limit
     if loaded.spec.solver.method == "auto":
         from climbplan.climb.planner.automatic import plan_automatically
 
-        plan = plan_automatically(loaded, scene_of, by_method)
+        plan = plan_automatically(loaded, build_scene_of_spec, plan_until)
     else:
         try:
-            plan = by_method(loaded, begin + limit)
+            plan = plan_until(loaded, begin + limit)
         except NoPlanFound as error:
-            from climbplan.climb.planner.proof import PROOF_SHARE, proof_of_infeasibility
+            from climbplan.climb.planner.proof import PROOF_TIME_FRACTION, prove_infeasibility
 
             # What a method cannot do proves nothing; a proof is worth more than what it says
-            end = time.monotonic() + PROOF_SHARE * limit
-            proof = proof_of_infeasibility(scene_of(loaded.spec), end, nodes)
+            end = time.monotonic() + PROOF_TIME_FRACTION * limit
+            proof = prove_infeasibility(build_scene_of_spec(loaded.spec), end, nodes)
             if proof is None:
                 raise
             raise proof from error
@@ -78,7 +86,7 @@ def plan_climb(
         with clock.stage("study"):
             plan = replace(plan, study=run_study(loaded, jobs, clock.report))
     plan = replace(plan, timings=dict(clock.seconds))
-    return replace(plan, summary=summary_lines(plan))
+    return replace(plan, summary=format_summary(plan))
 
 
 def plan_by_method(
@@ -88,18 +96,27 @@ def plan_by_method(
     save_model: Path | None = None,
     nodes: float = np.inf,
 ) -> ClimbPlan:
-    """A climb plan by the method of the spec, not yet verified.
+    """Plan a climb by the method of its spec, without verification.
 
-    deadline: `time.monotonic` [s] at which the search for postures ends; nodes: of each search by
-    branch and bound, at most. Raises NotProved, ReachFailure or LimitReached.
+    Args:
+        loaded: The loaded spec; its method is not `auto` unless the climb is planned in windows.
+        clock: Measures the stages.
+        deadline: `time.monotonic` [s] at which the search for postures ends.
+        save_model: File for the mixed-integer program; None for no file.
+        nodes: Largest number of nodes of each branch and bound.
+
+    Raises:
+        Unresolved: No plan was found.
+        ReachFailure: A limb cannot reach its toe.
+        LimitReached: A limit ended the search.
     """
     spec = loaded.spec
     scene = build_scene(spec, loaded.robot, loaded.source, loaded.directory)
     if scene.terrain.scan is not None:
-        _require_held(scene)
-    assumed = assumptions(loaded.robot, scene.robot)
-    window = window_of(scene)
-    if window is None:
+        _require_support(scene)
+    assumed = list_assumptions(loaded.robot, scene.robot)
+    window_size = window_of(scene)
+    if window_size is None:
         motion = plan_motion(scene, clock, save_model, deadline, nodes=nodes)
         supported = plan_support(scene, motion, clock, deadline, nodes)
     else:
@@ -107,8 +124,8 @@ def plan_by_method(
             raise UsageError("--save-model writes one mixed-integer program: plan without windows")
         from climbplan.climb.windows.windows import plan_in_windows
 
-        found = plan_in_windows(scene, window, clock, deadline)
-        scene, supported = found.scene, found.supported
+        windowed = plan_in_windows(scene, window_size, clock, deadline)
+        scene, supported = windowed.scene, windowed.supported
         if spec.task.rounds == "auto":
             # As with a start from another plan, the text says what was chosen
             count = str(scene.spec.task.round_count)
@@ -116,13 +133,15 @@ def plan_by_method(
     motion, forces = supported.motion, supported.forces
     rounds, instants = motion.posture.rounds, motion.instants
     with clock.stage("trajectory"):
-        forces, trajectory = in_hand(scene, rounds, instants, forces, motion.swings)
-    grips, grips_told = None, tuple[str, ...]()
+        forces, trajectory = plan_with_torque_reserve(
+            scene, rounds, instants, forces, motion.swings
+        )
+    grips, grip_notes = None, tuple[str, ...]()
     if scene.grippers is not None:
-        from climbplan.climb.forces.grips.plan import grip_plan, grip_warnings
+        from climbplan.climb.forces.grips.plan import build_grip_plan, warn_of_extrapolation
 
-        grips = grip_plan(scene, instants, forces, trajectory)
-        grips_told = grip_warnings(scene, instants)
+        grips = build_grip_plan(scene, instants, forces, trajectory)
+        grip_notes = warn_of_extrapolation(scene, instants)
     plan = ClimbPlan(
         name=loaded.name,
         robot=scene.robot,
@@ -131,7 +150,7 @@ def plan_by_method(
         instants=instants,
         forces=forces,
         trajectory=trajectory,
-        limits=step_limits(scene),
+        limits=build_step_limits(scene),
         status=motion.posture.status,
         objective=motion.posture.objective,
         bound=motion.posture.bound,
@@ -143,7 +162,7 @@ def plan_by_method(
         solvers={
             "method": spec.solver.method,
             "posture": motion.posture.solver,
-            "force": spec.solver.force,
+            "force": spec.solver.force_solver,
         },
         sizes={
             "posture": {**motion.posture.sizes, "nodes": motion.posture.nodes},
@@ -152,33 +171,36 @@ def plan_by_method(
         warnings=(
             *motion.posture.warnings,
             *motion.tightenings,
-            *deflection_warnings(forces),
+            *describe_deflection(forces),
             *forces.notes,
             *assumed,
-            *grips_told,
+            *grip_notes,
         ),
         grips=grips,
         robot_texts=robot_texts(spec.robot, loaded.directory, loaded.robot),
-        looks=plan_looks(loaded.robot, scene.robot),
+        looks=load_visual_geometry(loaded.robot, scene.robot),
     )
-    return replace(plan, summary=summary_lines(plan))
+    return replace(plan, summary=format_summary(plan))
 
 
-def _require_held(scene: ClimbScene) -> None:
-    """Raise NotProved where no toes on the regions found in a scan could hold start or goal."""
-    from climbplan.climb.planner.holding import unheld
+def _require_support(scene: ClimbScene) -> None:
+    """Raise Unresolved where no toes on the regions of a scan could support the start or the goal."""
+    from climbplan.climb.planner.static_feasibility import find_unsupported_places
 
-    if places := unheld(scene):
-        raise NotProved(
-            "; ".join(f"{place.where}: {place}" for place in places),
+    if unsupported := find_unsupported_places(scene):
+        raise Unresolved(
+            "; ".join(f"{place.place}: {place}" for place in unsupported),
             because="regions are those found in the scan, which face the body's way; what is too "
             "small for toes, or faces away, may hold it",
             stage="proof",
         )
 
 
-def deflection_warnings(forces: Forces) -> tuple[str, ...]:
-    """What a body that is to sag is in for: more than the linear model of eq. (4.11) tells."""
+def describe_deflection(forces: Forces) -> tuple[str, ...]:
+    """Return the warning that an uncompensated body moves, by the linear model of eq. (4.11).
+
+    The result is empty where forces deflect no body. The tuple has at most one entry.
+    """
     if not forces.com_deflection.any():
         return ()
     shift = float(np.linalg.norm(forces.com_deflection[:, :3], axis=1).max())
@@ -187,13 +209,13 @@ def deflection_warnings(forces: Forces) -> tuple[str, ...]:
         f"by the linear model the body moves up to {1e3 * shift:.0f} mm and turns up to "
         f"{np.rad2deg(tilt):.1f} deg from its planned pose; clearances are those of the planned "
         "pose, and what joints that are springs really do is told by the checks static.*, not "
-        "judged; force.sag: compensated holds the pose exactly"
+        "judged; force.deflection_compensation: compensated holds the pose exactly"
     )
     return (text,)
 
 
-def step_limits(scene: MotionScene) -> StepLimits:
-    """The bounds a plan is verified against."""
+def build_step_limits(scene: MotionScene) -> StepLimits:
+    """Return the bounds that a plan is verified against."""
     steps, force = scene.spec.posture.steps, scene.spec.force
     return StepLimits(
         com_max=steps.com_max,
@@ -201,7 +223,7 @@ def step_limits(scene: MotionScene) -> StepLimits:
         rotation_max=float(np.deg2rad(steps.rotation_max_deg)),
         com_min=steps.com_min,
         toe_min=steps.toe_min,
-        shift_max=steps.shift_max,
+        shift_max=steps.com_shift_max,
         goal_com=scene.goal.com,
         goal_toes=scene.goal.toes,
         goal_tolerance=scene.spec.task.goal.tolerance,

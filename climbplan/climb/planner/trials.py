@@ -1,8 +1,9 @@
-"""What method `auto` tries: methods that can state the climb, and what the spec leaves open.
+"""The trials of method `auto`: methods that can state the climb, and choices that the spec leaves
+open.
 
-Left open are the height of a lift, the order of the limbs, the angles of the goal, and on ground
-whether the body stands over the limbs that stay before each lift, each only where the spec does not
-state it.
+Choices concern the swing clearance, the order of the limbs, the angles of the goal and, on the
+ground, whether the body shifts over the supporting limbs before each lift. Each is made only where
+the spec does not state it.
 """
 
 from __future__ import annotations
@@ -20,23 +21,23 @@ from climbplan.robots.five_bar import FiveBar
 from climbplan.schema.overrides import Override
 from climbplan.schema.stated import stated
 
-_LIFTS = (0.03, 0.015)  # [m]
-_UPWARD = 0.7  # of a normal: ground rather than wall
-_AWAY = 0.6  # of the toes' level distance from the body, that it may shift at most
+_SWING_CLEARANCES = (0.03, 0.015)  # [m]
+_MIN_UPWARD_NORMAL = 0.7  # of a normal: ground rather than wall
+_SHIFT_FRACTION = 0.6  # of the toes' level distance from the body, that it may shift at most
 _FORCE_STAGES = ("force", "trajectory")  # that ask for postures chosen together with forces
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A method, with choices of what the spec leaves open."""
+    """A method together with choices of what the spec leaves open."""
 
-    name: str  # for people: "micp", "nlp, trajectory.lift=0.03"
+    name: str  # for people: "micp", "nlp, trajectory.swing_clearance=0.03"
     method: str  # of `solver.method`
     choices: tuple[Override, ...] = ()
 
 
-def first_trial(scene: ClimbScene) -> Trial:
-    """The global method where it can state the climb, else the one with exact rotations."""
+def select_first_trial(scene: ClimbScene) -> Trial:
+    """Return the global method where it can state the climb, else the one with exact rotations."""
     if window_of(scene) is not None:
         return Trial("windows", "auto")  # each by the first method that has a plan for it
     steps = scene.spec.posture.steps
@@ -44,43 +45,49 @@ def first_trial(scene: ClimbScene) -> Trial:
     return Trial("micp", "micp") if convex else Trial("nlp", "nlp")
 
 
-def further_trials(scene: ClimbScene, error: NoPlanFound) -> Iterator[Trial]:
-    """What the failure of the first trial suggests, the likeliest first."""
-    first = first_trial(scene).method
+def generate_further_trials(scene: ClimbScene, error: NoPlanFound) -> Iterator[Trial]:
+    """Yield the trials that the failure of the first one suggests, the likeliest first."""
+    first = select_first_trial(scene).method
     if first == "auto":
-        yield from (_chosen(first, c) for c in _choices(scene) if c.key == "trajectory.lift")
+        yield from (
+            _build_trial(first, c)
+            for c in _generate_choices(scene)
+            if c.key == "trajectory.swing_clearance"
+        )
         return
-    methods = _methods(scene, error)
-    suited = [choice for choice in _choices(scene) if _may_help(choice, error)]
-    if error.stage in _FORCE_STAGES and (over := _over_the_others(scene)) is not None:
-        yield _chosen(first, over)
-        for order in (choice for choice in suited if choice.key == "task.gait"):
-            name = f"{_chosen(first, over).name}, {order.key}={order.value}"
-            yield Trial(name, first, (over, order))
+    methods = _select_methods(scene, error)
+    helpful = [choice for choice in _generate_choices(scene) if _may_help(choice, error)]
+    if error.stage in _FORCE_STAGES and (com_shift := _choose_com_shift(scene)) is not None:
+        yield _build_trial(first, com_shift)
+        for order in (choice for choice in helpful if choice.key == "task.gait"):
+            name = f"{_build_trial(first, com_shift).name}, {order.key}={order.value}"
+            yield Trial(name, first, (com_shift, order))
     # Choices cost a run of the global method each, other methods tend to cost more
     if not _needs_choices(error):
         yield from (Trial(method, method) for method in methods)
         methods = ()
-    yield from (_chosen(first, choice) for choice in suited)
+    yield from (_build_trial(first, choice) for choice in helpful)
     yield from (Trial(method, method) for method in methods)
-    if error.stage != "force" and "nlp" in _methods(scene, error):
-        yield from (_chosen("nlp", choice) for choice in suited)
+    if error.stage != "force" and "nlp" in _select_methods(scene, error):
+        yield from (_build_trial("nlp", choice) for choice in helpful)
 
 
 def _needs_choices(error: NoPlanFound) -> bool:
-    """Whether a limb in the air is what fails: a lower lift or another order is likelier to help
-    than other postures."""
+    """Return whether a limb in the air failed.
+
+    A lower lift or another order is then likelier to help than other postures.
+    """
     return isinstance(error, ReachFailure) or error.stage in ("swing", "kinematics")
 
 
-def _methods(scene: ClimbScene, error: NoPlanFound) -> tuple[str, ...]:
-    """Methods beside the first that can state this robot and terrain."""
+def _select_methods(scene: ClimbScene, error: NoPlanFound) -> tuple[str, ...]:
+    """Return the methods other than the first that can state this robot and terrain."""
     robot = scene.robot
     if isinstance(robot.mechanism, FiveBar) or robot.gripper is not None:
         return ()  # the others state no closed linkages and no grips
     if robot.sole is not None:
         return ()  # and no flat feet
-    if first_trial(scene).method == "nlp":
+    if select_first_trial(scene).method == "nlp":
         return ()  # the others are convex
     if error.stage in _FORCE_STAGES:
         return ("coupled", "coupled-nlp", "nlp")
@@ -88,66 +95,74 @@ def _methods(scene: ClimbScene, error: NoPlanFound) -> tuple[str, ...]:
 
 
 def _may_help(choice: Override, error: NoPlanFound) -> bool:
-    """Whether a choice changes what the convex statement could not meet."""
+    """Return whether a choice changes a constraint that the convex statement could not satisfy."""
     if error.stage == "force":
-        return choice.key != "trajectory.lift"  # the limbs that stand bear the same loads
+        return (
+            choice.key != "trajectory.swing_clearance"
+        )  # the limbs that stand bear the same loads
     if not isinstance(error, NoPostures):
         return True
-    touched = {
-        "trajectory.lift": ("limbs.clearance",),
+    affected_blocks = {
+        "trajectory.swing_clearance": ("limbs.clearance",),
         "task.gait": tuple(b for b in error.blocks if b.endswith(("_lift", "_place"))),
         "task.goal.rotation_tolerance_deg": ("goal.rotation", "steps.rotation"),
     }
-    return not error.blocks.isdisjoint(touched[choice.key])
+    return not error.blocks.isdisjoint(affected_blocks[choice.key])
 
 
-def _chosen(method: str, choice: Override) -> Trial:
+def _build_trial(method: str, choice: Override) -> Trial:
+    """Return a trial of a method with one choice."""
     return Trial(f"{method}, {choice.key}={choice.value}", method, (choice,))
 
 
-def _choices(scene: ClimbScene) -> Iterator[Override]:
-    """What the spec leaves open, in other ways than by default."""
+def _generate_choices(scene: ClimbScene) -> Iterator[Override]:
+    """Yield choices other than the default of what the spec leaves open."""
     spec = scene.spec
-    if not stated(spec, "trajectory.lift"):
-        for lift in _LIFTS:
-            if lift < spec.trajectory.lift:
-                yield _choice("trajectory.lift", f"{lift:g}")
+    if not stated(spec, "trajectory.swing_clearance"):
+        for clearance in _SWING_CLEARANCES:
+            if clearance < spec.trajectory.swing_clearance:
+                yield _build_override("trajectory.swing_clearance", f"{clearance:g}")
     if not stated(spec, "task.gait"):
-        for order in _orders(scene):
-            yield _choice("task.gait", f"[{', '.join(order)}]")
+        for order in _generate_limb_orders(scene):
+            yield _build_override("task.gait", f"[{', '.join(order)}]")
     open_angles = ("task.goal.rpy_deg", "task.goal.rotation_tolerance_deg")
     if not any(stated(spec, key) for key in open_angles):
         limit = spec.posture.rotation_limit_deg
         if spec.task.goal.rotation_tolerance_deg < limit:
-            yield _choice("task.goal.rotation_tolerance_deg", f"{limit:g}")
+            yield _build_override("task.goal.rotation_tolerance_deg", f"{limit:g}")
 
 
-def _over_the_others(scene: ClimbScene) -> Override | None:
-    """Leave for the body to stand over the limbs that stay, where all of them stand on ground."""
-    key = "posture.steps.shift_max"
+def _choose_com_shift(scene: ClimbScene) -> Override | None:
+    """Return a bound on the body's shift over the supporting limbs, if all of them stand on the
+    ground.
+    """
+    key = "posture.steps.com_shift_max"
     normals = [
         scene.terrain.surfaces[int(r)].normal_at(toe)
         for r, toe in zip(scene.start.region, scene.start.toes, strict=True)
     ]
-    if stated(scene.spec, key) or min(float(n[2]) for n in normals) < _UPWARD:
+    if stated(scene.spec, key) or min(float(n[2]) for n in normals) < _MIN_UPWARD_NORMAL:
         return None
-    away = np.linalg.norm((scene.start.toes - scene.start.com)[:, :2], axis=1).max()
-    return _choice(key, f"{_AWAY * float(away):.2f}")
+    max_distance = np.linalg.norm((scene.start.toes - scene.start.com)[:, :2], axis=1).max()
+    return _build_override(key, f"{_SHIFT_FRACTION * float(max_distance):.2f}")
 
 
-def _choice(key: str, value: str) -> Override:
+def _build_override(key: str, value: str) -> Override:
+    """Return a choice as an override of a spec key."""
     return Override(key, value, f"method auto, {key}={value}")
 
 
-def _orders(scene: ClimbScene) -> Iterator[list[str]]:
-    """Orders in which neighbours do not follow each other: from side to side, front to back."""
+def _generate_limb_orders(scene: ClimbScene) -> Iterator[list[str]]:
+    """Yield orders that alternate between the sides, front to back, so that neighbours never
+    follow.
+    """
     robot = scene.robot
     rows = sorted(range(robot.limb_count), key=lambda i: -float(robot.shoulder_body[i, 1]))
     right = [i for i in rows if robot.shoulder_body[i, 0] > 0]
     left = [i for i in rows if robot.shoulder_body[i, 0] <= 0]
     if len(right) != len(left):
         return
-    across = [i for pair in zip(right, reversed(left), strict=True) for i in pair]
-    for order in (across, across[::-1]):
+    alternating = [i for pair in zip(right, reversed(left), strict=True) for i in pair]
+    for order in (alternating, alternating[::-1]):
         if tuple(order) != scene.gait:
             yield [robot.limb_names[i] for i in order]

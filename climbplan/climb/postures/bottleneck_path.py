@@ -1,9 +1,9 @@
-"""Whether obstacles close the body's way, and by how much.
+"""Test whether obstacles block the body's path, and by how much.
 
 Free space is the union of convex pieces, one alternative of every choice each. The level body goes
-from piece to piece where both hold it at once. The widest way from start to goal is the one whose
-narrowest place is widest (a bottleneck path); where even that is too narrow, the way is closed for
-a body that does not turn.
+from piece to piece where both contain it at once. The widest path from start to goal is the one
+whose narrowest place is widest (bottleneck shortest path). Where even that one is too narrow, the
+path is blocked for a body that does not rotate.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Piece = tuple[int, ...]  # alternative of every choice
 
 @dataclass(frozen=True)
 class Bottleneck:
-    """The narrowest place on the widest way."""
+    """The narrowest place of the widest path."""
 
     clearance: (
         float  # [m] beyond the clearance asked for on every side, negative if it is too narrow
@@ -41,7 +41,7 @@ class Bottleneck:
 
 
 def find_closed_passage(scene: ClimbScene) -> Iterator[Conflict]:
-    """The conflict that says that the way is closed, where it is."""
+    """Yield the conflict that says that the path is blocked, where it is."""
     ends = list(_find_buried_ends(scene))
     if ends:
         yield from ends
@@ -78,7 +78,7 @@ def find_closed_passage(scene: ClimbScene) -> Iterator[Conflict]:
 
 
 def _find_buried_ends(scene: ClimbScene) -> Iterator[Conflict]:
-    """Start and goal whose body, level, is in no piece of free space."""
+    """Yield a conflict for start and goal whose level body is in no piece of free space."""
     free_space = _FreeSpace(scene)
     for name, stance in (("start", scene.start), ("goal", scene.goal)):
         for index, choice in enumerate(scene.terrain.free_choices):
@@ -102,7 +102,9 @@ def _find_buried_ends(scene: ClimbScene) -> Iterator[Conflict]:
 
 
 def find_widest_path(scene: ClimbScene) -> Bottleneck | None:
-    """The bottleneck of the body's widest way; None without obstacles, or with too many."""
+    """Return the bottleneck of the body's widest path; None without obstacles, or with too many
+    pieces.
+    """
     choices = scene.terrain.free_choices
     count = int(np.prod([len(choice) for choice in choices])) if choices else 0
     if not 0 < count <= _MAX_PIECES:
@@ -144,7 +146,7 @@ def find_widest_path(scene: ClimbScene) -> Bottleneck | None:
 
 
 def _neighbours(piece: Piece, choices: tuple[tuple[FreeRegion, ...], ...]) -> Iterator[Piece]:
-    """Pieces that differ in one choice."""
+    """Yield the pieces that differ in one choice."""
     for choice_index, choice in enumerate(choices):
         for alternative in range(len(choice)):
             if alternative != piece[choice_index]:
@@ -154,12 +156,13 @@ def _neighbours(piece: Piece, choices: tuple[tuple[FreeRegion, ...], ...]) -> It
 def _name_alternatives(
     choices: tuple[tuple[FreeRegion, ...], ...], pieces: tuple[Piece, ...]
 ) -> tuple[str, ...]:
+    """Return the names of the alternatives of some pieces, without repetition."""
     names = [choice[k].name for piece in pieces for choice, k in zip(choices, piece, strict=True)]
     return tuple(dict.fromkeys(names))
 
 
 class _FreeSpace:
-    """How much room pieces of free space leave to the level body's origin."""
+    """The clearance that pieces of free space leave to the level body's origin."""
 
     def __init__(self, scene: ClimbScene) -> None:
         yaw = np.array([0.0, 0.0, scene.start.rpy[2]])
@@ -173,21 +176,25 @@ class _FreeSpace:
         self._shared_clearance: dict[tuple[Piece, Piece], float] = {}
 
     def compute_clearance(self, piece: Piece, com: Array) -> float:
-        """Least distance [m] of an origin from the faces of a piece, negative outside."""
+        """Return the smallest distance [m] of an origin from the faces of a piece, negative
+        outside.
+        """
         clearances = [(b - A @ com).min() for A, b in self._halfspaces_of(piece)]
         return float(min(min(clearances), _MAX_CLEARANCE))
 
     def compute_violations(self, index: int, com: Array) -> Array:
-        """By how much (K,) [m] an origin misses each alternative of a choice, negative inside."""
+        """Return how far (K,) [m] an origin is outside each alternative of a choice, negative
+        inside.
+        """
         return np.array([(A @ com - b).max() for A, b in self._rows[index]])
 
     def find_exit_direction(self, index: int, k: int, com: Array) -> Array:
-        """(3,) unit direction into an alternative, across the face that is missed by most."""
+        """Return the unit direction (3,) into an alternative, across its most violated face."""
         A, b = self._rows[index][k]
         return np.asarray(-A[int((A @ com - b).argmax())])
 
     def compute_shared_clearance(self, first: Piece, second: Piece) -> float:
-        """The most room that an origin has in two pieces at once."""
+        """Return the largest clearance that an origin can have in two pieces at once."""
         key = (min(first, second), max(first, second))
         if key not in self._shared_clearance:
             rows = [*self._halfspaces_of(first), *self._halfspaces_of(second)]
@@ -199,11 +206,12 @@ class _FreeSpace:
         return self._shared_clearance[key]
 
     def _halfspaces_of(self, piece: Piece) -> list[tuple[Array, Array]]:
+        """Return the halfspaces (A, b) of a piece, one pair per choice."""
         return [alternatives[k] for alternatives, k in zip(self._rows, piece, strict=True)]
 
 
 def _bound_body_origin(scene: ClimbScene) -> tuple[Array, Array]:
-    """A box (3,), (3,) [m] that holds every body origin from which all limbs reach a region."""
+    """Return a box (3,), (3,) [m] with every body origin from which all limbs reach a region."""
     low, high = np.full(3, -np.inf), np.full(3, np.inf)
     if scene.terrain.curved:
         return low, high

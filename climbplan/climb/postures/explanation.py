@@ -1,9 +1,9 @@
-"""Why the convex method has no postures, in the robot's terms, and what may help.
+"""Explain in the robot's terms why the convex method finds no postures, and what may help.
 
-First what can be said by arithmetic (start and goal on their own, distance against rounds), then
-the constraints that the closest posture sequence found still violates, with their amounts and the
-keys of the spec that stand for them. All of this is about a restriction of the problem
-(`BOUND_SCOPE`): it proves nothing. What is proved is told by `climbplan.climb.planner.proof`.
+Start and goal on their own, and the distance to the goal, are checked by arithmetic. The elastic
+relaxation then gives the constraints that the closest posture sequence violates, with amounts and
+spec keys. All of this is about a restriction of the problem (`BOUND_SCOPE`) and proves nothing;
+proofs are in `climbplan.climb.planner.proof`.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ SuggestChange = Callable[[ClimbScene, float], Remedy | None]
 
 
 def _round_up(value: float, digits: int = 3) -> float:
-    """Upwards to so many decimals."""
+    """Round a value upwards to the given number of decimals."""
     return math.ceil(value * 10**digits - 1e-6) / 10**digits
 
 
@@ -129,8 +129,10 @@ _SUGGESTIONS: dict[str, SuggestChange] = {
 class NoPostures(Unresolved):
     """The convex statement has no solution.
 
-    changes: of the spec, for what the closest sequence violates; not tried yet. blocks: that it
-    violates, by name; none where arithmetic says why.
+    Attributes:
+        changes: Changes of the spec for what the closest sequence violates; not verified.
+        blocks: Names of the constraint blocks that it violates; empty where arithmetic gives the
+            cause.
     """
 
     def __init__(
@@ -147,7 +149,7 @@ class NoPostures(Unresolved):
 
 
 def explain_infeasible(scene: ClimbScene, program: Program, instance: Instance) -> NoPostures:
-    """The error to raise for a posture program that is proved to have no solution."""
+    """Return the error for a posture program that is proved to have no solution."""
     from climbplan.climb.postures.bottleneck_path import find_closed_passage
     from climbplan.climb.postures.travel_distance import find_excessive_travel
     from climbplan.solvers.elastic import minimise_violations
@@ -180,7 +182,7 @@ def explain_infeasible(scene: ClimbScene, program: Program, instance: Instance) 
 
 
 def _find_unreachable_stances(scene: ClimbScene) -> Iterator[Conflict]:
-    """Start and goal on their own: can the limbs stand there at all?"""
+    """Yield a conflict for start and goal postures that the limbs cannot reach."""
     for name, stance in (("start", scene.start), ("goal", scene.goal)):
         try:
             normal = normals_under(scene.terrain, stance.toes, stance.region)
@@ -193,16 +195,18 @@ def _find_unreachable_stances(scene: ClimbScene) -> Iterator[Conflict]:
 
 
 def _transform_toes_to_body(stance: Stance) -> Array:
+    """Return the toes (N, 3) of a stance in the body frame."""
     return to_body(stance.com, stance.rpy, stance.toes)
 
 
 def _describe_unreachable_toe(failure: ReachFailure) -> str:
+    """Describe a toe that is out of reach."""
     gap = f" by {1e3 * failure.missing:.1f} mm" if failure.missing > 0 else ""
     return f"{failure.limb} cannot reach its toe ({failure.reason}{gap})"
 
 
 def _interpolate_postures(scene: ClimbScene, program: Program) -> Array:
-    """Postures on the straight way from start to goal, as a point of the program."""
+    """Return postures on the straight line from start to goal, as a point of the program."""
     fraction = np.linspace(0.0, 1.0, scene.spec.task.round_count + 1)[1:]
 
     def interpolate(start: Array, goal: Array) -> Array:
@@ -224,7 +228,7 @@ ViolationEntry = tuple[float, str, tuple[int, ...], str]
 
 
 def _collect_violations(program: Program, violations: Violations) -> list[ViolationEntry]:
-    """All violations worth a line, largest first."""
+    """Return all violations above the reporting threshold, largest first."""
     entries: list[ViolationEntry] = []
     blocks = program.blocks
 
@@ -259,7 +263,13 @@ def _collect_violations(program: Program, violations: Violations) -> list[Violat
 def describe_violations(
     scene: ClimbScene, program: Program, violations: Violations
 ) -> Iterator[Conflict]:
-    """The largest violations, one line each."""
+    """Yield the largest violations as conflicts, one line each.
+
+    Args:
+        scene: The climb.
+        program: The posture program.
+        violations: Violations of the closest point, from the elastic relaxation.
+    """
     for value, name, index, alternative in _collect_violations(program, violations)[
         :_MAX_CONFLICTS
     ]:
@@ -270,7 +280,7 @@ def describe_violations(
 def suggest_changes(
     scene: ClimbScene, program: Program, violations: Violations
 ) -> tuple[Remedy, ...]:
-    """For every block that is violated the change of the spec that its largest amount asks for."""
+    """Return one change of the spec per violated block, sufficient for its largest violation."""
     changes: dict[str, Remedy] = {}
     for value, name, _, _ in _collect_violations(program, violations):
         change = _SUGGESTIONS.get(_base_block_name(name))
@@ -281,13 +291,14 @@ def suggest_changes(
 
 
 def _base_block_name(name: str) -> str:
-    """The block's name without the number of an obstacle or the name of a limb."""
+    """Return a block's name without the number of an obstacle or the name of a limb."""
     if name.startswith(_WEDGE_BLOCK):
         return _WEDGE_BLOCK
     return name if name in _MESSAGES else name.rpartition("_")[0]
 
 
 def _describe_violation(scene: ClimbScene, name: str, value: float, chosen_name: str) -> str:
+    """Describe one violation with its amount and the chosen alternative."""
     template = _MESSAGES[_base_block_name(name)]
     alternative = repr(chosen_name)
     if _base_block_name(name) in ("body.clearance", "limbs.clearance"):
@@ -308,7 +319,10 @@ _SIDE_NORMALS = (
 
 
 def describe_side(scene: ClimbScene, alternative: str) -> str:
-    """`beam face 5` in the robot's terms: "below 'beam' (face 5)"; free regions by their names."""
+    """Describe an alternative such as `beam face 5` by its side: "below 'beam' (face 5)".
+
+    Free regions are described by their names.
+    """
     name, separator, number = alternative.rpartition(" face ")
     if not separator:
         return f"in free region {alternative!r}"
@@ -324,7 +338,7 @@ def describe_side(scene: ClimbScene, alternative: str) -> str:
 
 
 def _describe_place(scene: ClimbScene, name: str, index: tuple[int, ...]) -> str:
-    """Round and limb of an entry of a block."""
+    """Describe the round and the limb of an entry of a block."""
     names = scene.robot.limb_names
     if name.startswith("goal."):
         return f"goal, {names[index[0]]}" if name == "goal.toes" else "goal"

@@ -1,11 +1,21 @@
-"""The posture problem of chapter 5.1.3, stated once as a program.
+"""The posture problem of chapter 5.1.3, stated once as a mixed-integer convex program.
 
-Decision variables for rounds j = 1..M: toes p_i[j], body origin p_COM[j] and rotation
-Theta[j] = (roll, pitch, yaw). Round 0 is the given start. Rotations are linearised by eq. (5.5)
-about the level body at the start's yaw psi, so that a turned world gives the same plan:
-R v = Rz(psi) (v + Theta' x v) with Theta' = Theta - (0, 0, psi); a body that starts far from level,
-on a single wall, is linearised about its start. Constraint letters are those of
-the complete formulation (Fig. 5.1 of the chapter).
+Decision variables for rounds j = 1..M are the toes p_i[j], the body origin p_COM[j] and the
+rotation Theta[j] = (roll, pitch, yaw). Round 0 is the given start.
+
+    minimise    squared distances to the goal + squared steps of body, toes and rotation
+    subject to  |steps| <= com_max, toe_max, rotation_max per round        A, B
+                |p_i - p_COM - R v_i| <= radius_i                          C  workspace balls
+                first joints within their bounds                           C  coxa wedges
+                p_i in one contact region (one-of)                         D
+                body corners in one free region per obstacle (one-of)      body.clearance
+                limb beyond one face of every obstacle (one-of)            limbs.clearance
+                goal within tolerance
+
+Rotations are linearised by eq. (5.5) about the level body at the start's yaw psi, so that a rotated
+world gives the same plan: R v = Rz(psi) (v + Theta' x v) with Theta' = Theta - (0, 0, psi). A body
+that starts far from level, on a single wall, is linearised about its start. Constraint letters are
+those of the complete formulation (Fig. 5.1 of the chapter).
 """
 
 from __future__ import annotations
@@ -56,7 +66,7 @@ class LinearisedRotation:
 
     @classmethod
     def from_scene(cls, scene: ClimbScene) -> LinearisedRotation:
-        """About the level body at the start's yaw, or about a start that is far from level."""
+        """Linearise about the level body at the start's yaw, or about a start far from level."""
         roll, pitch, yaw = (float(angle) for angle in scene.start.rpy)
         limit = np.deg2rad(scene.spec.posture.rotation_limit_deg)
         is_tilted = max(abs(roll), abs(pitch)) > limit
@@ -64,17 +74,19 @@ class LinearisedRotation:
 
     @property
     def reference(self) -> Array:
-        """R0, (3, 3)."""
+        """Return the reference rotation R0 (3, 3)."""
         return rotation_world_body(self.level)
 
     @property
     def level(self) -> Array:
-        """(roll, pitch, yaw) at which the first order is exact."""
+        """Return the (roll, pitch, yaw) [rad] at which the first order is exact."""
         return np.array(self.reference_rpy)
 
     @property
     def rates(self) -> Array:
-        """(3, 3) body-frame turn by small changes of roll, pitch and yaw."""
+        """Return the map (3, 3) from small changes of roll, pitch and yaw to a body-frame rotation
+        vector.
+        """
         roll, pitch, _ = self.reference_rpy
         if roll == 0.0 and pitch == 0.0:
             return np.eye(3)
@@ -82,7 +94,7 @@ class LinearisedRotation:
         return np.array([[1.0, 0.0, -sp], [0.0, cr, sr * cp], [0.0, -sr, cr * cp]])
 
     def apply(self, rpy: Entries, vector: Array) -> Entries:
-        """R v (..., 3) for rpy (..., 3) and body vectors (..., 3), broadcast."""
+        """Return R v (..., 3) for rpy (..., 3) and body vectors (..., 3), broadcast."""
         # R0 (v + Theta' x v) = u + (R0 Theta') x u with u = R0 v, and t x u = t [u]x for rows t
         u = vector @ self.reference.T
         x, y, z = np.moveaxis(u, -1, 0)
@@ -94,7 +106,7 @@ class LinearisedRotation:
 
 
 def build_region_polytope(region: Region) -> Polytope:
-    """A contact region as rows in space: A_r p <= b_r and the equation of its plane."""
+    """Return a contact region as rows in space: A_r p <= b_r and the equation of its plane."""
     return Polytope(
         name=region.name,
         A=region.A,
@@ -108,11 +120,12 @@ def build_region_polytope(region: Region) -> Polytope:
 def build_body_polytope(
     free: FreeRegion, hull: Array, clearance: float, rotation: LinearisedRotation
 ) -> Polytope:
-    """Body poses (com, Theta) before and after a round for which the hull stays in a free region.
+    """Return body poses (com, Theta) before and after a round for which the hull is in a free
+    region.
 
-    A free region is convex and every hull corner moves on a straight line between the two
-    linearised poses, so the corners of both poses are enough. Rows in R^12:
-    a (com + R0 (v + Theta' x v)) <= b becomes a com + (v x a') Theta' <= b - a' v with a' = R0' a.
+    A free region is convex, and every hull corner moves on a straight line between the two
+    linearised poses, so that the corners of both poses are sufficient. Rows are in R^12: a (com +
+    R0 (v + Theta' x v)) <= b becomes a com + (v x a') Theta' <= b - a' v with a' = R0' a.
     """
     rows, bounds = [], []
     for normal, offset in zip(free.A, free.b, strict=True):
@@ -134,12 +147,20 @@ def build_limb_polytopes(
     rotation: LinearisedRotation,
     is_support_face: BoolArray | None = None,
 ) -> list[Polytope]:
-    """Toes and body poses before and after a round for which a limb stays beyond one face.
+    """Return, for each face of a solid, toes and body poses for which a limb is beyond the face.
 
-    Points are (toe, com, Theta) of both postures, in R^18. Toe, shoulder and knee are beyond the
-    face, the knee to first order about the nominal stance and lifted too. Below a level face there
-    is room for the knee anywhere, at most a femur above the shoulder. stood: (F,) faces that the
-    toe may stand on, which it need not be beyond.
+    Points are (toe, com, Theta) before and after a round, in R^18. Toe, shoulder and knee are
+    beyond the face; the knee is taken to first order about the nominal stance, and lifted too.
+    Below a level face there is space for the knee anywhere, at most a femur above the shoulder.
+
+    Args:
+        solid: The obstacle.
+        limb: Linearised kinematics of the limb.
+        clearance: Distance of toe and shoulder from the face [m].
+        knee_clearance: Distance of the knee from the face [m].
+        rotation: Linearised rotation of the body.
+        is_support_face: (F,) bool, faces that the toe may stand on and need not be beyond; None for
+            no such face.
     """
     faces = []
     zero = np.zeros(3)
@@ -176,7 +197,7 @@ def build_limb_polytopes(
 def _add_limb_clearance(
     p: Program, scene: ClimbScene, postures: Entries, margins: PostureMargins
 ) -> None:
-    """Standing limbs stay beyond one face of every obstacle during a round.
+    """Keep standing limbs beyond one face of every obstacle during a round.
 
     postures: (M, N, 18) toe, com and Theta before and after each round.
     """
@@ -210,7 +231,7 @@ def _add_limb_clearance(
 
 
 def _find_support_faces(scene: ClimbScene, limb: int, obstacle: int) -> BoolArray:
-    """(F,) faces of an obstacle with a surface on them that a limb may stand on."""
+    """Return which faces (F,) of an obstacle carry a surface that a limb may stand on."""
     terrain = scene.terrain
     solid = terrain.obstacles[obstacle]
     is_support_face = np.zeros(len(solid.b), bool)
@@ -224,7 +245,7 @@ def _find_support_faces(scene: ClimbScene, limb: int, obstacle: int) -> BoolArra
 
 
 def sum_of_squares(expression: Expression | AffineArray) -> Any:
-    """Sum of the squares of all entries."""
+    """Return the sum of the squares of all entries."""
     if isinstance(expression, AffineArray):
         return expression.sum_of_squares()
     return np.sum(expression**2)
@@ -238,7 +259,7 @@ AddContacts = Callable[[Program, Expression, Expression, list[list[Region]]], No
 def add_contact_regions(
     p: Program, toe: Expression, com: Expression, regions: list[list[Region]]
 ) -> None:
-    """Every toe in one contact region, whatever its forces."""
+    """Require every toe to be in one contact region, whatever its forces."""
     polytopes = {
         id(region): build_region_polytope(region)
         for limb_regions in regions
@@ -253,7 +274,13 @@ def build_posture_program(
     margins: PostureMargins | None = None,
     state_contacts: AddContacts = add_contact_regions,
 ) -> Program:
-    """M rounds of postures for a scene with flat contact regions."""
+    """Build M rounds of postures for a scene with flat contact regions.
+
+    Args:
+        scene: The climb.
+        margins: Tightening of the statement; None for no tightening.
+        state_contacts: Adds the contact constraints; its choices are the program's first.
+    """
     spec, robot, terrain = scene.spec.posture, scene.robot, scene.terrain
     margins = margins or PostureMargins()
     stance_radius = margins.stance_radius

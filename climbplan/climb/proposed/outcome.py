@@ -1,4 +1,4 @@
-"""What became of a spec that `new robot` proposes: its plan, and worlds that it stands in."""
+"""The outcome of a spec that `new robot` proposes: its plan, and the worlds without a fall."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from climbplan.climb.plan.world_sample import WorldSample
 from climbplan.robots.urdf.proposal.postures import Posture
 from climbplan.robots.urdf.proposal.prepared_robot import Proposal
 
-NONE_KEPT = 0.01  # of its margins: plans that keep no more may fall, motors at their limits
-STANDING = 0.98  # fraction of worlds in which a plan stands that nothing better is looked for
+NEGLIGIBLE_MARGIN = 0.01  # fraction of margins: plans with no more may fall, motors at their limits
+TARGET_STANDING = (
+    0.98  # fraction of worlds without a fall, at which the search for better plans ends
+)
 
 SampleWorlds = Callable[[ClimbPlan], WorldSample | None]
 """Counts falls in worlds of a plan's uncertainty; None for robots that no engine knows."""
@@ -21,46 +23,50 @@ SampleWorlds = Callable[[ClimbPlan], WorldSample | None]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a spec."""
+    """The outcome of a spec."""
 
     what: str  # "walks on ground"
     plan: ClimbPlan | None  # that is verified
     why: str  # there is none
     text: str = ""  # of the spec; empty where there is none
     brace: Posture | None = None  # between its walls
-    bent: Proposal | None = None  # the robot, where its file is another than as it stands
+    proposal: Proposal | None = None  # the robot, where its file is another than as it stands
     sample: WorldSample | None = None  # of worlds, where they were played
     implausible: tuple[str, ...] = ()  # deflections that no such robot has
     needed: str = ""  # what would have it stand in enough worlds
 
     @property
-    def share(self) -> float:
-        """Of its margins that the plan keeps at its worst instant; -infinity without a plan.
+    def margin_fraction(self) -> float:
+        """Fraction of its margins that the plan keeps at its worst instant; -inf without a plan.
 
-        Below zero where a toe keeps hold though its command lies outside its surface, say.
+        It is negative where, for instance, a toe keeps contact with its command off its surface.
         """
         if self.plan is None:
             return -np.inf
-        kept = self.plan.forces.margin_share
-        return 1.0 if kept is None else float(kept.min())
+        margin_fractions = self.plan.forces.margin_share
+        return 1.0 if margin_fractions is None else float(margin_fractions.min())
 
     @property
     def standing(self) -> float:
-        """Fraction of the sampled worlds in which the plan stands; 1 where none were played."""
+        """Fraction of the sampled worlds without a fall; 1 if none were sampled."""
         if self.plan is None or self.sample is None:
             return 0.0 if self.plan is None else 1.0
         return 1.0 - self.sample.falls / self.sample.worlds
 
     @property
     def rank(self) -> tuple[bool, bool, float, float]:
-        """Larger for better outcomes: a plan that may be used, worlds, then margins."""
-        return self.plan is not None, not self.implausible, self.standing, self.share
+        """Key that is larger for better outcomes: a usable plan, then worlds, then margins."""
+        return self.plan is not None, not self.implausible, self.standing, self.margin_fraction
 
-    def good_enough(self, share: float) -> bool:
-        """Whether nothing better is looked for; share: of its margins, where no worlds tell."""
+    def is_good_enough(self, min_margin_fraction: float) -> bool:
+        """Return whether no better plan is needed; the fraction counts if no worlds were sampled."""
         if self.plan is None or self.implausible:
             return False
-        return self.share >= share if self.sample is None else self.standing >= STANDING
+        return (
+            self.margin_fraction >= min_margin_fraction
+            if self.sample is None
+            else self.standing >= TARGET_STANDING
+        )
 
     def __str__(self) -> str:
         if self.plan is None:
@@ -74,7 +80,7 @@ class Outcome:
             first = f"; most frequent: {self.sample.causes[0]}" if self.sample.causes else ""
             needed = f"; needed: {self.needed}" if self.needed else ""
             return f"{self.what}: verified, but {worlds}{first}{needed}"
-        if self.share > NONE_KEPT:
+        if self.margin_fraction > NEGLIGIBLE_MARGIN:
             return f"{self.what}: verified"
         worst = "; ".join(self.plan.forces.notes)
-        return f"{self.what}: verified, but may fall: {self.share:.0%} of its margins ({worst})"
+        return f"{self.what}: verified, but may fall: {self.margin_fraction:.0%} of its margins ({worst})"

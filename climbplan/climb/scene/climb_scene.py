@@ -46,8 +46,8 @@ def flat_foot_mistakes(spec: ClimbSpec, robot: Robot, terrain: Terrain) -> Itera
         yield SpecMistake("terrain.tube", f"{what} flat surfaces alone")
     if spec.terrain.scan is not None:
         yield SpecMistake("terrain.scan", f"{what} stated surfaces alone, not scans")
-    if spec.force.sag != "compensated":
-        yield SpecMistake("force.sag", f"{what} `compensated`: a body that sags would tilt them")
+    if spec.force.deflection_compensation != "compensated":
+        yield SpecMistake("force.deflection_compensation", f"{what} `compensated`: a body that sags would tilt them")
     if spec.solver.method not in ("auto", *CONVEX_METHODS):
         known = ", ".join(f"`{name}`" for name in CONVEX_METHODS)
         yield SpecMistake("solver.method", f"{what} the methods `auto`, {known} alone")
@@ -386,7 +386,7 @@ def build_scene(
     ]
     if mistakes:
         raise SpecError(source, mistakes)
-    lift = spec.trajectory.lift
+    lift = spec.trajectory.swing_clearance
     start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes, lift)
     edge = spec.margins.edge
     off_edges = footing(terrain, edge, robot.foot)

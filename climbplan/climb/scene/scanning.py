@@ -187,7 +187,7 @@ def near_scan(scan: ScanSpec, directory: Path, guide: Array, robot: Robot) -> Ra
 def _whole_scan(scan: ScanSpec, directory: Path) -> RawScan:
     """All of a scan, mended; read once."""
     text = scan.model_dump_json(
-        exclude={"fit", "flatness", "least_size", "toe_radius", "guide", "steepest_deg", "holds"}
+        exclude={"fit", "flatness", "min_size", "toe_radius", "guide", "steepest_deg", "holds"}
     )
     return _whole(text, directory, _stamp(directory / scan.file))
 
@@ -269,7 +269,7 @@ def _nothing(found: tuple[FoundRegion, ...], guide: Array, robot: Robot) -> str:
     reach = f"the robot reaches {farthest(robot):.2f} m from its body's way"
     if not found:
         return (
-            f"no contact region in it near the way, expected flat places at least `least_size` "
+            f"no contact region in it near the way, expected flat places at least `min_size` "
             f"wide within `flatness`; {reach}"
         )
     nearest = min(_distance(r, guide, around(robot)) for r in found)

@@ -87,7 +87,7 @@ class Shape:
             "hold": (1, n),  # u
             "face_weight": (self.faces, n * self.solids),  # g
             "s": (1, 1),
-            **repeat_at_points(self.stated.found, POINTS),
+            **repeat_at_points(self.stated.variable_shapes, POINTS),
         }
 
     @property
@@ -104,7 +104,7 @@ class Shape:
             "face_end": (1, self.solids * self.faces),
             "mu": (1, num_pairs),
             "load": (6, 1),
-            **repeat_at_points(self.stated.given, POINTS),
+            **repeat_at_points(self.stated.parameter_shapes, POINTS),
         }
 
 
@@ -170,8 +170,8 @@ def _state_round(shape: Shape, rows: RoundConstraints) -> Any:
     stage.between("contact.distance", plane, unit="m")
     angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
     shear = ca.DM(np.cos(angle)) @ local[1, :] + ca.DM(np.sin(angle)) @ local[2, :]
-    most = np.cos(np.pi / FACETS) * s["mu"] * local[0, :]
-    friction = shear - ca.repmat(most, FACETS, 1)
+    max_load = np.cos(np.pi / FACETS) * s["mu"] * local[0, :]
+    friction = shear - ca.repmat(max_load, FACETS, 1)
     stage.between("force.friction", friction, upper=0.0, unit="weight")
     pressing = local[0, :] @ of_limb
     load = ca.vertcat(pressing - MAX_LOAD * hold, s["least_load"] * hold - pressing)

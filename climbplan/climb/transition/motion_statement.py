@@ -70,7 +70,7 @@ class Shape:
         n = self.limbs
         shapes = {"pose": (6, 1), "toe": (3, n), "force": (3, n), "s": (1, 1)}
         # With the toe old, new, hovering over both
-        return shapes | repeat_at_points(self.stated.found, POINTS)
+        return shapes | repeat_at_points(self.stated.variable_shapes, POINTS)
 
     @property
     def every_round(self) -> dict[str, tuple[int, int]]:
@@ -80,7 +80,7 @@ class Shape:
             "normal_old": (3, n),
             "normal_new": (3, n),
             "mu": (1, n),  # mu / S_mu of the surface under each limb, 0 for those that move
-            **repeat_at_points(self.stated.given, POINTS),
+            **repeat_at_points(self.stated.parameter_shapes, POINTS),
             "edge_row": (3, n * self.edges),  # of each toe's new surface
             "edge_end": (1, n * self.edges),
             "plane": (1, n),  # offset of the new surface
@@ -127,7 +127,7 @@ class Shape:
 
 def state_motion(shape: Shape) -> Trajectory:
     """State the program of a shape."""
-    return _state_round(shape).trajectory(shape.rounds, shape.every_round)
+    return _state_round(shape).build_trajectory(shape.rounds, shape.every_round)
 
 
 @lru_cache(maxsize=8)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.clearance.raw_surface import THE_SCAN, raw_body_room
-from climbplan.climb.planner.proof import no_support, out_of_reach
+from climbplan.climb.clearance.raw_surface import THE_SCAN, compute_raw_body_distance
+from climbplan.climb.planner.proof import find_missing_support, find_unreachable_toes
 from climbplan.climb.scene.climb_scene import (
     MotionScene,
     Stance,
@@ -22,13 +22,13 @@ from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.errors import (
     Conflict,
     Infeasible,
-    NotProved,
     ReachFailure,
     Remedy,
     SpecError,
     SpecMistake,
+    Unresolved,
 )
-from climbplan.robots.any_robot import build_robot, without_flat_feet
+from climbplan.robots.any_robot import build_robot, require_no_flat_feet
 from climbplan.robots.kinematics import require_reachable, to_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
@@ -36,7 +36,7 @@ from climbplan.robots.task_robot import with_stance
 from climbplan.terrain.model import Terrain, build_terrain
 from climbplan.terrain.solids import Solid
 
-_INSIDE = 1e-3  # [m] links may be this deep in a solid, as the verification has it
+_PENETRATION_TOLERANCE = 1e-3  # [m] of links into solids, as in the verification
 
 
 @dataclass(frozen=True)
@@ -47,15 +47,15 @@ class TransitionScene(MotionScene):
 
 
 def build_transition(loaded: LoadedTransition) -> TransitionScene:
-    """Numbers of a validated spec.
+    """Build the scene of a validated spec.
 
-    Raises SpecError for toes off their surfaces or inside a box, and for lengths in another unit,
-    NotProved for a body that has
-    no room at the start or the goal, and for goal toes out of reach; Infeasible where that is
-    proved.
+    Raises:
+        SpecError: Toes lie off their surfaces or inside a box, or lengths are in another unit.
+        Unresolved: The body is too close to a solid at start or goal, or goal toes are not reached.
+        Infeasible: One of these is proved.
     """
     spec = loaded.spec
-    pointed = without_flat_feet(loaded.robot, "transitions")
+    pointed = require_no_flat_feet(loaded.robot, "transitions")
     robot = with_stance(build_robot(pointed), spec.task.stance)
     terrain = build_terrain(spec.terrain, robot)
     terrain = with_scan(terrain, spec, robot, loaded.directory)
@@ -65,84 +65,95 @@ def build_transition(loaded: LoadedTransition) -> TransitionScene:
     start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes)
     goal = stance_of(spec.task.goal, "task.goal", robot, terrain, mistakes)
     for key, stance in (("task.start", start), ("task.goal", goal)):
-        mistakes += _buried(key, stance, terrain, robot)
+        mistakes += _find_covered_toes(key, stance, terrain, robot)
     if mistakes:
         raise SpecError(loaded.source, mistakes)
     warn_of_backs(terrain, (start, goal))
     scene = TransitionScene(spec, robot, terrain, start, goal)
     for name, stance in (("start posture", start), ("goal posture", goal)):
-        _require_room(scene, name, stance)
+        _require_clearance(scene, name, stance)
         _require_reach(scene, name, stance)
     return scene
 
 
-def _buried(key: str, stance: Stance, terrain: Terrain, robot: Robot) -> list[SpecMistake]:
-    """Toes that a box or obstacle covers: the point just off their surface is inside."""
-    found = []
+def _find_covered_toes(
+    key: str, stance: Stance, terrain: Terrain, robot: Robot
+) -> list[SpecMistake]:
+    """Find toes that a box or obstacle covers: the point just off their surface is inside."""
+    mistakes = []
     size = 0.0 if robot.foot is None else robot.foot.radius
     for limb, name in enumerate(robot.limb_names):
         toe = stance.toes[limb]
-        off = toe + 2 * _INSIDE * terrain.surfaces[stance.region[limb]].normal_at(toe)
-        found += [
+        outside = toe + 2 * _PENETRATION_TOLERANCE * terrain.surfaces[
+            stance.region[limb]
+        ].normal_at(toe)
+        mistakes += [
             SpecMistake(f"{key}.toes.{name}", f"{name} is covered by {solid.name!r}: move one")
             for solid in terrain.obstacles
-            if float(solid.face_distance(off)) < size - _INSIDE * (size > 0)
+            if float(solid.face_distance(outside)) < size - _PENETRATION_TOLERANCE * (size > 0)
         ]
-    return found
+    return mistakes
 
 
-def _require_room(scene: TransitionScene, name: str, stance: Stance) -> None:
-    """The body hull keeps its clearance from every solid."""
+def _require_clearance(scene: TransitionScene, name: str, stance: Stance) -> None:
+    """Raise Unresolved or Infeasible unless the body hull keeps its clearance from every solid."""
     hull = stance.com + scene.robot.body_hull @ rotation_world_body(stance.rpy).T
-    asked = scene.spec.posture.body_clearance
+    min_clearance = scene.spec.posture.body_clearance
     scan = scene.terrain.scan
-    if scan is not None and (room := float(raw_body_room(scan, hull, asked))) < asked:
-        what = f"the body {1e3 * asked:.0f} mm clear of {THE_SCAN} (it has {1e3 * room:.0f})"
-        raise NotProved(
+    if (
+        scan is not None
+        and (clearance := float(compute_raw_body_distance(scan, hull, min_clearance))) < min_clearance
+    ):
+        clearance_text = (
+            f"the body {1e3 * min_clearance:.0f} mm clear of {THE_SCAN} "
+            f"(it has {1e3 * clearance:.0f})"
+        )
+        raise Unresolved(
             f"the {name} has no room",
-            [Conflict(name, (what,))],
+            [Conflict(name, (clearance_text,))],
             because="the clearance asked is posture.body_clearance",
             stage="scene",
-            remedies=_narrower(asked, room),
+            remedies=_suggest_clearance(min_clearance, clearance),
         )
     for solid in scene.terrain.solids:
-        room = hull_room(hull, solid)
-        if room < asked:
-            what = (
-                f"the body {1e3 * asked:.0f} mm clear of {solid.name!r} (it has {1e3 * room:.0f})"
+        clearance = compute_hull_distance(hull, solid)
+        if clearance < min_clearance:
+            clearance_text = (
+                f"the body {1e3 * min_clearance:.0f} mm clear of {solid.name!r} "
+                f"(it has {1e3 * clearance:.0f})"
             )
-            conflict = Conflict(name, (what,))
+            conflict = Conflict(name, (clearance_text,))
             if float(solid.face_distance(stance.com)) < 0:
                 raise Infeasible(f"the {name} has no room", [conflict], stage="scene")
-            raise NotProved(
+            raise Unresolved(
                 f"the {name} has no room",
                 [conflict],
                 because="the room is measured by the solid's faces, at posture.body_clearance",
                 stage="scene",
-                remedies=_narrower(asked, room),
+                remedies=_suggest_clearance(min_clearance, clearance),
             )
 
 
-def _narrower(asked: float, room: float) -> tuple[Remedy, ...]:
-    """The clearance that there is room for."""
-    if room < 0:
+def _suggest_clearance(min_clearance: float, clearance: float) -> tuple[Remedy, ...]:
+    """Suggest the clearance that the body has."""
+    if clearance < 0:
         return ()
-    value = np.floor(1e3 * room) / 1e3
-    words = f"body clearance of {1e3 * value:.0f} mm"
-    return (Remedy(words, "posture.body_clearance", float(value)),)
+    value = np.floor(1e3 * clearance) / 1e3
+    text = f"body clearance of {1e3 * value:.0f} mm"
+    return (Remedy(text, "posture.body_clearance", float(value)),)
 
 
-def hull_room(hull: Array, solid: Solid) -> float:
-    """Room [m] between a hull (8, 3) and a solid by the solid's faces, negative if they overlap.
+def compute_hull_distance(hull: Array, solid: Solid) -> float:
+    """Compute the distance between a hull (8, 3) and a solid by the solid's faces [m].
 
-    The true distance is no less.
+    It is a lower bound of the true distance, negative if they overlap.
     """
     return float((hull @ solid.A.T - solid.b).min(axis=0).max())
 
 
 def _require_reach(scene: TransitionScene, name: str, stance: Stance) -> None:
     toes = to_body(stance.com, stance.rpy, stance.toes)
-    if proofs := [*out_of_reach(scene), *no_support(scene)]:
+    if proofs := [*find_unreachable_toes(scene), *find_missing_support(scene)]:
         raise Infeasible("no plan exists", proofs, stage="scene")
     try:
         require_reachable(scene.robot, toes, name)
@@ -151,25 +162,25 @@ def _require_reach(scene: TransitionScene, name: str, stance: Stance) -> None:
             raise
         walls = scene.spec.terrain.walls
         hint = f"; the walls are {walls.gap:g} m apart" if walls is not None else ""
-        shortest = _widest_gap(scene, stance)
-        cure: tuple[Remedy, ...] = ()
+        shortest = _find_widest_gap(scene, stance)
+        remedies: tuple[Remedy, ...] = ()
         if walls is not None and shortest:
             gap = float(np.floor(1e3 * shortest)) / 1e3
-            cure = (Remedy(f"walls {gap:.3f} m apart", "terrain.walls.gap", gap),)
-        raise NotProved(
+            remedies = (Remedy(f"walls {gap:.3f} m apart", "terrain.walls.gap", gap),)
+        raise Unresolved(
             f"{error}{hint}",
-            [Conflict(name, (f"reach of {error.limb}",), cure)],
+            [Conflict(name, (f"reach of {error.limb}",), remedies)],
             because="toes that the spec leaves out are put nearest to the stance",
             stage="scene",
         ) from error
 
 
-def _widest_gap(scene: TransitionScene, stance: Stance) -> float | None:
-    """The widest gap between walls at which all limbs reach their goal; None if there is none."""
+def _find_widest_gap(scene: TransitionScene, stance: Stance) -> float | None:
+    """Find the widest gap between walls at which all limbs reach their goal; None if none."""
     robot = scene.robot
-    now = float(np.ptp(stance.toes[:, 0]))
-    for gap in np.arange(np.floor(now * 100) / 100, 0.3, -0.01):
-        toes = stance.toes * [gap / now, 1.0, 1.0]
+    current_gap = float(np.ptp(stance.toes[:, 0]))
+    for gap in np.arange(np.floor(current_gap * 100) / 100, 0.3, -0.01):
+        toes = stance.toes * [gap / current_gap, 1.0, 1.0]
         try:
             require_reachable(robot, to_body(stance.com, stance.rpy, toes), "")
         except ReachFailure:

@@ -41,7 +41,9 @@ _UNLIMITED_TORQUE_SCALE = 1e3  # by the torque limits, which then are inactive
 class StanceForces:
     """Solutions for Q stances."""
 
-    use: Array  # (Q,) fraction of the torque limits in use, 1 / S_tau; infinite if infeasible
+    torque_use: (
+        Array  # (Q,) fraction of the torque limits in use, 1 / S_tau; infinite if infeasible
+    )
     force: Array  # (Q, N, 3) [N], zero where infeasible
 
 
@@ -98,15 +100,15 @@ def _get_hanging_angles(robot: Robot) -> Array:
 
 def solve_stance_forces(tables: SearchTables, stance: IntArray, pose: IntArray) -> StanceForces:
     """Solve for the smallest torque use of stances (Q, N) at poses (Q,), with the spec's S_mu."""
-    use = np.full(len(pose), np.inf)
+    torque_use = np.full(len(pose), np.inf)
     force = np.zeros((*stance.shape, 3))
     for first in range(0, len(pose), _CHUNK_SIZE):
         batch = slice(first, first + _CHUNK_SIZE)
         statement = build_force_statement(
             tables.scene, build_stance_instants(tables, stance[batch], pose[batch])
         )
-        use[batch], force[batch] = _solve_batch(tables, statement)
-    return StanceForces(use, force)
+        torque_use[batch], force[batch] = _solve_batch(tables, statement)
+    return StanceForces(torque_use, force)
 
 
 def _solve_batch(tables: SearchTables, statement: ForceStatement) -> tuple[Array, Array]:
@@ -132,12 +134,12 @@ def _solve_batch(tables: SearchTables, statement: ForceStatement) -> tuple[Array
         np.maximum(residuals.contact, residuals.torque),
     )
     is_solved &= residual <= _RESIDUAL_TOLERANCE
-    use = compute_torque_ratio(statement, force)
-    return np.where(is_solved, use, np.inf), np.where(is_solved[:, None, None], force, 0.0)
+    torque_use = compute_torque_ratio(statement, force)
+    return np.where(is_solved, torque_use, np.inf), np.where(is_solved[:, None, None], force, 0.0)
 
 
 def find_max_friction_factor(tables: SearchTables, stance: IntArray, pose: IntArray) -> Array:
-    """Find the largest feasible S_mu (Q,) of stances with the spec's S_tau by bisection; 0 if none."""
+    """Find the largest S_mu (Q,) of stances at the spec's S_tau by bisection; 0 if none."""
     instants = build_stance_instants(tables, stance, pose)
     statement = build_force_statement(tables.scene, instants)
     low = np.full(len(pose), np.log(_MIN_FACTOR))
@@ -170,8 +172,8 @@ def find_max_torque_factor(tables: SearchTables, stance: IntArray, pose: int) ->
         tables.scene, build_stance_instants(tables, stance[None], np.array([pose]))
     )
     stronger = replace(statement, max_torque=statement.max_torque * _TRIAL_TORQUE_SCALE)
-    use = float(_solve_batch(tables, stronger)[0][0])
-    return 0.0 if not np.isfinite(use) else 1.0 / max(use * _TRIAL_TORQUE_SCALE, 1e-9)
+    torque_use = float(_solve_batch(tables, stronger)[0][0])
+    return 0.0 if not np.isfinite(torque_use) else 1.0 / max(torque_use * _TRIAL_TORQUE_SCALE, 1e-9)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from climbplan.robots.foot import Foot
 from climbplan.robots.gripper import Gripper
 from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.model import MountedCapsules, Robot
+from climbplan.robots.self_clearance import find_always_touching
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.touching_parts import always_touching
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS, fit_leg_capsules
 from climbplan.robots.urdf.drives import (
     pad_to_legs,
@@ -119,7 +119,9 @@ def build_robot_from_urdf(robot: UrdfRobot) -> Robot:
     )
     if capsules is None:
         return built
-    return replace(built, touching=always_touching(built, built.body_parts or (built.body_hull,)))
+    return replace(
+        built, touching=find_always_touching(built, built.body_parts or (built.body_hull,))
+    )
 
 
 def _compute_center(urdf_model: UrdfModel, legs: list[LegAtZero], posture: Array) -> Array:
@@ -307,12 +309,12 @@ def _solve_stance(
     solution = chain.inverse(stance, lower, upper, turns)
     findings = []
     for limb in (int(i) for i in np.flatnonzero(~solution.valid)):
-        miss = chain.miss(solution, stance, limb, lower, upper)
+        miss = chain.explain_miss(solution, stance, limb, lower, upper)
         position = ", ".join(f"{x:.3f}" for x in stance[limb])
         message = (
             f"stance ({position}) m cannot be reached, {miss.reason} by "
-            f"{1e3 * miss.missing:.0f} mm; expected a toe position in the body frame (x right, y forward, z up, from the centre "
-            "of mass)"
+            f"{1e3 * miss.missing:.0f} mm; expected a toe position in the body frame (x right, "
+            "y forward, z up, from the centre of mass)"
         )
         findings.append(Finding(("legs", robot.limb_names[limb], "stance"), message))
     if findings:

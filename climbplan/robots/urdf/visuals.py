@@ -8,12 +8,12 @@ import numpy as np
 import trimesh
 
 from climbplan.arrays import Array, IntArray
-from climbplan.robots.looks import BODY, Looks
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.canonical_urdf import write_visual_urdf
 from climbplan.robots.urdf.pinocchio_model import build_urdf_model
 from climbplan.robots.urdf.shapes import find_carrying_joint
+from climbplan.robots.visual_geometry import BODY, VisualGeometry
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
 
@@ -26,7 +26,7 @@ class VisualGeometryError(Exception):
 
 def read_visual_geometry(
     robot: UrdfRobot, built: Robot, max_triangles: int = MAX_TRIANGLES
-) -> Looks | None:
+) -> VisualGeometry | None:
     """Read the visual geometry about the body frame of the built robot.
 
     Args:
@@ -76,7 +76,7 @@ def read_visual_geometry(
         count += len(points)
     if not vertices:
         return None
-    return Looks(*(np.concatenate(arrays) for arrays in (vertices, faces, limbs, joints)))
+    return VisualGeometry(*(np.concatenate(arrays) for arrays in (vertices, faces, limbs, joints)))
 
 
 def simplify_mesh(

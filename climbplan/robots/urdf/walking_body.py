@@ -70,13 +70,13 @@ def build_walking_body(robot: UrdfRobot) -> WalkingBody:
         for joint, angle in zip(leg.names, row[joints - len(leg.names) :], strict=True)
     }
     chain = build_chain_at_zero(at_zero, joints, urdf_model.compute_center(standing), posture)
-    chain = chain.turned(TO_WALKING)
+    chain = chain.rotate(TO_WALKING)
     toes = chain.joint_points(posture)[:, -1]
     order = in_pairs(toes.tolist())
     if order is None:
         message = "expected pairs of toes, one on either side, one pair behind the other"
         raise robot.refused([Finding(("legs",), message)])
-    chain = chain.ordered(order)
+    chain = chain.select_limbs(order)
     toes, names = toes[order], tuple(names[i] for i in order)
     ordered = [at_zero[i].names for i in order]
     legs = WalkingLegs(

@@ -19,23 +19,23 @@ from climbplan.schema.yaml_source import parse_yaml
 from climbplan.verification.check import Check, Limit, not_compared
 from climbplan.verification.held import held_check
 from climbplan.walking.check.checker import check_loop, check_trajectory
-from climbplan.walking.plan.foot_centres import raised_task
+from climbplan.walking.plan.foot_centres import raise_task
 from climbplan.walking.plan.walk_plan import WalkPlan
-from climbplan.walking.problem.problem import build_task, sampled_task
-from climbplan.walking.schema.loading import stored_body
+from climbplan.walking.problem.problem import build_sampled_task, build_task
+from climbplan.walking.schema.loading import load_stored_body
 from climbplan.walking.schema.model import MpcSpec
 from climbplan.walking.task.task import WalkTask
 
 
 def objective_terms(task: WalkTask, state: Array, force: Array) -> dict[str, float]:
     """Each term by name. state (N + 1, 12); force (N + 1, L, 3), of which the last is not used."""
-    weights, wanted = task.weights, task.reference
+    weights, reference = task.weights, task.reference
     terms = dict.fromkeys(("velocity", "angles", "height", "motion", "force_difference"), 0.0)
     for n in range(task.knots):
         position, velocity, angles = np.split(state[n + 1, :9], 3)
-        terms["velocity"] += weights.velocity @ np.square(velocity - wanted.velocity[n])
-        terms["angles"] += weights.angles @ np.square(angles - wanted.euler[n])
-        terms["height"] += weights.height * (position[2] - wanted.height[n]) ** 2
+        terms["velocity"] += weights.velocity @ np.square(velocity - reference.velocity[n])
+        terms["angles"] += weights.angles @ np.square(angles - reference.euler[n])
+        terms["height"] += weights.height * (position[2] - reference.height[n]) ** 2
         terms["motion"] += weights.motion * np.sum((position - state[n, :3]) ** 2)
         pairs = (np.sum((a - b) ** 2) for a, b in combinations(force[n], 2))
         terms["force_difference"] += weights.force_difference * 2 * sum(pairs)  # in either order
@@ -53,7 +53,7 @@ LIMITS = {
 }
 
 
-def plan_checks(plan: WalkPlan, held: HeldSpec | None = None) -> Iterator[Check]:
+def plan_checks(plan: WalkPlan, spec_to_hold: HeldSpec | None = None) -> Iterator[Check]:
     """All checks; if text or numbers are unsound only those, as nothing else would mean much.
 
     held: a spec that the plan is to answer in place of its own.
@@ -61,15 +61,15 @@ def plan_checks(plan: WalkPlan, held: HeldSpec | None = None) -> Iterator[Check]
     digest = hashlib.sha256(plan.spec_text.encode()).hexdigest()
     yield _judge("file.spec_hash", float(digest != plan.spec_sha256), "the text was changed")
     yield _faults("file.finite", list(plan.not_finite))
-    wrong = list(_faults_of(plan.task))
-    wrong += [f"{name} is not that of the steps" for name in plan.at_odds]
-    yield _faults("file.data", wrong)
-    if plan.not_finite or wrong:
+    faults = list(_faults_of(plan.task))
+    faults += [f"{name} is not that of the steps" for name in plan.at_odds]
+    yield _faults("file.data", faults)
+    if plan.not_finite or faults:
         return
-    if held is not None:
-        yield held_check(held)
+    if spec_to_hold is not None:
+        yield held_check(spec_to_hold)
         plan = replace(
-            plan, spec_text=held.text, robot_text=held.robot_text, robot_urdf=held.robot_urdf
+            plan, spec_text=spec_to_hold.text, robot_text=spec_to_hold.robot_text, robot_urdf=spec_to_hold.robot_urdf
         )
     yield _spec_values(plan)
     yield _objective(plan)
@@ -86,8 +86,8 @@ def _faults_of(task: WalkTask) -> Iterator[str]:
         ("gravity", body.gravity),
         ("force_limit", body.force_limit),
         ("friction", ground.friction),
-        ("step", task.step),
-        ("lift", task.lift),
+        ("step", task.dt),
+        ("lift", task.swing_clearance),
     ):
         if not value > 0:
             yield f"{name} {value:g} is not above zero"
@@ -109,55 +109,55 @@ def _spec_values(plan: WalkPlan) -> Check:
     if spec is None:
         return _judge("file.spec_values", math.inf, findings[0].message)
     try:
-        robot = stored_body(spec, plan.robot_text, plan.robot_urdf)
+        robot = load_stored_body(spec, plan.robot_text, plan.robot_urdf)
         # Plan files without it have the centres of feet on the ground itself
         standoff = plan.task.ground.standoff
-        asked = raised_task(build_task(spec, robot, centres=standoff > 0), standoff)
+        task = raise_task(build_task(spec, robot, centres=standoff > 0), standoff)
     except MissingSolver as reason:
-        taken = f"{reason}: robot and task are taken from the plan file"
-        return not_compared(_judge("file.spec_values", 0.0), taken, "robot as stored", taken)
+        reason_text = f"{reason}: robot and task are taken from the plan file"
+        return not_compared(_judge("file.spec_values", 0.0), reason_text, "robot as stored", reason_text)
     except SpecError as error:
         return _judge("file.spec_values", math.inf, str(error).splitlines()[0])
-    apart = {
+    differences = {
         "seed": 0.0 if plan.seed == spec.seed else math.inf,
         "solver.method": 0.0 if plan.method == spec.solver.method else math.inf,
     }
     if plan.loop is not None:
-        asked = sampled_task(asked, plan.task.knots)
-    apart |= _task_apart(plan.task, asked)
-    worst = max(apart, key=lambda key: apart[key])
-    return _judge("file.spec_values", apart[worst], worst)
+        task = build_sampled_task(task, plan.task.knots)
+    differences |= _task_apart(plan.task, task)
+    worst = max(differences, key=lambda key: differences[key])
+    return _judge("file.spec_values", differences[worst], worst)
 
 
-def _task_apart(stored: WalkTask, asked: WalkTask) -> dict[str, float]:
+def _task_apart(stored: WalkTask, expected: WalkTask) -> dict[str, float]:
     """Largest difference of each part of two tasks."""
-    apart = {}
+    differences = {}
     for holder in ("body", "ground", "start", "reference", "weights", "goal"):
-        one, other = vars(stored)[holder], vars(asked)[holder]
-        for name in (field.name for field in fields(one)):
-            apart[f"{holder}.{name}"] = _difference(getattr(one, name), getattr(other, name))
-    apart |= _legs_apart(stored.legs, asked.legs)
-    for name in ("knots", "step", "integrator", "lift", "least_contacts", "whole_stance"):
-        apart[name] = _difference(vars(stored)[name], vars(asked)[name])
-    return apart
+        stored_part, expected_part = vars(stored)[holder], vars(expected)[holder]
+        for name in (field.name for field in fields(stored_part)):
+            differences[f"{holder}.{name}"] = _difference(getattr(stored_part, name), getattr(expected_part, name))
+    differences |= _legs_apart(stored.legs, expected.legs)
+    for name in ("knots", "dt", "integrator", "swing_clearance", "min_contacts", "workspace_over_stance"):
+        differences[name] = _difference(vars(stored)[name], vars(expected)[name])
+    return differences
 
 
-def _legs_apart(stored: WalkingLegs | None, asked: WalkingLegs | None) -> dict[str, float]:
-    if stored is None or asked is None:
-        return {"legs": 0.0 if stored is asked else math.inf}
-    holders = ((stored.chain, asked.chain), (stored, asked))
+def _legs_apart(stored: WalkingLegs | None, expected: WalkingLegs | None) -> dict[str, float]:
+    if stored is None or expected is None:
+        return {"legs": 0.0 if stored is expected else math.inf}
+    holders = ((stored.chain, expected.chain), (stored, expected))
     return {
-        f"legs.{field.name}": _difference(getattr(one, field.name), getattr(other, field.name))
-        for one, other in holders
-        for field in fields(one)
+        f"legs.{field.name}": _difference(getattr(stored_part, field.name), getattr(expected_part, field.name))
+        for stored_part, expected_part in holders
+        for field in fields(stored_part)
         if field.name != "chain"
     }
 
 
-def _difference(one: object, other: object) -> float:
-    if one is None or isinstance(one, str | tuple):
-        return 0.0 if one == other else math.inf
-    a, b = np.asarray(one, float), np.asarray(other, float)
+def _difference(first: object, second: object) -> float:
+    if first is None or isinstance(first, str | tuple):
+        return 0.0 if first == second else math.inf
+    a, b = np.asarray(first, float), np.asarray(second, float)
     if a.shape == b.shape and np.array_equal(a, b):  # infinite ones too
         return 0.0
     return float(np.abs(a - b).max(initial=0.0)) if a.shape == b.shape else math.inf
@@ -166,12 +166,12 @@ def _difference(one: object, other: object) -> float:
 def _objective(plan: WalkPlan) -> Check:
     terms = objective_terms(plan.task, plan.trajectory.state, plan.trajectory.force)
     total = sum(terms.values())
-    off = {"objective": abs(plan.objective - total)}
+    errors = {"objective": abs(plan.objective - total)}
     for name, value in terms.items():
         stored = plan.terms.get(name)
-        off[name] = abs(stored - value) if isinstance(stored, float) else math.inf
-    worst = max(off, key=lambda key: math.inf if math.isnan(off[key]) else off[key])
-    return _judge("file.objective", off[worst] / max(1.0, abs(total)), worst)
+        errors[name] = abs(stored - value) if isinstance(stored, float) else math.inf
+    worst = max(errors, key=lambda key: math.inf if math.isnan(errors[key]) else errors[key])
+    return _judge("file.objective", errors[worst] / max(1.0, abs(total)), worst)
 
 
 def _faults(name: str, faults: list[str]) -> Check:

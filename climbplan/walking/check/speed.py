@@ -18,7 +18,7 @@ from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.walking.check.truth import euler_rates
-from climbplan.walking.plan.swing_way import along, arch
+from climbplan.walking.plan.swing_trajectory import quartic_arch, quintic_progress
 from climbplan.walking.task.task import ANGLES, POSITION, SPIN, VELOCITY, WalkTask, WalkTrajectory
 
 _PARTS = 16  # of an interval
@@ -33,73 +33,73 @@ class LegSpeeds:
     speed: Array  # (N, L, J) largest [rad/s], [m/s] of joints that slide
 
 
-def leg_speeds(legs: WalkingLegs, task: WalkTask, found: WalkTrajectory) -> LegSpeeds:
+def leg_speeds(legs: WalkingLegs, task: WalkTask, trajectory: WalkTrajectory) -> LegSpeeds:
     """What body and toes ask of the joints of all legs."""
-    step = task.step
-    parts = int(np.clip(round(step / _FINEST), 1, _PARTS))
-    share = np.linspace(0.0, 1.0, parts + 1)
-    toes, swings = _ways(task, found, share)
-    spots = _seen(found.state, step, share, toes)
-    judged = found.gait.contact[:-1] | swings  # (N, L)
-    rest = legs.chain.joint_points(legs.chain.posture)[:, -1]
+    step = task.dt
+    num_samples = int(np.clip(round(step / _FINEST), 1, _PARTS))
+    phase = np.linspace(0.0, 1.0, num_samples + 1)
+    toes, swings = _ways(task, trajectory, phase)
+    spots = _seen(trajectory.state, step, phase, toes)
+    is_judged = trajectory.gait.contact[:-1] | swings  # (N, L)
+    rest_toes = legs.chain.joint_points(legs.chain.posture)[:, -1]
     solution = legs.chain.inverse(
-        np.where(judged[:, None, :, None], spots, rest), legs.lower, legs.upper
+        np.where(is_judged[:, None, :, None], spots, rest_toes), legs.lower, legs.upper
     )
     angles = solution.angles[..., 0, :, :]  # (N, K + 1, L, J)
-    speed = np.abs(np.diff(angles, axis=1)).max(axis=1) * parts / step
+    speed = np.abs(np.diff(angles, axis=1)).max(axis=1) * num_samples / step
     missing = solution.missing[..., 0, :].max(axis=1)
-    return LegSpeeds(np.where(swings, missing, 0.0), np.where(judged[..., None], speed, 0.0))
+    return LegSpeeds(np.where(swings, missing, 0.0), np.where(is_judged[..., None], speed, 0.0))
 
 
-def speed_residuals(task: WalkTask, found: WalkTrajectory) -> Iterator[tuple[str, Array, Array]]:
+def speed_residuals(task: WalkTask, trajectory: WalkTrajectory) -> Iterator[tuple[str, Array, Array]]:
     """Names of checks, residuals and shares of limits (N, L); nothing of bodies without joints."""
     if task.legs is None:
         return
-    speeds = leg_speeds(task.legs, task, found)
+    speeds = leg_speeds(task.legs, task, trajectory)
     yield "swing.reach", speeds.missing, np.zeros_like(speeds.missing)
-    beyond = (speeds.speed - task.legs.max_speed).max(axis=2)
-    yield "speed.limit", beyond, (speeds.speed / task.legs.max_speed).max(axis=2)
+    excess = (speeds.speed - task.legs.max_speed).max(axis=2)
+    yield "speed.limit", excess, (speeds.speed / task.legs.max_speed).max(axis=2)
 
 
-def _ways(task: WalkTask, found: WalkTrajectory, share: Array) -> tuple[Array, BoolArray]:
+def _ways(task: WalkTask, trajectory: WalkTrajectory, phase: Array) -> tuple[Array, BoolArray]:
     """Toes (N, K + 1, L, 3) at shares (K + 1,) of intervals; which swing to where they land."""
-    contact, stood = found.gait.contact, found.toes
-    toes = np.repeat(stood[:-1, None], len(share), axis=1)
+    contact, stance_toes = trajectory.gait.contact, trajectory.toes
+    toes = np.repeat(stance_toes[:-1, None], len(phase), axis=1)
     swings = np.zeros_like(contact[:-1])
     for leg in range(contact.shape[1]):
         change = np.diff(np.concatenate([[True], contact[:, leg]]).astype(np.int8))
-        for lifts in np.flatnonzero(change < 0).tolist():
-            after = np.flatnonzero(contact[lifts:, leg])
-            if not len(after):
+        for lift_knot in np.flatnonzero(change < 0).tolist():
+            landing_offsets = np.flatnonzero(contact[lift_knot:, leg])
+            if not len(landing_offsets):
                 continue
-            lands = lifts + int(after[0])
-            left, there = stood[max(lifts - 1, 0), leg], stood[lands, leg]
-            top = max(stood[lifts:lands, leg, 2].max(), max(left[2], there[2]) + task.lift)
-            s = (np.arange(lands - lifts)[:, None] + share) / (lands - lifts)
-            way = left + along(s)[0][..., None] * (there - left)
-            way[..., 2] += arch(s)[0] * (top - 0.5 * (left[2] + there[2]))
-            toes[lifts:lands, :, leg] = way
-            swings[lifts:lands, leg] = True
+            landing_knot = lift_knot + int(landing_offsets[0])
+            lift_off, landing = stance_toes[max(lift_knot - 1, 0), leg], stance_toes[landing_knot, leg]
+            apex = max(stance_toes[lift_knot:landing_knot, leg, 2].max(), max(lift_off[2], landing[2]) + task.swing_clearance)
+            s = (np.arange(landing_knot - lift_knot)[:, None] + phase) / (landing_knot - lift_knot)
+            path = lift_off + quintic_progress(s)[0][..., None] * (landing - lift_off)
+            path[..., 2] += quartic_arch(s)[0] * (apex - 0.5 * (lift_off[2] + landing[2]))
+            toes[lift_knot:landing_knot, :, leg] = path
+            swings[lift_knot:landing_knot, leg] = True
     return toes, swings
 
 
-def _seen(state: Array, step: float, share: Array, toes: Array) -> Array:
+def _seen(state: Array, step: float, phase: Array, toes: Array) -> Array:
     """Toes (N, K + 1, L, 3) of the world in the body, that moves on from sample to sample."""
     rates = euler_rates(state[:, ANGLES], state[:, SPIN])
-    place = _between(state[:, POSITION], state[:, VELOCITY], step, share)
-    R = rotation_world_body(_between(state[:, ANGLES], rates, step, share))
-    spots: Array = (toes - place[:, :, None]) @ R
+    position = _between(state[:, POSITION], state[:, VELOCITY], step, phase)
+    R = rotation_world_body(_between(state[:, ANGLES], rates, step, phase))
+    spots: Array = (toes - position[:, :, None]) @ R
     return spots
 
 
-def _between(value: Array, rate: Array, step: float, share: Array) -> Array:
+def _between(value: Array, rate: Array, step: float, phase: Array) -> Array:
     """Hermite's cubics (N, K + 1, 3) through values and rates (N + 1, 3)."""
-    s = share[None, :, None]
-    one, other = value[:-1, None], value[1:, None]
+    s = phase[None, :, None]
+    first, second = value[:-1, None], value[1:, None]
     begin, end = step * rate[:-1, None], step * rate[1:, None]
     return (
-        (1 + 2 * s) * (1 - s) ** 2 * one
+        (1 + 2 * s) * (1 - s) ** 2 * first
         + s * (1 - s) ** 2 * begin
-        + s**2 * (3 - 2 * s) * other
+        + s**2 * (3 - 2 * s) * second
         - s**2 * (1 - s) * end
     )

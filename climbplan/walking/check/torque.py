@@ -26,35 +26,35 @@ class LegLoads:
     torque: Array  # (N, 2, L, 3) [N m]; infinite where they do not
 
 
-def leg_loads(legs: WalkingLegs, task: WalkTask, found: WalkTrajectory) -> LegLoads:
+def leg_loads(legs: WalkingLegs, task: WalkTask, trajectory: WalkTrajectory) -> LegLoads:
     """What forces ask of the joints of standing legs."""
-    stands = found.gait.contact[:-1]
-    begin = toes_in_body(found.state[:-1], found.toes[:-1])
-    end = toes_in_body(found.state[1:], found.toes[:-1])
+    contact = trajectory.gait.contact[:-1]
+    begin = toes_in_body(trajectory.state[:-1], trajectory.toes[:-1])
+    end = toes_in_body(trajectory.state[1:], trajectory.toes[:-1])
     toes = np.stack([begin, end], axis=1)  # (N, 2, L, 3)
-    both = np.broadcast_to(stands[:, None], toes.shape[:-1])
-    rest = legs.chain.joint_points(legs.chain.posture)[:, -1]
-    solution = legs.chain.inverse(np.where(both[..., None], toes, rest), legs.lower, legs.upper)
-    R = rotation_world_body(found.state[:, ANGLES])
-    turned = np.stack([R[:-1], R[1:]], axis=1)  # (N, 2, 3, 3)
-    force = found.force[:-1, None] @ turned  # (N, 2, L, 3) body frame
+    contact_at_ends = np.broadcast_to(contact[:, None], toes.shape[:-1])
+    rest_toes = legs.chain.joint_points(legs.chain.posture)[:, -1]
+    solution = legs.chain.inverse(np.where(contact_at_ends[..., None], toes, rest_toes), legs.lower, legs.upper)
+    R = rotation_world_body(trajectory.state[:, ANGLES])
+    rotations = np.stack([R[:-1], R[1:]], axis=1)  # (N, 2, 3, 3)
+    force = trajectory.force[:-1, None] @ rotations  # (N, 2, L, 3) body frame
     angles = solution.angles[..., 0, :, :]
     torque = (force[..., None, :] @ legs.chain.jacobian(angles))[..., 0, :]
     valid: BoolArray = solution.valid
-    missing = np.where(both & ~valid, solution.missing[..., 0, :], 0.0)
+    missing = np.where(contact_at_ends & ~valid, solution.missing[..., 0, :], 0.0)
     torque = np.where(valid[..., None], torque, np.inf)
-    return LegLoads(missing, np.where(both[..., None], torque, 0.0))
+    return LegLoads(missing, np.where(contact_at_ends[..., None], torque, 0.0))
 
 
-def torque_residuals(task: WalkTask, found: WalkTrajectory) -> Iterator[tuple[str, Array, Array]]:
+def torque_residuals(task: WalkTask, trajectory: WalkTrajectory) -> Iterator[tuple[str, Array, Array]]:
     """Names of checks, residuals and shares of limits (N, L); nothing of bodies without joints."""
     if task.legs is None:
         return
-    loads = leg_loads(task.legs, task, found)
+    loads = leg_loads(task.legs, task, trajectory)
     missing = loads.missing.max(axis=1)
     yield "torque.reach", missing, np.zeros_like(missing)
-    beyond = np.abs(loads.torque) - task.legs.max_torque
-    share = np.abs(loads.torque) / task.legs.max_torque
-    stands = found.gait.contact[:-1]
-    worst = np.where(stands, beyond.max(axis=(1, 3)), 0.0)
-    yield "torque.limit", worst, share.max(axis=(1, 3))
+    violation = np.abs(loads.torque) - task.legs.max_torque
+    fraction = np.abs(loads.torque) / task.legs.max_torque
+    contact = trajectory.gait.contact[:-1]
+    excess = np.where(contact, violation.max(axis=(1, 3)), 0.0)
+    yield "torque.limit", excess, fraction.max(axis=(1, 3))

@@ -45,8 +45,8 @@ def spin_acceleration(body: RigidBody, angles: Array, spin: Array, moment: Array
     R = rotation_world_body(angles)
     inertia = R @ body.inertia @ np.swapaxes(R, -1, -2)
     momentum = (inertia @ spin[..., None])[..., 0]
-    turning = moment - _cross(spin, momentum)
-    result: Array = np.linalg.solve(inertia, turning[..., None])[..., 0].astype(float, copy=False)
+    net_moment = moment - _cross(spin, momentum)
+    result: Array = np.linalg.solve(inertia, net_moment[..., None])[..., 0].astype(float, copy=False)
     return result
 
 
@@ -64,13 +64,13 @@ def _cross(a: Array, b: Array) -> Array:
 def derivative(body: RigidBody, state: Array, toes: Array, force: Array) -> Array:
     """Time derivative (..., 12) of the state (..., 12)."""
     angles, spin = state[..., ANGLES], state[..., SPIN]
-    turning = moment(state[..., POSITION], toes, force)
+    net_moment = moment(state[..., POSITION], toes, force)
     return np.concatenate(
         [
             state[..., VELOCITY],
             acceleration(body, force),
             euler_rates(angles, spin),
-            spin_acceleration(body, angles, spin, turning),
+            spin_acceleration(body, angles, spin, net_moment),
         ],
         axis=-1,
     )
@@ -101,22 +101,22 @@ def knot_step(
             ],
             axis=-1,
         )
-    halfway = moment(position + 0.5 * dt * (velocity + 0.25 * dt * a), toes, force)
-    there = position + dt * (velocity + 0.5 * dt * a)
-    moments = (moment(position, toes, force), halfway, halfway, moment(there, toes, force))
-    begun = np.concatenate([angles, spin], axis=-1)
-    turned, slope, share = begun, np.zeros_like(begun), (0.0, 0.5, 0.5, 1.0)
-    for now, part, weight in zip(moments, share, (1, 2, 2, 1), strict=True):
-        at = begun + part * dt * slope
+    middle_moment = moment(position + 0.5 * dt * (velocity + 0.25 * dt * a), toes, force)
+    end_position = position + dt * (velocity + 0.5 * dt * a)
+    moments = (moment(position, toes, force), middle_moment, middle_moment, moment(end_position, toes, force))
+    start_rotation = np.concatenate([angles, spin], axis=-1)
+    end_rotation, slope, stages = start_rotation, np.zeros_like(start_rotation), (0.0, 0.5, 0.5, 1.0)
+    for stage_moment, stage, weight in zip(moments, stages, (1, 2, 2, 1), strict=True):
+        stage_rotation = start_rotation + stage * dt * slope
         slope = np.concatenate(
             [
-                euler_rates(at[..., :3], at[..., 3:]),
-                spin_acceleration(body, at[..., :3], at[..., 3:], now),
+                euler_rates(stage_rotation[..., :3], stage_rotation[..., 3:]),
+                spin_acceleration(body, stage_rotation[..., :3], stage_rotation[..., 3:], stage_moment),
             ],
             axis=-1,
         )
-        turned = turned + dt / 6.0 * weight * slope
-    return np.concatenate([there, velocity + dt * a, turned], axis=-1)
+        end_rotation = end_rotation + dt / 6.0 * weight * slope
+    return np.concatenate([end_position, velocity + dt * a, end_rotation], axis=-1)
 
 
 def runge_kutta(body: RigidBody, dt: float, state: Array, toes: Array, force: Array) -> Array:

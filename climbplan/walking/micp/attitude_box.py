@@ -2,9 +2,9 @@
 
 The relaxation keeps roll, pitch, yaw and the angular velocity within an attitude box, as the
 published formulation keeps them within the ranges of Table 8.4. Within the box each entry of
-rotation, rates and inertia is its value at the middle, or its linearisation, up to a remainder. The
-remainder is bounded by its largest value on a grid, and by the error of multilinear interpolation of
-a function with such second derivatives.
+rotation, rates and inertia is its value at the middle, or its linearisation, up to a remainder.
+That is bounded by its largest value on a grid, and by the error of multilinear interpolation of a
+function with such second derivatives.
 """
 
 from __future__ import annotations

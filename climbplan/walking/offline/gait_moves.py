@@ -8,26 +8,26 @@ import numpy as np
 
 from climbplan.arrays import BoolArray, IntArray
 from climbplan.robots.leg_order import alternating, mirror_legs
-from climbplan.walking.offline.footing import gait_of
+from climbplan.walking.offline.footing import build_gait
 from climbplan.walking.task.ground import Ground
 from climbplan.walking.task.task import Gait
 
-_BESIDE = 4  # regions that a foothold may go to in one move
+_NUM_NEIGHBOURS = 4  # regions that a foothold may go to in one move
 
 
-def contact_moves(contact: BoolArray) -> list[BoolArray]:
+def list_contact_moves(contact: BoolArray) -> list[BoolArray]:
     """All contacts (N + 1, L) one move away."""
     knots, legs, moves = len(contact), contact.shape[1], []
-    together = _together(legs)
+    groups = _list_leg_groups(legs)
     for n in range(knots):
         for leg in range(legs):
-            moves.append(_flipped(contact, [n], [leg]))
-        for group in together:
-            moves.append(_flipped(contact, [n], group))
-        moves.append(_flipped(contact, [n], list(range(legs))))
+            moves.append(_flip_contacts(contact, [n], [leg]))
+        for group in groups:
+            moves.append(_flip_contacts(contact, [n], group))
+        moves.append(_flip_contacts(contact, [n], list(range(legs))))
     for n in range(knots - 1):
         for leg in range(legs):
-            moves.append(_flipped(contact, [n, n + 1], [leg]))
+            moves.append(_flip_contacts(contact, [n, n + 1], [leg]))
         swapped = contact.copy()
         swapped[[n, n + 1]] = contact[[n + 1, n]]
         moves.append(swapped)
@@ -37,34 +37,34 @@ def contact_moves(contact: BoolArray) -> list[BoolArray]:
     return moves
 
 
-def region_moves(gait: Gait, beside: Sequence[IntArray]) -> Iterator[Gait]:
+def generate_region_moves(gait: Gait, neighbours: Sequence[IntArray]) -> Iterator[Gait]:
     """The same contacts with one stance phase on another region; beside: those next to each."""
     for n in range(1, len(gait.contact)):
         for leg in range(gait.contact.shape[1]):
             if gait.contact[n, leg] and not gait.contact[n - 1, leg]:
-                for region in beside[gait.region[n, leg]]:
+                for region in neighbours[gait.region[n, leg]]:
                     changed = gait.region.copy()
                     changed[n, leg] = region
-                    yield gait_of(gait.contact, changed)
+                    yield build_gait(gait.contact, changed)
 
 
-def regions_beside(ground: Ground) -> list[IntArray]:
+def find_neighbour_regions(ground: Ground) -> list[IntArray]:
     """The regions nearest to each, so many at most, nearest first."""
     low, high = ground.lower, ground.upper
-    apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None])  # (S, S, 2)
-    distance = np.linalg.norm(np.maximum(apart, 0.0), axis=-1)
+    gap = np.maximum(low[:, None] - high[None], low[None] - high[:, None])  # (S, S, 2)
+    distance = np.linalg.norm(np.maximum(gap, 0.0), axis=-1)
     np.fill_diagonal(distance, np.inf)
-    order = np.argsort(distance, axis=1, kind="stable")[:, : min(_BESIDE, ground.count - 1)]
+    order = np.argsort(distance, axis=1, kind="stable")[:, : min(_NUM_NEIGHBOURS, ground.count - 1)]
     return [row.astype(np.int64) for row in order]
 
 
-def _together(legs: int) -> list[list[int]]:
+def _list_leg_groups(legs: int) -> list[list[int]]:
     """Legs that step together: halves that alternate, then pairs from front to hind."""
     halves = [np.flatnonzero(alternating(legs) == half).tolist() for half in (0, 1)]
     return halves + [[first, first + 1] for first in range(0, legs, 2)]
 
 
-def _flipped(contact: BoolArray, knots: list[int], legs: list[int]) -> BoolArray:
+def _flip_contacts(contact: BoolArray, knots: list[int], legs: list[int]) -> BoolArray:
     result = contact.copy()
     result[np.ix_(knots, legs)] ^= True
     return result

@@ -6,13 +6,24 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.robots.walking_legs import WalkingLegs
-from climbplan.walking.kernels.legs import torque_rows
-from climbplan.walking.kernels.speeds import GLANCES, landing_intervals, speed_rows
+from climbplan.walking.kernels.joint_speed_rows import (
+    NUM_SWING_SAMPLES,
+    count_landing_intervals,
+    write_speed_rows,
+)
+from climbplan.walking.kernels.joint_torque_rows import write_torque_rows
+from climbplan.walking.kernels.parameters import (
+    AffineStates,
+    FootholdUnknowns,
+    LegChain,
+    RowBlock,
+    SteppingMotion,
+)
 from climbplan.walking.offline.footing import Footing
 from climbplan.walking.task.task import Gait, WalkTask
 
-_TORQUE_IN_HAND = 0.999  # of torque limits, for what iterates still move
-_SPEED_IN_HAND = 0.96  # of speed limits, for that and for what is fastest between glances
+_TORQUE_FRACTION = 0.999  # of torque limits, for what iterates still move
+_SPEED_FRACTION = 0.96  # of speed limits, for that and for what is fastest between glances
 
 
 class JointRows:
@@ -20,76 +31,101 @@ class JointRows:
 
     def __init__(self, task: WalkTask, gait: Gait, footing: Footing) -> None:
         self.task, self.gait, self.footing = task, gait, footing
-        self.torques = self.speeds = 0
+        self.num_torque_rows = self.num_speed_rows = 0
         if task.legs is not None:
             joints, forces = task.legs.chain.joint_count, int(gait.contact[:-1].sum())
-            self.torques = 2 * joints * forces  # at both ends of an interval
-            self.speeds = self.torques + GLANCES * joints * landing_intervals(gait.contact)
+            self.num_torque_rows = 2 * joints * forces  # at both ends of an interval
+            self.num_speed_rows = self.num_torque_rows + NUM_SWING_SAMPLES * joints * count_landing_intervals(
+                gait.contact
+            )
 
-    def begin(self, task: WalkTask) -> None:
+    def set_task(self, task: WalkTask) -> None:
         """The same gait from another start, or with a first interval of another length."""
         self.task = task
 
     @property
-    def count(self) -> int:
+    def max_rows(self) -> int:
         """Rows at most."""
-        return self.torques + self.speeds
+        return self.num_torque_rows + self.num_speed_rows
 
     def bound_torques(self, lower: Array, upper: Array) -> None:
         """What no linearisation changes, into bounds (count,)."""
         if self.task.legs is None:
             return
         _, leg = np.nonzero(self.gait.contact[:-1])
-        most = _TORQUE_IN_HAND * self.task.legs.max_torque[leg]
-        upper[: self.torques] = np.repeat(most[:, None], 2, axis=1).ravel()
-        lower[: self.torques] = -upper[: self.torques]
+        max_torque = _TORQUE_FRACTION * self.task.legs.max_torque[leg]
+        upper[: self.num_torque_rows] = np.repeat(max_torque[:, None], 2, axis=1).ravel()
+        lower[: self.num_torque_rows] = -upper[: self.num_torque_rows]
 
-    def write(
-        self, state: Array, toes: Array, spots: Array, tilt: Array, offset: Array, by: Array,
-        force_unit: float, foot_unit: float, foot_column: int,
-        rows: Array, lower: Array, upper: Array,
-    ) -> int:  # fmt: skip
-        """Rows (count, Z) about a point, and bounds of speeds; how many of them there are.
+    def write_rows(
+        self,
+        motion: SteppingMotion,
+        footholds: FootholdUnknowns,
+        states: AffineStates,
+        force_unit: float,
+        block: RowBlock,
+    ) -> int:
+        """Write rows of torques and of speeds near their limits about a point.
 
-        Of speeds, those that are near their limits. Arguments as of `torque_rows`, `speed_rows`.
+        Args:
+            motion: point of linearisation.
+            footholds: free footholds.
+            states: states by unknowns.
+            force_unit: unit of the force unknowns [N].
+            block: output, (count, Z).
+
+        Returns:
+            The number of rows.
         """
-        task, legs = self.task, self.task.legs
+        legs, first = self.task.legs, self.num_torque_rows
         if legs is None:
             return 0
-        cut = self.torques
-        torque_rows(
-            *_geometry(legs), state, toes, self.gait.contact, force_unit, rows[:cut]
-        )  # fmt: skip
-        return cut + speed_rows(
-            *_geometry(legs), _SPEED_IN_HAND * legs.max_speed, task.steps, task.lift, state, toes,
-            self.gait.contact, self.footing.foothold, spots, tilt, offset, by, foot_unit,
-            foot_column, rows[cut:], lower[cut:], upper[cut:],
-        )  # fmt: skip
+        chains = _build_chains(legs)
+        write_torque_rows(
+            chains, motion.state, motion.toes, motion.contact, force_unit, block.rows[:first]
+        )
+        speeds = RowBlock(block.rows[first:], block.lower[first:], block.upper[first:])
+        max_speed = _SPEED_FRACTION * legs.max_speed
+        return first + write_speed_rows(chains, max_speed, motion, footholds, states, speeds)
 
-    def too_fast(self, state: Array, toes: Array, spots: Array, tilt: Array) -> float:
-        """By what share of its limit a joint is beyond it at the glances of rows; below 0 if none.
+    def build_motion(self, state: Array, toes: Array) -> SteppingMotion:
+        """Return states (N + 1, 12) and toes (N + 1, L, 3) as the gait's motion."""
+        task = self.task
+        return SteppingMotion(state, toes, self.gait.contact, task.steps, task.swing_clearance)
 
-        Arguments as of `speed_rows`.
+    def compute_speed_excess(self, state: Array, toes: Array, spots: Array, tilt: Array) -> float:
+        """Return the largest excess of a joint speed, as a fraction of its limit.
+
+        It is negative if all joints are within their limits at the samples that rows are for.
+
+        Args:
+            state: (N + 1, 12) states.
+            toes: (N + 1, L, 3) world frame [m].
+            spots: (F, 2) free footholds [m].
+            tilt: (F, 2) slope of each foothold's region.
         """
-        task, legs = self.task, self.task.legs
+        legs = self.task.legs
         if legs is None:
             return -1.0
-        count, unknowns = self.speeds, spots.size
-        rows, nothing = np.zeros((count, unknowns)), np.zeros((*state.shape, unknowns))
-        lower, upper = np.zeros(count), np.zeros(count)
-        written = speed_rows(
-            *_geometry(legs), legs.max_speed, task.steps, task.lift, state, toes,
-            self.gait.contact, self.footing.foothold, spots, tilt, state, nothing, 1.0, 0,
-            rows, lower, upper,
-        )  # fmt: skip
-        share = rows[:written] @ spots.ravel() - 0.5 * (lower + upper)[:written]
-        return float(np.abs(share).max(initial=0.0)) - 1.0
+        count, unknowns = self.num_speed_rows, spots.size
+        block = RowBlock(np.zeros((count, unknowns)), np.zeros(count), np.zeros(count))
+        written = write_speed_rows(
+            _build_chains(legs),
+            legs.max_speed,
+            self.build_motion(state, toes),
+            FootholdUnknowns(self.footing.foothold, spots, tilt, 1.0, 0),
+            AffineStates(state, np.zeros((*state.shape, unknowns))),
+            block,
+        )
+        middle = 0.5 * (block.lower + block.upper)[:written]
+        fraction = block.rows[:written] @ spots.ravel() - middle
+        return float(np.abs(fraction).max(initial=0.0)) - 1.0
 
 
-def _geometry(legs: WalkingLegs) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Chains as kernels take them."""
+def _build_chains(legs: WalkingLegs) -> LegChain:
+    """Return the legs' chains as compiled functions take them."""
     chain = legs.chain
-    return (
+    return LegChain(
         chain.joint_zero, chain.axis_zero, chain.slides_zero, chain.drives, chain.toe_zero,
         chain.posture,
     )  # fmt: skip

@@ -86,7 +86,7 @@ class NlpShape:
 def compile_nlp(shape: NlpShape) -> CompiledTrajectory:
     """The program, eqs. (8.14) to (8.25) and (8.30), ready for numbers."""
     walk = WalkNlp(shape)
-    walk.stated.relax(EPSILON)
+    walk.formulation.relax(EPSILON)
     settings = {
         "max_iter": MAX_ITERATIONS,
         "tol": 1e-4,
@@ -97,7 +97,7 @@ def compile_nlp(shape: NlpShape) -> CompiledTrajectory:
         "bound_push": 1e-4,
         "bound_frac": 1e-4,
     }
-    return compile_trajectory(walk.stated, settings, hessian=walk.hessian())
+    return compile_trajectory(walk.formulation, settings, hessian=walk.build_hessian())
 
 
 class WalkNlp:
@@ -106,8 +106,8 @@ class WalkNlp:
     def __init__(self, shape: NlpShape) -> None:
         N = shape.knots
         self.shape = shape
-        self.stated = walk = Trajectory("walk", ca.SX)
-        self.legs = L = len(shape.center) // 3
+        self.formulation = walk = Trajectory("walk", ca.SX)
+        self.num_legs = L = len(shape.center) // 3
         tilt = np.array([np.inf] * 6 + [ANGLE_RANGE] * 2 + [np.inf] * 4)
         limit = np.full(3 * L, shape.force_limit)
         push = np.where(np.arange(3 * L) % 3 == 2, 0.0, -limit)  # legs push
@@ -131,42 +131,42 @@ class WalkNlp:
         self.frame = walk.parameter("frame", 9 * L, N) if shape.sloped else None
         self.side = walk.parameter("side", 3 * shape.sides * L, N) if shape.sides else None
         self.x = [start, *state]
-        self.toes = [toes0, *(self._toes(n) for n in knots)]
+        self.toes = [toes0, *(self._place_toes(n) for n in knots)]
         s, t, f = ca.SX.sym("s", STATE), ca.SX.sym("t", 3 * L), ca.SX.sym("f", 3 * L)
         numbers = (shape.body, shape.step, float(shape.mean))
         self.step = ca.Function(
             "step", [s, t, f], [knot_step(*numbers, s, *sum_contact_wrench(t, f))]
         )
-        self.plain = ca.Function(
+        self.plain_step = ca.Function(
             "plain", [s, t, f], [single_stage_knot_step(*numbers, s, *sum_contact_wrench(t, f))]
         )
         for n in range(N):
-            self._dynamics(n)
+            self._add_dynamics(n)
         for n in range(N):
-            self._forces(n)
+            self._add_force_constraints(n)
         for n in knots:
-            self._feet(n)
-            self._tracking(n)
-        self._goal()
+            self._add_foot_constraints(n)
+            self._add_tracking_cost(n)
+        self._add_goal()
         for n in range(N):
             each = ca.reshape(self.force[n], 3, L)
             apart = 2 * shape.weights[8] * (L * ca.sumsqr(each) - ca.sumsqr(ca.sum2(each)))
             walk.minimise("force_difference", apart)
 
-    def hessian(self) -> ca.Function:
+    def build_hessian(self) -> ca.Function:
         """Second derivatives: those of the plain step, which are IPOPT's ten times cheaper."""
-        stated, N = self.stated, self.shape.knots
+        stated, N = self.formulation, self.shape.knots
         rows, variables = stated.rows, stated.x
         price, weight = ca.SX.sym("price", rows.numel()), ca.SX.sym("weight")
-        steps = (self.plain(self.x[n], self.toes[n], self.force[n]) for n in range(N))
+        steps = (self.plain_step(self.x[n], self.toes[n], self.force[n]) for n in range(N))
         curved = ca.vertcat(*steps, rows[STATE * N :])
         curvature, _ = ca.hessian(weight * stated.cost + ca.dot(price, curved), variables)
         return ca.Function("nlp_hess_l", [variables, stated.p, weight, price], [ca.triu(curvature)])
 
-    def _toes(self, n: int) -> Any:
+    def _place_toes(self, n: int) -> Any:
         """Heights of toes: on the ground, or lifted, eq. (8.23)."""
         c, spot, places = self.contact[n], self.spot[n - 1], []
-        for i in range(self.legs):
+        for i in range(self.num_legs):
             level = self.level[i, n - 1]
             if self.rise is not None:
                 level += ca.dot(self.rise[2 * i : 2 * i + 2, n - 1], spot[2 * i : 2 * i + 2])
@@ -174,14 +174,14 @@ class WalkNlp:
             places += [spot[2 * i], spot[2 * i + 1], z]
         return ca.vertcat(*places)
 
-    def _dynamics(self, n: int) -> None:
+    def _add_dynamics(self, n: int) -> None:
         """Eqs. (8.14) to (8.19)."""
         after = self.step(self.x[n], self.toes[n], self.force[n])
-        self.stated.equal("dynamics", after - self.x[n + 1])
+        self.formulation.equal("dynamics", after - self.x[n + 1])
 
-    def _forces(self, n: int) -> None:
-        walk, shape = self.stated, self.shape
-        for i in range(self.legs):
+    def _add_force_constraints(self, n: int) -> None:
+        walk, shape = self.formulation, self.shape
+        for i in range(self.num_legs):
             fx, fy, fz = (self.force[n][3 * i + k] for k in range(3))
             c = self.contact[n][i]
             # Friction, eq. (8.18), as a pyramid inside the cone: smooth where forces vanish
@@ -198,62 +198,62 @@ class WalkNlp:
             walk.between("force.swing", fz - shape.force_limit * c, upper=0.0, unit="N")
             if shape.friction > 1 or shape.sloped:  # else within the pyramid already
                 for component in (fx, fy):
-                    most = shape.force_limit * c
-                    walk.between("force.swing", component - most, upper=0.0, unit="N")
-                    walk.between("force.swing", component + most, 0.0, unit="N")
+                    max_force = shape.force_limit * c
+                    walk.between("force.swing", component - max_force, upper=0.0, unit="N")
+                    walk.between("force.swing", component + max_force, 0.0, unit="N")
         if shape.least_contacts:
             standing = ca.sum1(self.contact[n])
-            walk.between("gait.contacts", standing, float(shape.least_contacts), float(self.legs))
+            walk.between("gait.contacts", standing, float(shape.least_contacts), float(self.num_legs))
 
-    def _feet(self, n: int) -> None:
-        walk, shape = self.stated, self.shape
-        center, half = np.reshape(shape.center, (self.legs, 3)), np.array(shape.half)
+    def _add_foot_constraints(self, n: int) -> None:
+        walk, shape = self.formulation, self.shape
+        center, half = np.reshape(shape.center, (self.num_legs, 3)), np.array(shape.half)
         R = build_rotation(self.x[n][6:9])
-        for i in range(self.legs):
+        for i in range(self.num_legs):
             toe = self.toes[n][3 * i : 3 * i + 3]
             # Workspace, eqs. (8.20), (8.21)
-            seen = R.T @ (toe - self.x[n][:3])
-            walk.between("workspace.toe", seen, center[i] - half, center[i] + half, "m")
+            in_body = R.T @ (toe - self.x[n][:3])
+            walk.between("workspace.toe", in_body, center[i] - half, center[i] + half, "m")
             if shape.whole_stance:
                 # Where it stood until now, while the body moved on
                 stood = R.T @ (self.toes[n - 1][3 * i : 3 * i + 3] - self.x[n][:3]) - center[i]
                 for beyond in (stood - half, -stood - half):
-                    held = self.contact[n - 1][i] * beyond
-                    walk.between("workspace.whole_stance", held, upper=0.0, unit="m")
+                    violation = self.contact[n - 1][i] * beyond
+                    walk.between("workspace.whole_stance", violation, upper=0.0, unit="m")
             # No slip, eq. (8.22)
             free = _MAX_STRIDE * (2 - self.contact[n][i] - self.contact[n - 1][i])
             for k in range(2):
-                moved = toe[k] - self.toes[n - 1][3 * i + k]
-                walk.between("contact.no_slip", moved - free, upper=0.0, unit="m")
-                walk.between("contact.no_slip", moved + free, 0.0, unit="m")
+                displacement = toe[k] - self.toes[n - 1][3 * i + k]
+                walk.between("contact.no_slip", displacement - free, upper=0.0, unit="m")
+                walk.between("contact.no_slip", displacement + free, 0.0, unit="m")
             # Regions, eqs. (8.24), (8.25), those of the guess
             for k in range(2 if shape.regions > 1 else 0):
                 slack = _MAX_STRIDE * (1 - self.contact[n][i])
-                here = self.spot[n - 1][2 * i + k]
+                position = self.spot[n - 1][2 * i + k]
                 walk.between(
-                    "contact.region", here - self.low[2 * i + k, n - 1] + slack, 0.0, unit="m"
+                    "contact.region", position - self.low[2 * i + k, n - 1] + slack, 0.0, unit="m"
                 )
                 walk.between(
-                    "contact.region", here - self.high[2 * i + k, n - 1] - slack, upper=0.0
+                    "contact.region", position - self.high[2 * i + k, n - 1] - slack, upper=0.0
                 )
 
             for k in range(shape.sides):
                 assert self.side is not None
                 first = 3 * (shape.sides * i + k)
-                a, b, most = (self.side[first + j, n - 1] for j in range(3))
-                past = a * self.spot[n - 1][2 * i] + b * self.spot[n - 1][2 * i + 1] - most
+                a, b, offset = (self.side[first + j, n - 1] for j in range(3))
+                violation_of_side = a * self.spot[n - 1][2 * i] + b * self.spot[n - 1][2 * i + 1] - offset
                 free = _MAX_STRIDE * (1 - self.contact[n][i])
-                walk.between("contact.region", past - free, upper=0.0, unit="m")
+                walk.between("contact.region", violation_of_side - free, upper=0.0, unit="m")
 
-    def _goal(self) -> None:
+    def _add_goal(self) -> None:
         """Where the body has to be at the end."""
         for k in range(2 if self.shape.goal else 0):
             low, high = self.shape.goal[k], self.shape.goal[2 + k]
-            self.stated.between("goal.position", self.x[-1][k], low, high, "m")
+            self.formulation.between("goal.position", self.x[-1][k], low, high, "m")
 
-    def _tracking(self, n: int) -> None:
+    def _add_tracking_cost(self, n: int) -> None:
         """Objective, eq. (8.30)."""
-        walk, x, w = self.stated, self.x, self.shape.weights
+        walk, x, w = self.formulation, self.x, self.shape.weights
         for k in range(3):
             faster = x[n][3 + k] - self.velocity[k, n - 1]
             walk.minimise("tracking", w[k] * faster**2)
@@ -262,7 +262,7 @@ class WalkNlp:
         walk.minimise("motion", w[7] * ca.sumsqr(x[n][:3] - x[n - 1][:3]))
 
 
-def build_parameters(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
+def build_parameters(task: WalkTask, gait: Gait, iterate: Iterate) -> dict[str, Array]:
     """The parameters, in order of statement; regions are those of the gait.
 
     at: a motion of the gait, whose swinging toes say what there is to clear.
@@ -271,10 +271,10 @@ def build_parameters(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array
     spread, (lower, upper, sides) = (task.knots, 2 * task.body.leg_count), ground.footholds
     slope = ground.slope[region]
     level = ground.height[region] - (slope * ground.inner[region]).sum(axis=-1)
-    toes = _toes(task, gait, at)[1:]
-    here = level + (slope * toes[..., :2]).sum(axis=-1)
+    toes = _toes(task, gait, iterate)[1:]
+    ground_height = level + (slope * toes[..., :2]).sum(axis=-1)
     lifted = (
-        np.maximum(ground.compute_clearance_height(gait.region)[1:], here) + task.swing_clearance
+        np.maximum(ground.compute_clearance_height(gait.region)[1:], ground_height) + task.swing_clearance
     )
     numbers = {
         "x0": task.start.state[:, None],
@@ -295,22 +295,22 @@ def build_parameters(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array
     return numbers
 
 
-def _toes(task: WalkTask, gait: Gait, at: Iterate) -> Array:
+def _toes(task: WalkTask, gait: Gait, iterate: Iterate) -> Array:
     """All toes (N + 1, L, 3) of a motion of a gait, lifted above what is on their ways."""
     program = PinnedProgram(task, gait)
-    toes = program.toes(at.state, at.spots)
-    while program.raised(toes):
-        toes = program.toes(at.state, at.spots)
+    toes = program.compute_toes(iterate.state, iterate.spots)
+    while program.raise_swing_heights(toes):
+        toes = program.compute_toes(iterate.state, iterate.spots)
     return toes
 
 
-def build_variables(task: WalkTask, gait: Gait, at: Iterate) -> dict[str, Array]:
+def build_variables(task: WalkTask, gait: Gait, iterate: Iterate) -> dict[str, Array]:
     """The variables of a motion of a gait, in order of statement."""
-    toes = _toes(task, gait, at)
+    toes = _toes(task, gait, iterate)
     knots = range(task.knots)
     return {
-        **{f"state{n + 1}": at.state[n + 1] for n in knots},
-        **{f"force{n}": at.force[n].ravel() for n in knots},
+        **{f"state{n + 1}": iterate.state[n + 1] for n in knots},
+        **{f"force{n}": iterate.force[n].ravel() for n in knots},
         **{f"toe{n + 1}": toes[n + 1, :, :2].ravel() for n in knots},
         **{f"contact{n}": gait.contact[n].astype(float) for n in range(task.knots + 1)},
     }

@@ -18,12 +18,24 @@ from numpy.typing import NDArray
 
 from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.kernels.feet import place_toes, worst_beyond
-from climbplan.walking.kernels.footing import walk_cost
-from climbplan.walking.kernels.knots import knots_rolled
-from climbplan.walking.kernels.qp import assembled, force_cost, in_units
-from climbplan.walking.kernels.ways import swing_heights
-from climbplan.walking.offline.footing import UNKNOWN, Footing, footing_of, toe_heights
+from climbplan.walking.kernels.contact_phases import compute_walk_cost
+from climbplan.walking.kernels.discrete_rollout import roll_out_knots
+from climbplan.walking.kernels.parameters import (
+    AffineStates,
+    FootholdUnknowns,
+    GaitHorizon,
+    LinearisationPoint,
+    QpBuffers,
+    QpLayout,
+    QpObjective,
+    QpProblem,
+    RowBlock,
+    ToePlacement,
+)
+from climbplan.walking.kernels.qp_assembly import assemble_qp, split_unknowns, write_force_cost
+from climbplan.walking.kernels.swept_terrain import compute_swing_heights
+from climbplan.walking.kernels.toe_workspace import compute_reach_violation, place_toes
+from climbplan.walking.offline.footing import UNKNOWN, Footing, build_footing, compute_toe_heights
 from climbplan.walking.offline.joint_rows import JointRows
 from climbplan.walking.task.task import ANGLES, POSITION, STATE, Gait, WalkTask
 
@@ -35,10 +47,10 @@ _SOLVED_SOFTLY = 2
 _UNSOLVED = 0
 _NOT_CONVEX = -5
 _AT_UPPER, _AT_LOWER = 1, 3  # rows that DAQP starts with
-_SOFT = 8  # rows that DAQP may break at a price
-_FAR = 1e30
-_TOO_FAST = 0.1  # [m] of overreach that joints twice as fast as they can be are worth
-_MOST_STEPS = 2000  # DAQP iterations: infeasible QPs end far sooner
+_SOFT_ROW = 8  # rows that DAQP may break at a price
+_INFINITY = 1e30
+_SPEED_EXCESS_LENGTH = 0.1  # [m] of overreach that joints twice as fast as they can be are worth
+_MAX_ITERATIONS = 2000  # DAQP iterations: infeasible QPs end far sooner
 
 
 @dataclass(frozen=True)
@@ -72,108 +84,114 @@ class PinnedProgram:
     def __init__(self, task: WalkTask, gait: Gait, margin: float = 0.0) -> None:
         self.task, self.gait, self.margin = task, gait, margin
         self.start, self.steps = task.start, task.steps
-        self.footing: Footing = footing_of(gait)
-        self.height = toe_heights(task.ground, gait, task.lift)  # of swinging toes: at least
+        self.footing: Footing = build_footing(gait)
+        self.height = compute_toe_heights(
+            task.ground, gait, task.swing_clearance
+        )  # of swinging toes: at least
         ground, region = task.ground, self.footing.region
         self.tilt = ground.slope[region]  # (F, 2) rise of footholds
         self._sloped = bool(ground.slope.any())
         self.base = ground.height[region] - (self.tilt * ground.inner[region]).sum(axis=1)
         contact = gait.contact[:-1]
         self.stand_knot, self.stand_leg = np.nonzero(contact)
-        self.forces = len(self.stand_knot)
-        self.foot_column = 3 * self.forces
-        self.size = self.foot_column + 2 * self.footing.count
-        self.fixed = self.forces * FACETS + self.footing.count * ground.corners.shape[1]
+        self.num_forces = len(self.stand_knot)
+        self.foot_column = 3 * self.num_forces
+        self.num_unknowns = self.foot_column + 2 * self.footing.count
+        self.num_fixed_rows = self.num_forces * FACETS + self.footing.count * ground.corners.shape[1]
         self.force_scale = task.weight / task.body.leg_count
-        self._after = np.empty((task.knots, STATE))
-        self._slopes = np.empty((task.knots, STATE + 6 * task.body.leg_count, STATE))
+        self._next_state = np.empty((task.knots, STATE))
+        self._derivatives = np.empty((task.knots, STATE + 6 * task.body.leg_count, STATE))
         self._columns = 3 * np.concatenate([[0], np.cumsum(contact.sum(axis=1))])  # by knot
         weights, reference = task.weights, task.reference
         self._weight = np.concatenate([[weights.height], weights.velocity, weights.angles])
-        self._wanted = np.concatenate(
+        self._reference = np.concatenate(
             [reference.height[:, None], reference.velocity, reference.euler], axis=1
         )
         self.joints = JointRows(task, gait, self.footing)
-        self._force_hessian = self._force_cost()
-        self._qp = self._empty_qp()
+        self._force_hessian = self._build_force_hessian()
+        self._qp = self._allocate_qp()
         self._scale: Array | None = None  # units of unknowns where rounding asks for them
-        self._active: Array | None = None  # multipliers of the QP before: where to start
-        self.spent = 0  # DAQP iterations of the last step
-        self.softly = False  # its answer leaves the workspace where nothing else was possible
+        self._multipliers: Array | None = None  # multipliers of the QP before: where to start
+        self.num_iterations = 0  # DAQP iterations of the last step
+        self.is_elastic = False  # its answer leaves the workspace where nothing else was possible
 
-    def begin(self, task: WalkTask) -> None:
+    def restart(self, task: WalkTask) -> None:
         """The same gait from another start; a first guess of what will be active is kept."""
         self.start, self.steps = task.start, task.steps
-        self.joints.begin(task)
-        if task.ground.rough:  # raised for the one before
-            self.height = toe_heights(task.ground, self.gait, task.lift)
+        self.joints.set_task(task)
+        if task.ground.is_rough:  # raised for the one before
+            self.height = compute_toe_heights(task.ground, self.gait, task.swing_clearance)
         reference = task.reference
-        self._wanted[:, 0] = reference.height
+        self._reference[:, 0] = reference.height
 
-    def split(self, z: Array) -> tuple[Array, Array]:
+    @property
+    def horizon(self) -> GaitHorizon:
+        """The gait's horizon as compiled functions take it."""
+        task = self.task
+        use_mean = task.integrator == "mean"
+        return GaitHorizon(
+            self.steps, use_mean, self.gait.contact, self.start.state, task.workspace_over_stance
+        )
+
+    @property
+    def placement(self) -> ToePlacement:
+        """What decides where toes are, as compiled functions take it."""
+        return ToePlacement(
+            self.task.body.toe_workspace,
+            self.footing.foothold,
+            self.height,
+            self.start.toes,
+            self.base,
+            self.tilt,
+        )
+
+    def split_solution(self, z: Array) -> tuple[Array, Array]:
         """Forces (N, L, 3) [N] and free footholds (F, 2) [m] of the unknowns."""
-        force, spots = in_units(
+        force, spots = split_unknowns(
             np.ascontiguousarray(z), self.gait.contact, self.force_scale, FOOT_SCALE
         )
         return force, spots
 
-    def toes(self, state: Array, spots: Array) -> Array:
+    def compute_toes(self, state: Array, spots: Array) -> Array:
         """All toes (N + 1, L, 3)."""
-        body = self.task.body
         self.find_heights(state)
-        toes: Array = place_toes(
-            body.toe_center,
-            body.toe_half,
-            self.footing.foothold,
-            state,
-            self.height,
-            self.start.toes,
-            spots,
-            self.base,
-            self.tilt,
-        )
+        toes: Array = place_toes(self.placement, state, spots)
         return toes
 
     def find_heights(self, state: Array) -> None:
         """Heights that are not known yet: of the ground under the middles of toes' boxes."""
         if not self._sloped:
             return
-        unknown = self.height == UNKNOWN
-        if not unknown.any():
+        is_unknown = self.height == UNKNOWN
+        if not is_unknown.any():
             return
         body, ground = self.task.body, self.task.ground
-        under = np.stack(
+        centers = np.stack(
             [x[POSITION] + body.toe_center @ rotation_world_body(x[ANGLES]).T for x in state]
         )[..., :2]
-        level = ground.level_at(ground.nearest(under), under)
-        self.height = np.where(unknown, level, self.height)
+        level = ground.compute_height(ground.nearest(centers), centers)
+        self.height = np.where(is_unknown, level, self.height)
 
-    def raised(self, toes: Array) -> bool:
+    def raise_swing_heights(self, toes: Array) -> bool:
         """Lift swinging toes (N + 1, L, 3) above what is beneath their ways; False if they are.
 
         Heights only grow, so that linearisations come to an end.
         """
         task, ground = self.task, self.task.ground
-        if not ground.rough:
+        if not ground.is_rough:
             return False
         gait = self.gait
-        clear = swing_heights(
-            toes, gait.contact, gait.region, ground.lower, ground.upper, ground.sides,
-            ground.height, ground.slope, ground.inner,
-        )  # fmt: skip
-        wanted = np.where(gait.contact, self.height, clear + task.lift)
-        higher = bool((wanted > self.height + 1e-9).any())
-        self.height = np.maximum(self.height, wanted)
-        return higher
+        clear = compute_swing_heights(toes, gait.contact, gait.region, ground.region_arrays)
+        required = np.where(gait.contact, self.height, clear + task.swing_clearance)
+        is_higher = bool((required > self.height + 1e-9).any())
+        self.height = np.maximum(self.height, required)
+        return is_higher
 
-    def rolled(self, toes: Array, force: Array) -> Array:
+    def roll_out(self, toes: Array, force: Array) -> Array:
         """States (N + 1, 12) that forces (N, L, 3) at toes (N + 1, L, 3) bring about."""
         task, body = self.task, self.task.body
-        states: Array = knots_rolled(
-            body.mass,
-            body.gravity,
-            body.inertia,
-            body.inverse,
+        states: Array = roll_out_knots(
+            body.parameters,
             self.steps,
             task.integrator == "mean",
             self.start.state,
@@ -182,101 +200,80 @@ class PinnedProgram:
         )
         return states
 
-    def reach(self, state: Array, toes: Array) -> float:
+    def compute_violation(self, state: Array, toes: Array) -> float:
         """How far toes leave their boxes at knots 1 to N, and standing ones at 0 [m].
 
         Or the body misses its goal, or joints are too fast, if that is more.
         """
-        body, whole = self.task.body, self.task.whole_stance
+        body, over_stance = self.task.body, self.task.workspace_over_stance
         contact = self.gait.contact
-        worst = float(worst_beyond(body.toe_center, body.toe_half, whole, contact, state, toes))
-        worst = max(worst, float(self.task.goal.missed(state[-1, :2])))
+        violation = float(compute_reach_violation(body.toe_workspace, over_stance, contact, state, toes))
+        violation = max(violation, float(self.task.goal.compute_violation(state[-1, :2])))
         spots = toes[self.footing.first, self.footing.leg, :2]
-        return max(worst, _TOO_FAST * self.joints.too_fast(state, toes, spots, self.tilt))
+        return max(violation, _SPEED_EXCESS_LENGTH * self.joints.compute_speed_excess(state, toes, spots, self.tilt))
 
-    def cost(self, state: Array, force: Array) -> float:
+    def compute_cost(self, state: Array, force: Array) -> float:
         """The objective, eq. (8.30), of states (N + 1, 12) and forces (>= N, L, 3)."""
         weights = self.task.weights
         difference = weights.force_difference
         return float(
-            walk_cost(state, force, self._wanted, self._weight, weights.motion, difference)
+            compute_walk_cost(state, force, self._reference, self._weight, weights.motion, difference)
         )
 
-    def qp(self, at: Iterate) -> PinnedQp:
+    def build_qp(self, iterate: Iterate) -> PinnedQp:
         """The QP of the linearisation about an iterate."""
         task, qp = self.task, self._qp
-        body, weights, foothold = task.body, task.weights, self.footing.foothold
-        contact = self.gait.contact
-        toes = self.toes(at.state, at.spots)
-        if self.raised(toes):
-            toes = self.toes(at.state, at.spots)
-        first = self.fixed
-        rows = qp.rows[first:]
-        low, high = qp.lower[self.size + first :], qp.upper[self.size + first :]
-        count = assembled(
-            body.mass,
-            body.gravity,
-            body.inertia,
-            body.inverse,
-            self.steps,
-            task.integrator == "mean",
-            body.toe_center,
-            body.toe_half,
-            self.margin,
-            task.whole_stance,
-            contact,
-            foothold,
-            self.tilt,
-            self.height,
-            self.start.state,
-            at.state,
-            at.force,
-            at.spots,
-            toes,
-            self._wanted,
-            self._weight,
-            weights.motion,
-            self._force_hessian,
-            _RIDGE,
-            self._columns,
-            self.force_scale,
-            FOOT_SCALE,
-            self.foot_column,
-            self._after,
-            self._slopes,
-            qp.offset,
-            qp.sensitivity,
-            qp.hessian,
-            qp.gradient,
-            rows,
-            low,
-            high,
+        weights, foothold = task.weights, self.footing.foothold
+        toes = self.compute_toes(iterate.state, iterate.spots)
+        if self.raise_swing_heights(toes):
+            toes = self.compute_toes(iterate.state, iterate.spots)
+        first_row = self.num_fixed_rows
+        rows = qp.rows[first_row:]
+        low, high = qp.lower[self.num_unknowns + first_row :], qp.upper[self.num_unknowns + first_row :]
+        problem = QpProblem(
+            body=task.body.parameters,
+            horizon=self.horizon,
+            placement=self.placement,
+            objective=QpObjective(
+                self._reference, self._weight, weights.motion, self._force_hessian, _RIDGE
+            ),
+            layout=QpLayout(
+                self._columns, self.force_scale, FOOT_SCALE, self.foot_column, self.margin
+            ),
         )
-        if task.goal.stated:  # of the centre of mass at the last knot
+        point = LinearisationPoint(iterate.state, iterate.force, iterate.spots)
+        states = AffineStates(qp.offset, qp.sensitivity)
+        block = RowBlock(rows, low, high)
+        buffers = QpBuffers(self._next_state, self._derivatives, states, qp.hessian, qp.gradient, block)
+        count = assemble_qp(problem, point, toes, buffers)
+        if task.goal.is_set:  # of the centre of mass at the last knot
             rows[count:] = qp.sensitivity[-1, :2]
             low[count:] = task.goal.lower - qp.offset[-1, :2]
             high[count:] = task.goal.upper - qp.offset[-1, :2]
-        motors = slice(self.motors, None)
-        limits = slice(self.size + self.motors, None)
-        written = self.joints.write(
-            at.state, toes, at.spots, self.tilt, qp.offset, qp.sensitivity,
-            self.force_scale, FOOT_SCALE, self.foot_column,
-            qp.rows[motors], qp.lower[limits], qp.upper[limits],
-        )  # fmt: skip
-        used = self.motors + written
-        if used == len(qp.rows):
+        joint_rows = slice(self.first_joint_row, None)
+        joint_limits = slice(self.num_unknowns + self.first_joint_row, None)
+        footholds = FootholdUnknowns(foothold, iterate.spots, self.tilt, FOOT_SCALE, self.foot_column)
+        num_joint_rows = self.joints.write_rows(
+            self.joints.build_motion(iterate.state, toes),
+            footholds,
+            states,
+            self.force_scale,
+            RowBlock(qp.rows[joint_rows], qp.lower[joint_limits], qp.upper[joint_limits]),
+        )
+        num_rows = self.first_joint_row + num_joint_rows
+        if num_rows == len(qp.rows):
             return qp
         return replace(
-            qp, rows=qp.rows[:used], lower=qp.lower[: self.size + used],
-            upper=qp.upper[: self.size + used],
+            qp, rows=qp.rows[:num_rows], lower=qp.lower[: self.num_unknowns + num_rows],
+            upper=qp.upper[: self.num_unknowns + num_rows],
         )  # fmt: skip
 
-    def step(
+    def solve_qp(
         self,
-        at: Iterate,
+        iterate: Iterate,
         elastic: bool = False,
         soft: bool = False,
-        most: int = _MOST_STEPS,
+        max_iterations: int = _MAX_ITERATIONS,
         any_speed: bool = False,
     ) -> Iterate | None:
         """The optimum of that QP; None if it has none.
@@ -285,124 +282,124 @@ class PinnedProgram:
         that at once; any_speed: if it has none, the one for motors of any speed. most: DAQP
         iterations, with any_speed twice. `spent` and `softly` tell how it went.
         """
-        self.spent, self.softly = 0, False
-        qp = self.qp(at)
+        self.num_iterations, self.is_elastic = 0, False
+        qp = self.build_qp(iterate)
         if (qp.lower > qp.upper).any():
             return None
-        if self.size == 0:  # no leg ever stands
-            return self.iterate(qp, np.zeros(0))
+        if self.num_unknowns == 0:  # no leg ever stands
+            return self.build_iterate(qp, np.zeros(0))
         flag = 0
         if not soft:
-            z, flag = self._minimised(qp, self._active, most)
-            if flag != _SOLVED and self._active is not None:
-                z, flag = self._minimised(qp, None, most - self.spent)
-        if flag != _SOLVED and any_speed and self.joints.count:
-            used, most = self.motors + self.joints.torques, most + self.spent
+            z, flag = self._minimise(qp, self._multipliers, max_iterations)
+            if flag != _SOLVED and self._multipliers is not None:
+                z, flag = self._minimise(qp, None, max_iterations - self.num_iterations)
+        if flag != _SOLVED and any_speed and self.joints.max_rows:
+            num_rows, max_iterations = self.first_joint_row + self.joints.num_torque_rows, max_iterations + self.num_iterations
             qp = replace(
-                qp, rows=qp.rows[:used], lower=qp.lower[: self.size + used],
-                upper=qp.upper[: self.size + used],
+                qp, rows=qp.rows[:num_rows], lower=qp.lower[: self.num_unknowns + num_rows],
+                upper=qp.upper[: self.num_unknowns + num_rows],
             )  # fmt: skip
-            z, flag = self._minimised(qp, None, most - self.spent)
-        if flag != _SOLVED and (elastic or soft) and self.spent < most:
-            z, flag = self._minimised(qp, None, most - self.spent, _SOFT)
-            self.softly = flag == _SOLVED
+            z, flag = self._minimise(qp, None, max_iterations - self.num_iterations)
+        if flag != _SOLVED and (elastic or soft) and self.num_iterations < max_iterations:
+            z, flag = self._minimise(qp, None, max_iterations - self.num_iterations, _SOFT_ROW)
+            self.is_elastic = flag == _SOLVED
         if flag != _SOLVED:
             return None
-        return self.iterate(qp, z)
+        return self.build_iterate(qp, z)
 
-    def _minimised(
-        self, qp: PinnedQp, multipliers: Array | None, most: int, reach: int = 0
+    def _minimise(
+        self, qp: PinnedQp, multipliers: Array | None, max_iterations: int, workspace_sense: int = 0
     ) -> tuple[Array, int]:
         """DAQP's answer and flag, from an active set if multipliers are given.
 
         reach: how DAQP is to take the rows of the workspace.
         """
         sense = np.zeros(len(qp.lower), np.int32)
-        if reach:
-            sense[self.size + self.fixed : self.size + self.motors] = reach
+        if workspace_sense:
+            sense[self.num_unknowns + self.num_fixed_rows : self.num_unknowns + self.first_joint_row] = workspace_sense
         if multipliers is not None:
             # Which speeds have rows differs from one linearisation to the next
-            before = multipliers[: self.size + self.motors + self.joints.torques]
-            sense[: len(before)][before > 0] = _AT_UPPER
-            sense[: len(before)][before < 0] = _AT_LOWER
-        z, flag, info = _daqp(qp, self._scale, sense, most)
+            last_multipliers = multipliers[: self.num_unknowns + self.first_joint_row + self.joints.num_torque_rows]
+            sense[: len(last_multipliers)][last_multipliers > 0] = _AT_UPPER
+            sense[: len(last_multipliers)][last_multipliers < 0] = _AT_LOWER
+        z, flag, info = _solve_daqp(qp, self._scale, sense, max_iterations)
         if flag == _NOT_CONVEX and self._scale is None:
             # Over long horizons early forces weigh a million times what footholds do: in units of
             # their own curvature rounding leaves the Hessian what it is.
             self._scale = 1.0 / np.sqrt(np.diag(qp.hessian))
-            z, flag, info = _daqp(qp, self._scale, sense, most)
-        self.spent += int(info["iterations"])
+            z, flag, info = _solve_daqp(qp, self._scale, sense, max_iterations)
+        self.num_iterations += int(info["iterations"])
         # Of QPs whose soft rows contradict others DAQP may say that it solved them, without numbers
-        solved = flag in (_SOLVED, _SOLVED_SOFTLY) and bool(np.isfinite(z).all())
-        self._active = info["lam"] if solved and flag == _SOLVED and reach == 0 else None
-        return z, _SOLVED if solved else min(flag, _UNSOLVED)
+        is_solved = flag in (_SOLVED, _SOLVED_SOFTLY) and bool(np.isfinite(z).all())
+        self._multipliers = info["lam"] if is_solved and flag == _SOLVED and workspace_sense == 0 else None
+        return z, _SOLVED if is_solved else min(flag, _UNSOLVED)
 
-    def iterate(self, qp: PinnedQp, z: Array) -> Iterate:
+    def build_iterate(self, qp: PinnedQp, z: Array) -> Iterate:
         """The point that unknowns stand for, its states as the QP predicts them."""
-        force, spots = self.split(z)
+        force, spots = self.split_solution(z)
         return Iterate(qp.offset + qp.sensitivity @ z, force, spots)
 
-    def _empty_qp(self) -> PinnedQp:
+    def _allocate_qp(self) -> PinnedQp:
         """Arrays of the QP with what no linearisation changes: friction and bounds."""
         knots, contact = self.task.knots, self.gait.contact
-        standing, lifted = contact[1:].sum(), (~contact[1:]).sum()
-        leaving = (contact[:-1] & ~contact[1:]).sum() if self.task.whole_stance else 0
-        friction = self.forces * FACETS
-        goal = 2 * int(self.task.goal.stated)
-        moving = 3 * int(standing + leaving) + 2 * int(lifted) + goal
-        self.motors = self.fixed + moving  # first row of joints
-        rows = np.zeros((self.motors + self.joints.count, self.size))
+        num_standing, num_lifted = contact[1:].sum(), (~contact[1:]).sum()
+        num_leaving = (contact[:-1] & ~contact[1:]).sum() if self.task.workspace_over_stance else 0
+        num_friction_rows = self.num_forces * FACETS
+        num_goal_rows = 2 * int(self.task.goal.is_set)
+        num_moving_rows = 3 * int(num_standing + num_leaving) + 2 * int(num_lifted) + num_goal_rows
+        self.first_joint_row = self.num_fixed_rows + num_moving_rows  # first row of joints
+        rows = np.zeros((self.first_joint_row + self.joints.max_rows, self.num_unknowns))
         # Friction, eq. (8.18), as a pyramid inside the cone about each region's normal
-        each = np.arange(self.forces)
-        blocks = rows[:friction, : self.foot_column].reshape(self.forces, FACETS, self.forces, 3)
-        stood = self.gait.region[self.stand_knot, self.stand_leg]
-        blocks[each, :, each] = _facets(self.task.ground.friction) @ self.task.ground.frame[stood]
+        force_index = np.arange(self.num_forces)
+        blocks = rows[:num_friction_rows, : self.foot_column].reshape(self.num_forces, FACETS, self.num_forces, 3)
+        region_of_force = self.gait.region[self.stand_knot, self.stand_leg]
+        blocks[force_index, :, force_index] = _build_facets(self.task.ground.friction) @ self.task.ground.frame[region_of_force]
         # Force limits, eq. (8.23), and regions, eq. (8.24)
-        most = self.task.body.force_limit / self.force_scale
+        max_force = self.task.body.force_limit / self.force_scale
         ground, region = self.task.ground, self.footing.region
-        lower, upper = np.empty(self.size + len(rows)), np.empty(self.size + len(rows))
-        lower[: self.foot_column] = np.tile([-most, -most, 0.0], self.forces)
-        upper[: self.foot_column] = most
-        least, largest, inside = ground.footholds
-        lower[self.foot_column : self.size] = (least[region] / FOOT_SCALE).ravel()
-        upper[self.foot_column : self.size] = (largest[region] / FOOT_SCALE).ravel()
-        lower[self.size :], upper[self.size :] = -_FAR, 0.0
-        motors = slice(self.size + self.motors, None)
-        self.joints.bound_torques(lower[motors], upper[motors])
+        lower, upper = np.empty(self.num_unknowns + len(rows)), np.empty(self.num_unknowns + len(rows))
+        lower[: self.foot_column] = np.tile([-max_force, -max_force, 0.0], self.num_forces)
+        upper[: self.foot_column] = max_force
+        region_lower, region_upper, region_sides = ground.footholds
+        lower[self.foot_column : self.num_unknowns] = (region_lower[region] / FOOT_SCALE).ravel()
+        upper[self.foot_column : self.num_unknowns] = (region_upper[region] / FOOT_SCALE).ravel()
+        lower[self.num_unknowns :], upper[self.num_unknowns :] = -_INFINITY, 0.0
+        joint_rows = slice(self.num_unknowns + self.first_joint_row, None)
+        self.joints.bound_torques(lower[joint_rows], upper[joint_rows])
         sides = ground.corners.shape[1]
         for k in range(self.footing.count if sides else 0):
-            first, column = friction + k * sides, self.foot_column + 2 * k
-            rows[first : first + sides, column : column + 2] = inside[region[k], :, :2]
-            beyond = slice(self.size + first, self.size + first + sides)
-            upper[beyond] = inside[region[k], :, 2] / FOOT_SCALE
+            first, column = num_friction_rows + k * sides, self.foot_column + 2 * k
+            rows[first : first + sides, column : column + 2] = region_sides[region[k], :, :2]
+            side_rows = slice(self.num_unknowns + first, self.num_unknowns + first + sides)
+            upper[side_rows] = region_sides[region[k], :, 2] / FOOT_SCALE
         return PinnedQp(
-            np.zeros((self.size, self.size)),
-            np.zeros(self.size),
+            np.zeros((self.num_unknowns, self.num_unknowns)),
+            np.zeros(self.num_unknowns),
             lower,
             upper,
             rows,
             np.zeros((knots + 1, STATE)),
-            np.zeros((knots + 1, STATE, self.size)),
+            np.zeros((knots + 1, STATE, self.num_unknowns)),
         )
 
-    def _force_cost(self) -> Array:
+    def _build_force_hessian(self) -> Array:
         """Sum over ordered pairs of || f_s - f_t ||^2 = 2 (L sum f^2 - (sum f)^2) at each knot."""
-        hessian = np.zeros((self.size, self.size))
+        hessian = np.zeros((self.num_unknowns, self.num_unknowns))
         factor = 4.0 * self.task.weights.force_difference * self.force_scale**2
-        force_cost(self.stand_knot, self.task.body.leg_count, factor, hessian)
+        write_force_cost(self.stand_knot, self.task.body.leg_count, factor, hessian)
         return hessian
 
 
 @cache
-def _facets(friction: float) -> Array:
+def _build_facets(friction: float) -> Array:
     """(FACETS, 3) rows of a pyramid inside a friction cone about z."""
     angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
     slope = friction * np.cos(np.pi / FACETS)
     return np.column_stack([np.cos(angle), np.sin(angle), np.full(FACETS, -slope)])
 
 
-def _daqp(
-    qp: PinnedQp, unit: Array | None, sense: NDArray[np.int32], most: int
+def _solve_daqp(
+    qp: PinnedQp, unit: Array | None, sense: NDArray[np.int32], max_iterations: int
 ) -> tuple[Array, int, Mapping[str, Any]]:
     """DAQP's answer, flag and facts; unit (Z,): of unknowns, 1 if None."""
     rows, hessian, gradient, upper, lower = qp.rows, qp.hessian, qp.gradient, qp.upper, qp.lower
@@ -419,7 +416,7 @@ def _daqp(
         lower,
         sense,
         primal_tol=1e-8,
-        iter_limit=max(most, 1),
+        iter_limit=max(max_iterations, 1),
         eps_prox=0.0,
     )
     if unit is not None and np.isfinite(z).all():

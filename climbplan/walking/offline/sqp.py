@@ -8,14 +8,14 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.offline.footing import footing_of
+from climbplan.walking.offline.footing import build_footing
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.task.task import POSITION, STATE, VELOCITY, Gait, WalkTask, WalkTrajectory
 
-AGREEMENT = 1e-7  # largest change of a state that ends the iterations
-ROUGHLY = 1e-4  # and that, where gaits are only compared
-_LEAST_SHARE = 0.15  # of a step
-_WILD = 1e3  # states beyond are no motion of a robot
+CONVERGENCE_TOLERANCE = 1e-7  # largest change of a state that ends the iterations
+COARSE_TOLERANCE = 1e-4  # and that, where gaits are only compared
+_MIN_STEP = 0.15  # of a step
+_MAX_STATE = 1e3  # states beyond are no motion of a robot
 
 
 @dataclass(frozen=True)
@@ -24,15 +24,15 @@ class GaitAnswer:
 
     trajectory: WalkTrajectory | None  # None if a QP had no solution, or the rollout is wild
     objective: float
-    reach: float  # [m] how far a toe leaves its box on the rollout, <= 0 if none does
+    reach_violation: float  # [m] how far a toe leaves its box on the rollout, <= 0 if none does
     iterations: int
-    agreed: bool  # the last QP moved nothing
+    has_converged: bool  # the last QP moved nothing
     predicted: float = np.inf  # objective of the states that the last QP predicts
 
     @property
-    def holds(self) -> bool:
+    def is_feasible(self) -> bool:
         """The trajectory is one, up to `REACH_SLACK`."""
-        return self.trajectory is not None and self.reach <= REACH_SLACK
+        return self.trajectory is not None and self.reach_violation <= REACH_SLACK
 
 
 REACH_SLACK = 1e-5  # [m]
@@ -44,7 +44,7 @@ def solve_gait(
     start: Iterate | None = None,
     iterations: int = 12,
     margin: float = 0.0,
-    agreement: float = AGREEMENT,
+    agreement: float = CONVERGENCE_TOLERANCE,
     elastic: bool = True,
     ceiling: float = np.inf,
 ) -> GaitAnswer:
@@ -55,91 +55,91 @@ def solve_gait(
     higher objective.
     """
     program = PinnedProgram(task, gait, margin)
-    at = start if start is not None else guess(task, gait)
-    agreed, done, share, before = False, 0, 1.0, np.inf
-    for done in range(1, iterations + 1):
-        found = program.step(at, elastic, any_speed=elastic)
-        if found is None or not np.abs(found.state).max() < _WILD:
-            return GaitAnswer(None, np.inf, np.inf, done, False)
-        moved = float(np.abs(found.state - at.state).max())
+    iterate = start if start is not None else guess_iterate(task, gait)
+    has_converged, num_iterations, step_size, last_change = False, 0, 1.0, np.inf
+    for num_iterations in range(1, iterations + 1):
+        solution = program.solve_qp(iterate, elastic, any_speed=elastic)
+        if solution is None or not np.abs(solution.state).max() < _MAX_STATE:
+            return GaitAnswer(None, np.inf, np.inf, num_iterations, False)
+        change = float(np.abs(solution.state - iterate.state).max())
         # Steps that do not become smaller overshoot: the QP knows no curvature of the dynamics.
-        share = max(share / 2, _LEAST_SHARE) if moved > 0.8 * before else min(1.0, 1.4 * share)
-        before = moved
-        if moved < agreement:
-            agreed, at = True, found
+        step_size = max(step_size / 2, _MIN_STEP) if change > 0.8 * last_change else min(1.0, 1.4 * step_size)
+        last_change = change
+        if change < agreement:
+            has_converged, iterate = True, solution
             break
-        at = between(at, found, share)
-        if program.cost(found.state, found.force) > ceiling:
+        iterate = interpolate_iterates(iterate, solution, step_size)
+        if program.compute_cost(solution.state, solution.force) > ceiling:
             break
-    trajectory = rolled_out(program, at)
-    if not np.abs(trajectory.state).max() < _WILD:
-        return GaitAnswer(None, np.inf, np.inf, done, False)
-    reach = program.reach(trajectory.state, trajectory.toes)
-    cost = program.cost(trajectory.state, trajectory.force)
-    predicted = program.cost(at.state, trajectory.force)
-    return GaitAnswer(trajectory, cost, reach, done, agreed, predicted)
+    trajectory = roll_out(program, iterate)
+    if not np.abs(trajectory.state).max() < _MAX_STATE:
+        return GaitAnswer(None, np.inf, np.inf, num_iterations, False)
+    violation = program.compute_violation(trajectory.state, trajectory.toes)
+    cost = program.compute_cost(trajectory.state, trajectory.force)
+    predicted = program.compute_cost(iterate.state, trajectory.force)
+    return GaitAnswer(trajectory, cost, violation, num_iterations, has_converged, predicted)
 
 
-def between(one: Iterate, other: Iterate, share: float) -> Iterate:
+def interpolate_iterates(first: Iterate, second: Iterate, fraction: float) -> Iterate:
     """So far on the way from one iterate to another."""
-    if share == 1.0:
-        return other
+    if fraction == 1.0:
+        return second
     return Iterate(
-        one.state + share * (other.state - one.state),
-        one.force + share * (other.force - one.force),
-        one.spots + share * (other.spots - one.spots),
+        first.state + fraction * (second.state - first.state),
+        first.force + fraction * (second.force - first.force),
+        first.spots + fraction * (second.spots - first.spots),
     )
 
 
-def rolled_out(program: PinnedProgram, at: Iterate) -> WalkTrajectory:
+def roll_out(program: PinnedProgram, iterate: Iterate) -> WalkTrajectory:
     """The trajectory that the forces and footholds of an iterate bring about."""
-    toes = program.toes(at.state, at.spots)
-    state = program.rolled(toes, at.force)
-    toes = program.toes(state, at.spots)  # swinging ones follow the body
-    while program.raised(toes):
-        toes = program.toes(state, at.spots)
-    force = np.concatenate([at.force, np.zeros_like(at.force[:1])])
+    toes = program.compute_toes(iterate.state, iterate.spots)
+    state = program.roll_out(toes, iterate.force)
+    toes = program.compute_toes(state, iterate.spots)  # swinging ones follow the body
+    while program.raise_swing_heights(toes):
+        toes = program.compute_toes(state, iterate.spots)
+    force = np.concatenate([iterate.force, np.zeros_like(iterate.force[:1])])
     return WalkTrajectory(state, toes, force, program.gait)
 
 
-def guess(task: WalkTask, gait: Gait) -> Iterate:
+def guess_iterate(task: WalkTask, gait: Gait) -> Iterate:
     """A smooth change of velocity and angles to the reference, feet under the body."""
-    state = guessed_states(task)
+    state = guess_states(task)
     standing = gait.contact[:-1]
     count = np.maximum(standing.sum(axis=1), 1)
-    push = np.diff(state[:, VELOCITY], axis=0) / task.step
+    push = np.diff(state[:, VELOCITY], axis=0) / task.dt
     push[:, 2] = task.body.gravity
-    share = task.body.mass * push / count[:, None]
-    force = np.where(standing[..., None], share[:, None, :], 0.0)
-    footing = footing_of(gait)
+    force_per_leg = task.body.mass * push / count[:, None]
+    force = np.where(standing[..., None], force_per_leg[:, None, :], 0.0)
+    footing = build_footing(gait)
     spots = np.zeros((footing.count, 2))
     for k in range(footing.count):
-        during = state[footing.first[k] : footing.last[k] + 1]
-        R = rotation_world_body(during[:, 6:9])
-        under = during[:, POSITION] + R @ task.body.toe_center[footing.leg[k]]
-        spots[k] = under[:, :2].mean(axis=0)
-    spots = task.ground.into(footing.region, spots)
+        stance = state[footing.first[k] : footing.last[k] + 1]
+        R = rotation_world_body(stance[:, 6:9])
+        centers = stance[:, POSITION] + R @ task.body.toe_center[footing.leg[k]]
+        spots[k] = centers[:, :2].mean(axis=0)
+    spots = task.ground.project(footing.region, spots)
     return Iterate(state, force, spots)
 
 
-def guessed_states(task: WalkTask) -> Array:
+def guess_states(task: WalkTask) -> Array:
     """States (N + 1, 12) that change velocity and angles evenly over the first half."""
     knots = task.knots
     state = np.zeros((knots + 1, STATE))
     state[0] = task.start.state
-    share = np.minimum(np.arange(1, knots + 1) / max(knots / 2, 1.0), 1.0)[:, None]
-    now, reference = task.start.state, task.reference
-    state[1:, VELOCITY] = now[VELOCITY] + share * (reference.velocity - now[VELOCITY])
-    state[1:, 6:9] = now[6:9] + share * (reference.euler - now[6:9])
-    steps = task.step * 0.5 * (state[:-1, VELOCITY] + state[1:, VELOCITY])
-    state[1:, POSITION] = now[POSITION] + np.cumsum(steps, axis=0)
+    fraction = np.minimum(np.arange(1, knots + 1) / max(knots / 2, 1.0), 1.0)[:, None]
+    start, reference = task.start.state, task.reference
+    state[1:, VELOCITY] = start[VELOCITY] + fraction * (reference.velocity - start[VELOCITY])
+    state[1:, 6:9] = start[6:9] + fraction * (reference.euler - start[6:9])
+    steps = task.dt * 0.5 * (state[:-1, VELOCITY] + state[1:, VELOCITY])
+    state[1:, POSITION] = start[POSITION] + np.cumsum(steps, axis=0)
     state[1:, 2] = reference.height
     state[:, 5] = 0.0
-    state[0] = now
+    state[0] = start
     return state
 
 
-def iterate_of(trajectory: WalkTrajectory, gait: Gait) -> Iterate:
+def build_iterate(trajectory: WalkTrajectory, gait: Gait) -> Iterate:
     """A start for another gait from a trajectory: its states, its forces where both stand.
 
     A leg that stands in `gait` only takes the mean force of that knot's legs and a foothold where
@@ -149,7 +149,7 @@ def iterate_of(trajectory: WalkTrajectory, gait: Gait) -> Iterate:
     mean = trajectory.force[:-1].sum(axis=1) / np.maximum(old.sum(axis=1), 1)[:, None]
     force = np.where(old[..., None], trajectory.force[:-1], mean[:, None, :])
     force = np.where(new[..., None], force, 0.0)
-    footing = footing_of(gait)
+    footing = build_footing(gait)
     middle = (footing.first + footing.last) // 2
     stood = trajectory.gait.contact[footing.first, footing.leg]
     knot = np.where(stood, footing.first, middle)

@@ -1,12 +1,10 @@
 """State estimation from IMU, encoders and contacts by an extended Kalman filter (EKF).
 
 The state is that of Bloesch et al. (2012): orientation, velocity and position of the body,
-positions
-of the standing feet, and biases of gyroscope and accelerometer. Errors are the right-invariant
-ones
-of Hartley et al. (2018). Unobservable directions (position and heading in the world) therefore
-stay
-unobservable after linearisation. With X the true and X^ the estimated pose, exp(xi) = X^ X^-1:
+positions of the standing feet, and biases of gyroscope and accelerometer. Errors are the
+right-invariant ones of Hartley et al. (2018). Unobservable directions (position and heading in the
+world) therefore stay unobservable after linearisation. With X the true and X^ the estimated pose,
+exp(xi) = X^ X^-1:
 
     R^ R' = exp(xi_R),  v^ - R^ R' v = xi_v,  p^ - R^ R' p = xi_p,  d^ - R^ R' d = xi_d,
 
@@ -90,8 +88,7 @@ class ContactAidedEkf:
     """A right-invariant EKF: `predict` with each IMU sample, `update` with encoders and contacts.
 
     Feet whose innovation fails a chi-square test have slipped: their positions are initialised
-    again
-    instead of being used.
+    again instead of being used.
     """
 
     def __init__(
@@ -245,8 +242,7 @@ class ContactAidedEkf:
         """Apply the zero-velocity update of standing toes: R^ (s' + w x s) + v^ = xi_v + noise.
 
         A push beyond the accelerometer's range becomes visible here with the next sample. Toes
-        that fail
-        the chi-square test slip and are left out.
+        that fail the chi-square test slip and are left out.
 
         Args:
             toes: (K, 3) positions of standing toes in the body [m].

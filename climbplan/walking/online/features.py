@@ -1,4 +1,6 @@
-"""Numbers by which situations are near or far: what learned strategies are given."""
+"""Features of a measurement for learned candidate ranking: scaled so that distances are
+comparable.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +8,10 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.robots.leg_order import MIRROR_POINT, MIRROR_TURN, mirror_legs
-from climbplan.walking.online.measurement import Situation
+from climbplan.walking.online.measurement import RobotMeasurement
 from climbplan.walking.task.task import SPIN, VELOCITY
 
-# What a unit of distance between two situations is, for each kind of feature
+# Difference that counts as a unit of distance, for each kind of feature
 _SCALES = {
     "velocity": 0.4,
     "asked": 0.4,
@@ -22,44 +24,52 @@ _SCALES = {
 }
 
 
-def features_of(situation: Situation, height: float, asked: Array) -> Array:
-    """(F,) features; height: reference of the body [m]; asked: (3,) its velocity [m/s]."""
+def compute_features(
+    situation: RobotMeasurement, height: float, reference_velocity: Array
+) -> Array:
+    """Return the features (F,) of a measurement.
+
+    Args:
+        measurement: state, toes and recent contacts.
+        height: reference height of the body [m].
+        reference_velocity: (3,) world frame [m/s].
+    """
     state = situation.state
-    parts = (
+    blocks = (
         state[VELOCITY] / _SCALES["velocity"],
-        asked / _SCALES["asked"],
+        reference_velocity / _SCALES["asked"],
         (state[2:3] - height) / _SCALES["height"],
         state[6:8] / _SCALES["tilt"],
         state[SPIN] / _SCALES["spin"],
         (situation.toes[:, :2] - state[:2]).ravel() / _SCALES["toes"],
-        (situation.toes_before[:, :2] - state[:2]).ravel() / _SCALES["toes_before"],
-        situation.contact_before.astype(float) / _SCALES["contact"],
+        (situation.previous_toes[:, :2] - state[:2]).ravel() / _SCALES["toes_before"],
+        situation.previous_contact.astype(float) / _SCALES["contact"],
     )
-    return np.concatenate(parts)
+    return np.concatenate(blocks)
 
 
 def feature_count(legs: int) -> int:
-    """F."""
+    """Return the number F of features."""
     return 12 + 5 * legs
 
 
-def feature_mirror(legs: int) -> Array:
-    """Features of the mirrored situation as a matrix (F, F)."""
-    flat = np.diag([1.0, -1.0])
-    swap = np.eye(legs)[mirror_legs(legs)]
+def build_mirror_matrix(legs: int) -> Array:
+    """Return the matrix (F, F) that maps features to those of the mirrored measurement."""
+    mirror_xy = np.diag([1.0, -1.0])
+    leg_permutation = np.eye(legs)[mirror_legs(legs)]
     blocks = [
         np.diag(MIRROR_POINT),
         np.diag(MIRROR_POINT),
         np.eye(1),
         np.diag(MIRROR_TURN[:2]),
         np.diag(MIRROR_TURN),
-        np.kron(swap, flat),
-        np.kron(swap, flat),
-        swap,
+        np.kron(leg_permutation, mirror_xy),
+        np.kron(leg_permutation, mirror_xy),
+        leg_permutation,
     ]
     size = sum(len(block) for block in blocks)
-    whole, at = np.zeros((size, size)), 0
+    mirror, offset = np.zeros((size, size)), 0
     for block in blocks:
-        whole[at : at + len(block), at : at + len(block)] = block
-        at += len(block)
-    return whole
+        mirror[offset : offset + len(block), offset : offset + len(block)] = block
+        offset += len(block)
+    return mirror

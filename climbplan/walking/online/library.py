@@ -114,8 +114,7 @@ def build_library(
     """Solve a task from random starts and cut the walks into sections.
 
     A start without a feasible walk counts as a walk without sections. Mirrored sections are added
-    where
-    the task is symmetric.
+    where the task is symmetric.
 
     Args:
         task: the walking task.

@@ -1,4 +1,4 @@
-"""Walks of the quadruped, offline or in closed loop, as scenes."""
+"""Walks, offline or in closed loop, as 3D scenes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from climbplan.reports import palette
 from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, polygons
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.plan.file import read_walk_plan
-from climbplan.walking.plan.foot_centres import material
+from climbplan.walking.plan.foot_centres import restore_surface
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.task.task import ANGLES, VELOCITY
 
@@ -21,27 +21,28 @@ _AROUND = 0.6  # [m] of ground drawn beyond the walk
 
 
 def read_scene(path: FilePath) -> Scene:
-    """The scene of an MPC plan file; legs are drawn straight from hip to toe.
+    """Read the scene of an MPC plan file; legs are straight lines from hip to toe.
 
-    Raises PlanFileError for a damaged file.
+    Raises:
+        PlanFileError: a damaged file.
     """
-    return scene_of_walk(read_walk_plan(path))
+    return build_walk_scene(read_walk_plan(path))
 
 
-def scene_of_walk(plan: WalkPlan) -> Scene:
-    """The scene of a plan that was read."""
-    task, found = plan.task, plan.trajectory
-    count = len(found.state)
-    rotation = rotation_world_body(found.state[:, ANGLES])
-    center = found.state[:, :3]
+def build_walk_scene(plan: WalkPlan) -> Scene:
+    """Build the scene of a plan."""
+    task, trajectory = plan.task, plan.trajectory
+    count = len(trajectory.state)
+    rotation = rotation_world_body(trajectory.state[:, ANGLES])
+    center = trajectory.state[:, :3]
     hips = task.hips
     placed = center[:, None] + np.einsum("fij,nj->fni", rotation, hips)
-    legs = np.stack([placed, found.toes], axis=2)  # (F, 4, 2, 3)
-    standing = found.gait.contact
-    force = found.force * standing[..., None]
+    legs = np.stack([placed, trajectory.toes], axis=2)  # (F, 4, 2, 3)
+    standing = trajectory.gait.contact
+    force = trajectory.force * standing[..., None]
     size = np.array([np.ptp(hips[:, 0]), np.ptp(hips[:, 1]), _THICKNESS])
     every = 1 if plan.loop is None else plan.loop.samples
-    points = np.concatenate([found.toes.reshape(-1, 3), center])
+    points = np.concatenate([trajectory.toes.reshape(-1, 3), center])
     lower, upper = points.min(axis=0) - 0.1, points.max(axis=0) + 0.1
     return Scene(
         title=plan.name,
@@ -49,10 +50,10 @@ def scene_of_walk(plan: WalkPlan) -> Scene:
             f"{task.body.name}, {task.body.mass:g} kg, {plan.method}",
             f"friction {task.ground.friction:g}, objective {plan.objective:.4g}",
         ),
-        time=np.arange(count) * np.float64(task.step),
-        caption=_captions(plan),
+        time=np.arange(count) * np.float64(task.dt),
+        caption=_write_captions(plan),
         marks=np.arange(0, count, every),
-        shapes=_ground(plan, lower, upper),
+        shapes=_build_ground(plan, lower, upper),
         paths=(Path("body", np.stack([center[:-1], center[1:]], axis=1), palette.TRACE),),
         rods=Rods(
             legs,
@@ -67,7 +68,7 @@ def scene_of_walk(plan: WalkPlan) -> Scene:
             0.85,
         ),
         forces=Forces(
-            point=found.toes,
+            point=trajectory.toes,
             force=force,
             normal=standing[..., None] * np.array([0.0, 0.0, 1.0]),
             mu=np.where(standing, task.ground.friction, 0.0),
@@ -77,10 +78,13 @@ def scene_of_walk(plan: WalkPlan) -> Scene:
     )
 
 
-def _captions(plan: WalkPlan) -> tuple[str, ...]:
-    found, names = plan.trajectory, plan.task.body.leg_names
+def _write_captions(plan: WalkPlan) -> tuple[str, ...]:
+    """Write a caption for each sample: speed and standing legs."""
+    trajectory, names = plan.trajectory, plan.task.body.leg_names
     texts = []
-    for n, (state, contact) in enumerate(zip(found.state, found.gait.contact, strict=True)):
+    for n, (state, contact) in enumerate(
+        zip(trajectory.state, trajectory.gait.contact, strict=True)
+    ):
         legs = " ".join(name for name, stands in zip(names, contact, strict=True) if stands)
         speed = float(np.linalg.norm(state[VELOCITY]))
         pushed = plan.loop is not None and bool(plan.loop.push[n].any())
@@ -90,8 +94,9 @@ def _captions(plan: WalkPlan) -> tuple[str, ...]:
     return tuple(texts)
 
 
-def _ground(plan: WalkPlan, lower: Array, upper: Array) -> tuple[Shape, ...]:
-    ground, shapes = material(plan.task.ground), []
+def _build_ground(plan: WalkPlan, lower: Array, upper: Array) -> tuple[Shape, ...]:
+    """Build the shapes of the terrain within a rectangle."""
+    ground, shapes = restore_surface(plan.task.ground), []
     low, high = lower[:2] - _AROUND, upper[:2] + _AROUND
     for region, name in enumerate(ground.names):
         corners = ground.outline(region, low, high)

@@ -1,4 +1,4 @@
-"""The task of an MPC plan in its file: robot, ground, start, references and weights."""
+"""The task of an MPC plan in its file: robot, terrain, start, references and weights."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ GOAL = {"lower": Layout((2,), "m", "world"), "upper": Layout((2,), "m", "world")
 
 
 def write_task(file: h5py.File, task: WalkTask) -> None:
-    """Robot, ground, start and weights; references are samples of the plan."""
+    """Write robot, terrain, start and weights; references are samples of the plan."""
     body = task.body
     robot = file.create_group("robot")
     write_text(robot, "name", body.name)
@@ -86,7 +86,7 @@ def write_task(file: h5py.File, task: WalkTask) -> None:
         write_datasets(legs, LEGS_OF_URDF, vars(task.legs.chain))
         write_datasets(legs, MORE_OF_LEGS, vars(task.legs.chain), optional=True)
         write_datasets(legs, MOTORS, vars(task.legs))
-        names = [name for own in task.legs.chain.names for name in own]
+        names = [name for leg_joints in task.legs.chain.names for name in leg_joints]
         write_dataset(legs, "joint_names", names, _NAMES)
     ground = file.create_group("ground")
     write_datasets(ground, GROUND, vars(task.ground))
@@ -97,7 +97,7 @@ def write_task(file: h5py.File, task: WalkTask) -> None:
         write_datasets(ground, SHAPES, vars(task.ground))
     start = file.create_group("start")
     write_datasets(start, START, vars(task.start))
-    if task.goal.stated:
+    if task.goal.is_set:
         goal = file.create_group("goal")
         write_datasets(goal, GOAL, vars(task.goal))
     weights = file.create_group("weights")
@@ -106,15 +106,20 @@ def write_task(file: h5py.File, task: WalkTask) -> None:
         weights.attrs[name] = vars(task.weights)[name]
 
 
-def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
-    """The task of a file; parts: its samples, of which the references are.
+def read_task(reader: Reader, samples: dict[str, Any]) -> WalkTask:
+    """Read the task of a file.
 
-    Raises PlanFileError for a value that no task has.
+    Args:
+        reader: the open file.
+        samples: its datasets by sample, including the references.
+
+    Raises:
+        PlanFileError: a value that no task has.
     """
     integrator = reader.text("", "integrator")
     if integrator not in get_args(Integrator):
-        known = ", ".join(get_args(Integrator))
-        raise reader.refuse(f"integrator {integrator!r}, expected one of {known}")
+        integrators = ", ".join(get_args(Integrator))
+        raise reader.refuse(f"integrator {integrator!r}, expected one of {integrators}")
     reader.group("robot")
     robot = reader.datasets("robot", ROBOT)
     ground = reader.datasets("ground", GROUND)
@@ -122,7 +127,7 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
         raise reader.refuse("ground has no region")
 
     def number_or_zero(group: str, name: str) -> float:
-        """What plans that were written before they had it do not tell."""
+        """Return a number, 0 for files without the attribute."""
         return reader.number(group, name) if reader.has_attribute(group, name) else 0.0
 
     count = len(ground["height"])
@@ -143,36 +148,37 @@ def read_task(reader: Reader, parts: dict[str, Any]) -> WalkTask:
             standoff=number_or_zero("ground", "standoff"),
             **ground,
         ),
-        knots=len(parts["time"]) - 1,
-        step=reader.number("", "step"),
+        knots=len(samples["time"]) - 1,
+        dt=reader.number("", "step"),
         integrator=cast("Integrator", integrator),  # one of them, as was just checked
         start=Start(**reader.datasets("start", START)),
         reference=Reference(
-            parts["reference/velocity"][1:],
-            parts["reference/euler_zyx"][1:],
-            parts["reference/height"][1:],
+            samples["reference/velocity"][1:],
+            samples["reference/euler_zyx"][1:],
+            samples["reference/height"][1:],
         ),
         weights=Weights(
             weights["velocity"],
             weights["angles"],
             *(reader.number("weights", name) for name in ("height", "motion", "force_difference")),
         ),
-        legs=_legs(reader) if reader.has("robot/legs") else None,
-        lift=reader.number("", "lift"),
-        least_contacts=reader.integer("", "least_contacts"),
-        whole_stance=reader.flag("", "whole_stance"),
+        legs=_read_legs(reader) if reader.has("robot/legs") else None,
+        swing_clearance=reader.number("", "lift"),
+        min_contacts=reader.integer("", "least_contacts"),
+        workspace_over_stance=reader.flag("", "whole_stance"),
         goal=Goal(**reader.datasets("goal", GOAL)) if reader.has("goal") else Goal.anywhere(),
     )
 
 
-def _legs(reader: Reader) -> WalkingLegs:
-    parts = reader.datasets("robot/legs", LEGS_OF_URDF | MOTORS)
+def _read_legs(reader: Reader) -> WalkingLegs:
+    """Read the legs of a URDF robot."""
+    datasets = reader.datasets("robot/legs", LEGS_OF_URDF | MOTORS)
     names = reader.texts("robot/legs/joint_names", _NAMES)
-    legs, joints = parts["posture"].shape
+    legs, joints = datasets["posture"].shape
     if len(names) != legs * joints:
         count = legs * joints
         raise reader.refuse(f"robot/legs/joint_names has {len(names)} names, expected {count}")
-    each = tuple(tuple(names[joints * leg : joints * (leg + 1)]) for leg in range(legs))
+    joint_names = tuple(tuple(names[joints * leg : joints * (leg + 1)]) for leg in range(legs))
     more = reader.datasets("robot/legs", MORE_OF_LEGS, optional=True)
-    chain = SerialChain(each, *(parts.pop(name) for name in LEGS_OF_URDF), **more)
-    return WalkingLegs(chain, **parts)
+    chain = SerialChain(joint_names, *(datasets.pop(name) for name in LEGS_OF_URDF), **more)
+    return WalkingLegs(chain, **datasets)

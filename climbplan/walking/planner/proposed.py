@@ -47,39 +47,39 @@ class ProposedWalk:
 
 
 def walk_proposed(
-    found: Proposal, robot_file: str, other_file: str, turns: bool = False
+    proposal: Proposal, robot_file: str, other_file: str, turns: bool = False
 ) -> ProposedWalk:
     """The robot's walk as it stands; or else in a posture that is looked for to walk in.
 
     other_file: how the spec names the robot's file in such a posture. turns: on the spot, instead
     of forward. Without any walk, what became of the first, and why there are no others.
     """
-    first = proposed_walk(found, robot_file, turns)
+    first = proposed_walk(proposal, robot_file, turns)
     if first.plan is not None:
         return first
-    others, lack = propose_walking_stances(found, _POSTURES)
-    told = [first.words]
-    for other in others:
-        one = proposed_walk(other, other_file, turns)
-        if one.plan is not None:
-            return one
-        told.append(f"in another posture {one.words}")
+    alternatives, lack = propose_walking_stances(proposal, _POSTURES)
+    messages = [first.words]
+    for alternative in alternatives:
+        walk = proposed_walk(alternative, other_file, turns)
+        if walk.plan is not None:
+            return walk
+        messages.append(f"in another posture {walk.words}")
     if lack:
-        told.append(lack)
-    return replace(first, words="; ".join(dict.fromkeys(told)))
+        messages.append(lack)
+    return replace(first, words="; ".join(dict.fromkeys(messages)))
 
 
-def proposed_walk(found: Proposal, robot_file: str, turns: bool = False) -> ProposedWalk:
+def proposed_walk(proposal: Proposal, robot_file: str, turns: bool = False) -> ProposedWalk:
     """The walk of a robot as proposed; robot_file: how its spec names the robot's file.
 
     A walk that lags behind what is asked is planned again, more hastily; a turn more slowly, too.
     """
     what = "turns on the spot" if turns else "walks at speed"
     try:
-        robot = found.draft.load_robot(meshes=False)
+        robot = proposal.draft.load_robot(meshes=False)
         body = build_walking_body(robot)
     except SpecError as error:
-        return ProposedWalk(what, found, "", None, f"no spec: {error.mistakes[0].message}")
+        return ProposedWalk(what, proposal, "", None, f"no spec: {error.mistakes[0].message}")
     model = build_urdf_model(robot)
 
     def effort(speed: float, step: float, lift: float) -> float:
@@ -88,11 +88,11 @@ def proposed_walk(found: Proposal, robot_file: str, turns: bool = False) -> Prop
     first: ProposedWalk | None = None
     for haste, slower in _ROUND if turns else _FORWARD:
         text = format_walk_document(body, robot_file, effort, turns, haste, slower)
-        plan, words, lags = _planned(found, robot_file, text, turns)
-        one = ProposedWalk(what, found, text, None if lags else plan, words)
-        if one.plan is not None:
-            return one
-        first = first or one
+        plan, message, lags = _planned(proposal, robot_file, text, turns)
+        walk = ProposedWalk(what, proposal, text, None if lags else plan, message)
+        if walk.plan is not None:
+            return walk
+        first = first or walk
         if not lags:
             break
     assert first is not None
@@ -100,23 +100,23 @@ def proposed_walk(found: Proposal, robot_file: str, turns: bool = False) -> Prop
 
 
 def _planned(
-    found: Proposal, robot_file: str, text: str, turns: bool
+    proposal: Proposal, robot_file: str, text: str, turns: bool
 ) -> tuple[WalkPlan | None, str, bool]:
     """The verified plan of a spec, or why there is none; and whether it lags behind."""
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
-        absolute = format_robot_document(found, str(found.draft.urdf), "")
-        (place / robot_file).write_text(absolute, encoding="utf-8")
-        (place / "walk.yaml").write_text(text, encoding="utf-8")
+        directory = Path(folder)
+        absolute = format_robot_document(proposal, str(proposal.draft.urdf), "")
+        (directory / robot_file).write_text(absolute, encoding="utf-8")
+        (directory / "walk.yaml").write_text(text, encoding="utf-8")
         try:
-            plan = plan_walk(load_mpc(place / "walk.yaml", [_TIME_LIMIT]))
+            plan = plan_walk(load_mpc(directory / "walk.yaml", [_TIME_LIMIT]))
         except (NoPlanFound, SpecError) as error:
             return None, str(error).partition("\n")[0], False
-    reached, asked, unit = _turned(plan) if turns else _speed(plan)
-    words, lags = f"{reached:.2f} of {asked:.2f} {unit}", reached < _REACHED * asked
+    reached, target, unit = _turned(plan) if turns else _speed(plan)
+    achievement, lags = f"{reached:.2f} of {target:.2f} {unit}", reached < _REACHED * target
     if broken := failures(check_trajectory(plan.task, plan.trajectory)):
-        return None, f"the plan of {words} breaks {broken}", lags
-    return plan, f"the plan reaches {words} alone" if lags else f"verified, {words}", lags
+        return None, f"the plan of {achievement} breaks {broken}", lags
+    return plan, f"the plan reaches {achievement} alone" if lags else f"verified, {achievement}", lags
 
 
 def _speed(plan: WalkPlan) -> tuple[float, float, str]:
@@ -128,5 +128,5 @@ def _speed(plan: WalkPlan) -> tuple[float, float, str]:
 
 def _turned(plan: WalkPlan) -> tuple[float, float, str]:
     yaw = plan.trajectory.state[-1, ANGLES][2]
-    asked = plan.task.reference.euler[-1, 2]
-    return float(np.rad2deg(yaw)), float(np.rad2deg(asked)), "deg"
+    target = plan.task.reference.euler[-1, 2]
+    return float(np.rad2deg(yaw)), float(np.rad2deg(target)), "deg"

@@ -1,4 +1,6 @@
-"""From an MPC spec to the numbers of its task, random stepping stones included."""
+"""Build the walking task of an MPC spec: body, terrain with random stepping stones, start,
+reference.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.urdf.walking_body import build_walking_body
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.schema.robots.urdf.robot import UrdfRobot
-from climbplan.walking.plan.foot_centres import on_centres
+from climbplan.walking.plan.foot_centres import shift_to_foot_centres
 from climbplan.walking.schema.loading import WalkingRobot
 from climbplan.walking.schema.model import MpcSpec
 from climbplan.walking.schema.task import WalkGoalSpec
@@ -22,7 +24,7 @@ from climbplan.walking.schema.terrain import (
     LevelRegionSpec,
     SteppingStonesSpec,
     WalkTerrainSpec,
-    plane_of,
+    fit_slope,
 )
 from climbplan.walking.task.ground import Ground
 from climbplan.walking.task.task import (
@@ -40,62 +42,73 @@ from climbplan.walking.task.task import (
 )
 
 
-def drawn_stones(spec: SteppingStonesSpec) -> tuple[list[str], Array, Array]:
-    """Names, corners (S, 4, 2) counterclockwise and heights (S,) [m] of the stones that are there.
+def sample_stones(spec: SteppingStonesSpec) -> tuple[list[str], Array, Array]:
+    """Sample stepping stones on a grid with random angles and heights; some are missing.
 
-    A stone has the same turn and height whatever else is missing. Names count missing ones, too.
+    A stone has the same angle and height whatever other stones are missing. Names count missing
+    stones, too.
+
+    Args:
+        spec: extents, pitch, size and ranges.
+
+    Returns:
+        Names, corners (S, 4, 2) counterclockwise [m], and heights (S,) [m].
     """
     rng = np.random.default_rng(spec.seed)
-    most = np.deg2rad(spec.turn_deg)
-    half = 0.5 * spec.size * float(np.cos(most) + np.sin(most))  # of a stone that is turned most
-    along, across = (
+    max_angle = np.deg2rad(spec.turn_deg)
+    half = (
+        0.5 * spec.size * float(np.cos(max_angle) + np.sin(max_angle))
+    )  # of a stone at the largest angle
+    x_centres, y_centres = (
         a + half + spec.pitch * np.arange(int((b - a - 2 * half) / spec.pitch + 1e-9) + 1)
         for a, b in (spec.x, spec.y)
     )
-    middle = np.stack(np.meshgrid(along, across, indexing="ij"), axis=-1).reshape(-1, 2)
-    turn = most * rng.uniform(-1, 1, len(middle))
-    height = spec.rise * rng.uniform(-1, 1, len(middle))
-    there = rng.permutation(len(middle)) >= round(spec.missing * len(middle))
+    centres = np.stack(np.meshgrid(x_centres, y_centres, indexing="ij"), axis=-1).reshape(-1, 2)
+    angle = max_angle * rng.uniform(-1, 1, len(centres))
+    height = spec.rise * rng.uniform(-1, 1, len(centres))
+    is_present = rng.permutation(len(centres)) >= round(spec.missing * len(centres))
     square = 0.5 * spec.size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    cosine, sine = np.cos(turn), np.sin(turn)
+    cosine, sine = np.cos(angle), np.sin(angle)
     rotation = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
-    corners = middle[:, None, :] + square @ np.swapaxes(rotation, -1, -2)
-    names = [f"S{k + 1}" for k in np.flatnonzero(there)]
-    return names, corners[there], height[there]
+    corners = centres[:, None, :] + square @ np.swapaxes(rotation, -1, -2)
+    names = [f"S{k + 1}" for k in np.flatnonzero(is_present)]
+    return names, corners[is_present], height[is_present]
 
 
-_FAR = np.full(2, 1e4)  # [m] beyond all ground
-_STEP = 1e-3  # [m] that a foot rolls over
+_FAR = np.full(2, 1e4)  # [m] beyond all terrain
+_MAX_ROLLED_STEP = 1e-3  # [m]
 
 
-def too_near(ground: Ground, foot: float) -> Iterator[str]:
-    """Why feet of a radius [m] do not fit the ground's `edge`: one reason of each kind.
+def find_foot_conflicts(ground: Ground, foot: float) -> Iterator[str]:
+    """Yield messages where feet of a radius [m] do not fit the terrain's `edge`, one of each kind.
 
-    A foot whose centre is nearer than its radius to higher ground stands in that ground's side.
+    A foot whose centre is nearer than its radius to higher terrain stands in the side of that
+    terrain.
     """
     if foot == 0 or ground.count == 1:
         return
-    shapes = np.array([shapely.polygons(_outline(ground, k)) for k in range(ground.count)])
+    shapes = np.array([shapely.polygons(_read_outline(ground, k)) for k in range(ground.count)])
     inner = shapely.buffer(shapes, -ground.edge) if ground.edge else shapes
     if (narrow := np.flatnonzero(shapely.is_empty(inner))).size:
         name = ground.names[int(narrow[0])]
         yield f"feet of {foot:g} m have no room within the edges of {name!r}, expected less"
     if ground.edge >= foot - 1e-9:
         return
-    one, other = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=foot)
-    one, other = one[one != other], other[one != other]
-    ends = shapely.get_coordinates(shapely.shortest_line(shapes[one], shapes[other]))
-    here, there = ends.reshape(-1, 2, 2).swapaxes(0, 1)
-    rise = ground.level_at(other, there) - ground.level_at(one, here)
-    if (rise > _STEP).any():
+    first, second = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=foot)
+    first, second = first[first != second], second[first != second]
+    ends = shapely.get_coordinates(shapely.shortest_line(shapes[first], shapes[second]))
+    start, end = ends.reshape(-1, 2, 2).swapaxes(0, 1)
+    rise = ground.compute_height(second, end) - ground.compute_height(first, start)
+    if (rise > _MAX_ROLLED_STEP).any():
         k = int(np.argmax(rise))
         yield (
-            f"feet of {foot:g} m stand in the side of {ground.names[other[k]]!r}, {rise[k]:.3g} m "
-            f"above {ground.names[one[k]]!r}: expected at least their radius"
+            f"feet of {foot:g} m stand in the side of {ground.names[second[k]]!r}, {rise[k]:.3g} m "
+            f"above {ground.names[first[k]]!r}: expected at least their radius"
         )
 
 
-def _outline(ground: Ground, region: int) -> Array:
+def _read_outline(ground: Ground, region: int) -> Array:
+    """Return the corners (C, 2) of a region."""
     outline: Array = ground.outline(region, -_FAR, _FAR)[:, :2]
     return outline
 
@@ -106,32 +119,34 @@ _SCALER_FORCES, _SCALER_WEIGHT = 1e-3, 6.3 * 9.81
 
 @dataclass(frozen=True)
 class Walker:
-    """What walks."""
+    """A walking robot: its rigid body, standing height and legs."""
 
     body: RigidBody
-    height: float  # [m] of its centre of mass as it stands
-    legs: WalkingLegs | None  # of a robot from a URDF
-    foot: float = 0.0  # [m] radius of its feet, 0 of points
+    height: float  # [m] of the centre of mass in stance
+    legs: WalkingLegs | None  # None: not from a URDF
+    foot: float = 0.0  # [m] radius of the feet, 0: points
 
 
 def build_walker(spec: WalkingRobot) -> Walker:
-    """The body that a robot file describes, with its legs where it has any.
+    """Build the body of a robot file, with its legs if it is a URDF robot.
 
-    Raises MissingSolver and SpecError for robots from URDFs, as `walking_body`.
+    Raises:
+        MissingSolver: Pinocchio is not installed.
+        SpecError: the URDF cannot be used.
     """
     if isinstance(spec, UrdfRobot):
-        found = build_walking_body(spec)
+        urdf_body = build_walking_body(spec)
         body = RigidBody(
-            name=found.name,
-            leg_names=found.leg_names,
-            mass=found.mass,
-            inertia=found.inertia,
-            gravity=found.gravity,
-            toe_center=found.boxes.center,
-            toe_half=found.boxes.half,
-            force_limit=found.boxes.force,
+            name=urdf_body.name,
+            leg_names=urdf_body.leg_names,
+            mass=urdf_body.mass,
+            inertia=urdf_body.inertia,
+            gravity=urdf_body.gravity,
+            toe_center=urdf_body.boxes.center,
+            toe_half=urdf_body.boxes.half,
+            force_limit=urdf_body.boxes.force,
         )
-        return Walker(body, found.height, found.legs, found.foot)
+        return Walker(body, urdf_body.height, urdf_body.legs, urdf_body.foot)
     body = RigidBody(
         name=spec.name,
         leg_names=tuple(spec.legs),
@@ -146,24 +161,24 @@ def build_walker(spec: WalkingRobot) -> Walker:
 
 
 def build_ground(spec: WalkTerrainSpec, foot: float = 0.0) -> Ground:
-    """The regions and stones of a spec, or flat ground; foot: radius of feet [m]."""
+    """Build the regions and stones of a spec, or flat ground; foot: radius of feet [m]."""
     edge = foot if spec.edge is None else spec.edge
     names = [region.name for region in spec.regions]
     outlines = [np.array(region.outline, float) for region in spec.regions]
-    slopes = [_slope(region) for region in spec.regions]
-    known = [_known_point(region) for region in spec.regions]
+    slopes = [_read_slope(region) for region in spec.regions]
+    plane_points = [_choose_plane_point(region) for region in spec.regions]
     angular = any(region.corners for region in spec.regions)
     if spec.stones is not None:
-        named, corners, raised = drawn_stones(spec.stones)
-        names += named
+        stone_names, corners, stone_heights = sample_stones(spec.stones)
+        names += stone_names
         outlines += list(corners)
-        slopes += [(0.0, 0.0)] * len(named)
-        known += [(0.0, 0.0, float(height)) for height in raised]
+        slopes += [(0.0, 0.0)] * len(stone_names)
+        plane_points += [(0.0, 0.0, float(height)) for height in stone_heights]
         angular |= spec.stones.turn_deg > 0
     if not names:
         return replace(Ground.flat(spec.friction), edge=edge)
-    most = max(map(len, outlines)) if angular else 0
-    points = np.array(known, float)
+    num_corners = max(map(len, outlines)) if angular else 0
+    points = np.array(plane_points, float)
     ground = Ground(
         tuple(names),
         np.array([outline.min(axis=0) for outline in outlines]),
@@ -171,70 +186,60 @@ def build_ground(spec: WalkTerrainSpec, foot: float = 0.0) -> Ground:
         points[:, 2],
         spec.friction,
         np.array(slopes, float),
-        np.stack([_padded(outline, most) for outline in outlines]),
+        np.stack([_pad_outline(outline, num_corners) for outline in outlines]),
         edge,
     )
     rise = (ground.slope * (ground.inner - points[:, :2])).sum(axis=1)
     return replace(ground, height=ground.height + rise)
 
 
-def _slope(region: LevelRegionSpec) -> tuple[float, float]:
-    return plane_of(region.corners) if region.corners else region.slope
+def _read_slope(region: LevelRegionSpec) -> tuple[float, float]:
+    """Return the rise of a region along x and y."""
+    return fit_slope(region.corners) if region.corners else region.slope
 
 
-def _known_point(region: LevelRegionSpec) -> tuple[float, float, float]:
-    """A point of the plane."""
+def _choose_plane_point(region: LevelRegionSpec) -> tuple[float, float, float]:
+    """Return a point (3,) of a region's plane."""
     if region.corners:
         return region.corners[0]
     return (0.5 * sum(region.x), 0.5 * sum(region.y), region.height)
 
 
-def _padded(outline: Array, count: int) -> Array:
-    """So many corners (count, 2), the last one repeated; none if count is 0."""
+def _pad_outline(outline: Array, count: int) -> Array:
+    """Return `count` corners (count, 2) with the last one repeated; none if count is 0."""
     return outline[np.minimum(np.arange(count), len(outline) - 1)]
 
 
 def build_task(
     spec: MpcSpec, robot: WalkingRobot, source: str = "spec", centres: bool = True
 ) -> WalkTask:
-    """The task of a spec, by centres of spherical feet before they are raised (`foot_centres.py`).
+    """Build the task of a spec, for spherical feet with regions of their centres.
 
-    centres: False of plans that have centres of feet on the ground itself.
+    Args:
+        spec: the walk.
+        robot: its robot.
+        source: name of the spec in messages.
+        centres: False for plans that have foot centres on the terrain itself.
 
     Raises:
-        SpecError: a force limit that cannot carry the robot, stated toes off the ground.
+        SpecError: a force limit that cannot carry the robot, toes off the terrain.
         MissingSolver: a robot from a URDF, without Pinocchio.
     """
     walker, mistakes = build_walker(robot), []
     body, ground = walker.body, build_ground(spec.terrain, walker.foot)
     if centres and walker.foot:
-        ground = on_centres(ground, walker.foot)
-    mistakes += [SpecMistake("terrain.edge", word) for word in too_near(ground, walker.foot)]
+        ground = shift_to_foot_centres(ground, walker.foot)
+    mistakes += [
+        SpecMistake("terrain.edge", message) for message in find_foot_conflicts(ground, walker.foot)
+    ]
     if 4 * body.force_limit <= body.mass * body.gravity:
         message = (
             f"{body.leg_count} legs of {body.force_limit:g} N cannot carry {body.mass:g} kg "
             f"({body.mass * body.gravity:.1f} N)"
         )
         mistakes.append(SpecMistake("robot", message))
-    start, begin = spec.task.start, np.zeros(STATE)
-    begin[:2] = start.position
-    angles = np.deg2rad(start.rpy_deg)
-    above = walker.height if start.height is None else start.height
-    begin[2] = above + float(ground_under(ground, body, begin[None, :2], angles)[0])
-    begin[VELOCITY], begin[SPIN] = start.velocity, start.angular_velocity
-    begin[ANGLES] = angles
-    toes = begin[POSITION] + body.toe_center @ rotation_world_body(angles).T
-    for leg, name in enumerate(body.leg_names):
-        if name in start.toes:
-            toes[leg, :2] = start.toes[name]
-        region = int(ground.nearest(toes[leg, :2]))
-        off = float(ground.outside(np.array(region), toes[leg, :2]))
-        if name in start.toes and off > 0:
-            message = f"{1e3 * off:.1f} mm off {ground.names[region]!r}, the nearest region"
-            mistakes.append(SpecMistake(f"task.start.toes.{name}", message))
-        if name not in start.toes:
-            toes[leg, :2] = ground.into(np.array(region), toes[leg, :2])
-        toes[leg, 2] = ground.level_at(np.array(region), toes[leg, :2])
+    start, toe_mistakes = _build_start(spec, walker, ground)
+    mistakes += toe_mistakes
     if mistakes:
         raise SpecError(source, mistakes)
     weights = spec.weights
@@ -244,63 +249,92 @@ def build_task(
         knots=spec.task.knots,
         dt=spec.task.dt,
         integrator=spec.task.integrator,
-        start=Start(begin, toes),
-        reference=_reference(spec, ground, walker, begin),
+        start=start,
+        reference=_build_reference(spec, ground, walker, start.state),
         weights=Weights(
             np.array(weights.velocity, float),
             np.array(weights.angles, float),
             weights.height,
             weights.motion,
-            _force_weight(body) if weights.force_difference is None else weights.force_difference,
+            _scale_force_weight(body)
+            if weights.force_difference is None
+            else weights.force_difference,
         ),
         swing_clearance=spec.task.swing_clearance,
         min_contacts=spec.task.min_contacts,
         workspace_over_stance=spec.task.workspace_over_stance,
-        goal=_goal(spec.task.goal),
+        goal=_build_goal(spec.task.goal),
         legs=walker.legs,
     )
 
 
-def _force_weight(body: RigidBody) -> float:
-    """Weight of force differences [1/N^2]: forces count in parts of what the robot weighs.
+def _build_start(spec: MpcSpec, walker: Walker, ground: Ground) -> tuple[Start, list[SpecMistake]]:
+    """Return the start of a spec, toes on the terrain, and mistakes in its toes."""
+    body, mistakes = walker.body, []
+    stated, state = spec.task.start, np.zeros(STATE)
+    state[:2] = stated.position
+    angles = np.deg2rad(stated.rpy_deg)
+    above = walker.height if stated.height is None else stated.height
+    state[2] = above + float(compute_ground_height(ground, body, state[None, :2], angles)[0])
+    state[VELOCITY], state[SPIN] = stated.velocity, stated.angular_velocity
+    state[ANGLES] = angles
+    toes = state[POSITION] + body.toe_center @ rotation_world_body(angles).T
+    for leg, name in enumerate(body.leg_names):
+        if name in stated.toes:
+            toes[leg, :2] = stated.toes[name]
+        region = int(ground.nearest(toes[leg, :2]))
+        off = float(ground.compute_distance_outside(np.array(region), toes[leg, :2]))
+        if name in stated.toes and off > 0:
+            message = f"{1e3 * off:.1f} mm off {ground.names[region]!r}, the nearest region"
+            mistakes.append(SpecMistake(f"task.start.toes.{name}", message))
+        if name not in stated.toes:
+            toes[leg, :2] = ground.project(np.array(region), toes[leg, :2])
+        toes[leg, 2] = ground.compute_height(np.array(region), toes[leg, :2])
+    return Start(state, toes), mistakes
 
-    In newtons a heavy robot would pay for every step by more than its velocity is worth, and stand.
+
+def _scale_force_weight(body: RigidBody) -> float:
+    """Return the weight of force differences [1/N^2] for forces relative to the robot's weight.
+
+    With forces in newtons a heavy robot would pay more for a step than for lost velocity, and
+    stand.
     """
     return _SCALER_FORCES * (_SCALER_WEIGHT / (body.mass * body.gravity)) ** 2
 
 
-def _goal(spec: WalkGoalSpec | None) -> Goal:
+def _build_goal(spec: WalkGoalSpec | None) -> Goal:
+    """Return the goal of a spec; anywhere if it has none."""
     if spec is None:
         return Goal.anywhere()
     middle = np.array(spec.position, float)
     return Goal(middle - spec.within, middle + spec.within)
 
 
-def _reference(spec: MpcSpec, ground: Ground, walker: Walker, begin: Array) -> Reference:
-    """Constant velocity and angles; the height follows the ground along the straight way."""
-    wanted, knots = spec.task.reference, spec.task.knots
-    angles = np.deg2rad(wanted.rpy_deg)
+def _build_reference(spec: MpcSpec, ground: Ground, walker: Walker, begin: Array) -> Reference:
+    """Return constant velocity and angles; the height follows the terrain on a straight path."""
+    spec_reference, knots = spec.task.reference, spec.task.knots
+    angles = np.deg2rad(spec_reference.rpy_deg)
     time = spec.task.dt * np.arange(1, knots + 1)
-    way = begin[:2] + time[:, None] * np.array(wanted.velocity[:2])
-    below = ground_under(ground, walker.body, way, angles)
-    height = walker.height if wanted.height is None else wanted.height
+    path = begin[:2] + time[:, None] * np.array(spec_reference.velocity[:2])
+    terrain_height = compute_ground_height(ground, walker.body, path, angles)
+    height = walker.height if spec_reference.height is None else spec_reference.height
     return Reference(
-        velocity=np.tile(np.array(wanted.velocity, float), (knots, 1)),
+        velocity=np.tile(np.array(spec_reference.velocity, float), (knots, 1)),
         euler=np.tile(angles, (knots, 1)),
-        height=height + below,
+        height=height + terrain_height,
     )
 
 
-def ground_under(ground: Ground, body: RigidBody, xy: Array, angles: Array) -> Array:
-    """Mean height (n,) of the ground under the feet of a body at points (n, 2)."""
+def compute_ground_height(ground: Ground, body: RigidBody, xy: Array, angles: Array) -> Array:
+    """Return the mean terrain height (n,) under the feet of a body at points (n, 2) [m]."""
     feet = xy[:, None, :] + (body.toe_center @ rotation_world_body(angles).T)[:, :2]
     region = ground.nearest(feet)
-    below: Array = ground.level_at(region, ground.into(region, feet)).mean(axis=-1)
-    return below
+    height: Array = ground.compute_height(region, ground.project(region, feet)).mean(axis=-1)
+    return height
 
 
-def sampled_task(task: WalkTask, samples: int) -> WalkTask:
-    """The task of a loop's record: so many Runge-Kutta steps after the first sample."""
+def build_sampled_task(task: WalkTask, samples: int) -> WalkTask:
+    """Return the task of a closed loop's record, with a number of Runge-Kutta steps."""
     reference = task.reference
     return replace(
         task,

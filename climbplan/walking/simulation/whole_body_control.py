@@ -1,10 +1,10 @@
-"""Joint torques that move the whole robot as a plan asks: inverse dynamics as one QP a tick.
+"""Whole-body control: joint torques by inverse dynamics, one QP a tick.
 
-Unknowns are accelerations of all joints and of the body, and forces of the legs that stand. The
-robot's dynamics hold exactly, forces stay in friction cones, torques within the motors' limits;
-within these the body follows its path before swinging toes follow theirs, standing toes stay, and
-forces stay near the planned ones. Dynamics are MuJoCo's, of the robot as its URDF has it: what the
-simulated world adds (a payload, another friction) is not known here.
+The unknowns are accelerations of body and joints and contact forces of standing legs. Constraints:
+the robot's dynamics, friction pyramids, and torque limits. The weighted objective tracks the
+body's path, swinging toes with less weight, standing toes at rest, and planned forces. The
+dynamics are MuJoCo's for the robot of the URDF. The controller does not know what the simulated
+world changes (a payload, another friction).
 """
 
 from __future__ import annotations
@@ -20,116 +20,130 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.robots.rotations import skew
 from climbplan.robots.walking_legs import WalkingLegs
 
-BODY_STIFF = 12.0  # [rad/s] of the body's way back to its path, critically damped
-SWING_STIFF = 60.0  # [rad/s] of a swinging toe's, critically damped
-_BEND_STIFF = 8.0  # [rad/s] of joints that no toe needs, likewise
-_STAND_DAMPING = 60.0  # [1/s] of what speed a standing toe has
-# Weights of squared accelerations. On two legs a body that is off its path aside can only be slowed
-# down by leaning: it leans a little. Where it was to keep upright first twice as many toes
-# slid, and bodies were further off their paths.
-_LEVEL, _UP, _TURN, _SWING, _STAND = 10.0, 50.0, 20.0, 5.0, 50.0
-_BEND = 1e-3  # of joints that no toe needs: their masses move the body
-_FORCE = 20.0  # of squared departures from planned forces, in robot's weights
-_CALM = 1e-4  # of squared joint accelerations
-_LEAST = 1.0  # [N] pressure of a leg that stands
+BODY_FREQUENCY = 12.0  # [rad/s] of body tracking, critically damped
+SWING_FREQUENCY = 60.0  # [rad/s] of swing tracking, critically damped
+_POSTURE_FREQUENCY = 8.0  # [rad/s] of redundant joints, critically damped
+_STANCE_DAMPING = 60.0  # [1/s] of standing toes
+# Weights of squared accelerations. On two legs a lateral deviation can only be reduced by leaning.
+# Attitude has therefore less weight than height.
+_HORIZONTAL_WEIGHT, _VERTICAL_WEIGHT, _ROTATION_WEIGHT, _SWING_WEIGHT, _STANCE_WEIGHT = (
+    10.0,
+    50.0,
+    20.0,
+    5.0,
+    50.0,
+)
+_POSTURE_WEIGHT = 1e-3  # of redundant joints, whose masses move the body
+_FORCE_WEIGHT = 20.0  # of squared deviations from planned forces, in robot weights
+_REGULARISATION = 1e-4  # of squared accelerations
+_MIN_NORMAL_FORCE = 1.0  # [N] of a standing leg
 _FACETS = 8
-_EQUAL, _SOLVED = 5, 1
+_EQUALITY, _OPTIMAL = 5, 1
 _FAR = 1e30
-_MOST_STEPS = 500
+_MAX_ITERATIONS = 500
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """What the next moment is to be like, world frame."""
+class ControlTargets:
+    """The targets of one tick, world frame."""
 
     acceleration: Array  # (3,) of the body's origin [m/s^2]
-    turning: Array  # (3,) angular [rad/s^2]
-    toes: Array  # (L, 3) accelerations of toes that do not carry [m/s^2]
-    carries: BoolArray  # (L,) legs whose toes stand on the ground
+    angular_acceleration: Array  # (3,) angular [rad/s^2]
+    toe_acceleration: Array  # (L, 3) of toes not in contact [m/s^2]
+    in_contact: BoolArray  # (L,) legs in contact
     force: Array  # (L, 3) planned [N]
     normal: Array  # (L, 3) of the ground under each toe
 
 
 @dataclass(frozen=True)
-class Commanded:
-    """A tick's answer."""
+class TorqueCommand:
+    """The solution of one tick."""
 
     torque: Array  # (L J,) [N m]
-    force: Array  # (L, 3) that it counts on [N]
-    solved: bool
+    force: Array  # (L, 3) predicted contact forces [N]
+    is_solved: bool
 
 
-class WholeBodyControl:
-    """The QP of one robot.
-
-    `at`, `dof`: (L, J) addresses of angles and speeds in MuJoCo's model, of joints that are there.
-    """
+class WholeBodyController:
+    """The inverse-dynamics QP of one robot."""
 
     def __init__(
         self,
         mujoco: Any,
         model: Any,
-        at: Array,
-        dof: Array,
+        *,
+        qpos_index: Array,
+        dof_index: Array,
         legs: WalkingLegs,
         friction: float,
         weight: float,
     ) -> None:
+        """Prepare the maps between motors and MuJoCo's joints.
+
+        Args:
+            mujoco: the module.
+            model: model of the robot as the controller knows it.
+            qpos_index: (L, J) addresses of joint angles, -1 where there is no joint.
+            dof_index: (L, J) addresses of joint speeds.
+            legs: joints and their limits.
+            friction: friction coefficient.
+            weight: weight of the robot [N].
+        """
         self.mujoco, self.model, self.data = mujoco, model, mujoco.MjData(model)
-        self.at, self.dof = np.asarray(at, int), np.asarray(dof, int)
-        self.there = legs.there
-        self.joints = self.dof[self.there]
+        self.qpos_index, self.dof_index = np.asarray(qpos_index, int), np.asarray(dof_index, int)
+        self.has_motor = legs.there
+        self.joints = self.dof_index[self.has_motor]
         self.posture = legs.chain.posture
-        self.limits, self.friction, self.weight = legs.max_torque[self.there], friction, weight
-        self.sites = [model.site(f"toe{leg}").id for leg in range(len(dof))]
+        self.limits, self.friction, self.weight = legs.max_torque[self.has_motor], friction, weight
+        self.sites = [model.site(f"toe{leg}").id for leg in range(len(dof_index))]
         self.bodies = [int(model.site_bodyid[site]) for site in self.sites]
         self.root = model.body("body").id
         self.size = int(model.nv)
-        # Speeds by those of angles, of joints that have some; what holds joints that mimic others
+        # All speeds by speeds of motors; equality constraints of joints that mimic others
         self.by_angle = np.zeros((len(self.joints), self.size))
         self.by_angle[np.arange(len(self.joints)), self.joints] = 1.0
-        column = np.full(self.there.shape, -1)
-        column[self.there] = np.arange(len(self.joints))
+        column = np.full(self.has_motor.shape, -1)
+        column[self.has_motor] = np.arange(len(self.joints))
         self.ties = np.zeros((int(legs.mimics.sum()), self.size))
         for row, (leg, j) in enumerate(np.argwhere(legs.mimics)):
             drive = legs.chain.drives[leg, j]
             leader = int(np.argmax(np.abs(drive)))
-            self.by_angle[column[leg, leader], self.dof[leg, j]] = drive[leader]
-            self.ties[row, self.dof[leg, j]] = 1.0
-            self.ties[row, self.dof[leg, leader]] = -drive[leader]
-        self.before: Commanded | None = None
+            self.by_angle[column[leg, leader], self.dof_index[leg, j]] = drive[leader]
+            self.ties[row, self.dof_index[leg, j]] = 1.0
+            self.ties[row, self.dof_index[leg, leader]] = -drive[leader]
+        self.previous_command: TorqueCommand | None = None
 
-    def command(self, qpos: Array, qvel: Array, wanted: Wanted) -> Commanded:
-        """Torques for a state of the robot; those of the tick before where the QP has no answer."""
+    def compute_command(self, qpos: Array, qvel: Array, targets: ControlTargets) -> TorqueCommand:
+        """Return the torques for a state; those of the previous tick where the QP is infeasible."""
         mujoco, model, data = self.mujoco, self.model, self.data
         data.qpos[:], data.qvel[:] = qpos, qvel
         mujoco.mj_forward(model, data)
         n = self.size
         mass, bias = np.zeros((n, n)), data.qfrc_bias.copy()
         mujoco.mj_fullM(model, data, mass)
-        jacobians, drifts = self._toes(qvel)
-        stands = np.flatnonzero(wanted.carries)
-        unknowns = n + 3 * len(stands)
-        pushes = np.zeros((n, 3 * len(stands)))  # generalised forces by forces of the ground
-        for k, leg in enumerate(stands):
-            pushes[:, 3 * k : 3 * k + 3] = jacobians[leg].T
-        hessian, gradient = self._costs(wanted, jacobians, drifts, stands, unknowns)
-        dynamics = np.hstack([mass, -pushes])  # = torques - bias
-        motors, held = self.by_angle @ dynamics, self.by_angle @ bias
-        tied = np.hstack([self.ties, np.zeros((len(self.ties), 3 * len(stands)))])
-        none = np.zeros(len(self.ties))
-        rows = [dynamics[:6], motors, tied]
-        lower = [-bias[:6], -self.limits - held, none]
-        upper = [-bias[:6], self.limits - held, none]
-        sense = [_EQUAL] * 6 + [0] * len(self.joints) + [_EQUAL] * len(self.ties)
-        cones = _cones(wanted.normal[stands], self.friction)
+        jacobians, drifts = self._compute_toe_jacobians(qvel)
+        stance = np.flatnonzero(targets.in_contact)
+        unknowns = n + 3 * len(stance)
+        contact_map = np.zeros((n, 3 * len(stance)))  # generalised forces by forces of the ground
+        for k, leg in enumerate(stance):
+            contact_map[:, 3 * k : 3 * k + 3] = jacobians[leg].T
+        hessian, gradient = self._build_objective(targets, jacobians, drifts, stance, unknowns)
+        dynamics = np.hstack([mass, -contact_map])  # = torques - bias
+        motors, motor_bias = self.by_angle @ dynamics, self.by_angle @ bias
+        equality_rows = np.hstack([self.ties, np.zeros((len(self.ties), 3 * len(stance)))])
+        zeros = np.zeros(len(self.ties))
+        rows = [dynamics[:6], motors, equality_rows]
+        lower = [-bias[:6], -self.limits - motor_bias, zeros]
+        upper = [-bias[:6], self.limits - motor_bias, zeros]
+        sense = [_EQUALITY] * 6 + [0] * len(self.joints) + [_EQUALITY] * len(self.ties)
+        cones = _build_friction_rows(targets.normal[stance], self.friction)
         cone = np.zeros((cones.shape[0] * cones.shape[1], unknowns))
-        for k in range(len(stands)):
-            part = slice(k * cones.shape[1], (k + 1) * cones.shape[1])
-            cone[part, n + 3 * k : n + 3 * k + 3] = cones[k]
+        for k in range(len(stance)):
+            facets = slice(k * cones.shape[1], (k + 1) * cones.shape[1])
+            cone[facets, n + 3 * k : n + 3 * k + 3] = cones[k]
         rows.append(cone)
-        floor = np.tile([-_FAR] * _FACETS + [_LEAST], len(stands))
-        ceiling = np.tile([0.0] * _FACETS + [_FAR], len(stands))
+        floor = np.tile([-_FAR] * _FACETS + [_MIN_NORMAL_FORCE], len(stance))
+        ceiling = np.tile([0.0] * _FACETS + [_FAR], len(stance))
         lower.append(floor)
         upper.append(ceiling)
         sense += [0] * len(cone)
@@ -140,97 +154,111 @@ class WholeBodyControl:
             np.concatenate(upper),
             np.concatenate(lower),
             np.array(sense, np.int32),
-            iter_limit=_MOST_STEPS,
+            iter_limit=_MAX_ITERATIONS,
         )
         x = np.asarray(answer)
-        if flag != _SOLVED or not np.isfinite(x).all():
-            kept = self.before.torque if self.before is not None else np.zeros(len(self.joints))
-            return Commanded(kept, np.zeros((len(self.sites), 3)), False)
-        torque = np.clip(motors @ x + held, -self.limits, self.limits)
+        if flag != _OPTIMAL or not np.isfinite(x).all():
+            torque_before = (
+                self.previous_command.torque
+                if self.previous_command is not None
+                else np.zeros(len(self.joints))
+            )
+            return TorqueCommand(torque_before, np.zeros((len(self.sites), 3)), False)
+        torque = np.clip(motors @ x + motor_bias, -self.limits, self.limits)
         force = np.zeros((len(self.sites), 3))
-        force[stands] = x[n:].reshape(-1, 3)
-        self.before = Commanded(torque, force, True)
-        return self.before
+        force[stance] = x[n:].reshape(-1, 3)
+        self.previous_command = TorqueCommand(torque, force, True)
+        return self.previous_command
 
-    def _toes(self, qvel: Array) -> tuple[list[Array], list[Array]]:
-        """Jacobians (3, n) of toes and what their accelerations are beside J qacc."""
+    def _compute_toe_jacobians(self, qvel: Array) -> tuple[list[Array], list[Array]]:
+        """Return Jacobians (3, n) of toes and their bias accelerations J' qvel."""
         mujoco, model, data = self.mujoco, self.model, self.data
         jacobians, drifts = [], []
         for site, body in zip(self.sites, self.bodies, strict=True):
-            own, rate = np.zeros((3, self.size)), np.zeros((3, self.size))
+            jacobian, rate = np.zeros((3, self.size)), np.zeros((3, self.size))
             point = data.site_xpos[site]
-            mujoco.mj_jac(model, data, own, None, point, body)
+            mujoco.mj_jac(model, data, jacobian, None, point, body)
             mujoco.mj_jacDot(model, data, rate, None, point, body)
-            jacobians.append(own)
+            jacobians.append(jacobian)
             drifts.append(rate @ qvel)
         return jacobians, drifts
 
-    def _bends(self, jacobians: list[Array], unknowns: int) -> Iterator[tuple[Array, Array, float]]:
-        """Of legs of more than three joints: what moves no toe goes back to the posture."""
+    def _build_posture_tasks(
+        self, jacobians: list[Array], unknowns: int
+    ) -> Iterator[tuple[Array, Array, float]]:
+        """Yield nullspace tasks that move redundant legs (more than three joints) to their
+        posture.
+        """
         data = self.data
-        for leg, there in enumerate(self.there):
-            own = self.dof[leg][there]
-            if len(own) <= 3:
+        for leg, has_motor in enumerate(self.has_motor):
+            dofs = self.dof_index[leg][has_motor]
+            if len(dofs) <= 3:
                 continue
-            by_joint = (jacobians[leg] @ self.by_angle.T)[:, np.isin(self.joints, own)]
-            free = np.eye(len(own)) - np.linalg.pinv(by_joint) @ by_joint
-            off = self.posture[leg][there] - data.qpos[self.at[leg][there]]
-            speed = data.qvel[own]
-            rows = np.zeros((len(own), unknowns))
-            rows[:, own] = free
-            yield rows, free @ (_BEND_STIFF**2 * off - 2 * _BEND_STIFF * speed), _BEND
+            by_joint = (jacobians[leg] @ self.by_angle.T)[:, np.isin(self.joints, dofs)]
+            nullspace = np.eye(len(dofs)) - np.linalg.pinv(by_joint) @ by_joint
+            offset = self.posture[leg][has_motor] - data.qpos[self.qpos_index[leg][has_motor]]
+            speed = data.qvel[dofs]
+            rows = np.zeros((len(dofs), unknowns))
+            rows[:, dofs] = nullspace
+            yield (
+                rows,
+                nullspace @ (_POSTURE_FREQUENCY**2 * offset - 2 * _POSTURE_FREQUENCY * speed),
+                _POSTURE_WEIGHT,
+            )
 
-    def _costs(
+    def _build_objective(
         self,
-        wanted: Wanted,
+        targets: ControlTargets,
         jacobians: list[Array],
         drifts: list[Array],
-        stands: IntArray,
+        stance: IntArray,
         unknowns: int,
     ) -> tuple[Array, Array]:
-        """Hessian and gradient of weighted squares."""
+        """Return Hessian and gradient of the weighted task errors."""
         n = self.size
         tasks: list[tuple[Array, Array, float]] = []
         body = np.zeros((3, unknowns))
         body[:, :3] = np.eye(3)
-        tasks.append((body[:2], wanted.acceleration[:2], _LEVEL))
-        tasks.append((body[2:], wanted.acceleration[2:], _UP))
+        tasks.append((body[:2], targets.acceleration[:2], _HORIZONTAL_WEIGHT))
+        tasks.append((body[2:], targets.acceleration[2:], _VERTICAL_WEIGHT))
         turn = np.zeros((3, unknowns))
-        turn[:, 3:6] = self.data.xmat[self.root].reshape(3, 3)  # MuJoCo's is in the body's frame
-        tasks.append((turn, wanted.turning, _TURN))
+        turn[:, 3:6] = self.data.xmat[self.root].reshape(3, 3)  # MuJoCo's is in the body frame
+        tasks.append((turn, targets.angular_acceleration, _ROTATION_WEIGHT))
         for leg in range(len(self.sites)):
             toe = np.zeros((3, unknowns))
             toe[:, :n] = jacobians[leg]
-            if wanted.carries[leg]:
+            if targets.in_contact[leg]:
                 speed = jacobians[leg] @ self.data.qvel
-                tasks.append((toe, -_STAND_DAMPING * speed - drifts[leg], _STAND))
+                tasks.append((toe, -_STANCE_DAMPING * speed - drifts[leg], _STANCE_WEIGHT))
             else:
-                tasks.append((toe, wanted.toes[leg] - drifts[leg], _SWING))
-        tasks += self._bends(jacobians, unknowns)
+                tasks.append((toe, targets.toe_acceleration[leg] - drifts[leg], _SWING_WEIGHT))
+        tasks += self._build_posture_tasks(jacobians, unknowns)
         hessian = np.zeros((unknowns, unknowns))
         gradient = np.zeros(unknowns)
         for rows, target, weight in tasks:
             hessian += weight * rows.T @ rows
             gradient -= weight * rows.T @ target
-        hessian[np.arange(n), np.arange(n)] += _CALM
-        force = _FORCE / self.weight**2
-        at = np.arange(n, unknowns)
-        hessian[at, at] += force
-        gradient[n:] -= force * wanted.force[stands].ravel()
+        hessian[np.arange(n), np.arange(n)] += _REGULARISATION
+        force = _FORCE_WEIGHT / self.weight**2
+        force_index = np.arange(n, unknowns)
+        hessian[force_index, force_index] += force
+        gradient[n:] -= force * targets.force[stance].ravel()
         return hessian, gradient
 
 
-def _cones(normal: Array, friction: float) -> Array:
-    """Rows (S, F + 1, 3): facets of pyramids inside the cones about normals (S, 3), and normals."""
+def _build_friction_rows(normal: Array, friction: float) -> Array:
+    """Return rows (S, F + 1, 3): facets of pyramids inside the cones about normals (S, 3), and
+    normals.
+    """
     angle = 2 * np.pi * (np.arange(_FACETS) + 0.5) / _FACETS
     slope = friction * np.cos(np.pi / _FACETS)
-    out = np.empty((len(normal), _FACETS + 1, 3))
+    rows = np.empty((len(normal), _FACETS + 1, 3))
     for k, up in enumerate(normal):
         across = skew(up) @ np.array([1.0, 0.0, 0.0])
         across = across / np.linalg.norm(across)
         along = np.cross(across, up)
-        out[k, :_FACETS] = (
+        rows[k, :_FACETS] = (
             np.cos(angle)[:, None] * along + np.sin(angle)[:, None] * across - slope * up
         )
-        out[k, _FACETS] = up
-    return out
+        rows[k, _FACETS] = up
+    return rows

@@ -1,10 +1,8 @@
 """The MuJoCo model of a walk with the whole robot: all links of its URDF with mass and inertia.
 
 It is built from Pinocchio's model of the URDF that the plan contains. The root body has the axes
-of
-walking (x forward, y left, z up) and its origin at the robot's root link. Joints of the legs move;
-all
-others are fixed as the robot file has them.
+of walking (x forward, y left, z up) and its origin at the robot's root link. Joints of the legs
+move; all others are fixed as the robot file has them.
 """
 
 from __future__ import annotations
@@ -25,7 +23,7 @@ from climbplan.schema.yaml_source import parse_yaml
 from climbplan.simulation.attributes import inertial_of, numbers
 from climbplan.simulation.conditions import Conditions
 from climbplan.walking.plan.walk_plan import WalkPlan
-from climbplan.walking.schema.loading import stored_body
+from climbplan.walking.schema.loading import load_stored_body
 from climbplan.walking.schema.model import MpcSpec
 from climbplan.walking.simulation.mujoco_model import (
     BODY_CONTACT,
@@ -70,15 +68,25 @@ def build_whole_body_robot(plan: WalkPlan, conditions: Conditions) -> WholeBodyR
         if name
     }
     pin, model = urdf_model.library, urdf_model.model
-    centre = to_walking @ np.array(pin.centerOfMass(model, model.createData(), urdf_model.build_configuration(angles)))
+    centre = to_walking @ np.array(
+        pin.centerOfMass(model, model.createData(), urdf_model.build_configuration(angles))
+    )
     tree = _BodyTree(urdf_model, plan, to_walking, conditions, centre)
-    return WholeBodyRobot(urdf_model, centre, tree.body(), build_joint_equalities(legs), urdf_model.compute_mass())
+    return WholeBodyRobot(
+        urdf_model,
+        centre,
+        tree.build_root(),
+        build_joint_equalities(legs),
+        urdf_model.compute_mass(),
+    )
 
 
 def build_whole_body_mjcf(plan: WalkPlan, robot: WholeBodyRobot, conditions: Conditions) -> str:
     """Build the model of a walk by the whole robot; spherical feet stand on lowered terrain."""
     lower = foot_sphere_radius(robot.urdf_model.robot)
-    return build_world_mjcf(plan, build_ground_mjcf(plan, conditions, lower), robot.mjcf, robot.ties)
+    return build_world_mjcf(
+        plan, build_ground_mjcf(plan, conditions, lower), robot.mjcf, robot.ties
+    )
 
 
 def foot_sphere_radius(robot: UrdfRobot) -> float:
@@ -105,7 +113,7 @@ def read_plan_robot(plan: WalkPlan) -> UrdfRobot:
         UsageError: the robot is no URDF robot.
     """
     spec, _ = validate(parse_yaml(plan.spec_text, "spec"), MpcSpec)
-    robot = None if spec is None else stored_body(spec, plan.robot_text, plan.robot_urdf)
+    robot = None if spec is None else load_stored_body(spec, plan.robot_text, plan.robot_urdf)
     if not isinstance(robot, UrdfRobot):
         raise UsageError(f"{plan.name}: its robot is one rigid body, without links")
     return robot
@@ -138,7 +146,12 @@ class _BodyTree:
     """Builds the bodies of the model from the root on."""
 
     def __init__(
-        self, urdf_model: UrdfModel, plan: WalkPlan, to_walking: Array, conditions: Conditions, centre: Array
+        self,
+        urdf_model: UrdfModel,
+        plan: WalkPlan,
+        to_walking: Array,
+        conditions: Conditions,
+        centre: Array,
     ) -> None:
         assert plan.task.legs is not None
         self.urdf_model, self.to_walking, self.centre = urdf_model, to_walking, centre
@@ -174,11 +187,14 @@ class _BodyTree:
             )
         inertial = inertial_of(mass, lever, rotated_inertia, "the body")
         half = [0.5 * self.half[0], 0.35 * self.half[1], _HALF_HEIGHT]
-        children = "".join(self._build_link(child, self.to_walking) for child in self.children.get(_ROOT_JOINT, []))
+        children = "".join(
+            self._build_link(child, self.to_walking) for child in self.children.get(_ROOT_JOINT, [])
+        )
         return (
             f'<body name="body"><freejoint name="free"/>{inertial}'
             f'<geom name="body" type="box" pos="{numbers(self.centre)}" size="{numbers(half)}"'
-            f' mass="0" material="body" contype="{BODY_CONTACT}" conaffinity="0"/>{payload}{children}</body>'
+            f' mass="0" material="body" contype="{BODY_CONTACT}" conaffinity="0"/>'
+            f"{payload}{children}</body>"
         )
 
     def _build_link(self, joint: int, to_model: Array) -> str:
@@ -207,13 +223,17 @@ class _BodyTree:
                 f"{self.resistance[name]}/>"
             )
             toe = self._build_toe(leg, joint) if number == self.legs.chain.joint_count - 1 else ""
-        children = "".join(self._build_link(child, np.eye(3)) for child in self.children.get(joint, []))
+        children = "".join(
+            self._build_link(child, np.eye(3)) for child in self.children.get(joint, [])
+        )
         visuals = "".join(
             self._build_visual(np.array(self.data.liMi[child].translation))
             for child in self.children.get(joint, [])
         )
         lever, inertia_matrix = np.array(inertia.lever), np.array(inertia.inertia)
-        inertial = inertial_of(float(inertia.mass), lever, inertia_matrix, f"the link moved by {name}")
+        inertial = inertial_of(
+            float(inertia.mass), lever, inertia_matrix, f"the link moved by {name}"
+        )
         position = to_model @ np.array(place.translation)
         return (
             f'<body pos="{numbers(position)}" quat="{quat.w:.12g} {quat.x:.12g} {quat.y:.12g}'
@@ -231,13 +251,16 @@ class _BodyTree:
         )
         spec = self.urdf_model.robot.spec.legs[leg_name]
         model = self.urdf_model.model
-        frame = model.frames[int(model.getFrameId(spec.toe, self.urdf_model.library.FrameType.BODY))]
+        frame = model.frames[
+            int(model.getFrameId(spec.toe, self.urdf_model.library.FrameType.BODY))
+        ]
         place = frame.placement
         point = np.array(place.translation) + np.array(place.rotation) @ np.array(spec.toe_offset)
         return (
             f'{self._build_visual(point)}<geom name="toe{leg}" type="sphere" pos="{numbers(point)}"'
-            f' size="{foot_sphere_radius(self.urdf_model.robot)}" mass="0" material="toe" friction="0 0 0"'
-            f' contype="{TOE_CONTACT}" conaffinity="0"/><site name="toe{leg}" pos="{numbers(point)}"/>'
+            f' size="{foot_sphere_radius(self.urdf_model.robot)}" mass="0" material="toe"'
+            f' friction="0 0 0" contype="{TOE_CONTACT}" conaffinity="0"/>'
+            f'<site name="toe{leg}" pos="{numbers(point)}"/>'
         )
 
     def _build_visual(self, end: Array) -> str:

@@ -1,4 +1,4 @@
-"""What a walking problem is given: body, ground, start, references and weights, as numbers.
+"""The walking task in numbers: body, terrain, start, references and weights.
 
 Axes of chapter 8.2: body frame x forward, y to the left, z up; world frame z up. Legs are always
 in the order of `RigidBody.leg_names`.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,24 @@ Integrator = Literal["euler", "mean", "rk4"]
 STATE = 12  # position, velocity, Z-Y-X Euler angles (roll, pitch, yaw), angular velocity (world)
 POSITION, VELOCITY, ANGLES, SPIN = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 ANGLE_RANGE = np.pi / 2  # [rad] Table 8.4
-_FEWEST_SAMPLES, _SAMPLE = 16, 0.005  # [s]
+_MIN_SAMPLES, _MAX_SAMPLE_TIME = 16, 0.005  # [s]
 RATE_RANGE = 10.0  # [rad/s] Table 8.4, of Euler rates and of the angular velocity
+
+
+class BodyParameters(NamedTuple):
+    """The mass properties of a rigid body, as compiled functions take them."""
+
+    mass: float  # [kg]
+    gravity: float  # [m/s^2]
+    inertia: Array  # (3, 3) about the centre of mass, body frame [kg m^2]
+    inverse_inertia: Array  # (3, 3)
+
+
+class ToeWorkspace(NamedTuple):
+    """The boxes within which toes must stay, body frame."""
+
+    center: Array  # (L, 3) [m]
+    half: Array  # (3,) half extents [m]
 
 
 @dataclass(frozen=True)
@@ -40,18 +56,28 @@ class RigidBody:
 
     @property
     def leg_count(self) -> int:
-        """L, in pairs from front to hind as `leg_order` has them."""
+        """Number L of legs, in pairs from front to hind as in `leg_order`."""
         return len(self.leg_names)
 
     @cached_property
     def inverse(self) -> Array:
-        """(3, 3) of the inertia."""
+        """The inverse (3, 3) of the inertia."""
         return np.linalg.inv(self.inertia).astype(float)
+
+    @cached_property
+    def parameters(self) -> BodyParameters:
+        """Mass properties as compiled functions take them."""
+        return BodyParameters(self.mass, self.gravity, self.inertia, self.inverse)
+
+    @cached_property
+    def toe_workspace(self) -> ToeWorkspace:
+        """The toes' boxes as compiled functions take them."""
+        return ToeWorkspace(self.toe_center, self.toe_half)
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where the body is, and where its toes are (those that stand stay there)."""
+    """The first state of the body and the first positions of the toes."""
 
     state: Array  # (12,)
     toes: Array  # (L, 3) world frame [m]
@@ -59,7 +85,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Reference:
-    """What is tracked at knots 1 to N."""
+    """The references at knots 1 to N."""
 
     velocity: Array  # (N, 3) world frame [m/s]
     euler: Array  # (N, 3) roll, pitch, yaw [rad]
@@ -79,69 +105,71 @@ class Weights:
 
 @dataclass(frozen=True)
 class Goal:
-    """Where the centre of mass has to be at the last knot."""
+    """A box for the centre of mass at the last knot."""
 
     lower: Array  # (2,) x, y [m]
     upper: Array  # (2,)
 
     @classmethod
     def anywhere(cls) -> Goal:
-        """No goal."""
+        """Return the unbounded goal."""
         return cls(np.full(2, -np.inf), np.full(2, np.inf))
 
     @property
-    def stated(self) -> bool:
-        """There is one."""
+    def is_set(self) -> bool:
+        """True if there is a goal."""
         return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
 
-    def missed(self, position: Array) -> Array:
-        """How far points (..., 2) are off it [m]; <= 0 inside."""
+    def compute_violation(self, position: Array) -> Array:
+        """Return how far points (..., 2) are outside the goal [m], <= 0 inside."""
         off: Array = np.maximum(self.lower - position, position - self.upper).max(axis=-1)
         return off
 
 
 @dataclass(frozen=True)
 class WalkTask:
-    """One problem of chapter 8.2.1."""
+    """A walking problem of chapter 8.2.1."""
 
     body: RigidBody
     ground: Ground
     knots: int  # N intervals
-    step: float  # [s]
+    dt: float  # [s]
     integrator: Integrator
     start: Start
     reference: Reference
     weights: Weights
-    lift: float  # [m] of a swinging toe above the ground it leaves and reaches
-    least_contacts: int  # standing legs in every interval
-    whole_stance: bool = False  # standing toes stay in their boxes until the interval's end
+    swing_clearance: float  # [m] of a swinging toe above the ground it leaves and reaches
+    min_contacts: int  # standing legs in every interval
+    workspace_over_stance: bool = (
+        False  # standing toes stay in their boxes until the interval's end
+    )
     goal: Goal = field(default_factory=Goal.anywhere)
-    legs: WalkingLegs | None = None  # of a robot from a URDF: joints, whose torques are limited
-    first: float = 0.0  # [s] of the first interval where a plan begins between knots; 0: as others
+    legs: WalkingLegs | None = None  # joints with torque limits of a URDF robot
+    first: float = 0.0  # [s] length of the first interval if a plan begins between knots; 0: `dt`
 
     @cached_property
     def steps(self) -> Array:
         """Lengths of the intervals (N,) [s]."""
-        lengths = np.full(self.knots, self.step)
+        lengths = np.full(self.knots, self.dt)
         if self.first:
             lengths[0] = self.first
         return lengths
 
     @property
     def samples(self) -> int:
-        """Samples of a closed loop in an interval: every 5 ms or oftener."""
-        return max(_FEWEST_SAMPLES, round(self.step / _SAMPLE))
+        """Samples of a closed loop in an interval, at least every 5 ms."""
+        return max(_MIN_SAMPLES, round(self.dt / _MAX_SAMPLE_TIME))
 
     @property
     def sample(self) -> float:
-        """From one sample of a closed loop to the next [s]."""
-        return self.step / self.samples
+        """Time between two samples of a closed loop [s]."""
+        return self.dt / self.samples
 
     @cached_property
     def hips(self) -> Array:
-        """(L, 3) where legs begin as they are drawn, body frame [m].
+        """Points (L, 3) where legs are drawn to begin, body frame [m].
 
-        Their first joints; without joints, points above the middles of their workspaces.
+        They are the first joints; without joints, points above the middles of the workspaces.
         """
         if self.legs is not None:
             return self.legs.chain.joint_zero[:, 0]
@@ -156,10 +184,10 @@ class WalkTask:
 
 @dataclass(frozen=True)
 class Gait:
-    """All integers of a plan of N intervals."""
+    """The integers of a plan of N intervals: contacts and regions."""
 
-    contact: BoolArray  # (N + 1, L) the leg stands from this knot to the next
-    region: IntArray  # (N + 1, L) where it stands, or is to stand next
+    contact: BoolArray  # (N + 1, L) leg is in contact from this knot to the next
+    region: IntArray  # (N + 1, L) region of its stance, or of its next one
 
     @cached_property
     def key(self) -> bytes:
@@ -169,7 +197,7 @@ class Gait:
 
 @dataclass(frozen=True)
 class WalkTrajectory:
-    """States, toes and forces of N intervals."""
+    """States, toes and contact forces of N intervals."""
 
     state: Array  # (N + 1, 12)
     toes: Array  # (N + 1, L, 3) world frame [m]

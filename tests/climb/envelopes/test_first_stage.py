@@ -21,7 +21,7 @@ from climbplan.climb.envelopes.fit import (
 from climbplan.climb.envelopes.rows import Rows, collect_rows
 from climbplan.climb.envelopes.statement import PostureStatement, posture_statement
 from climbplan.climb.envelopes.terrains import TerrainDistribution, distribution
-from climbplan.learning.envelope_box import Envelope, exterior
+from climbplan.learning.envelope_box import Envelope, compute_bounding_box
 from climbplan.robots.model import Robot
 from climbplan.schema.robots.source import load_robot
 
@@ -37,7 +37,7 @@ def case() -> Case:
 
 def _boxes(rows: Rows) -> list[Envelope]:
     """Boxes of several sizes about the middle of feasible points."""
-    whole = exterior(rows.point[rows.feasible])
+    whole = compute_bounding_box(rows.point[rows.feasible])
     return [whole.grown(share) for share in (-0.4, -0.2, 0.0, 0.5)]
 
 
@@ -120,7 +120,7 @@ def test_labels_and_points_of_rows(case: Case) -> None:
 
 def test_projection_keeps_toes_and_satisfies_everything(case: Case) -> None:
     _, statement, rows = case
-    box = exterior(rows.point[rows.feasible])
+    box = compute_bounding_box(rows.point[rows.feasible])
     projected = 0
     for k in np.flatnonzero(rows.feasible):
         stage = FirstStage.of(statement, rows.patches(int(k)))

@@ -86,7 +86,7 @@ def test_infeasible_rows_balance_forces_but_not_moments(data: Dataset, robot: Ro
         moment = np.cross(toe - data.solution["com"][row], force).sum(axis=0)
         assert np.abs(moment).max() > 1e-4
         patches = Patches.from_vector(data.parameters[row])
-        instance = statement.program.at(statement.theta(patches))
+        instance = statement.program.instantiate(statement.theta(patches))
         assert linear_violation(instance, point_of(statement, data, row)) <= 1e-7
         assert linear_violation(instance, np.zeros(instance.size)) > 0.1  # no weights: not on it
 

@@ -14,8 +14,8 @@ import yaml
 
 from benchmarks.climb.random_climbs import random_climb
 from climbplan.arrays import Array
-from climbplan.climb.clearance.body import body_shortfall, hull_world
-from climbplan.climb.clearance.limbs import BETWEEN, limb_points
+from climbplan.climb.clearance.body import compute_body_shortfall, hull_world
+from climbplan.climb.clearance.limbs import BETWEEN, compute_limb_points
 from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.check import check_postures, compute_posture_cost
@@ -142,14 +142,14 @@ def test_way_round_the_obstacle() -> None:
     share = np.linspace(0.0, 1.0, scene.spec.task.rounds + 1)[:, None]
     line = scene.start.com + share * (scene.goal.com - scene.start.com)
     start = build_straight_guess(scene, 0, 0.0).rounds
-    assert body_shortfall(scene, replace(start, com=line)).max() > 0.1  # the beam is in the way
-    assert body_shortfall(scene, start).max() < 0.02  # already the start goes round it
+    assert compute_body_shortfall(scene, replace(start, com=line)).max() > 0.1  # the beam is in the way
+    assert compute_body_shortfall(scene, start).max() < 0.02  # already the start goes round it
     attempts = [
         solve_from(scene, build_straight_guess(scene, k, float(k > 0)), FOREVER) for k in range(2)
     ]
     assert all(attempt.is_accepted for attempt in attempts)
     for attempt in attempts:
-        assert body_shortfall(scene, attempt.rounds).max() <= 1e-6
+        assert compute_body_shortfall(scene, attempt.rounds).max() <= 1e-6
         assert link_room(scene, attempt.rounds).min() >= 0.8 * scene.robot.limb_radius
         assert (attempt.rounds.region[1:-1] != attempt.rounds.region[0]).any()
     # Starts differ in what they pin, so they end in different plans
@@ -198,7 +198,7 @@ def test_links_beside_a_bar_need_room_for_their_radius() -> None:
     scene = shipped("climb_tube")
     free = solve_from(scene, build_straight_guess(scene, 0, 0.0), FOREVER)
     instants = plan_instants(scene, free.rounds)
-    points = limb_points(scene, instants.com, instants.rpy, instants.toes)
+    points = compute_limb_points(scene, instants.com, instants.rpy, instants.toes)
     highest = points[..., 2].max()
     for gap, holds in ((0.020, False), (0.026, True)):
         lower = np.array([-0.6, -0.6, highest + gap])

@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 
 from climbplan.climb.motion.motion import StageClock, plan_motion
-from climbplan.climb.postures.statement import LinearRotation, PostureMargins, posture_program
-from climbplan.climb.postures.turning import turn_normals
+from climbplan.climb.postures.coxa_wedges import compute_wedge_normals
+from climbplan.climb.postures.statement import (
+    LinearisedRotation,
+    PostureMargins,
+    build_posture_program,
+)
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import load_climb
 from climbplan.robots.kinematics import inverse, to_body
@@ -49,31 +53,31 @@ def test_rows_say_what_inverse_kinematics_says(narrow: ClimbScene) -> None:
         coxa = inverse(robot, toes).angles[:, 0, limb, 0]  # the branch that faces the toe
         lower, upper = robot.joint_lower[limb, 0], robot.joint_upper[limb, 0]
         off = toes[:, limb] - robot.shoulder_body[limb]
-        inside = (off @ turn_normals(robot, limb).T >= 0).all(axis=1)
+        inside = (off @ compute_wedge_normals(robot, limb).T >= 0).all(axis=1)
         np.testing.assert_array_equal(inside, (coxa >= lower) & (coxa <= upper))
-        closer = (off @ turn_normals(robot, limb, 0.1).T >= 0).all(axis=1)
+        closer = (off @ compute_wedge_normals(robot, limb, 0.1).T >= 0).all(axis=1)
         np.testing.assert_array_equal(closer, (coxa >= lower + 0.1) & (coxa <= upper - 0.1))
 
 
 def test_rows_turn_with_the_body_to_first_order(narrow: ClimbScene) -> None:
     """Against exact rotations: what is off grows with the square of the turn."""
-    program = posture_program(narrow)
+    program = build_posture_program(narrow)
     rows = {rows.name: rows for rows in program.blocks.rows}
     assert {name for name in rows if "turn_" in name} >= {"workspace.turn_RM", "workspace.turn_LM"}
     robot, limb = narrow.robot, narrow.robot.limb_names.index("RM")
-    assert LinearRotation.of(narrow).level == pytest.approx(np.zeros(3))
+    assert LinearisedRotation.from_scene(narrow).level == pytest.approx(np.zeros(3))
     off = []
     for size in (0.02, 0.04):
         rpy = size * np.array([0.3, -0.5, 1.0])
         toes = np.tile(narrow.start.toes, (3, 1, 1))
         com = np.tile(narrow.start.com, (3, 1))
         x = program.point({"toe": toes, "com": com, "rpy": np.tile(rpy, (3, 1))})
-        instance = program.at()
+        instance = program.instantiate()
         names = [r.name for r in program.blocks.rows for _ in range(len(r.expression))]
         first = names.index("workspace.turn_RM")
         stated = (instance.A @ x - instance.row_lower)[first : first + 2]
         seen = to_body(com[:1], rpy[None], toes[:1])[0, limb] - robot.shoulder_body[limb]
-        off.append(float(np.abs(turn_normals(robot, limb) @ seen - stated).max()))
+        off.append(float(np.abs(compute_wedge_normals(robot, limb) @ seen - stated).max()))
     assert 0 < off[0] < 1e-3
     assert off[1] < 4.5 * off[0]
 
@@ -83,5 +87,5 @@ def test_narrow_stances_are_planned_without_smaller_workspaces(narrow: ClimbScen
     assert not motion.tightenings
     wide = replace(narrow.robot, joint_lower=narrow.robot.joint_lower - 1.0)
     wide = replace(wide, joint_upper=wide.joint_upper + 1.0)
-    freer = posture_program(replace(narrow, robot=wide), PostureMargins())
+    freer = build_posture_program(replace(narrow, robot=wide), PostureMargins())
     assert not [rows for rows in freer.blocks.rows if "turn_" in rows.name]

@@ -10,7 +10,7 @@ import pytest
 
 from climbplan.arrays import Array
 from climbplan.climb.check.verification import verification_of, verify
-from climbplan.climb.clearance.limbs import BETWEEN, link_distances, tapered
+from climbplan.climb.clearance.limbs import BETWEEN, compute_link_distances, taper_links
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.schema.transition_loading import load_transition
@@ -52,8 +52,8 @@ UPRIGHT = np.array([[[2.0, 0.5, 1.5], [1.5, 0.5, 1.5], [0.5, 0.5, 1.4], [0.5, 0.
 def room_on_a_box(limb: Array, radius: float, foot: float = 0.0) -> float:
     """Of links with joints and toe (1, 4, 3) that may stand on a box of which z = 1 is the top."""
     box = Solid.from_box("box", np.zeros(3), np.ones(3))
-    links = tapered(straight_capsules(limb, radius), foot)
-    return float(np.nanmin(link_distances(box, links.starts, links.ends) - links.radius))
+    links = taper_links(straight_capsules(limb, radius), foot)
+    return float(np.nanmin(compute_link_distances(box, links.starts, links.ends) - links.radius))
 
 
 def test_a_tibia_narrows_to_its_toe_where_it_stands() -> None:

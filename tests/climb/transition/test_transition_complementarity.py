@@ -11,13 +11,13 @@ from climbplan.arrays import Array
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.schema.transition_loading import load_transition
-from climbplan.climb.transition.complementarity import Shape, complementarity_statement
-from climbplan.climb.transition.complementarity_numbers import free_motion
-from climbplan.climb.transition.homotopy import run_start
+from climbplan.climb.transition.complementarity import Shape, state_complementarity
+from climbplan.climb.transition.complementarity_data import build_free_motion
+from climbplan.climb.transition.homotopy import run_from_start
 from climbplan.climb.transition.planner import plan_transition
-from climbplan.climb.transition.pose_ways import Sequence
+from climbplan.climb.transition.pose_paths import Sequence
 from climbplan.climb.transition.scene import TransitionScene, build_transition
-from climbplan.climb.transition.stances import Laboratory
+from climbplan.climb.transition.stance_forces import SearchTables
 from climbplan.errors import UsageError
 from climbplan.robots.stated_chains import StatedChains
 
@@ -35,45 +35,45 @@ def test_random_starts_end_at_sequences_that_stand(rounds: int) -> None:
     scene = scene_of(FLAT, f"task.rounds={rounds}")
     found: list[Sequence] = []
 
-    def carry(lab: Laboratory, sequence: Sequence) -> str:
-        assert lab.scene is scene
+    def carry(tables: SearchTables, sequence: Sequence) -> str:
+        assert tables.scene is scene
         found.append(sequence)
         return ""
 
-    starts = [run_start(scene, seed, carry) for seed in range(4)]
+    starts = [run_from_start(scene, seed, carry) for seed in range(4)]
     assert [start.reason for start in starts] == [""] * 4
-    assert all(start.complemented == 1 for start in starts)
+    assert all(start.num_complementary == 1 for start in starts)
     for sequence in found:
-        counts = sequence.moved.sum(axis=1)
+        counts = sequence.moves.sum(axis=1)
         assert len(counts) == rounds
         assert counts.min() >= 1
         assert counts.max() <= 3
-        assert sequence.moved.any(axis=0).all()
+        assert sequence.moves.any(axis=0).all()
 
 
 def test_a_start_goes_on_after_a_sequence_is_refused() -> None:
     scene = scene_of(FLAT)
     seen: list[bytes] = []
 
-    def carry(lab: Laboratory, sequence: Sequence) -> str:
-        seen.append(sequence.moved.tobytes())
+    def carry(tables: SearchTables, sequence: Sequence) -> str:
+        seen.append(sequence.moves.tobytes())
         return "" if len(seen) == 2 else "not this one"
 
-    start = run_start(scene, 0, carry)
+    start = run_from_start(scene, 0, carry)
     assert start.reason == ""
-    assert start.complemented >= 2
+    assert start.num_complementary >= 2
     assert len(set(seen)) == 2  # never the same twice
 
 
 def test_the_same_seed_gives_the_same_start() -> None:
     scene = scene_of(FLAT, "task.rounds=3")
-    first, again = (run_start(scene, 3, lambda lab, sequence: "") for _ in range(2))
+    first, again = (run_from_start(scene, 3, lambda tables, sequence: "") for _ in range(2))
     assert (first.tries, first.iterations) == (again.tries, again.iterations)
 
 
 def _outside(scene: TransitionScene, toe: Array, side: int) -> float:
     """Row of one limb's toe after round 1 at a place, all weight on one face of box 1."""
-    motion = free_motion(scene)
+    motion = build_free_motion(scene)
     stated = motion.program.stated
     limb = scene.robot.limb_names.index("LF")
     v = np.clip(np.zeros_like(motion.lower), motion.lower, motion.upper)
@@ -97,7 +97,7 @@ def test_toes_keep_out_of_boxes_by_weights_of_faces() -> None:
 
 def test_rows_bound_only_what_bounds_the_room() -> None:
     scene = scene_of(BRICKS)
-    motion = free_motion(scene)
+    motion = build_free_motion(scene)
     stated, surfaces = motion.program.stated, motion.surfaces
     lower = motion.bounds(stated).row_lower[stated.block("contact.distance")]
     names = [s.name for s in scene.terrain.surfaces]
@@ -128,6 +128,6 @@ def test_chains_of_three_joints_have_a_program(solids: int) -> None:
     """The side to which such limbs bend is a number, weights of the faces of solids are not."""
     limbs = StatedChains(limbs=4, joints=3, redundant=False)
     shape = Shape(2, limbs, surfaces=2, edges=4, solids=solids, faces=6 * solids)
-    stated = complementarity_statement(shape)
+    stated = state_complementarity(shape)
     assert stated.place("face_weight").shape == (2, 6 * solids * 4)
     assert stated.sizes()["solid.outside"] == 2 * solids * 4

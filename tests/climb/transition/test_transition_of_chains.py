@@ -16,18 +16,22 @@ from climbplan.climb.check.verification import verification_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.schema.transition_loading import load_transition
-from climbplan.climb.transition.clear_standing import clear_standing
 from climbplan.climb.transition.motion import Motion, plan_motion
-from climbplan.climb.transition.motion_numbers import links_beside, motion_numbers, shape_of
-from climbplan.climb.transition.motion_statement import POINTS, motion_statement
-from climbplan.climb.transition.planner import plan_transition, searched
+from climbplan.climb.transition.motion_data import (
+    build_motion_data,
+    build_shape,
+    find_links_to_separate,
+)
+from climbplan.climb.transition.motion_statement import POINTS, state_motion
+from climbplan.climb.transition.planner import plan_transition, search_sequences
 from climbplan.climb.transition.scene import TransitionScene, build_transition
-from climbplan.climb.transition.search import Search
-from climbplan.climb.transition.stances import Laboratory, stance_forces
-from climbplan.errors import NotProved, SpecError
+from climbplan.climb.transition.search import SequenceSearch
+from climbplan.climb.transition.stance_forces import SearchTables, solve_stance_forces
+from climbplan.climb.transition.standing_clearance import compute_standing_clearance
+from climbplan.errors import SpecError, Unresolved
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.kinematics import inverse, to_body
-from climbplan.robots.touching_parts import limbs_room, parts_beside
+from climbplan.robots.self_clearance import compute_limb_clearance, list_clearance_pairs
 
 SPECS = Path(__file__).parents[3] / "specs"
 SPEC = """kind: transition
@@ -42,7 +46,7 @@ task:
     com: [0, 0, 0.24]
     toes: {L1: [-0.45, 0.35, 0], R1: [0.45, 0.35, 0], L2: [-0.45, -0.35, 0], R2: [0.45, -0.35, 0]}
   goal: {com: [0, 0, 0.32]}
-posture: {steps: {shift_max: 0.2, com_max: 0.3}}
+posture: {steps: {com_shift_max: 0.2, com_max: 0.3}}
 search: {aside: 0.08, heights: 3}
 force: {safety_torque: 1.2}
 """
@@ -64,31 +68,31 @@ def scene(spec: Path) -> TransitionScene:
 
 
 def without_shift(scene: TransitionScene) -> TransitionScene:
-    steps = scene.spec.posture.steps.model_copy(update={"shift_max": 0.0})
+    steps = scene.spec.posture.steps.model_copy(update={"com_shift_max": 0.0})
     posture = scene.spec.posture.model_copy(update={"steps": steps})
     return replace(scene, spec=scene.spec.model_copy(update={"posture": posture}))
 
 
 def test_a_quadruped_has_to_shift_before_its_first_lift(scene: TransitionScene) -> None:
-    search, found = searched(scene, FAR)
+    search, found = search_sequences(scene, FAR)
     assert found
     for sequence in found:
-        assert (sequence.moved.sum(axis=1) == 1).all()
-        first = search.lab.poses.com[sequence.poses[0]] - scene.start.com
-        assert 0 < np.linalg.norm(first) <= scene.spec.posture.steps.shift_max
-    with pytest.raises(NotProved) as refused:
-        searched(without_shift(scene), FAR)
+        assert (sequence.moves.sum(axis=1) == 1).all()
+        first = search.tables.poses.com[sequence.poses[0]] - scene.start.com
+        assert 0 < np.linalg.norm(first) <= scene.spec.posture.steps.com_shift_max
+    with pytest.raises(Unresolved) as refused:
+        search_sequences(without_shift(scene), FAR)
     assert "does not balance" in str(refused.value)
     remedies = [r for conflict in refused.value.conflicts for r in conflict.remedies]
-    assert {r.key for r in remedies} == {"posture.steps.shift_max"}
+    assert {r.key for r in remedies} == {"posture.steps.com_shift_max"}
 
 
 def test_a_refusal_tells_weak_motors_from_smooth_walls() -> None:
     """How far S_tau is off is right: motors that are so much stronger hold, these do not."""
     changes = ["terrain.friction=0.3", "task.sequence=RF RR LM | RM LR LF"]
     smooth = build_transition(load_transition(SPECS / "transition_flat.yaml", changes))
-    with pytest.raises(NotProved, match="motors would have S_tau") as refused:
-        searched(smooth, FAR)
+    with pytest.raises(Unresolved, match="motors would have S_tau") as refused:
+        search_sequences(smooth, FAR)
     told = " ".join(r.words for c in refused.value.conflicts for r in c.remedies)
     found = re.search(r"([0-9.]+) times the torque limits", told)
     assert found is not None
@@ -96,9 +100,9 @@ def test_a_refusal_tells_weak_motors_from_smooth_walls() -> None:
     stance: IntArray = np.array([[1, -1, 1, -1, 1, -1]])  # RM LR LF lifted, the others on the walls
     for factor, holds in ((1.0, False), (1.01 * times, True)):
         robot = replace(smooth.robot, max_torque=factor * smooth.robot.max_torque)
-        lab = Search(replace(smooth, robot=robot)).lab
-        pose = np.flatnonzero(lab.reach.valid[:, stance[0] >= 0, 1].all(axis=1))
-        use = stance_forces(lab, np.repeat(stance, len(pose), axis=0), pose).use
+        tables = SequenceSearch(replace(smooth, robot=robot)).tables
+        pose = np.flatnonzero(tables.reach.valid[:, stance[0] >= 0, 1].all(axis=1))
+        use = solve_stance_forces(tables, np.repeat(stance, len(pose), axis=0), pose).torque_use
         assert bool(np.isfinite(use).any()) is holds
 
 
@@ -110,12 +114,12 @@ def test_limbs_that_meet_are_not_chosen(scene: TransitionScene) -> None:
     share = rng.random((2, robot.limb_count, 5, robot.joint_count))
     span = robot.joint_upper - robot.joint_lower
     angles = robot.joint_lower[:, None] + share * span[:, None]
-    table = clear_standing(scene, com, np.zeros((2, 3)), angles)
+    table = compute_standing_clearance(scene, com, np.zeros((2, 3)), angles)
     meets = 0
     for state in rng.integers(0, 5, (40, robot.limb_count)):
         own = angles[:, np.arange(robot.limb_count), state]
         links = limb_capsules(robot, own)
-        room = limbs_room(links, parts_beside(robot, links)[1])
+        room = compute_limb_clearance(links, list_clearance_pairs(robot, links)[1])
         apart = np.asarray((room > 1e-3).all(axis=-1))
         np.testing.assert_array_equal(table.apart(tuple(state)), apart)
         meets += int((~apart).sum())
@@ -126,7 +130,7 @@ def test_mistakes_in_a_urdf_stay_at_their_keys(spec: Path) -> None:
     with pytest.raises(SpecError, match=r"step_max.*L9"):
         load_transition(spec, ["task.step_max={L9: 0.1}"])
     with pytest.raises(SpecError, match="4 limbs"):
-        load_transition(spec, ["task.supporting=4"])
+        load_transition(spec, ["task.min_supporting_limbs=4"])
 
 
 MISSION = ("climb={rounds: 1, goal: {com: [0, 0, 0.4]}}",)
@@ -155,10 +159,10 @@ def test_a_shift_beyond_its_bound_is_caught(plan: ClimbPlan) -> None:
 
 def test_rows_part_two_limbs_by_what_they_have(scene: TransitionScene) -> None:
     """Where the search has them a pair's least row is its capsules' room less what is asked."""
-    search, found = searched(scene, FAR)
+    search, found = search_sequences(scene, FAR)
     moved, beside = found[0].moved, ((0, 1, 2, 1), (1, 2, 3, 1), (0, 2, 3, 2))
-    stated = motion_statement(shape_of(scene, len(moved), parted=True, beside=beside))
-    numbers = motion_numbers(search.lab, stated, found[0], 1.2, parted=True, beside=beside)
+    stated = state_motion(build_shape(scene, len(moved), parted=True, beside=beside))
+    numbers = build_motion_data(search.tables, stated, found[0], 1.2, parted=True, beside=beside)
     rows = ca.Function("rows", [stated.x, stated.p], [stated.rows])
     value = np.array(rows(numbers.start, stated.theta(numbers.parameters))).ravel()
     own = value[stated.block("limbs.self_collision")][:, -4 * POINTS * len(beside) :]
@@ -166,7 +170,7 @@ def test_rows_part_two_limbs_by_what_they_have(scene: TransitionScene) -> None:
     shape = len(moved), POINTS, scene.robot.limb_count, scene.robot.joint_count
     angles = numbers.start[stated.place("angles")].reshape(shape)
     there = np.where(moved[:, None, :, None], angles, angles[:, :1])
-    room = limbs_room(limb_capsules(scene.robot, there), np.array(beside))
+    room = compute_limb_clearance(limb_capsules(scene.robot, there), np.array(beside))
     goes = np.array([[moved[j, [i, k]].any() for i, _, k, _ in beside] for j in range(len(moved))])
     looked = np.repeat(goes[:, None], POINTS, axis=1)
     looked[:, 0] = True
@@ -176,13 +180,15 @@ def test_rows_part_two_limbs_by_what_they_have(scene: TransitionScene) -> None:
 
 
 def test_links_that_come_close_are_found(scene: TransitionScene) -> None:
-    search, found = searched(scene, FAR)
-    assert links_beside(search.lab, found[0]) == ()
+    search, found = search_sequences(scene, FAR)
+    assert find_links_to_separate(search.tables, found[0]) == ()
     capsules = scene.robot.capsules
     assert capsules is not None
     thick = replace(capsules, radius=capsules.radius + 0.12)
-    lab = replace(search.lab, scene=replace(scene, robot=replace(scene.robot, capsules=thick)))
-    near = links_beside(lab, found[0])
+    tables = replace(
+        search.tables, scene=replace(scene, robot=replace(scene.robot, capsules=thick))
+    )
+    near = find_links_to_separate(tables, found[0])
     assert near
     for i, _, k, _ in near:
         assert {scene.robot.limb_names[i][0], scene.robot.limb_names[k][0]} == {"L", "R"}
@@ -191,7 +197,7 @@ def test_links_that_come_close_are_found(scene: TransitionScene) -> None:
 def test_rows_move_the_body_so_that_limbs_do_not_meet() -> None:
     """Shins 2 mm too thick for the motion without rows: with them the body goes another way."""
     flat = build_transition(load_transition(SPECS / "transition_flat.yaml"))
-    search, found = searched(flat, FAR)
+    search, found = search_sequences(flat, FAR)
     limbs, last = range(flat.robot.limb_count), flat.robot.joint_count - 1
     others = [
         (i, c, k, d)
@@ -203,19 +209,21 @@ def test_rows_move_the_body_so_that_limbs_do_not_meet() -> None:
     ]
     others += [(i, c, -1, 0) for i in limbs for c in range(last + 1)]
 
-    def room(lab: Laboratory, motion: Motion) -> float:
+    def room(tables: SearchTables, motion: Motion) -> float:
         # After the first round, whose pose is the start's
         moved, rounds = found[0].moved[1:], motion.rounds
         toes = np.stack([rounds.toes[1:-1], rounds.toes[2:]], axis=1)
         pose = rounds.com[1:-1, None], rounds.rpy[1:-1, None]
-        angles = inverse(lab.scene.robot, to_body(*pose, toes)).best()
+        angles = inverse(tables.scene.robot, to_body(*pose, toes)).best()
         there = np.where(moved[:, None, :, None], angles, angles[:, :1])
-        links = limb_capsules(lab.scene.robot, there)
-        return float(limbs_room(links, parts_beside(lab.scene.robot, links)[1]).min())
+        links = limb_capsules(tables.scene.robot, there)
+        return float(
+            compute_limb_clearance(links, list_clearance_pairs(tables.scene.robot, links)[1]).min()
+        )
 
-    def as_thick(radius: float) -> Laboratory:
+    def as_thick(radius: float) -> SearchTables:
         robot = replace(flat.robot, limb_radius=radius, touching=np.array(others))
-        return replace(search.lab, scene=replace(flat, robot=robot))
+        return replace(search.tables, scene=replace(flat, robot=robot))
 
     thin = as_thick(flat.robot.limb_radius)
     plain = plan_motion(thin, found[0])

@@ -75,7 +75,7 @@ def _robot_check(plan: ClimbPlan, robot: Robot, stored: StoredRobot) -> Check:
     if plan.robot.links is None and robot.links is not None:  # plans of before
         unknown.append("links")
         models.append("links without mass")
-        share = 100 * robot.links.share
+        share = 100 * robot.links.mass_fraction
         lacks.append(f"the weight of links, {share:.0f} % of all, which it counts to the body")
     if plan.robot.dynamics is None:  # plan files without rotors: they do not enter planning
         unknown.append("dynamics")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import BoolArray
-from climbplan.climb.forces.grips.planner import pull_margins, wrist_torques
-from climbplan.climb.forces.grips.statement import grip_wrists, state_grips
+from climbplan.climb.forces.grips.planner import compute_pull_margins, compute_wrist_torques
+from climbplan.climb.forces.grips.statement import build_grip_statement, compute_grip_wrists
 from climbplan.climb.plan.climb_plan import Forces, Instants, Trajectory
 from climbplan.climb.plan.grips import GripPlan, SpineModel
 from climbplan.climb.scene.climb_scene import MotionScene
@@ -14,7 +14,7 @@ from climbplan.errors import ReachFailure
 from climbplan.mechanics.grip import Grippers, outside_training, parts_of
 from climbplan.robots.gripper import WRIST_JOINTS
 
-_BOUND_SLACK = 1e-9  # [rad]
+_BOUND_TOLERANCE = 1e-9  # [rad]
 
 
 def require_wrists(scene: MotionScene, instants: Instants) -> None:
@@ -22,17 +22,19 @@ def require_wrists(scene: MotionScene, instants: Instants) -> None:
     if scene.grippers is None:
         return
     gripper = scene.grippers.gripper
-    angles = grip_wrists(scene, instants, scene.grippers).angles
-    beyond = np.maximum(gripper.wrist_lower - angles, angles - gripper.wrist_upper)
-    if beyond.max() <= _BOUND_SLACK:
+    angles = compute_grip_wrists(scene, instants, scene.grippers).angles
+    bound_violation = np.maximum(gripper.wrist_lower - angles, angles - gripper.wrist_upper)
+    if bound_violation.max() <= _BOUND_TOLERANCE:
         return
-    k, limb, joint = (int(i) for i in np.unravel_index(int(np.argmax(beyond)), beyond.shape))
-    over = f"{WRIST_JOINTS[joint]} {np.rad2deg(beyond[k, limb, joint]):.1f} deg past its bound"
+    k, limb, joint = (
+        int(i) for i in np.unravel_index(int(np.argmax(bound_violation)), bound_violation.shape)
+    )
+    violation_text = f"{WRIST_JOINTS[joint]} {np.rad2deg(bound_violation[k, limb, joint]):.1f} deg past its bound"
     names = scene.robot.limb_names
-    raise ReachFailure(names[limb], over, 0.0, instants.label(k, names))
+    raise ReachFailure(names[limb], violation_text, 0.0, instants.label(k, names))
 
 
-def may_grip_firmly(grippers: Grippers, instants: Instants) -> BoolArray:
+def find_firm_limbs(grippers: Grippers, instants: Instants) -> BoolArray:
     """(N,) limbs whose fingers may grip harder than they must, on every hold that they come to.
 
     What is within a cone stays there with any force in the cone added: with that of a finger along
@@ -41,7 +43,7 @@ def may_grip_firmly(grippers: Grippers, instants: Instants) -> BoolArray:
     return np.asarray((np.tan(grippers.undercut[instants.region]) <= instants.mu).all(axis=0))
 
 
-def grip_plan(
+def build_grip_plan(
     scene: MotionScene, instants: Instants, forces: Forces, trajectory: Trajectory
 ) -> GripPlan | None:
     """Wrist angles, torques and pull-out margins beside the forces; None without grippers."""
@@ -50,9 +52,9 @@ def grip_plan(
         return None
     if trajectory.grips is None or trajectory.force is None:
         return None
-    statement = state_grips(scene, instants, grippers)
+    statement = build_grip_statement(scene, instants, grippers)
     grips = forces.grips
-    parts = parts_of(
+    part_forces = parts_of(
         forces.force,
         grips.grip,
         grips.moment,
@@ -66,25 +68,25 @@ def grip_plan(
         spines=grippers.spines,
         instants=grips,
         wrist_angles=statement.wrists.angles,
-        wrist_torque=wrist_torques(statement, forces.force, grips.moment),
-        pull_margin=pull_margins(statement, parts),
+        wrist_torque=compute_wrist_torques(statement, forces.force, grips.moment),
+        pull_margin=compute_pull_margins(statement, part_forces),
         trajectory=trajectory.grips,
         trajectory_force=trajectory.force,
     )
 
 
-def grip_warnings(scene: MotionScene, instants: Instants) -> tuple[str, ...]:
+def warn_of_extrapolation(scene: MotionScene, instants: Instants) -> tuple[str, ...]:
     """Holds in use whose orientation or friction the gripper's model was never fitted to."""
     if scene.grippers is None:
         return ()
-    beyond = outside_training(scene.grippers)
-    used = [r for r in np.unique(instants.region) if beyond[r]]
-    if not used:
+    is_extrapolated = outside_training(scene.grippers)
+    used_regions = [r for r in np.unique(instants.region) if is_extrapolated[r]]
+    if not used_regions:
         return ()
-    names = ", ".join(repr(scene.terrain.surfaces[r].name) for r in used[:3])
-    more = f" and {len(used) - 3} more" if len(used) > 3 else ""
+    names = ", ".join(repr(scene.terrain.surfaces[r].name) for r in used_regions[:3])
+    ellipsis = f" and {len(used_regions) - 3} more" if len(used_regions) > 3 else ""
     text = (
-        f"orientation or friction of {names}{more} is beyond the grips that the gripper's model "
+        f"orientation or friction of {names}{ellipsis} is beyond the grips that the gripper's model "
         "was fitted to: its bound extrapolates"
     )
     return (text,)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.forces.grips.explanation import explain_grips, fragile_grips
-from climbplan.climb.forces.grips.margins import solve_with_margins
+from climbplan.climb.forces.grips.explanation import describe_fragile_grips, explain_grips
+from climbplan.climb.forces.grips.margins import solve_grips_with_margins
 from climbplan.climb.forces.grips.solving import SolvedGrips
-from climbplan.climb.forces.grips.statement import GripStatement, state_grips
+from climbplan.climb.forces.grips.statement import GripStatement, build_grip_statement
 from climbplan.climb.plan.climb_plan import Forces, Instants
 from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene.climb_scene import MotionScene
@@ -18,7 +18,7 @@ from climbplan.errors import UsageError
 from climbplan.mechanics.grip import FIRST, PALM, SECOND, Grippers, pull_margin
 from climbplan.robots.kinematics import toe_world
 
-NO_SHEAR = 1e-6  # in units of the load: less is rounding of forces that are zero
+SHEAR_TOLERANCE = 1e-6  # in units of the load: less is rounding of forces that are zero
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class GripAnswers:
 
     force: Array  # (K, N, 3) [N]
     grips: GripForces
-    parts: Array  # (K, N, 3, 3) forces on palm and fingers [N]
+    part_forces: Array  # (K, N, 3, 3) forces on palm and fingers [N]
 
 
 def plan_grip_forces(
@@ -39,73 +39,77 @@ def plan_grip_forces(
     margins. Raises NotProved with what is missing at
     instants that have no admissible forces, in newtons of pull at which gripper.
     """
-    if scene.spec.force.sag != "compensated":
-        raise UsageError("force.sag: grippers hold the body at its planned pose: `compensated`")
-    statement = state_grips(scene, instants, grippers)
+    if scene.spec.force.deflection_compensation != "compensated":
+        raise UsageError(
+            "force.deflection_compensation: grippers hold the body at its planned pose: `compensated`"
+        )
+    statement = build_grip_statement(scene, instants, grippers)
     spec = scene.spec
-    found = solve_with_margins(
+    margined = solve_grips_with_margins(
         statement,
         spec.margins,
         scene.robot.weight,
         instants.round,
-        solver or spec.solver.force,
+        solver or spec.solver.force_solver,
         spec.force.facets,
     )
-    if len(found.solved.missing):
-        raise explain_grips(scene, instants, statement, found.solved.missing)
-    forces = _assembled(scene, instants, statement, answers_of(statement, found.solved))
-    notes = fragile_grips(scene, instants, found.asked, found.share)
-    return replace(forces, margin_share=found.share, notes=notes)
+    if len(margined.solved.missing):
+        raise explain_grips(scene, instants, statement, margined.solved.missing)
+    forces = _assemble_forces(
+        scene, instants, statement, assemble_grip_answers(statement, margined.solved)
+    )
+    notes = describe_fragile_grips(scene, instants, margined.required, margined.margin_fraction)
+    return replace(forces, margin_share=margined.margin_fraction, notes=notes)
 
 
-def answers_of(statement: GripStatement, solved: SolvedGrips) -> GripAnswers:
+def assemble_grip_answers(statement: GripStatement, solved: SolvedGrips) -> GripAnswers:
     """Forces and moments of solved parts."""
-    parts = solved.parts
-    apart = parts[:, :, FIRST] - parts[:, :, SECOND]
+    part_forces = solved.part_forces
+    finger_difference = part_forces[:, :, FIRST] - part_forces[:, :, SECOND]
     axis = statement.axis
     grips = GripForces(
-        grip=np.einsum("kni,kni->kn", axis, apart) / 2,
-        palm=parts[:, :, PALM],
-        moment=statement.gripper.finger_span / 2 * np.cross(axis, apart),
+        grip=np.einsum("kni,kni->kn", axis, finger_difference) / 2,
+        palm=part_forces[:, :, PALM],
+        moment=statement.gripper.finger_span / 2 * np.cross(axis, finger_difference),
     )
-    return GripAnswers(parts.sum(axis=2), grips, parts)
+    return GripAnswers(part_forces.sum(axis=2), grips, part_forces)
 
 
-def grip_torques(statement: GripStatement, force: Array, moment: Array) -> Array:
+def compute_grip_torques(statement: GripStatement, force: Array, moment: Array) -> Array:
     """(K, N, 3) torques of the limbs' joints by forces and moments (K, N, 3) at the grips."""
     wrench = np.concatenate([force, moment], axis=-1)
     return np.einsum("knji,kni->knj", statement.torque, wrench)
 
 
-def wrist_torques(statement: GripStatement, force: Array, moment: Array) -> Array:
+def compute_wrist_torques(statement: GripStatement, force: Array, moment: Array) -> Array:
     """(K, N, 3) torques of the wrists' joints likewise."""
     wrench = np.concatenate([force, moment], axis=-1)
     return np.einsum("knji,kni->knj", statement.wrist, wrench)
 
 
-def _assembled(
-    scene: MotionScene, instants: Instants, statement: GripStatement, found: GripAnswers
+def _assemble_forces(
+    scene: MotionScene, instants: Instants, statement: GripStatement, answers: GripAnswers
 ) -> Forces:
-    force, grips = found.force, found.grips
-    torques = grip_torques(statement, force, grips.moment)
-    wrist = wrist_torques(statement, force, grips.moment)
-    bent = statement.softness * torques * instants.contact[..., None]
-    command = instants.joint_angles - bent
-    used = [
+    force, grips = answers.force, answers.grips
+    torques = compute_grip_torques(statement, force, grips.moment)
+    wrist = compute_wrist_torques(statement, force, grips.moment)
+    deflection = statement.softness * torques * instants.contact[..., None]
+    command = instants.joint_angles - deflection
+    load_ratios = [
         (np.abs(torques + statement.link_torques) / statement.max_torque).max(axis=(1, 2)),
         (np.abs(wrist) / statement.gripper.wrist_max_torque).max(axis=(1, 2)),
     ]
     if statement.gripper.max_force > 0:
-        used.append((grips.grip / statement.gripper.max_force).max(axis=1))
-    use = np.max(used, axis=0)
-    slip = slipping(statement, found.parts)
-    safety_torque = np.full(len(use), np.inf)
-    np.divide(1.0, use, out=safety_torque, where=use > 0)
+        load_ratios.append((grips.grip / statement.gripper.max_force).max(axis=1))
+    max_ratio = np.max(load_ratios, axis=0)
+    slip = compute_slip_margins(statement, answers.part_forces)
+    safety_torque = np.full(len(max_ratio), np.inf)
+    np.divide(1.0, max_ratio, out=safety_torque, where=max_ratio > 0)
     return Forces(
         force=force,
         joint_torques=torques,
         link_torques=None if scene.robot.links is None else statement.link_torques,
-        wall_deflection=np.einsum("knij,knj->kni", statement.jacobian, bent),
+        wall_deflection=np.einsum("knij,knj->kni", statement.jacobian, deflection),
         com_deflection=np.zeros((len(force), 6)),
         joint_command=command,
         toe_command=toe_world(scene.robot, instants.com, instants.rpy, command),
@@ -117,29 +121,29 @@ def _assembled(
 
 
 @dataclass(frozen=True)
-class Slipping:
+class SlipMargins:
     """How near grips are to slipping, by their worst part."""
 
     mu_critical: Array  # (K, N) friction coefficient at which one slips, its spines as counted on
     factor: Array  # (K, N) shear that is held over shear that is planned
 
 
-def slipping(statement: GripStatement, parts: Array) -> Slipping:
+def compute_slip_margins(statement: GripStatement, part_forces: Array) -> SlipMargins:
     """For forces (K, N, 3, 3) on palms and fingers; no force at all slips at no friction."""
     cones = statement.cones
-    pressure, shear = np.maximum(cones.pressure(parts), 0.0), cones.shear(parts)
-    loaded = (shear > NO_SHEAR * statement.unit) & statement.contact[..., None]
-    beyond = np.maximum(shear - cones.spines, 0.0)
-    critical = np.where(beyond > 0, np.inf, 0.0)
-    np.divide(beyond, pressure, out=critical, where=pressure > 0)
+    pressure, shear = np.maximum(cones.pressure(part_forces), 0.0), cones.shear(part_forces)
+    is_sheared = (shear > SHEAR_TOLERANCE * statement.unit) & statement.contact[..., None]
+    shear_excess = np.maximum(shear - cones.spines, 0.0)
+    critical_mu = np.where(shear_excess > 0, np.inf, 0.0)
+    np.divide(shear_excess, pressure, out=critical_mu, where=pressure > 0)
     factor = np.full(shear.shape, np.inf)
-    held = cones.mu[..., None] * pressure + cones.spines
-    np.divide(held, shear, out=factor, where=loaded)
-    critical = np.where(loaded, critical, 0.0)
-    return Slipping(critical.max(axis=-1), factor.min(axis=-1))
+    max_shear = cones.mu[..., None] * pressure + cones.spines
+    np.divide(max_shear, shear, out=factor, where=is_sheared)
+    critical_mu = np.where(is_sheared, critical_mu, 0.0)
+    return SlipMargins(critical_mu.max(axis=-1), factor.min(axis=-1))
 
 
-def pull_margins(statement: GripStatement, parts: Array) -> Array:
+def compute_pull_margins(statement: GripStatement, part_forces: Array) -> Array:
     """(K, N) further pull that grips hold [N], 0 for lifted limbs."""
-    margin = pull_margin(statement.cones, parts, statement.normal)
+    margin = pull_margin(statement.cones, part_forces, statement.normal)
     return np.where(statement.contact, margin, 0.0)

@@ -54,58 +54,60 @@ class GripStatement:
     wrists: Wrists  # (K, N, ...)
     joint_angles: Array  # (K, N, 3) [rad]
     softness: Array  # (N, 3) [rad/(N m)]
-    room_below: Array  # (K, N, 3) from the lower joint bound to the joint angle [rad]
-    room_above: Array  # (K, N, 3)
+    margin_below: Array  # (K, N, 3) from the lower joint bound to the joint angle [rad]
+    margin_above: Array  # (K, N, 3)
     max_torque: Array  # (N, 3) [N m]
     link_torques: Array  # (K, N, 3) of the links' own weight [N m]
     safety_friction: Array  # (K,) S_mu, or more where holds may lack friction
     pull: Array  # (K,) further pull that every grip holds [N]
-    least_safety_torque: float
+    min_safety_torque: float
     unit: float  # force scale [N]
     length: float  # lever arm scale [m]
 
     @property
-    def largest_s(self) -> float:
+    def max_s(self) -> float:
         """Upper bound of s."""
-        return 1 / self.least_safety_torque
+        return 1 / self.min_safety_torque
 
-    def parts_to_wrench(self, k: int, limb: int) -> Array:
+    def build_wrench_map(self, k: int, limb: int) -> Array:
         """(7, 9) force, moment and gripping force by the forces on palm and two fingers."""
         axis, half = self.axis[k, limb], self.gripper.finger_span / 2
-        out = np.zeros((7, 3, 3))
-        out[:3] = np.eye(3)[:, None, :]
-        out[3:6, FIRST], out[3:6, SECOND] = half * skew(axis), -half * skew(axis)
-        out[6, FIRST], out[6, SECOND] = axis / 2, -axis / 2
-        return out.reshape(7, 9)
+        wrench_map = np.zeros((7, 3, 3))
+        wrench_map[:3] = np.eye(3)[:, None, :]
+        wrench_map[3:6, FIRST], wrench_map[3:6, SECOND] = half * skew(axis), -half * skew(axis)
+        wrench_map[6, FIRST], wrench_map[6, SECOND] = axis / 2, -axis / 2
+        return wrench_map.reshape(7, 9)
 
 
-def grip_wrists(scene: MotionScene, instants: Instants, grippers: Grippers) -> Wrists:
+def compute_grip_wrists(scene: MotionScene, instants: Instants, grippers: Grippers) -> Wrists:
     """Wrists (K, N, ...) that hold the grippers square on their holds; lifted ones likewise."""
     rotation = rotation_world_body(instants.rpy)
     link = np.einsum("kab,knib->knia", rotation, last_link_body(scene.robot, instants.joint_angles))
     return wrists_at(link, -instants.normal, grippers.axis[instants.region])
 
 
-def state_grips(scene: MotionScene, instants: Instants, grippers: Grippers) -> GripStatement:
+def build_grip_statement(
+    scene: MotionScene, instants: Instants, grippers: Grippers
+) -> GripStatement:
     """The force problems of a scene's instants."""
     robot, force, gripper = scene.robot, scene.spec.force, grippers.gripper
     region, normal = instants.region, instants.normal
     load = total_load(robot, instants.external_wrench, instants.rpy, instants.joint_angles)
-    sizes = np.linalg.norm(load[:, :3], axis=1)
-    unit = float(sizes.max(initial=0.0)) or float(robot.max_torque.min() / robot.reach)
+    load_norms = np.linalg.norm(load[:, :3], axis=1)
+    unit = float(load_norms.max(initial=0.0)) or float(robot.max_torque.min() / robot.reach)
     jacobian = jacobian_world(robot, instants.rpy, instants.joint_angles)
     rotation = rotation_world_body(instants.rpy)
     axes = np.einsum("kab,knib->knia", rotation, joint_axes_body(robot, instants.joint_angles))
-    wrists = grip_wrists(scene, instants, grippers)
+    wrists = compute_grip_wrists(scene, instants, grippers)
     # Moment at the wrist's centre by force and moment at the grip: m - d n x f
-    at_wrist = np.concatenate(
+    wrist_moment_map = np.concatenate(
         [
             -gripper.length * skew(normal),
             np.broadcast_to(np.eye(3), (*normal.shape, 3)),
         ],
         axis=-1,
     )
-    torque = axes @ at_wrist
+    torque = axes @ wrist_moment_map
     torque[..., :3] += np.swapaxes(jacobian, -1, -2)
     return GripStatement(
         gripper=gripper,
@@ -123,17 +125,17 @@ def state_grips(scene: MotionScene, instants: Instants, grippers: Grippers) -> G
         ),
         jacobian=jacobian,
         torque=torque,
-        wrist=wrists.axes @ at_wrist,
+        wrist=wrists.axes @ wrist_moment_map,
         wrists=wrists,
         joint_angles=instants.joint_angles,
         softness=joint_softness(robot),
-        room_below=np.maximum(instants.joint_angles - robot.joint_lower, 0.0),
-        room_above=np.maximum(robot.joint_upper - instants.joint_angles, 0.0),
+        margin_below=np.maximum(instants.joint_angles - robot.joint_lower, 0.0),
+        margin_above=np.maximum(robot.joint_upper - instants.joint_angles, 0.0),
         max_torque=robot.max_torque,
         link_torques=link_torques(robot, instants.rpy, instants.joint_angles),
         safety_friction=np.full(len(load), force.safety_friction),
         pull=np.zeros(len(load)),
-        least_safety_torque=force.safety_torque,
+        min_safety_torque=force.safety_torque,
         unit=unit,
         length=robot.reach,
     )

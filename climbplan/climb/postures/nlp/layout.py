@@ -1,6 +1,6 @@
-"""The variables and numbers of the posture NLP: how they lie in IPOPT's vectors.
+"""The layout of variables and parameters of the posture NLP in IPOPT's vectors.
 
-All arrays of a scene and of a start are found by name here, so that no other file counts
+All arrays of a scene and of a start are addressed by name here, so that no other file counts
 positions in a vector.
 """
 
@@ -14,70 +14,70 @@ from climbplan.robots.stated_limbs import StatedLimbs
 
 @dataclass(frozen=True)
 class Moment:
-    """A moment in a limb's part of the round at which its joint angles are variables."""
+    """A moment of a limb's move within a round at which its joint angles are variables."""
 
     name: str
     at_end: bool  # body at the end of the round, else where it is while the limb moves
-    new_place: bool  # toe on (or over) its new place, else its old one
-    clear: bool  # lifted off along the normal
+    at_new_contact: bool  # toe on (or over) its new place, else its old one
+    is_lifted: bool  # lifted off along the normal
 
 
 MOMENTS = (
-    Moment("end", at_end=True, new_place=True, clear=False),
-    Moment("lift", at_end=False, new_place=False, clear=False),
-    Moment("lifted", at_end=False, new_place=False, clear=True),
-    Moment("lowered", at_end=False, new_place=True, clear=True),
-    Moment("place", at_end=False, new_place=True, clear=False),
+    Moment("end", at_end=True, at_new_contact=True, is_lifted=False),
+    Moment("lift", at_end=False, at_new_contact=False, is_lifted=False),
+    Moment("lifted", at_end=False, at_new_contact=False, is_lifted=True),
+    Moment("lowered", at_end=False, at_new_contact=True, is_lifted=True),
+    Moment("place", at_end=False, at_new_contact=True, is_lifted=False),
 )
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What decides the structure of the program; everything else is a number."""
+    """The structure of the program; everything else about a scene is a parameter."""
 
-    rounds: int
+    num_rounds: int
     gait: tuple[int, ...]  # limbs in the order in which they move
-    curved: bool  # toes on a tube instead of on pinned flat regions
-    edges: int  # most edges of a contact region
-    free_rows: int  # most rows of the free regions of a round
-    hull: int  # corners of the body
-    obstacles: int  # solids that limbs keep clear of
-    stance: bool  # second workspace ball
-    intermediate: bool  # workspace balls also while the body moves within a round
-    com_min: bool  # lower bounds on steps
-    toe_min: bool
-    stated: StatedLimbs
+    is_curved: bool  # toes on a tube instead of on pinned flat regions
+    max_edges: int  # most edges of a contact region
+    num_free_rows: int  # most rows of the free regions of a round
+    num_hull_corners: int  # corners of the body
+    num_obstacles: int  # solids that limbs keep clear of
+    has_stance_ball: bool  # second workspace ball
+    checks_during_round: bool  # workspace balls also while the body moves within a round
+    has_com_min: bool  # lower bounds on steps
+    has_toe_min: bool
+    kinematics: StatedLimbs
 
     @property
     def links(self) -> int:
-        """Straight pieces of a limb, from joint to joint and toe."""
-        return self.stated.joints
+        """Return the number of straight pieces of a limb, from joint to joint and toe."""
+        return self.kinematics.joints
 
     @property
     def limbs(self) -> int:
-        """N."""
+        """Return the number of limbs N."""
         return len(self.gait)
 
 
-def variable_layout(n: int, joints: int) -> Layout:
-    """Variables of one round; the first three arrays are the posture itself."""
+def build_variable_layout(n: int, joints: int) -> Layout:
+    """Return the layout of one round's variables; the first three arrays are the posture itself."""
     angles = tuple((f"angles_{moment.name}", (joints, n)) for moment in MOMENTS)
     return Layout((("com", (3, 1)), ("rpy", (3, 1)), ("toes", (3, n)), *angles))
 
 
-def posture_layout(n: int) -> Layout:
-    """Body pose and toes."""
-    return Layout(variable_layout(n, 0).shapes[:3])
+def build_posture_layout(n: int) -> Layout:
+    """Return the layout of one posture: body pose and toes."""
+    return Layout(build_variable_layout(n, 0).shapes[:3])
 
 
-def pin_layout(shape: Shape) -> Layout:
-    """What is pinned per round.
+def build_pin_layout(shape: Shape) -> Layout:
+    """Return the layout of what is fixed per round before the NLP is solved.
 
-    The region of each toe before and after, the body's free region, and at every moment the plane
-    that parts each link of each limb from each obstacle (columns: obstacle by obstacle, limb by
-    limb, link by link).
+    These are the region of each toe before and after the round, the body's free region, and at
+    every moment the separating plane of each link of each limb and each obstacle. Columns are
+    ordered obstacle by obstacle, limb by limb, link by link.
     """
-    n, k, f = shape.limbs, shape.edges, shape.free_rows
+    n, k, f = shape.limbs, shape.max_edges, shape.num_free_rows
     flat = (
         ("old_normal", (3, n)),
         ("normal", (3, n)),
@@ -87,13 +87,13 @@ def pin_layout(shape: Shape) -> Layout:
     )
     free = (("free_rows", (3, f)), ("free_bounds", (1, f)))
     planes = tuple(
-        (f"planes_{moment.name}", (4, shape.links * n * shape.obstacles)) for moment in MOMENTS
+        (f"planes_{moment.name}", (4, shape.links * n * shape.num_obstacles)) for moment in MOMENTS
     )
-    return Layout((*(() if shape.curved else flat), *free, *planes))
+    return Layout((*(() if shape.is_curved else flat), *free, *planes))
 
 
-def number_layout(shape: Shape) -> Layout:
-    """Numbers of robot, terrain and planner that hold for all rounds."""
+def build_number_layout(shape: Shape) -> Layout:
+    """Return the layout of the parameters of robot, terrain and planner that hold for all rounds."""
     n = shape.limbs
     per_limb = ("first_joint", "stance")
     scalars = (
@@ -105,8 +105,8 @@ def number_layout(shape: Shape) -> Layout:
     return Layout(
         (
             *((name, (3, n)) for name in per_limb),
-            *shape.stated.numbers.items(),
-            ("hull", (3, shape.hull)),
+            *shape.kinematics.numbers.items(),
+            ("hull", (3, shape.num_hull_corners)),
             ("axis", (2, 1)),
             ("radius", (1, 1)),
             ("goal_com", (3, 1)),

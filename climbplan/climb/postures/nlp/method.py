@@ -1,13 +1,13 @@
 """Postures by nonlinear programming (method `nlp`): exact rotations, curved terrain.
 
-IPOPT from several starts, each with its own contact regions and way round the obstacles; the best
-plan that passes the exact check is kept. Where the convex method holds rotations to about 15
-degrees and terrain to flat regions, this one takes any yaw, round tubes, and lower bounds on
-steps, and keeps the links off obstacles at every lift and placing. It proves neither optimality
-nor that no plan exists.
+IPOPT is run from several starts (multistart), each with its own contact regions and its own side of
+every obstacle. The best plan that passes the exact check is returned. The convex method holds only
+for rotations up to about 15 degrees and flat regions. This method takes any yaw, round tubes and
+lower bounds on steps, and keeps links off obstacles at every lift and placing. It proves neither
+optimality nor infeasibility.
 
-Roll, pitch and, on flat terrain, the yaw since the start stay within `rotation_limit_deg`. In a
-tube, which looks the same from all sides, yaw is free and may go all the way round.
+Roll, pitch and, on flat terrain, the yaw relative to the start stay within `rotation_limit_deg`. A
+tube is rotationally symmetric, so that the yaw inside one is free.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ SOLVER = "ipopt (mumps)"
 
 @dataclass(frozen=True)
 class Attempt:
-    """What became of one start."""
+    """The result of one start of the NLP."""
 
     guess: Guess
     rounds: Rounds
@@ -64,21 +64,25 @@ class Attempt:
 
     @property
     def is_accepted(self) -> bool:
-        """Whether every constraint holds by the exact check, whatever IPOPT said."""
+        """Return whether every constraint holds by the exact check, whatever IPOPT reported."""
         return not self.violations
 
     @property
     def worst_violation(self) -> Violation:
-        """The block that fails by most."""
+        """Return the block with the largest violation."""
         return max(self.violations, key=lambda violation: violation.amount)
 
 
 def plan_postures_nlp(scene: ClimbScene, report: Progress | None = None) -> PostureResult:
-    """The best of several locally optimal posture sequences (method `nlp`).
+    """Return the best of several locally optimal posture sequences (method `nlp`).
 
-    Starts depend on the spec's seed and their own number only. Status is "feasible": a local
-    method gives no bound. Raises ReachFailure for a start posture out of reach, Infeasible where
-    the steps allowed cannot cover the way to the goal, LimitReached where no start converged.
+    Starts depend on the spec's seed and on their own index only. The status is "feasible", because
+    a local method gives no bound.
+
+    Raises:
+        ReachFailure: A limb cannot reach its toe in the start posture.
+        Unresolved: The allowed steps cannot cover the distance to the goal, or no start converged.
+        LimitReached: The time limit ended the search before all starts were tried.
     """
     options = scene.spec.solver
     deadline = time.monotonic() + options.time_limit
@@ -114,7 +118,13 @@ def plan_postures_nlp(scene: ClimbScene, report: Progress | None = None) -> Post
 
 
 def solve_from(scene: ClimbScene, guess: Guess, deadline: float) -> Attempt:
-    """IPOPT from one start, and the exact check of what it returns."""
+    """Solve the NLP from one start and check the result exactly.
+
+    Args:
+        scene: The climb.
+        guess: Initial postures and fixed choices of regions.
+        deadline: `time.monotonic` [s] at which IPOPT stops.
+    """
     begin = time.monotonic()
     program = compile_posture_nlp(build_shape(scene), MAX_ITERATIONS)
     iterations = 0
@@ -143,7 +153,9 @@ def solve_from(scene: ClimbScene, guess: Guess, deadline: float) -> Attempt:
 
 
 def refine_attempt(scene: ClimbScene, best: Attempt, deadline: float) -> Attempt:
-    """The plan solved again with what is pinned chosen anew where it now is, while that helps."""
+    """Solve the plan again with its fixed choices updated at its own postures, while the cost
+    improves.
+    """
     if not scene.terrain.obstacles and not scene.terrain.free_choices:
         return best  # nothing but contact regions is pinned
     for _ in range(MAX_REFINEMENTS):
@@ -157,10 +169,11 @@ def refine_attempt(scene: ClimbScene, best: Attempt, deadline: float) -> Attempt
 
 
 def reject_infeasible(scene: ClimbScene) -> None:
-    """What needs no solver to be seen.
+    """Raise an error for infeasibility that needs no solver.
 
-    Raises ReachFailure for a start posture beyond a limb's reach, and NotProved where the sum of
-    the largest steps is shorter than the way to the goal.
+    Raises:
+        ReachFailure: A limb of the start posture cannot reach its toe.
+        Unresolved: The sum of the largest steps is shorter than the distance to the goal.
     """
     start, spec = scene.start, scene.spec
     toes, first_limb = start.toes.copy(), scene.gait[0]
@@ -179,7 +192,7 @@ def reject_infeasible(scene: ClimbScene) -> None:
 
 
 def generate_guesses(scene: ClimbScene, count: int, deadline: float) -> Iterator[Guess]:
-    """`count` starts: the convex plan if there is one, the straight way, then random ones."""
+    """Yield `count` starts: the convex plan if there is one, the straight line, then random ones."""
     convex_start = build_convex_guess(scene, max(0.5 * (deadline - time.monotonic()), 0.1))
     if convex_start is not None:
         yield convex_start
@@ -190,6 +203,7 @@ def generate_guesses(scene: ClimbScene, count: int, deadline: float) -> Iterator
 
 
 def _describe_failure(scene: ClimbScene, attempts: list[Attempt]) -> str:
+    """Describe the attempt that came closest, where none was accepted."""
     requested, num_attempts = scene.spec.solver.starts, len(attempts)
     closest = min(attempts, key=lambda attempt: attempt.worst_violation.amount)
     count = (
@@ -204,7 +218,9 @@ def _describe_failure(scene: ClimbScene, attempts: list[Attempt]) -> str:
 
 
 def _describe_goal_error(scene: ClimbScene) -> str:
-    """What is wrong with the stated goal posture itself, a likely cause within its tolerance."""
+    """Describe a stated goal posture that is itself out of reach, which is a likely cause of
+    failure.
+    """
     goal = scene.goal
     try:
         require_reachable(scene.robot, to_body(goal.com, goal.rpy, goal.toes), "goal posture")
@@ -216,6 +232,7 @@ def _describe_goal_error(scene: ClimbScene) -> str:
 def _collect_sizes(
     program: CompiledTrajectory, attempts: list[Attempt], best: Attempt
 ) -> dict[str, object]:
+    """Return the sizes of program and search for the plan file."""
     return {
         "variables": program.solver.size,
         "constraints": len(program.bounds.row_lower),
@@ -227,6 +244,7 @@ def _collect_sizes(
 
 
 def _collect_warnings(scene: ClimbScene, attempts: list[Attempt]) -> tuple[str, ...]:
+    """Return a warning if the time limit left starts untried."""
     untried = scene.spec.solver.starts - len(attempts)
     if untried == 0:
         return ()

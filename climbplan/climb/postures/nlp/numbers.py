@@ -1,4 +1,4 @@
-"""A scene and a start as the numbers of the posture NLP, and its answer as postures."""
+"""Parameters and initial point of the posture NLP for a scene, and postures from its solution."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.climb.clearance.limbs import standing_room
-from climbplan.climb.gait.gait import poses_between
+from climbplan.climb.gait.gait import interpolate_poses
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.layout import (
     MOMENTS,
@@ -32,11 +32,15 @@ _CONTACT_TOLERANCE = 1e-6  # [m] a corner this close to a face belongs to it
 
 
 def find_separating_planes(solid: Solid, starts: Array, ends: Array) -> Array:
-    """The plane (..., 4) of each link that leaves most room to a solid, or overlaps least.
+    """Return the plane (..., 4) with the largest clearance between each link and a solid.
 
-    starts, ends: (..., 3) ends of the links [m]. A plane is a unit normal away from the solid and
-    its offset, touching the solid. Directions are those of its faces, and between faces for edges
-    and corners.
+    Candidate normals are those of the faces, and means of adjacent face normals for edges and
+    corners. A plane is a unit normal away from the solid and its offset; it touches the solid.
+
+    Args:
+        solid: The convex solid.
+        starts: (..., 3) first ends of the links [m].
+        ends: (..., 3) second ends of the links [m].
     """
     directions = _generate_directions(solid)
     offsets = (solid.vertices @ directions.T).max(axis=0)
@@ -46,7 +50,7 @@ def find_separating_planes(solid: Solid, starts: Array, ends: Array) -> Array:
 
 
 def _generate_directions(solid: Solid) -> Array:
-    """Unit normals of faces, and means of those that meet at an edge or a corner, (D, 3)."""
+    """Return unit normals (D, 3) of faces, and means of those that share an edge or a corner."""
     is_on_face = (
         np.abs(solid.A @ solid.vertices.T - solid.b[:, None]) < _CONTACT_TOLERANCE
     )  # (F, V)
@@ -64,7 +68,7 @@ _PITCH_LIMIT = np.deg2rad(80.0)  # beyond it roll and yaw are no longer told apa
 
 @dataclass(frozen=True)
 class Guess:
-    """Where IPOPT starts, and the choices that stay as they are in its run."""
+    """An initial point of IPOPT, with the choices that stay fixed in its run."""
 
     label: str
     rounds: Rounds  # postures, need not satisfy anything; regions are pinned
@@ -72,7 +76,7 @@ class Guess:
 
 
 def build_shape(scene: ClimbScene) -> Shape:
-    """The structure of a scene's NLP."""
+    """Return the structure of a scene's NLP."""
     spec, terrain = scene.spec.posture, scene.terrain
     return Shape(
         num_rounds=scene.spec.task.round_count,
@@ -91,7 +95,7 @@ def build_shape(scene: ClimbScene) -> Shape:
 
 
 def build_parameters(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
-    """Start posture, pinned choices of every round (P, M), and all other numbers of the scene."""
+    """Return the parameters of a scene's NLP: start posture, fixed choices (P, M) and all numbers."""
     shape, start = build_shape(scene), scene.start
     posture = {"com": start.com[:, None], "rpy": start.rpy[:, None], "toes": start.toes.T}
     return {
@@ -102,6 +106,7 @@ def build_parameters(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
 
 
 def _build_numbers(scene: ClimbScene) -> dict[str, Array]:
+    """Return the parameters that hold for all rounds, by name."""
     spec, robot, goal = scene.spec.posture, scene.robot, scene.goal
     steps, wall = spec.steps, scene.terrain.surfaces[0]
     tube = wall if isinstance(wall, Tube) else None
@@ -136,7 +141,9 @@ def _build_numbers(scene: ClimbScene) -> dict[str, Array]:
 
 
 def _build_planes(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
-    """Parting planes of links and obstacles at the moments of every round, (M, 4, columns)."""
+    """Return the separating planes of links and obstacles at the moments of every round, (M, 4,
+    columns).
+    """
     robot, plane_arrays = scene.robot, {}
     for moment in MOMENTS:
         limbs = _evaluate_limbs(scene, guess, moment)
@@ -155,7 +162,7 @@ def _build_planes(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
 
 
 def _build_pins(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
-    """The pinned choices of every round, (M, rows, columns) each."""
+    """Return the fixed choices of every round, (M, rows, columns) each."""
     terrain, region = scene.terrain, guess.rounds.region
     m = len(region) - 1
     chosen_regions = zip(terrain.free_choices, guess.free_regions.T, strict=True)
@@ -185,7 +192,7 @@ def _build_pins(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
 
 
 def _pad_halfspaces(regions: Sequence[Region | FreeRegion]) -> Array:
-    """Rows over their bounds (R, 4, most rows); rows beyond a region's own hold everywhere."""
+    """Return rows and bounds (R, 4, max rows) of regions; padding rows are 0 x <= 1."""
     table = np.zeros((len(regions), 4, max(len(region.b) for region in regions)))
     table[:, 3] = 1.0  # 0 x <= 1
     for rows, region in zip(table, regions, strict=True):
@@ -194,9 +201,10 @@ def _pad_halfspaces(regions: Sequence[Region | FreeRegion]) -> Array:
 
 
 def build_variable_bounds(scene: ClimbScene, joint_margin: float) -> tuple[Array, Array]:
-    """Lower and upper bounds of all variables.
+    """Return lower and upper bounds of all variables.
 
-    Rotation limits, joint bounds tightened by joint_margin [rad], and a tube's extent.
+    They are rotation limits, joint bounds tightened by joint_margin [rad], and the extent of a
+    tube.
     """
     shape, robot = build_shape(scene), scene.robot
     limit = np.full(3, np.deg2rad(scene.spec.posture.rotation_limit_deg))
@@ -224,7 +232,7 @@ def build_variable_bounds(scene: ClimbScene, joint_margin: float) -> tuple[Array
 
 @dataclass(frozen=True)
 class _LimbStates:
-    """All limbs at one moment of every round, each with the body where it then is."""
+    """All limbs at one moment of every round, each with the body pose at that moment."""
 
     com: Array  # (M, N, 3)
     rpy: Array  # (M, N, 3)
@@ -232,12 +240,12 @@ class _LimbStates:
 
 
 def _evaluate_limbs(scene: ClimbScene, guess: Guess, moment: Moment) -> _LimbStates:
-    """Poses and joint angles of a guess, knee up where inverse kinematics fails."""
+    """Return poses and joint angles of a guess, knee up where inverse kinematics fails."""
     rounds, n = guess.rounds, scene.robot.limb_count
     fraction = np.ones(n)
     if not moment.at_end:
         fraction[list(scene.gait)] = np.arange(n) / n
-    com, rpy = poses_between(rounds, fraction)
+    com, rpy = interpolate_poses(rounds, fraction)
     rows = slice(1, None) if moment.at_new_contact else slice(None, -1)
     toes, region = rounds.toes[rows].copy(), rounds.region[rows]
     if moment.is_lifted:
@@ -251,7 +259,9 @@ def _evaluate_limbs(scene: ClimbScene, guess: Guess, moment: Moment) -> _LimbSta
 
 
 def build_initial_point(scene: ClimbScene, guess: Guess, bounds: tuple[Array, Array]) -> Array:
-    """All variables at a guess; joint angles by inverse kinematics, within the bounds."""
+    """Return all variables at a guess; joint angles follow by inverse kinematics, clipped to the
+    bounds.
+    """
     rounds = guess.rounds
     values = {
         "com": rounds.com[1:, :, None],
@@ -266,7 +276,7 @@ def build_initial_point(scene: ClimbScene, guess: Guess, bounds: tuple[Array, Ar
 
 
 def extract_rounds(scene: ClimbScene, guess: Guess, x: Array) -> Rounds:
-    """Postures of a solution vector, toes put exactly on their regions."""
+    """Return the postures of a solution vector, with toes projected exactly onto their regions."""
     start, layout = (
         scene.start,
         build_variable_layout(scene.robot.limb_count, scene.robot.joint_count),
@@ -283,7 +293,7 @@ def extract_rounds(scene: ClimbScene, guess: Guess, x: Array) -> Rounds:
 
 
 def project_onto_surfaces(scene: ClimbScene, toes: Array, region: IntArray) -> None:
-    """Toes (M+1, N, 3) onto their surfaces, in place, but for those of the start."""
+    """Project toes (M+1, N, 3) onto their surfaces, in place, except those of the start."""
     for j, limb in np.ndindex(*region[1:].shape):
         surface = scene.terrain.surfaces[region[j + 1, limb]]
         toes[j + 1, limb] = surface.project(toes[j + 1, limb])

@@ -1,7 +1,7 @@
-"""Where the posture NLP starts: the convex plan, and randomised ways from start to goal.
+"""Initial points of the posture NLP: the convex plan, and randomised paths from start to goal.
 
-A local method finds the plan nearest to its start, and its choices of regions stay as they are
-in the start. So each start is a different way round the obstacles with other contact regions.
+A local method finds a plan near its initial point, and the choices of regions stay those of the
+initial point. So each start passes obstacles on other sides and uses other contact regions.
 """
 
 from __future__ import annotations
@@ -34,10 +34,11 @@ _NUM_SWEEPS = 300  # of smoothing and moving back into the free regions
 
 
 def build_convex_guess(scene: ClimbScene, time_limit: float) -> Guess | None:
-    """The plan of method `micp`, lower step bounds left out; None where that has no answer.
+    """Return the plan of method `micp` without lower step bounds; None where that method has no
+    answer.
 
-    Its contact regions and its way round the obstacles are those of least cost, as long as
-    rotations are small enough for the linearisation.
+    Its contact regions and its sides of the obstacles have the least cost, as long as rotations are
+    small enough for the linearisation.
     """
     level = [0.0, 0.0, scene.start.rpy[2]]
     max_rotation = np.abs(np.array([scene.start.rpy, scene.goal.rpy]) - level).max()
@@ -62,9 +63,13 @@ def build_convex_guess(scene: ClimbScene, time_limit: float) -> Guess | None:
 def build_straight_guess(
     scene: ClimbScene, index: int, spread: float, adjacency: RegionAdjacency | None = None
 ) -> Guess:
-    """Start `index`: body and toes on the way from start to goal, `spread` 0 for the direct one.
+    """Return start `index`: body and toes on a path from start to goal.
 
-    meeting: of the scene's free regions, found anew if left out.
+    Args:
+        scene: The climb.
+        index: Number of the start, part of its random seed.
+        spread: Factor on the random deviation; 0 gives the straight line.
+        adjacency: Adjacency of the scene's free regions; None computes it.
     """
     rng = np.random.default_rng([scene.spec.seed, index])
     m, start, goal = scene.spec.task.round_count, scene.start, scene.goal
@@ -90,7 +95,7 @@ def build_straight_guess(
 
 @dataclass(frozen=True)
 class _BodyPath:
-    """Where the body goes, and the free region of each round."""
+    """A path of the body, and its free region in each round."""
 
     com: Array  # (M+1, 3)
     rpy: Array  # (M+1, 3)
@@ -98,14 +103,14 @@ class _BodyPath:
 
     @property
     def length(self) -> float:
-        """Way of the body origin [m]."""
+        """Return the path length of the body origin [m]."""
         return float(np.linalg.norm(np.diff(self.com, axis=0), axis=1).sum())
 
 
 def _sample_body_path(
     scene: ClimbScene, rng: np.random.Generator, spread: float, adjacency: RegionAdjacency
 ) -> _BodyPath:
-    """A way from start to goal round the obstacles, no longer than the body's steps allow."""
+    """Sample a path from start to goal round the obstacles, no longer than the body's steps allow."""
     m, start, goal = scene.spec.task.round_count, scene.start, scene.goal
     fraction = np.linspace(0.0, 1.0, m + 1)[:, None]
     max_length = m * scene.spec.posture.steps.com_max
@@ -130,14 +135,14 @@ def _sample_body_path(
 
 
 def repin_guess(scene: ClimbScene, guess: Guess, rounds: Rounds) -> Guess:
-    """A guess at given postures: the body's free regions are those with most room there."""
+    """Return a guess at given postures, with the body's free regions chosen anew at these postures."""
     return replace(guess, rounds=rounds, free_regions=_select_free_regions(scene, rounds))
 
 
 def _enforce_min_steps(scene: ClimbScene, rounds: Rounds, rng: np.random.Generator) -> Rounds:
-    """Toes onto their surfaces; steps too short for their lower bounds pulled apart to and fro.
+    """Project toes onto their surfaces, and spread steps below their lower bounds to and fro.
 
-    A lower bound has no slope at a step of length zero, so no start may have one.
+    A lower bound has no gradient at a step of length zero, so no initial point may have one.
     """
     steps = scene.spec.posture.steps
     com, toes = rounds.com.copy(), rounds.toes.copy()
@@ -152,24 +157,27 @@ def _enforce_min_steps(scene: ClimbScene, rounds: Rounds, rng: np.random.Generat
 
 
 def _sample_direction(rng: np.random.Generator) -> Array:
+    """Return a uniformly distributed unit vector (3,)."""
     vector = rng.normal(size=3)
     return np.asarray(vector / np.linalg.norm(vector))
 
 
 def _compute_body_corners(scene: ClimbScene, com: Array, rpy: Array) -> Array:
-    """Body corners (M+1, V, 3)."""
+    """Return the body's corners (M+1, V, 3)."""
     rotated_hull = np.einsum("jab,vb->jva", rotation_world_body(rpy), scene.robot.body_hull)
     return np.asarray(com[:, None] + rotated_hull)
 
 
 def _measure_violation(scene: ClimbScene, free: FreeRegion, corners: Array) -> Array:
-    """By how much each posture's corners (..., V, 3) miss a free region, negative inside (...)."""
+    """Return how far each posture's corners (..., V, 3) are outside a free region (...), negative
+    inside.
+    """
     keep = scene.spec.posture.body_clearance
     return np.asarray((corners @ free.A.T - free.b + keep).max(axis=(-2, -1)))
 
 
 def _select_free_regions(scene: ClimbScene, rounds: Rounds) -> IntArray:
-    """The free region (M, choices) that holds each round best."""
+    """Return the free regions (M, choices) with the smallest violation in each round."""
     corners = _compute_body_corners(scene, rounds.com, rounds.rpy)
     selected = np.zeros((rounds.count, len(scene.terrain.free_choices)), np.int64)
     for k, choice in enumerate(scene.terrain.free_choices):
@@ -186,10 +194,10 @@ def _find_region_path(
     spread: float,
     adjacency: RegionAdjacency,
 ) -> IntArray:
-    """Free regions (M, choices) near a way, each meeting the next (shortest path over rounds).
+    """Return free regions (M, choices) near a path, each adjacent to the next.
 
-    With spread, regions weigh differently in every start, so that starts pass obstacles on
-    different sides.
+    The sequence is a shortest path over rounds, by dynamic programming. With spread, regions have
+    random weights in every start, so that starts pass obstacles on different sides.
     """
     corners = _compute_body_corners(scene, com, rpy)
     m = len(com) - 1
@@ -219,12 +227,14 @@ RegionAdjacency = tuple[Array, ...]
 
 
 def find_region_adjacency(scene: ClimbScene) -> RegionAdjacency:
-    """For all pairs (F, F) of the regions of each choice: small linear programs, one a pair."""
+    """Return the adjacency (F, F) of the regions of each choice, by one small linear program per
+    pair.
+    """
     return tuple(_find_overlaps(scene, c, scene.start.rpy) for c in scene.terrain.free_choices)
 
 
 def _find_overlaps(scene: ClimbScene, choice: tuple[FreeRegion, ...], rpy: Array) -> Array:
-    """Whether the body, turned by rpy, fits into both of two regions at once, for all pairs."""
+    """Return for all pairs of regions whether the body, rotated by rpy, fits into both at once."""
     hull = scene.robot.body_hull @ rotation_world_body(rpy).T
     keep = scene.spec.posture.body_clearance
     overlaps = np.eye(len(choice), dtype=bool)
@@ -237,7 +247,10 @@ def _find_overlaps(scene: ClimbScene, choice: tuple[FreeRegion, ...], rpy: Array
 
 
 def _tighten_path(scene: ClimbScene, path: _BodyPath) -> Array:
-    """The body's way shortened within the free regions before and after each posture."""
+    """Shorten the body's path within the free regions before and after each posture.
+
+    Smoothing steps alternate with projections onto violated halfspaces.
+    """
     com = path.com.copy()
     corner_offsets = _compute_body_corners(scene, np.zeros_like(com), path.rpy)
     keep = scene.spec.posture.body_clearance
@@ -273,7 +286,7 @@ def _tighten_path(scene: ClimbScene, path: _BodyPath) -> Array:
 
 
 def _resample_evenly(points: Array) -> Array:
-    """As many points, equally far apart along the same polyline."""
+    """Return equally many points, equally spaced along the same polyline."""
     arc_length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     samples = np.linspace(0.0, arc_length[-1], len(points))
     return np.stack([np.interp(samples, arc_length, axis) for axis in points.T], axis=1)

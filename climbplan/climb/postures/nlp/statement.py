@@ -1,13 +1,21 @@
 """The posture problem of chapter 5.1.3 with exact rotations, as one nonlinear program.
 
-Variables of round j: body origin p_COM[j], Theta[j] = (roll, pitch, yaw), toes p_i[j], and the
-joint angles of every limb at the five moments that its inverse kinematics must survive: lifting
-off (toe on its old place, toe clear of it), setting down (toe clear of its new place, toe on it)
-and the end of the round. Exact forward kinematics tie them to the toes, so joint bounds are plain
-variable bounds. Contact regions and free regions are pinned: which ones is data, not a variable.
+Variables of round j are the body origin p_COM[j], Theta[j] = (roll, pitch, yaw), the toes p_i[j],
+and the joint angles of every limb at five moments. These are lifting off (toe on its old place, toe
+clear of it), setting down (toe clear of its new place, toe on it) and the end of the round.
 
-The program is built once for a shape (numbers of rounds, limbs, rows) and holds every other
-number as a parameter, so all starts of a scene, and all scenes of a study, share it.
+    minimise    squared steps of body, toes and rotation + squared distances to the goal
+    subject to  step lengths within com_max, toe_max, rotation_max         A, B
+                toes within workspace balls of shoulders and stances       C
+                toes on their fixed contact regions, or on the tube        D
+                forward kinematics(angles) = toe at every moment           kinematics.toes
+                links beyond fixed separating planes of the obstacles      limbs.clearance
+                body corners within fixed free regions, or the tube        body.clearance
+                joint angles within bounds, goal within tolerance
+
+Contact regions, free regions and planes are fixed: which ones is a parameter, not a variable. The
+program is built once for a shape (numbers of rounds, limbs, rows) and has every other number as a
+parameter. So all starts of a scene, and all scenes of a study, share it.
 """
 
 from __future__ import annotations
@@ -47,21 +55,23 @@ SETTINGS = {
 
 
 def ball_rows(differences: Any, radius: Any) -> Any:
-    """|column| <= radius as smooth rows <= 0, in metres near the boundary; columns (3, k)."""
+    """Return rows <= 0 for |column| <= radius, smooth and in metres near the boundary; columns (3,
+    k).
+    """
     return (ca.sum1(differences**2) - radius**2) / (2 * radius)
 
 
 def bound_chord_deviation(turn: Any, radius: Any) -> Any:
-    """How far a body corner leaves the chord of its way while the body turns by `turn`.
+    """Bound how far a body corner leaves the chord of its path while the body rotates by `turn`.
 
-    With x(s) = p(s) + R(Theta(s)) v, p and Theta linear in s, |x''| <= |v| (sum |dTheta|)^2
-    <= 3 |v| |dTheta|^2, and a curve leaves its chord by at most max |x''| / 8.
+    With x(s) = p(s) + R(Theta(s)) v, p and Theta linear in s, |x''| <= |v| (sum |dTheta|)^2 <= 3
+    |v| |dTheta|^2, and a curve leaves its chord by at most max |x''| / 8.
     """
     return CHORD_FACTOR * radius * ca.sumsqr(turn)
 
 
 class _LayoutStage(Stage):
-    """A stage whose inputs are columns with layouts: `parts` has the matrices in each."""
+    """A stage whose inputs are columns with layouts; `matrices` has the named arrays of each."""
 
     def __init__(self, name: str, **layouts: Layout) -> None:
         columns = {key: ca.SX.sym(key, layout.size) for key, layout in layouts.items()}
@@ -69,12 +79,14 @@ class _LayoutStage(Stage):
         self.matrices = [layout.split(columns[key]) for key, layout in layouts.items()]
 
     def add_upper_bound(self, name: str, *terms: Any, unit: str = "m") -> None:
-        """Each entry of the terms <= 0."""
+        """Add a block in which each entry of the terms is <= 0."""
         self.between(name, ca.vertcat(*map(ca.vec, terms)), upper=0.0, unit=unit)
 
 
 def _build_round_stage(shape: Shape) -> Stage:
-    """One round: (old posture, variables, pins, numbers) -> step costs and all constraints."""
+    """Build the stage of one round: (old posture, variables, pins, numbers) -> costs and
+    constraints.
+    """
     n = shape.limbs
     stage = _LayoutStage(
         "round",
@@ -184,7 +196,7 @@ def _build_round_stage(shape: Shape) -> Stage:
 
 
 def _build_goal_stage(shape: Shape) -> Stage:
-    """Cost and tolerance of the last posture: (posture, numbers)."""
+    """Build the stage of the goal: cost and tolerance of the last posture."""
     stage = _LayoutStage(
         "goal", last=build_posture_layout(shape.limbs), numbers=build_number_layout(shape)
     )
@@ -202,9 +214,10 @@ def _build_goal_stage(shape: Shape) -> Stage:
 
 
 def build_posture_trajectory(shape: Shape) -> Trajectory:
-    """M rounds of postures: com1, rpy1, toes1, ..., com2, ...; bounds and start are given later.
+    """Build M rounds of postures: com1, rpy1, toes1, ..., com2, ...; without bounds and initial
+    values.
 
-    Parameters: `start` posture, `pins` of every round and `numbers`, as `layout` has them.
+    Parameters are the `start` posture, the `pins` of every round and `numbers`, as in `layout`.
     """
     num_rounds, posture_size = shape.num_rounds, build_posture_layout(shape.limbs).size
     trajectory = Trajectory("posture")
@@ -233,5 +246,5 @@ def build_posture_trajectory(shape: Shape) -> Trajectory:
 
 @lru_cache(maxsize=8)
 def compile_posture_nlp(shape: Shape, iterations: int) -> CompiledTrajectory:
-    """The program of a shape with IPOPT attached; equal shapes share one."""
+    """Return the program of a shape with IPOPT attached; equal shapes share one."""
     return compile_trajectory(build_posture_trajectory(shape), {"max_iter": iterations, **SETTINGS})

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.clearance.limbs import foot_radius
+from climbplan.climb.clearance.limbs import get_foot_radius
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.simulation.model.chain_limb import (
     LimbTip,
@@ -172,7 +172,7 @@ def _build_limb_tip(plan: ClimbPlan) -> LimbTip:
     """
     scan = plan.terrain.scan
     flatness = 0.0 if scan is None else scan.flatness
-    foot = foot_radius(plan.robot) if scan is None else 0.0
+    foot = get_foot_radius(plan.robot) if scan is None else 0.0
     radius = compute_link_radius(plan.robot)
     min_length = NARROW if foot == 0.0 else 0.0
     length = max((radius + flatness - foot) / SLENDER, min_length)

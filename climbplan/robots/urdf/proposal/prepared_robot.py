@@ -13,7 +13,7 @@ from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.model import Robot
-from climbplan.robots.touching_parts import limbs_room, parts_beside
+from climbplan.robots.self_clearance import compute_limb_clearance, list_clearance_pairs
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
 from climbplan.robots.urdf.drives import pad_to_legs
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel, build_urdf_model
@@ -118,8 +118,8 @@ class PreparedRobot:
 
         def compute_clearance(angles: Array) -> Array:
             links = limb_capsules(planned, angles)
-            _, pairs = parts_beside(planned, links)
-            return np.asarray(limbs_room(links, pairs).min(axis=-1, initial=np.inf))
+            _, pairs = list_clearance_pairs(planned, links)
+            return np.asarray(compute_limb_clearance(links, pairs).min(axis=-1, initial=np.inf))
 
         return compute_clearance
 

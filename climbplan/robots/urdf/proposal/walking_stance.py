@@ -129,7 +129,7 @@ def _measure_extent(robot: PreparedRobot, stance: _WalkingStance) -> float | str
         joint_zero=legs.chain.joint_zero - stance.center,
         toe_zero=legs.chain.toe_zero - stance.center,
     )
-    chain = chain.turned(TO_WALKING).ordered(order)
+    chain = chain.rotate(TO_WALKING).select_limbs(order)
     limits = legs.lower[order], legs.upper[order], legs.torque[order]
     boxes = grow_toe_boxes(chain, stance.toes, *limits, legs.weight)
     return boxes if isinstance(boxes, str) else float((boxes.half / _EXTENT_WEIGHTS).min())

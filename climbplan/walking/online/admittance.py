@@ -1,12 +1,12 @@
-"""The admittance controller of position-controlled legs, eqs. (8.27) to (8.29), on compliant legs.
+"""Admittance control of position-controlled, compliant legs, eqs. (8.27) to (8.29).
 
-A leg tracks the planned position and the planned force at once: its commanded toe is off the
-planned place x0 by x - x0, which obeys, axis by axis in the world frame,
+A leg tracks the planned position and the planned force together. Its commanded toe deviates from
+the planned position x0 by x - x0, which obeys in each axis of the world frame
 
     M (x - x0)'' + D (x - x0)' + K (x - x0) = Kf (f_measured - F_planned).
 
 x0 moves with the body as planned since the knot, and is below the ground by the leg's deflection
-under the planned force; where body and plan agree the leg gives exactly that force.
+under the planned force. Where body and plan agree the leg therefore exerts exactly that force.
 """
 
 from __future__ import annotations
@@ -20,7 +20,11 @@ from climbplan.arrays import Array, BoolArray
 
 @dataclass(frozen=True)
 class AdmittanceGains:
-    """Published for climbing without units; those of walking and the leg's own are assumed."""
+    """Gains of the controller and compliance of the legs.
+
+    They are published for climbing only, and without units. The values for walking are
+    assumptions.
+    """
 
     mass: float = 1.0  # [kg] M
     damping: float = 80.0  # [N s/m] D
@@ -31,46 +35,61 @@ class AdmittanceGains:
     period: float = 1e-3  # [s] of the controller
 
 
-class AdmittanceLegs:
-    """Forces of compliant legs within a knot, and the controller that moves their commands."""
+class AdmittanceController:
+    """The admittance controller of all legs, with the forces of the compliant legs."""
 
     def __init__(self, gains: AdmittanceGains, legs: int) -> None:
         self.gains = gains
-        self._off, self._rate = np.zeros((legs, 3)), np.zeros((legs, 3))
+        self._offset, self._offset_rate = np.zeros((legs, 3)), np.zeros((legs, 3))
 
-    def begin(self) -> None:
-        """A new knot: commands start where the plan has them."""
-        self._off, self._rate = np.zeros_like(self._off), np.zeros_like(self._rate)
+    def reset(self) -> None:
+        """Start a knot: commanded toes are the planned ones."""
+        self._offset, self._offset_rate = (
+            np.zeros_like(self._offset),
+            np.zeros_like(self._offset_rate),
+        )
 
-    def force(self, planned: Array, ahead: Array, rate: Array) -> Array:
-        """Contact forces (L, 3) on the robot, before the ground's limits.
+    def compute_forces(self, planned: Array, toe_offset: Array, toe_offset_rate: Array) -> Array:
+        """Return contact forces (L, 3) on the robot before friction and force limits, world frame
+        [N].
 
-        planned (L, 3) forces; ahead (L, 3): how far the true toe is from where the plan would have
-        it as seen from the true body [m]; rate: its change [m/s]. World frame.
+        Args:
+            planned: (L, 3) planned forces [N].
+            toe_offset: (L, 3) true toe minus planned toe, both relative to the true body [m].
+            toe_offset_rate: (L, 3) its rate [m/s].
         """
         gains = self.gains
-        stretched = gains.leg_stiffness * (ahead - self._off)
-        force: Array = planned + stretched + gains.leg_damping * (rate - self._rate)
+        spring_force = gains.leg_stiffness * (toe_offset - self._offset)
+        force: Array = (
+            planned + spring_force + gains.leg_damping * (toe_offset_rate - self._offset_rate)
+        )
         return force
 
-    def step(self, planned: Array, measured: Array, dt: float) -> None:
-        """Eq. (8.28) over dt with both forces constant."""
+    def integrate(self, planned: Array, measured: Array, dt: float) -> None:
+        """Integrate eq. (8.28) over dt with constant forces (L, 3), in substeps of the controller's
+        period.
+        """
         gains = self.gains
-        parts = max(1, round(dt / gains.period))
-        h = dt / parts
-        pull = gains.force * (measured - planned)
-        for _ in range(parts):
-            back = -gains.damping * self._rate - gains.stiffness * self._off
-            self._rate = self._rate + h / gains.mass * (back + pull)
-            self._off = self._off + h * self._rate
+        num_substeps = max(1, round(dt / gains.period))
+        substep = dt / num_substeps
+        force_error = gains.force * (measured - planned)
+        for _ in range(num_substeps):
+            restoring_force = -gains.damping * self._offset_rate - gains.stiffness * self._offset
+            self._offset_rate = self._offset_rate + substep / gains.mass * (
+                restoring_force + force_error
+            )
+            self._offset = self._offset + substep * self._offset_rate
 
 
-def limited(force: Array, contact: BoolArray, friction: float, most: float) -> Array:
-    """What the ground can give (L, 3): no pull, within friction cones and components' limits."""
-    result = np.clip(force, -most, most)
-    result[:, 2] = np.maximum(result[:, 2], 0.0)
-    room = friction * result[:, 2]
-    sideways = np.hypot(result[:, 0], result[:, 1])
-    result[:, :2] *= np.minimum(1.0, room / np.maximum(sideways, 1e-12))[:, None]
-    result[~contact] = 0.0
-    return result
+def limit_forces(force: Array, contact: BoolArray, friction: float, force_limit: float) -> Array:
+    """Return forces (L, 3) that the ground can exert.
+
+    Normal forces do not pull, and all are within friction cones and limits of each component.
+    """
+    limited = np.clip(force, -force_limit, force_limit)
+    limited[:, 2] = np.maximum(limited[:, 2], 0.0)
+    friction_limit = friction * limited[:, 2]
+    tangential = np.hypot(limited[:, 0], limited[:, 1])
+    limited[:, :2] *= np.minimum(1.0, friction_limit / np.maximum(tangential, 1e-12))[:, None]
+    limited[~contact] = 0.0
+    return limited

@@ -6,7 +6,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.check.truth import toes_in_body
+from climbplan.walking.check.reference_dynamics import toes_in_body
 from climbplan.walking.kernels.body import integrate_rk4
 from climbplan.walking.online.admittance import AdmittanceController, AdmittanceGains, limit_forces
 from climbplan.walking.online.stance import Stance

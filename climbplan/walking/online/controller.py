@@ -38,7 +38,7 @@ from climbplan.walking.online.candidates import (
 )
 from climbplan.walking.online.features import compute_features
 from climbplan.walking.online.footholds import (
-    assign_regions,
+    build_terrain_gait,
     compute_reference_clearance,
     continue_regions,
     follow_terrain,
@@ -126,8 +126,7 @@ class OnlineController:
     """A hybrid model-predictive controller with a horizon of 400 ms.
 
     At each tick it solves several candidates: the shifted previous plan, library sections, and
-    named
-    gaits.
+    named gaits.
     """
 
     def __init__(
@@ -219,7 +218,7 @@ class OnlineController:
             solved.add((gait.key, candidate.has_short_interval))
             iterate = candidate.iterate() if callable(candidate.iterate) else candidate.iterate
             if gait is not candidate.gait:  # without a leg that cannot stand now
-                gait = assign_regions(
+                gait = build_terrain_gait(
                     variant, gait.contact, None if iterate is None else iterate.state
                 )
             selection.num_tried += 1
@@ -301,7 +300,7 @@ class OnlineController:
 
     @property
     def _is_published_form(self) -> bool:
-        """Whether ticks solve the published program."""
+        """True if ticks solve the published program."""
         return self.settings.form == "published"
 
     def _warm_up(self) -> None:
@@ -312,7 +311,7 @@ class OnlineController:
         num_prepared = _NUM_PREPARED_PROGRAMS if self.task.ground.is_flat_everywhere else 0
         for row in gaits[np.argsort(-count)[:num_prepared]]:
             self._solver.prepare_program(self.task, build_flat_gait(row.reshape(SECTION + 1, -1)))
-        stand = assign_regions(
+        stand = build_terrain_gait(
             self.task, repeat_gait("stand", self.task.body.leg_count, SECTION), None
         )
         find_reachable_legs(self.task)
@@ -374,7 +373,7 @@ class OnlineController:
         for candidate in offered[:_NUM_ELASTIC_RETRIES]:
             yield replace(candidate, is_elastic=True, has_short_interval=allow_short)
         for name, phase in _NAMED_GAITS:
-            gait = assign_regions(
+            gait = build_terrain_gait(
                 task, repeat_gait(name, task.body.leg_count, SECTION, phase), None
             )
             yield _Candidate(
@@ -386,7 +385,7 @@ class OnlineController:
         state = None if task.ground.is_flat_everywhere else self._translate_states(index, base)
         gait = None if state is not None else self._flat_gaits.get(index)
         if gait is None:
-            gait = assign_regions(task, self.library.contact[index], state)
+            gait = build_terrain_gait(task, self.library.contact[index], state)
             if state is None:
                 self._flat_gaits[index] = gait
         return _Candidate(index, gait, partial(self._build_section_iterate, gait, index, base))

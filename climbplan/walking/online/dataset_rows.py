@@ -2,7 +2,7 @@
 
 Columns of a row:
     parameters: v_x and a_x as drawn, state and toes of the start, and the terrain and masses where
-        they are drawn (`draws.in_world`).
+        they are drawn (`random_tasks.apply_world`).
     integers: contacts at knots 0 to N - 1.
     solution: states, toes, forces, contacts, and `section_features`. Those are the features of the
         section of five knots that begins at a knot, with the toes of the previous knot.
@@ -52,7 +52,7 @@ class WalkRows:
         self._task = build_task(spec.walk, robot)
         self._ranges = StartRanges(**spec.start.model_dump())
         self._world = WorldRanges(**spec.world.model_dump())
-        self._frame = build_frame(self._task, self._world.drawn)
+        self._frame = build_frame(self._task, self._world.is_random)
 
     @property
     def frame(self) -> DatasetFrame:
@@ -83,7 +83,7 @@ class WalkRows:
         failed_checks = failures(check_trajectory(task, trajectory))
         if failed_checks:
             return RowAnswer("failed", f"breaks {failed_checks}", time=elapsed)
-        return _build_answer(task, trajectory, answer, elapsed, self._world.drawn)
+        return _build_answer(task, trajectory, answer, elapsed, self._world.is_random)
 
 
 def _build_answer(
@@ -122,8 +122,8 @@ def build_frame(task: WalkTask, include_world: bool) -> DatasetFrame:
     legs, N = task.body.leg_names, task.knots
     state = [f"{name}_{a}" for name in ("com", "velocity", "angle", "spin") for a in "xyz"]
     toes = [f"{leg}_toe_{a}" for leg in legs for a in "xyz"]
-    parts = [f"{what}_{side}" for what in ("tread", "height") for side in ("ahead", "behind")]
-    treads = [f"{part}_{k + 1}" for part in parts for k in range(NUM_TREADS)]
+    names = [f"{what}_{side}" for what in ("tread", "height") for side in ("ahead", "behind")]
+    treads = [f"{name}_{k + 1}" for name in names for k in range(NUM_TREADS)]
     world = ("mass_factor", "speed_factor", *treads) if include_world else ()
     layouts = {
         "state": solution_layout((N + 1, STATE), "m, m/s, rad, rad/s", "world"),

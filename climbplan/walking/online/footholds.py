@@ -27,7 +27,7 @@ def project_to_footholds(ground: Ground, toes: Array) -> Array:
     return np.column_stack([xy, ground.compute_height(region, xy)])
 
 
-def assign_regions(task: WalkTask, contact: BoolArray, states: Array | None) -> Gait:
+def build_terrain_gait(task: WalkTask, contact: BoolArray, states: Array | None) -> Gait:
     """Return the gait of contacts (N + 1, L) with the best-fitting region of each stance.
 
     Args:

@@ -1,11 +1,9 @@
 """Sequential quadratic programming for one fixed contact sequence (gait) within a tick.
 
 The QPs have all integers fixed. A solution is validated by rolling out its forces with the
-nonlinear
-dynamics in continuous time. It is feasible if the rollout stays within 0.05 m/s and 0.05 rad of
-the
-QP's prediction over 400 ms and toes stay in their workspace. Friction needs no check because the
-QP's pyramids are inside the friction cones.
+nonlinear dynamics in continuous time. It is feasible if the rollout stays within 0.05 m/s and 0.05
+rad of the QP's prediction over 400 ms and toes stay in their workspace. Friction needs no check
+because the QP's pyramids are inside the friction cones.
 """
 
 from __future__ import annotations
@@ -48,7 +46,7 @@ class GaitSolution:
 
     @property
     def is_feasible(self) -> bool:
-        """Whether the nonlinear rollout validates the trajectory."""
+        """True if the nonlinear rollout validates the trajectory."""
         return self.violation <= 0.0
 
 
@@ -69,7 +67,7 @@ class IterationBudget:
 
     @property
     def is_exhausted(self) -> bool:
-        """Whether no further QP fits."""
+        """True if no further QP fits."""
         return self.remaining <= ASSEMBLY_ITERATIONS
 
     def record_qp(self, iterations: int) -> None:
@@ -90,7 +88,7 @@ class SqpProgress:
 
     @property
     def is_feasible(self) -> bool:
-        """Whether the best solution is feasible."""
+        """True if the best solution is feasible."""
         return self.best is not None and self.best.is_feasible
 
 
@@ -125,7 +123,7 @@ class GaitSolver:
                 self._programs.popitem(last=False)
         else:
             self._programs.move_to_end(gait.key)
-            program.begin(task)
+            program.restart(task)
         return program
 
     def initialise_progress(
@@ -175,14 +173,14 @@ class GaitSolver:
             iteration_limit = min(_MAX_ITERATIONS_PER_QP, budget.remaining - ASSEMBLY_ITERATIONS)
             if iteration_limit <= 0:
                 break
-            solution = program.step(
+            solution = program.solve_qp(
                 progress.iterate,
                 allow_elastic,
                 progress.is_stuck or progress.left_workspace,
                 iteration_limit,
             )
-            budget.record_qp(program.spent)
-            progress.is_stuck, progress.left_workspace = solution is None, program.softly
+            budget.record_qp(program.num_iterations)
+            progress.is_stuck, progress.left_workspace = solution is None, program.is_elastic
             if solution is None:
                 break
             progress.num_qps += 1
@@ -194,7 +192,7 @@ class GaitSolver:
             ):
                 progress.best = evaluated
             is_hopeless = evaluated is None or evaluated.is_hopeless
-            if is_hopeless and (program.softly or not allow_elastic):
+            if is_hopeless and (program.is_elastic or not allow_elastic):
                 break
         return progress.best
 
@@ -218,7 +216,7 @@ class GaitSolver:
         self._published_programs.move_to_end(key)
         answer = self._published_programs[key].solve(fit_iterate(task, program, initial_iterate))
         budget.record_qp(0)
-        return None if answer.at is None else self.validate(task, program, answer.at)
+        return None if answer.iterate is None else self.validate(task, program, answer.iterate)
 
     def validate(
         self, task: WalkTask, program: PinnedProgram, iterate: Iterate
@@ -245,13 +243,13 @@ class GaitSolver:
             stance_reach / STANCE_REACH_TOLERANCE,
         )
         joint_speed_ratio = (
-            program.joints.too_fast(state, toes, iterate.spots, program.tilt)
+            program.joints.compute_speed_excess(state, toes, iterate.spots, program.tilt)
             / JOINT_SPEED_TOLERANCE
         )
         worst_ratio = max(rigid_body_ratio, joint_speed_ratio)
         force = np.zeros((len(iterate.force) + 1, *iterate.force.shape[1:]))
         force[:-1] = iterate.force
-        cost = program.cost(state, iterate.force) if worst_ratio <= 1.0 else math.inf
+        cost = program.compute_cost(state, iterate.force) if worst_ratio <= 1.0 else math.inf
         walk = WalkTrajectory(state, toes, force, program.gait)
         return GaitSolution(
             walk,

@@ -1,4 +1,4 @@
-"""What the controller is told at a tick, and whether it can be true."""
+"""The measurement that the controller receives at a tick, and its plausibility checks."""
 
 from __future__ import annotations
 
@@ -9,49 +9,55 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray
 from climbplan.walking.task.task import POSITION, SPIN, VELOCITY, RigidBody
 
-OLDEST = 0.1  # [s] of a measurement that is still used
-_LARGEST_SPEED, _LARGEST_SPIN, _LARGEST_TILT = 8.0, 25.0, 1.4  # beyond: no measurement
-_HEIGHTS = (0.02, 2.0)  # [m] of the body above the ground
-_FARTHEST = 2.0  # [m] of a toe from the body
+MAX_AGE = 0.1  # [s] of a usable measurement
+_MAX_SPEED, _MAX_ANGULAR_RATE, _MAX_TILT = (
+    8.0,
+    25.0,
+    1.4,
+)  # [m/s], [rad/s], [rad] of a plausible state
+_HEIGHT_RANGE = (0.02, 2.0)  # [m] of the body above the ground
+_MAX_TOE_DISTANCE = 2.0  # [m] of a toe from the body
 
 
 @dataclass(frozen=True)
-class Situation:
-    """What the controller knows at a knot: the body, its toes, and what legs just did."""
+class RobotMeasurement:
+    """The controller's input at a tick: the body's state, its toes, and the recent contacts."""
 
-    state: Array  # (12,)
+    state: Array  # (12,) position, velocity, Euler angles, angular velocity; world frame
     toes: Array  # (L, 3) world [m]
-    toes_before: Array  # (L, 3) one knot earlier
-    contact_before: BoolArray  # (L,) from one knot earlier until now
-    age: float = 0.0  # [s] since it was measured, beyond what was predicted since
-    unfelt: tuple[int, ...] = ()  # legs that were to stand and feel no ground
-    left: float = 0.0  # [s] until the next knot, where a plan is to begin between knots
-    shorter: float = 0.0  # [s] of a first interval that may be taken where no plan holds; 0: none
-    airborne: BoolArray | None = None  # (L,) then: in the air until that knot; None: no leg is
+    previous_toes: Array  # (L, 3) one knot earlier
+    previous_contact: BoolArray  # (L,) from one knot earlier until now
+    age: float = 0.0  # [s] since the measurement, without the time bridged by prediction
+    undetected_contacts: tuple[int, ...] = ()  # legs in planned stance without detected contact
+    time_to_knot: float = 0.0  # [s] if the plan begins between knots, else 0
+    short_interval: float = (
+        0.0  # [s] a shorter first interval, allowed where no plan is feasible; 0: none
+    )
+    airborne: BoolArray | None = None  # (L,) legs in the air until the next knot; None: none
 
 
-def fault_of(situation: Situation, body: RigidBody) -> str:
-    """Why a measurement cannot be one, or is of no use; empty if it can be used."""
-    parts = (situation.state, situation.toes, situation.toes_before)
+def detect_fault(situation: RobotMeasurement, body: RigidBody) -> str:
+    """Return why a measurement is implausible or unusable; an empty string if it can be used."""
+    arrays = (situation.state, situation.toes, situation.previous_toes)
     legs = body.leg_count
     shapes = ((12,), (legs, 3), (legs, 3))
-    if any(part.shape != shape for part, shape in zip(parts, shapes, strict=True)):
+    if any(array.shape != shape for array, shape in zip(arrays, shapes, strict=True)):
         return "the measurement has another shape"
-    numbers = np.concatenate([part.ravel() for part in parts])
-    if not np.isfinite(numbers).all() or not np.isfinite(situation.age):
+    values = np.concatenate([array.ravel() for array in arrays])
+    if not np.isfinite(values).all() or not np.isfinite(situation.age):
         return "the measurement is not a number"
-    if situation.age > OLDEST:
+    if situation.age > MAX_AGE:
         return f"the measurement is {1e3 * situation.age:.0f} ms old"
     state = situation.state
-    if np.abs(state[VELOCITY]).max() > _LARGEST_SPEED or np.abs(state[SPIN]).max() > _LARGEST_SPIN:
+    if np.abs(state[VELOCITY]).max() > _MAX_SPEED or np.abs(state[SPIN]).max() > _MAX_ANGULAR_RATE:
         return "the measured speed is impossible"
-    if not _HEIGHTS[0] < state[2] < _HEIGHTS[1]:
+    if not _HEIGHT_RANGE[0] < state[2] < _HEIGHT_RANGE[1]:
         return "the measured height is impossible"
-    if np.abs(state[6:8]).max() > _LARGEST_TILT:
+    if np.abs(state[6:8]).max() > _MAX_TILT:
         return "the measured tilt leaves no way to stand"
-    if np.abs(situation.toes - state[POSITION]).max() > _FARTHEST:
+    if np.abs(situation.toes - state[POSITION]).max() > _MAX_TOE_DISTANCE:
         return "the measured toes are nowhere near the body"
-    if 2 * len(situation.unfelt) > legs:
-        names = ", ".join(body.leg_names[leg] for leg in situation.unfelt)
+    if 2 * len(situation.undetected_contacts) > legs:
+        names = ", ".join(body.leg_names[leg] for leg in situation.undetected_contacts)
         return f"{names} make no contact"
     return ""

@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 from climbplan.arrays import Array, BoolArray
 from climbplan.robots.leg_order import alternating
 from climbplan.robots.rotations import rotation_world_body, skew
-from climbplan.walking.check.truth import toes_in_body
+from climbplan.walking.check.reference_dynamics import toes_in_body
 from climbplan.walking.online.footholds import project_to_footholds
 from climbplan.walking.task.task import (
     ANGLES,

@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.check.truth import toes_in_body
+from climbplan.walking.check.reference_dynamics import toes_in_body
 from climbplan.walking.kernels.swept_terrain import find_highest_terrain
 from climbplan.walking.online.footholds import project_to_footholds
 from climbplan.walking.online.safe_stance import solve_balance_forces

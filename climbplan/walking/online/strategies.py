@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.learning.boosting import fit_boosting
-from climbplan.learning.clusters import ClusterOptions, clustered
+from climbplan.learning.clusters import ClusterOptions, cluster_solutions
 from climbplan.learning.forest import fit_forest
 from climbplan.learning.library import Frame
 from climbplan.learning.library import Library as Rows
@@ -98,10 +98,8 @@ class ClusterRanking:
     """A ranking by clusters of solutions: the gaits of the likeliest cluster, nearest first.
 
     A cluster's reduced mixed-integer program chooses among the contact combinations that occur in
-    the
-    cluster (section 7.2.2). They are few, so a tick solves them one by one with fixed contacts.
-    Gaits of
-    the next likeliest cluster follow.
+    the cluster (section 7.2.2). They are few, so a tick solves them one by one with fixed
+    contacts. Gaits of the next likeliest cluster follow.
     """
 
     def __init__(
@@ -143,10 +141,8 @@ def cluster_sections(library: SectionLibrary, seed: int) -> IntArray:
     """Cluster sections by their solutions and return the cluster (K,) of each, largest first.
 
     Solutions are compared by the factors of the bilinear moments: moment arms of standing legs,
-    and
-    forces. Of a large library a random sample is clustered; the other sections join the cluster of
-    their
-    nearest sample.
+    and forces. Of a large library a random sample is clustered; the other sections join the
+    cluster of their nearest sample.
     """
     arms = library.toes - library.state[:, :, None, POSITION]
     arms = np.where(library.contact[..., None], arms, 0.0)
@@ -154,11 +150,11 @@ def cluster_sections(library: SectionLibrary, seed: int) -> IntArray:
     std = vectors.std(axis=0)
     scaled = (vectors - vectors.mean(axis=0)) / np.where(std > _MIN_SPREAD, std, 1.0)
     if len(scaled) <= _MAX_COMPARED:
-        return clustered(scaled, _CLUSTERS, seed)
+        return cluster_solutions(scaled, _CLUSTERS, seed)
     from scipy.spatial import cKDTree
 
     sampled = np.random.default_rng(seed).choice(len(scaled), _MAX_COMPARED, replace=False)
-    cluster = clustered(scaled[sampled], _CLUSTERS, seed)
+    cluster = cluster_solutions(scaled[sampled], _CLUSTERS, seed)
     nearest: IntArray = cKDTree(scaled[sampled]).query(scaled)[1]
     return cluster[nearest]
 

@@ -8,24 +8,27 @@ import numpy as np
 import pytest
 from walk_tasks import LEGS, named, shorter, walk_task
 
-from climbplan.walking.check.truth import continuous_rollout, toes_in_body
-from climbplan.walking.dynamics.cost import objective
-from climbplan.walking.kernels.feet import worst_beyond, worst_standing
-from climbplan.walking.kernels.footing import left_of
-from climbplan.walking.kernels.rollouts import rolled
-from climbplan.walking.offline.footing import footing_of
+from climbplan.walking.check.reference_dynamics import continuous_rollout, toes_in_body
+from climbplan.walking.dynamics.cost import compute_objective
+from climbplan.walking.kernels.contact_phases import shift_horizon
+from climbplan.walking.kernels.continuous_rollout import roll_out_horizon
+from climbplan.walking.kernels.parameters import GaitHorizon
+from climbplan.walking.kernels.toe_workspace import (
+    compute_reach_violation,
+    compute_stance_violation,
+)
+from climbplan.walking.offline.footing import build_footing
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
-from climbplan.walking.offline.sqp import guess, rolled_out
+from climbplan.walking.offline.sqp import guess_iterate, roll_out
 from climbplan.walking.task.task import STATE, Gait, WalkTask
 
 RNG = np.random.default_rng(8)
-TASK = shorter(walk_task(integrator="mean", whole_stance=True), 5)
-INVERSE = np.linalg.inv(TASK.body.inertia).astype(float)
+TASK = shorter(walk_task(integrator="mean", workspace_over_stance=True), 5)
 
 
 def trot_point(task: WalkTask = TASK) -> tuple[PinnedProgram, Iterate]:
     gait = named("walking trot", task)
-    at = guess(task, gait)
+    at = guess_iterate(task, gait)
     off = RNG.normal(0, 0.03, at.state.shape)
     off[0] = 0
     return PinnedProgram(task, gait), Iterate(at.state + off, at.force, at.spots)
@@ -37,9 +40,9 @@ def test_rollout_is_that_of_the_checker() -> None:
     force = RNG.normal(0, 15, (5, LEGS, 3))
     body = TASK.body
     steps = np.full(5, 0.08)
-    mine, _ = rolled(
-        body.mass, body.gravity, body.inertia, INVERSE, body.toe_center, body.toe_half, steps, 16,
-        start, toes, force, np.ones((6, LEGS), bool),
+    mine, _ = roll_out_horizon(
+        body.parameters, GaitHorizon(steps, False, np.ones((6, LEGS), bool), start, False),
+        body.toe_workspace, 16, toes, force,
     )  # fmt: skip
     theirs = continuous_rollout(body, 0.08, start, toes[:-1], force, 16)
     np.testing.assert_allclose(mine, theirs, atol=1e-10)
@@ -48,7 +51,7 @@ def test_rollout_is_that_of_the_checker() -> None:
 @pytest.mark.parametrize("whole", [False, True])
 def test_reach_is_that_of_numpy(whole: bool) -> None:
     program, at = trot_point()
-    toes = program.toes(at.state, at.spots)
+    toes = program.compute_toes(at.state, at.spots)
     body, contact = TASK.body, program.gait.contact
     beyond = (np.abs(toes_in_body(at.state, toes) - body.toe_center) - body.toe_half).max(axis=-1)
     beyond[0, ~contact[0]] = -np.inf
@@ -56,46 +59,48 @@ def test_reach_is_that_of_numpy(whole: bool) -> None:
     if whole:
         late = np.abs(toes_in_body(at.state[1:], toes[:-1]) - body.toe_center) - body.toe_half
         worst = max(worst, late.max(axis=-1)[contact[:-1]].max())
-    mine = worst_beyond(body.toe_center, body.toe_half, whole, contact, at.state, toes)
+    mine = compute_reach_violation(body.toe_workspace, whole, contact, at.state, toes)
     assert mine == pytest.approx(worst, abs=1e-12)
-    standing = worst_standing(body.toe_center, body.toe_half, at.state[3], toes[3], contact[3])
+    standing = compute_stance_violation(body.toe_workspace, at.state[3], toes[3], contact[3])
     assert standing == pytest.approx(max(beyond[3][contact[3]].max(), 0.0), abs=1e-12)
 
 
 def test_objective_of_the_qp_is_the_cost_of_its_states() -> None:
     program, at = trot_point()
-    qp = program.qp(at)
+    qp = program.build_qp(at)
     ridge = 1e-7 * np.abs(qp.hessian.diagonal())
     hessian = qp.hessian - np.diag(1e-7 + ridge)
     values, costs = [], []
-    for z in RNG.normal(0, 1, (4, program.size)):
-        found = program.iterate(qp, z)
+    for z in RNG.normal(0, 1, (4, program.num_unknowns)):
+        found = program.build_iterate(qp, z)
         values.append(0.5 * z @ hessian @ z + qp.gradient @ z)
-        costs.append(objective(TASK, found.state, np.concatenate([found.force, found.force[:1]])))
+        costs.append(
+            compute_objective(TASK, found.state, np.concatenate([found.force, found.force[:1]]))
+        )
     np.testing.assert_allclose(np.diff(values), np.diff(costs), rtol=1e-5)
 
 
 def test_states_and_stance_rows_are_slopes() -> None:
     """A small move of the unknowns moves the rollout and the toes in the body as the QP says."""
     program, at = trot_point()
-    here = rolled_out(program, at)
+    here = roll_out(program, at)
     at = Iterate(here.state, at.force, at.spots)
-    qp = program.qp(at)
+    qp = program.build_qp(at)
     unit = program.force_scale
     z0 = np.concatenate(
         [(at.force[program.stand_knot, program.stand_leg] / unit).ravel(), (at.spots * 10).ravel()]
     )
-    np.testing.assert_allclose(program.iterate(qp, z0).state, here.state, atol=1e-9)
-    rows = qp.rows[program.forces * 8 :][:3].copy()  # a toe that stands at knot 1
+    np.testing.assert_allclose(program.build_iterate(qp, z0).state, here.state, atol=1e-9)
+    rows = qp.rows[program.num_forces * 8 :][:3].copy()  # a toe that stands at knot 1
     sensitivity = qp.sensitivity.copy()
     leg = int(np.flatnonzero(program.gait.contact[1])[0])
-    for k in (0, 4, program.foot_column - 1, program.foot_column, program.size - 1):
+    for k in (0, 4, program.foot_column - 1, program.foot_column, program.num_unknowns - 1):
         ends = []
         for step in (-1e-5, 1e-5):
             z = z0.copy()
             z[k] += step
-            force, spots = program.split(z)
-            walk = rolled_out(program, Iterate(at.state, force, spots))
+            force, spots = program.split_solution(z)
+            walk = roll_out(program, Iterate(at.state, force, spots))
             toe = np.zeros((LEGS, 3))
             toe[leg] = walk.toes[1, leg]
             ends.append((walk.state, toes_in_body(walk.state[1], toe)[leg]))
@@ -110,13 +115,13 @@ def test_what_is_left_of_a_plan_goes_on_in_its_rhythm() -> None:
     state, toes = RNG.normal(0, 1, (6, STATE)), RNG.normal(0, 1, (6, LEGS, 3))
     force = RNG.normal(0, 1, (6, LEGS, 3))
     step = state[-1, :3] - state[-2, :3]
-    contact, states, forces, spots = left_of(gait.contact, state, force, toes)
+    contact, states, forces, spots = shift_horizon(gait.contact, state, force, toes)
     np.testing.assert_array_equal(contact, gait.contact[[1, 2, 3, 4, 5, 4]])
     np.testing.assert_array_equal(states[:-1], state[1:])
     np.testing.assert_allclose(states[-1, :3], state[-1, :3] + step)
     np.testing.assert_array_equal(states[-1, 3:], state[-1, 3:])
     np.testing.assert_array_equal(forces, force[[1, 2, 3, 4, 3]])
-    footing = footing_of(Gait(contact, np.zeros(contact.shape, np.int64)))
+    footing = build_footing(Gait(contact, np.zeros(contact.shape, np.int64)))
     later = np.concatenate([toes[1:], toes[-1:] + step])
     assert footing.count > 1
     assert footing.first.max() == 5  # one is in the knot that is new
@@ -128,10 +133,10 @@ def test_a_program_serves_again_from_another_start() -> None:
     moved = TASK.start.state.copy()
     moved[3] += 0.3
     other = replace(TASK, start=replace(TASK.start, state=moved))
-    fresh = PinnedProgram(other, program.gait).step(at)
-    program.step(at)
-    program.begin(other)
-    again = program.step(at)
+    fresh = PinnedProgram(other, program.gait).solve_qp(at)
+    program.solve_qp(at)
+    program.restart(other)
+    again = program.solve_qp(at)
     assert fresh is not None
     assert again is not None
     np.testing.assert_allclose(again.state, fresh.state, atol=1e-6)
@@ -139,9 +144,9 @@ def test_a_program_serves_again_from_another_start() -> None:
 
 def test_iterations_are_counted_and_limited() -> None:
     program, at = trot_point()
-    assert program.step(at) is not None
-    needed = program.spent
+    assert program.solve_qp(at) is not None
+    needed = program.num_iterations
     assert needed > 3
     fresh = PinnedProgram(TASK, Gait(program.gait.contact, program.gait.region))
-    assert fresh.step(at, most=needed // 2) is None
-    assert fresh.spent <= needed // 2 + 1
+    assert fresh.solve_qp(at, most=needed // 2) is None
+    assert fresh.num_iterations <= needed // 2 + 1

@@ -13,7 +13,7 @@ import pytest
 from walk_tasks import LEGS, walk_task
 
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.check.truth import (
+from climbplan.walking.check.reference_dynamics import (
     continuous_rollout,
     derivative,
     euler_rates,

@@ -10,7 +10,7 @@ from walk_tasks import LEGS, named, shorter, walk_task
 
 from benchmarks.walking.recovery_study import Study, run_study
 from climbplan.walking.check.checker import LOOP_LIMITS
-from climbplan.walking.check.truth import knot_step, toes_in_body
+from climbplan.walking.check.reference_dynamics import knot_step, toes_in_body
 from climbplan.walking.kernels.body import integrate_rk4
 from climbplan.walking.kernels.continuous_rollout import roll_out_horizon
 from climbplan.walking.kernels.parameters import GaitHorizon

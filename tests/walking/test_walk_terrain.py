@@ -13,18 +13,18 @@ from pydantic import ValidationError
 from climbplan.schema.robots.rigid_body import RigidBodySpec
 from climbplan.walking.check.checker import check_trajectory, failures
 from climbplan.walking.check.terrain import to_clear
-from climbplan.walking.kernels.ways import swing_heights
-from climbplan.walking.offline.gaits import cycle, with_regions
+from climbplan.walking.kernels.swept_terrain import compute_swing_heights
+from climbplan.walking.offline.gaits import assign_regions, repeat_gait
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.search import SearchLimits, search
-from climbplan.walking.offline.sqp import iterate_of, solve_gait
+from climbplan.walking.offline.sqp import build_iterate, solve_gait
 from climbplan.walking.planner.gaps import farthest_apart, widest_gap
-from climbplan.walking.problem.problem import build_ground, build_task, drawn_stones
+from climbplan.walking.problem.problem import build_ground, build_task, sample_stones
 from climbplan.walking.schema.loading import load_body
 from climbplan.walking.schema.model import MpcSpec
 from climbplan.walking.schema.terrain import SteppingStonesSpec
-from climbplan.walking.task.facts import facts_of, task_of
+from climbplan.walking.task.facts import build_facts, read_facts
 from climbplan.walking.task.ground import Ground
 from climbplan.walking.task.task import Goal, WalkTask, WalkTrajectory
 
@@ -48,7 +48,7 @@ STONES = {"x": [0.26, 0.54], "y": [-0.3, 0.3], "pitch": 0.12, "size": 0.09, "tur
 
 def stated(terrain: dict[str, Any], **task: Any) -> WalkTask:
     given = {"start": {"velocity": [0.5, 0, 0]}, "reference": {"velocity": [0.5, 0, 0]}}
-    document = {"kind": "mpc", "terrain": terrain, "task": {"least_contacts": 2, **given, **task}}
+    document = {"kind": "mpc", "terrain": terrain, "task": {"min_contacts": 2, **given, **task}}
     return build_task(MpcSpec.model_validate(document), scaler())
 
 
@@ -60,10 +60,10 @@ def scaler() -> RigidBodySpec:
 @cache
 def up_the_ramp() -> tuple[WalkTask, WalkTrajectory]:
     task = stated(RAMP, knots=14, start={"velocity": [0.6, 0, 0], "position": [0.2, 0]})
-    gait = with_regions(task, cycle("walking trot", 4, task.knots))
+    gait = assign_regions(task, repeat_gait("walking trot", 4, task.knots))
     found = solve_gait(task, gait, None, 40)
     assert found.trajectory is not None
-    assert found.holds
+    assert found.is_feasible
     return task, found.trajectory
 
 
@@ -94,14 +94,16 @@ def test_a_slippery_ramp_lets_go_as_its_cones_say() -> None:
     still = {"velocity": [0, 0, 0]}
     task = stated(
         {**RAMP, "friction": 0.15},
-        knots=5, start={**still, "position": [0.58, 0]}, reference=still, whole_stance=False,
+        knots=5, start={**still, "position": [0.58, 0]}, reference=still, workspace_over_stance=False,
     )  # fmt: skip
-    found = solve_gait(task, with_regions(task, cycle("stand", 4, task.knots)), None, 40).trajectory
+    found = solve_gait(
+        task, assign_regions(task, repeat_gait("stand", 4, task.knots)), None, 40
+    ).trajectory
     assert found is not None
     assert (found.gait.region == 1).all()
     assert "force.friction" not in failed(task, found)
     slides = 9.81 * (0.2 - 0.15) / (1 + 0.15 * 0.2)  # [m/s^2] at least, with the height kept
-    assert found.state[-1, 3] < -0.5 * slides * 5 * task.step
+    assert found.state[-1, 3] < -0.5 * slides * 5 * task.dt
     upright = replace(task.ground, slope=np.zeros_like(task.ground.slope))
     held = found.force.copy()
     held[:-1] = [0.0, 0.0, task.weight / 4]
@@ -133,12 +135,12 @@ def test_swinging_toes_of_a_tilted_body_begin_over_the_ground_beneath() -> None:
     task, walk = up_the_ramp()
     state = walk.state.copy()
     state[:, 7] -= 0.15
-    at = replace(iterate_of(walk, walk.gait), state=state)
+    at = replace(build_iterate(walk, walk.gait), state=state)
     program = PinnedProgram(task, walk.gait)
-    toes = program.toes(at.state, at.spots)
+    toes = program.compute_toes(at.state, at.spots)
     assert np.linalg.norm(toes[..., :2] - walk.toes[..., :2], axis=-1).max() < 0.2
     assert np.abs(toes[..., 2] - walk.toes[..., 2]).max() < 0.2
-    assert program.step(at) is not None
+    assert program.solve_qp(at) is not None
 
 
 def test_complementarity_takes_polygons_slopes_and_goals_too() -> None:
@@ -165,10 +167,7 @@ def test_toes_clear_what_lies_between() -> None:
     contact[1:3, 0] = False
     region = np.zeros((4, 4), np.int64)
     region[1:, 0] = 2
-    kernel = swing_heights(
-        toes, contact, region, ground.lower, ground.upper, ground.sides,
-        ground.height, ground.slope, ground.inner,
-    )  # fmt: skip
+    kernel = compute_swing_heights(toes, contact, region, ground.region_arrays)
     np.testing.assert_allclose(kernel[1:3, 0], [0.06, 0.06])
     np.testing.assert_allclose(to_clear(ground, toes, contact)[1:3, 0], [0.06, 0.06])
 
@@ -196,10 +195,7 @@ def test_kernel_and_check_agree_on_what_there_is_to_clear() -> None:
         toes = found.toes + rng.normal(0, 0.05, found.toes.shape) * [1, 1, 0]
         standing = found.gait.contact
         toes[standing] = found.toes[standing]
-        kernel = swing_heights(
-            toes, standing, found.gait.region, ground.lower, ground.upper, ground.sides,
-            ground.height, ground.slope, ground.inner,
-        )  # fmt: skip
+        kernel = compute_swing_heights(toes, standing, found.gait.region, ground.region_arrays)
         ours = to_clear(ground, toes, standing)
         counted = np.isfinite(ours) & ~standing
         assert counted.sum() > 10
@@ -217,11 +213,11 @@ def test_geometry_of_regions() -> None:
     far = replace(build_ground(spec.terrain), friction=0.5)
     zero = np.zeros(5, np.int64)
     points = np.array([[0.2, 0.2], [0.6, 0.6], [-0.1, 0.5], [0.5, -0.3], [0.4, 0.4]])
-    np.testing.assert_allclose(far.level_at(zero, points), points @ [0.1, 0.2], atol=1e-12)
-    outside = far.outside(zero, points)
+    np.testing.assert_allclose(far.compute_height(zero, points), points @ [0.1, 0.2], atol=1e-12)
+    outside = far.compute_distance_outside(zero, points)
     np.testing.assert_allclose(outside[1:4], [0.2 / np.sqrt(2), 0.1, 0.3], atol=1e-12)
     assert outside[0] < 0
-    assert (far.outside(zero, far.into(zero, points)) < 1e-9).all()
+    assert (far.compute_distance_outside(zero, far.project(zero, points)) < 1e-9).all()
     frame = far.frame[0]
     np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(frame) == pytest.approx(1.0)
@@ -235,7 +231,7 @@ def test_toes_keep_away_from_edges() -> None:
     answer = search(strict, SearchLimits(60.0, qps=60))
     assert answer.trajectory is not None
     assert failures(check_trajectory(strict, answer.trajectory)) == ""
-    again = task_of(facts_of(strict)).ground
+    again = read_facts(build_facts(strict)).ground
     assert again.edge == 0.012
     wide = {"regions": [{"name": "beam", "x": [0, 2], "y": [0, 0.1]}], "edge": 0.06}
     with pytest.raises(ValidationError, match="no room within"):
@@ -244,16 +240,16 @@ def test_toes_keep_away_from_edges() -> None:
 
 def test_fields_of_stones_repeat_and_miss_what_they_say() -> None:
     spec = SteppingStonesSpec(x=(0, 1.2), y=(0, 1.2), missing=0.3, seed=5, rise=0.02)
-    names, corners, height = drawn_stones(spec)
+    names, corners, height = sample_stones(spec)
     every = SteppingStonesSpec(x=(0, 1.2), y=(0, 1.2), missing=0.0, seed=5, rise=0.02)
-    all_names, all_corners, _ = drawn_stones(every)
+    all_names, all_corners, _ = sample_stones(every)
     assert len(names) == round(0.7 * len(all_names))
     for name, corner in zip(names, corners, strict=True):
         np.testing.assert_array_equal(corner, all_corners[all_names.index(name)])
     assert (np.abs(height) <= 0.02).all()
     assert corners.min() >= 0.0
     assert corners.max() <= 1.2
-    assert drawn_stones(spec)[0] == names
+    assert sample_stones(spec)[0] == names
 
 
 @pytest.mark.parametrize(
@@ -266,7 +262,7 @@ def test_a_gap_is_too_wide_only_where_no_attitude_reaches(
     banks = [BANKS[0], {"name": "far", "x": [0.25 + gap, 3], "y": [-0.4, 0.4]}]
     task = stated(
         {"regions": banks},
-        goal={"position": [1.6, 0]}, least_contacts=contacts, whole_stance=whole,
+        goal={"position": [1.6, 0]}, min_contacts=contacts, workspace_over_stance=whole,
     )  # fmt: skip
     found = widest_gap(task)
     assert found is not None
@@ -293,7 +289,7 @@ def test_the_way_of_least_gaps_is_the_one_that_is_told() -> None:
 
 def test_facts_of_rough_ground_are_kept() -> None:
     for task in (across_stones()[0], up_the_ramp()[0]):
-        again = task_of(facts_of(task))
+        again = read_facts(build_facts(task))
         for name in ("lower", "upper", "height", "slope", "corners"):
             np.testing.assert_array_equal(getattr(again.ground, name), getattr(task.ground, name))
         np.testing.assert_array_equal(again.goal.lower, task.goal.lower)
@@ -334,13 +330,13 @@ def test_methods_that_know_level_rectangles_say_so() -> None:
 def test_horizons_beyond_a_second_have_answers() -> None:
     """Rounding made their Hessians indefinite in units of forces."""
     task = stated({}, knots=20)
-    found = solve_gait(task, with_regions(task, cycle("walking trot", 4, 20)), None, 12)
+    found = solve_gait(task, assign_regions(task, repeat_gait("walking trot", 4, 20)), None, 12)
     assert found.trajectory is not None
-    assert found.holds
-    assert found.agreed
+    assert found.is_feasible
+    assert found.has_converged
 
 
 def test_flat_ground_is_one_region_without_end() -> None:
     ground = Ground.flat(0.7)
-    assert not ground.rough
+    assert not ground.is_rough
     assert ground.count == 1

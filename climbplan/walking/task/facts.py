@@ -1,4 +1,4 @@
-"""A walking task as plain values, for files that have to be understood from themselves alone."""
+"""A walking task as plain values, for files that must be readable without the spec."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _TEXTS = ("name", "leg_names", "names")
 
 
 def build_facts(task: WalkTask) -> dict[str, Any]:
-    """All but the start."""
+    """Return all values of a task but its start."""
     facts: dict[str, Any] = {
         name: vars(task)[attribute] for name, attribute in _STORED_NAMES.items()
     }
@@ -48,7 +48,7 @@ def build_facts(task: WalkTask) -> dict[str, Any]:
             for field in fields(vars(task)[component])
         }
     if not task.ground.slope.any() and not task.ground.corners.size:
-        for name in _SHAPES:  # level rectangles say nothing of slopes and corners
+        for name in _SHAPES:  # level rectangles have neither
             del facts["ground"][name]
     for name in ("edge", "standoff"):
         if not vars(task.ground)[name]:
@@ -59,7 +59,11 @@ def build_facts(task: WalkTask) -> dict[str, Any]:
 
 
 def read_facts(facts: Mapping[str, Any]) -> WalkTask:
-    """The task of such facts, at rest at the origin; raises KeyError, TypeError or ValueError."""
+    """Return the task of stored values, at rest at the origin.
+
+    Raises:
+        KeyError, TypeError, ValueError: the values are not those of a task.
+    """
     if not all(isinstance(facts[component], Mapping) for component in _COMPONENTS):
         raise TypeError("a part of the task is no mapping")
     count = np.size(facts["ground"]["height"])
@@ -98,12 +102,14 @@ def read_facts(facts: Mapping[str, Any]) -> WalkTask:
 
 
 def _to_plain(value: Any) -> Any:
+    """Return an array or a tuple as a list."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     return list(value) if isinstance(value, tuple) else value
 
 
 def _from_plain(name: str, value: Any) -> Any:
+    """Return the array, number or text of a stored value."""
     if isinstance(value, np.ndarray):
         return value
     if name in _TEXTS:

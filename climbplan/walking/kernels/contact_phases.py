@@ -1,4 +1,4 @@
-"""Stance phases and the objective's value, compiled: what each gait of a search needs anew."""
+"""Stance phases, objective value and receding-horizon shift of a gait, compiled."""
 
 from __future__ import annotations
 
@@ -7,15 +7,17 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.walking.kernels.compiling import compiled
 
-HELD = -1  # the toe stands where it stood at the start
+HELD = -1  # foothold of a toe that stands where it stood at the start
 SWINGING = -2
 
 
 @compiled
-def stance_phases(contact: BoolArray) -> tuple[IntArray, IntArray]:
-    """Footholds (N + 1, L) as of `Footing`, and leg, first and last knot (F, 3) of the free ones.
+def find_stance_phases(contact: BoolArray) -> tuple[IntArray, IntArray]:
+    """Number the free footholds of contacts (N + 1, L), leg by leg and in order of time.
 
-    contact (N + 1, L). Leg by leg, in the order in which they are stood on.
+    Returns:
+        The index (N + 1, L) of each leg's foothold, `HELD` or `SWINGING`; and leg, first and last
+        knot (F, 3) of each free foothold.
     """
     knots, legs = contact.shape
     foothold = np.full((knots, legs), SWINGING, np.int64)
@@ -39,23 +41,28 @@ def stance_phases(contact: BoolArray) -> tuple[IntArray, IntArray]:
 
 
 @compiled
-def walk_cost(
-    state: Array, force: Array, wanted: Array, weight: Array, motion: float, difference: float
+def compute_walk_cost(
+    state: Array, force: Array, reference: Array, weight: Array, motion: float, difference: float
 ) -> float:
-    """The objective of eq. (8.30), as `cost.objective`.
+    """Return the objective of eq. (8.30).
 
-    state (N + 1, 12); force (>= N, L, 3); wanted (N, 7) and weight (7,): of height, velocity and
-    angles; motion, difference: weights of the body's steps and of force differences.
+    Args:
+        state: (N + 1, 12) states.
+        force: (>= N, L, 3) contact forces [N].
+        reference: (N, 7) height, velocity and angles.
+        weight: (7,) of deviations from the reference.
+        motion: weight of the body's squared steps.
+        difference: weight of squared force differences.
     """
     total = 0.0
     legs = force.shape[1]
     for n in range(1, state.shape[0]):
         for k in range(7):
-            off = state[n, 2 + k] - wanted[n - 1, k]
-            total += weight[k] * off * off
+            error = state[n, 2 + k] - reference[n - 1, k]
+            total += weight[k] * error * error
         for k in range(3):
-            moved = state[n, k] - state[n - 1, k]
-            total += motion * moved * moved
+            step = state[n, k] - state[n - 1, k]
+            total += motion * step * step
             squares, push = 0.0, 0.0
             for leg in range(legs):
                 f = force[n - 1, leg, k]
@@ -66,20 +73,31 @@ def walk_cost(
 
 
 @compiled
-def left_of(
+def shift_horizon(
     contact: BoolArray, state: Array, force: Array, toes: Array
 ) -> tuple[BoolArray, Array, Array, Array]:
-    """What is left of a plan after its first knot, and one more knot of the same rhythm.
+    """Shift a plan by one knot and extend its rhythm by one knot (receding horizon).
 
-    contact (N + 1, L), state (N + 1, 12), force and toes (N + 1, L, 3). Gives contact, state, force
-    (N, L, 3) and free footholds (F, 2) as of `stance_phases`.
+    Args:
+        contact: (N + 1, L).
+        state: (N + 1, 12).
+        force: (N + 1, L, 3) [N].
+        toes: (N + 1, L, 3) [m].
+
+    Returns:
+        Contacts (N + 1, L), states (N + 1, 12), forces (N, L, 3), and free footholds (F, 2) in the
+        order of `find_stance_phases`.
     """
     last = contact.shape[0] - 1
     legs = contact.shape[1]
-    onward, states, forces = np.empty_like(contact), np.empty_like(state), np.empty((last, legs, 3))
+    contacts, states, forces = (
+        np.empty_like(contact),
+        np.empty_like(state),
+        np.empty((last, legs, 3)),
+    )
     for n in range(last + 1):
         for leg in range(legs):
-            onward[n, leg] = contact[n + 1 if n < last else last - 1, leg]
+            contacts[n, leg] = contact[n + 1 if n < last else last - 1, leg]
         for k in range(12):
             states[n, k] = state[min(n + 1, last), k]
     for n in range(last):
@@ -88,13 +106,13 @@ def left_of(
                 forces[n, leg, k] = force[n + 1 if n < last - 1 else last - 2, leg, k]
     for k in range(3):
         states[last, k] += state[last, k] - state[last - 1, k]
-    _, phases = stance_phases(onward)
+    _, phases = find_stance_phases(contacts)
     spots = np.empty((phases.shape[0], 2))
     for index in range(phases.shape[0]):
         leg, first = phases[index, 0], phases[index, 1]
-        at = min(first + 1, last)
+        knot = min(first + 1, last)
         for k in range(2):
-            spots[index, k] = toes[at, leg, k]
-            if first == last:  # in the knot that is new
+            spots[index, k] = toes[knot, leg, k]
+            if first == last:  # in the added knot
                 spots[index, k] += state[last, k] - state[last - 1, k]
-    return onward, states, forces, spots
+    return contacts, states, forces, spots

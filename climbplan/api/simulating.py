@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from climbplan.simulation.trials import Trial
 
 Simulate = Callable[["Asked", Progress], tuple["Told", list[str]]]
-"""What a simulation tells, and lines on its random runs."""
+"""Returns the record of a simulation, and lines on its random runs."""
 
 
-def simulator(path: Path) -> Callable[[Path], tuple[str, Simulate]]:
-    """What reads a plan file and gives its name and what replays it; nothing is read yet.
+def find_simulator(path: Path) -> Callable[[Path], tuple[str, Simulate]]:
+    """Return the function that reads a plan file and gives its name and its simulator.
 
-    Raises PlanFileError for a file that is no plan, and for kinds without a simulated model.
+    Raises PlanFileError for a file that is not a plan, and for kinds without a simulated model.
     """
     found = plan_format(path)
     if found not in _KINDS:
@@ -44,7 +44,7 @@ def _climb(path: Path) -> tuple[str, Simulate]:
         from climbplan.climb.simulation.risk.multilevel_splitting import format_rare_event
         from climbplan.climb.simulation.study import simulate_plan
 
-        _not_pushed(asked)
+        _reject_pushes(asked)
         found = simulate_plan(plan, asked, report)
         lines = [
             f"{found.sweep_key} {point.value:g}: "
@@ -89,7 +89,7 @@ def _modules(path: Path) -> tuple[str, Simulate]:
     def run(asked: SimulationRequest, report: Progress) -> tuple[SimulationRecord, list[str]]:
         from climbplan.limms.simulation.study import build_report, simulate_module_plan
 
-        _not_pushed(asked)
+        _reject_pushes(asked)
         found = simulate_module_plan(plan, asked, report)
         return build_report(found), [
             f"{broken.time:.2f} s  {broken.words}" for broken in found.run.broken[1:]
@@ -98,7 +98,7 @@ def _modules(path: Path) -> tuple[str, Simulate]:
     return plan.name, run
 
 
-def _not_pushed(asked: SimulationRequest) -> None:
+def _reject_pushes(asked: SimulationRequest) -> None:
     if asked.pushes:
         raise UsageError("--push: only walks of robots from URDFs are pushed")
 

@@ -12,7 +12,7 @@ from climbplan.errors import UsageError
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import NOMINAL, Conditions, ContactLoss
-from climbplan.walking.check.truth import continuous_rollout
+from climbplan.walking.check.reference_dynamics import continuous_rollout
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.planner.planner import plan_walk
 from climbplan.walking.schema.loading import load_mpc

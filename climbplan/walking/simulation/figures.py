@@ -1,4 +1,4 @@
-"""Figures of a simulated walk: path, contact forces and friction of each leg beside the plan."""
+"""Figures of a simulated walk: path, contact forces and friction of each leg, with the plan."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from climbplan.reports.sheet import (
 )
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.simulation.comparison import WalkComparison
-from climbplan.walking.simulation.replay import WalkRun, euler_angles
-from climbplan.walking.simulation.whole_replay import WholeRun
+from climbplan.walking.simulation.replay import WalkRun, compute_euler_angles
+from climbplan.walking.simulation.whole_body_replay import WholeBodyRun
 from climbplan.walking.task.task import ANGLES, POSITION
 
 
-def path(plan: WalkPlan, run: WalkRun) -> Figure:
-    """Body position and attitude, planned and simulated."""
+def plot_path(plan: WalkPlan, run: WalkRun) -> Figure:
+    """Plot position and attitude of the body, planned and simulated."""
     figure = new_figure(5.2, entries=2)
     axes = figure.subplots(2, 3, sharex=True)
     planned = plan.trajectory.state
-    time = plan.task.step * np.arange(len(planned))
-    angles = np.array([euler_angles(rotation) for rotation in run.rotation])
+    time = plan.task.dt * np.arange(len(planned))
+    angles = np.array([compute_euler_angles(rotation) for rotation in run.rotation])
     rows: tuple[tuple[tuple[str, ...], Array, Array, str], ...] = (
         (("x", "y", "z"), 1e3 * planned[:, POSITION], 1e3 * run.com, "mm"),
         (("roll", "pitch", "yaw"), np.rad2deg(planned[:, ANGLES]), np.rad2deg(angles), "deg"),
     )
-    for row, (names, wanted, values, unit) in zip(axes, rows, strict=True):
+    for row, (names, reference, values, unit) in zip(axes, rows, strict=True):
         for k, ax in enumerate(row):
-            ax.plot(time, wanted[:, k], color=palette.LIMBS[0], lw=1.6)
+            ax.plot(time, reference[:, k], color=palette.LIMBS[0], lw=1.6)
             ax.plot(run.time, values[:, k], color=palette.INK, lw=0.9)
             panel_title(ax, names[k], f"[{unit}]")
             style_axes(ax)
@@ -48,34 +48,36 @@ def path(plan: WalkPlan, run: WalkRun) -> Figure:
     handles = [Line2D([], [], color=palette.LIMBS[0], lw=1.6)]
     handles.append(Line2D([], [], color=palette.INK, lw=0.9))
     foot_legend(figure, handles, ["planned", "simulated"])
-    heading(figure, "Body", plain(f"{plan.name}, MuJoCo{_ended(run)}"))
+    heading(figure, "Body", plain(f"{plan.name}, MuJoCo{_describe_end(run)}"))
     return figure
 
 
-def forces(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> Figure:
-    """Pressure and critical friction of each leg, planned and simulated, swings shaded."""
+def plot_forces(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> Figure:
+    """Plot normal force and critical friction of each leg, planned and simulated, with swings
+    shaded.
+    """
     figure = new_figure(6.4, entries=4)
     axes = figure.subplots(plan.task.body.leg_count, 2, sharex=True)
     last = max(run.samples - 1, 1)
     time = run.time[:last]
-    found = plan.trajectory
+    trajectory = plan.trajectory
     for leg, (left, right) in enumerate(axes):
         name = limb_name(plan.task.body.leg_names[leg])
         loaded = compared.loaded[:, leg]
-        _steps(left, time, found.force[:last, leg, 2], palette.LIMBS[0], 1.6)
-        _steps(left, time, run.pressure[:last, leg], palette.INK, 0.9)
-        shown = (compared.friction_planned[:, leg], compared.friction[:, leg])
+        _plot_steps(left, time, trajectory.force[:last, leg, 2], palette.LIMBS[0], 1.6)
+        _plot_steps(left, time, run.pressure[:last, leg], palette.INK, 0.9)
+        coefficients = (compared.friction_planned[:, leg], compared.friction[:, leg])
         for values, color, width in zip(
-            shown, (palette.LIMBS[0], palette.INK), (1.6, 0.9), strict=True
+            coefficients, (palette.LIMBS[0], palette.INK), (1.6, 0.9), strict=True
         ):
-            _steps(right, time, np.where(loaded, values, np.nan), color, width)
+            _plot_steps(right, time, np.where(loaded, values, np.nan), color, width)
         right.axhline(compared.mu, color=palette.FAILURE, lw=1.2, ls=(0, (5, 2)))
         right.set_ylim(0, 1.3 * compared.mu)
         left.set_ylabel("[N]")
         panel_title(left, f"{name}: pressure")
         panel_title(right, f"{name}: friction coefficient at which it slips")
         for ax in (left, right):
-            for first, after in spans_of(~found.gait.contact[:last, leg]):
+            for first, after in spans_of(~trajectory.gait.contact[:last, leg]):
                 end = time[min(after, last - 1)]
                 ax.axvspan(time[first], end, color=palette.MUTED, alpha=0.22, lw=0)
             style_axes(ax)
@@ -88,12 +90,12 @@ def forces(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> Figure:
         Patch(color=palette.MUTED, alpha=0.22, lw=0),
     ]
     foot_legend(figure, handles, ["planned", "simulated", "the ground's friction", "leg swings"])
-    heading(figure, "Contact forces", plain(f"{plan.name}, MuJoCo{_ended(run)}"))
+    heading(figure, "Contact forces", plain(f"{plan.name}, MuJoCo{_describe_end(run)}"))
     return figure
 
 
-def torques(plan: WalkPlan, run: WholeRun) -> Figure:
-    """Largest share of its torque limit that each joint takes, sample by sample."""
+def plot_torques(plan: WalkPlan, run: WholeBodyRun) -> Figure:
+    """Plot the largest torque of each joint as a fraction of its limit, sample by sample."""
     legs, joints = run.torque.shape[1:]
     figure = new_figure(2.6 * (legs // 2), entries=joints + 1)
     axes = figure.subplots(legs // 2, 2, sharex=True, sharey=True).ravel()
@@ -101,7 +103,7 @@ def torques(plan: WalkPlan, run: WholeRun) -> Figure:
     time = run.time[:last]
     for leg, ax in enumerate(axes):
         for joint in range(joints):
-            _steps(ax, time, run.torque[:last, leg, joint], palette.limb_color(joint), 1.1)
+            _plot_steps(ax, time, run.torque[:last, leg, joint], palette.limb_color(joint), 1.1)
         ax.axhline(1.0, color=palette.FAILURE, lw=1.2, ls=(0, (5, 2)))
         ax.set_ylim(0, 1.1)
         panel_title(ax, limb_name(plan.task.body.leg_names[leg]), "[torque limits]")
@@ -110,15 +112,17 @@ def torques(plan: WalkPlan, run: WholeRun) -> Figure:
         ax.set_xlabel("time [s]")
     handles = [Line2D([], [], color=palette.limb_color(joint), lw=1.1) for joint in range(joints)]
     handles.append(Line2D([], [], color=palette.FAILURE, lw=1.2, ls=(0, (5, 2))))
-    words = [f"joint {joint + 1}" for joint in range(joints)]
-    foot_legend(figure, handles, [*words, "limit"])
-    heading(figure, "Joint torques", plain(f"{plan.name}, MuJoCo{_ended(run)}"))
+    labels = [f"joint {joint + 1}" for joint in range(joints)]
+    foot_legend(figure, handles, [*labels, "limit"])
+    heading(figure, "Joint torques", plain(f"{plan.name}, MuJoCo{_describe_end(run)}"))
     return figure
 
 
-def _steps(ax: Axes, time: Array, values: Array, color: str, width: float) -> None:
+def _plot_steps(ax: Axes, time: Array, values: Array, color: str, width: float) -> None:
+    """Plot values that are constant between samples."""
     ax.step(time, values, where="post", color=color, lw=width)
 
 
-def _ended(run: WalkRun) -> str:
+def _describe_end(run: WalkRun) -> str:
+    """Return the addition to a title for a walk that ends with a fall."""
     return f", falls at {run.time[-1]:.2f} s" if run.fallen else ""

@@ -1,4 +1,4 @@
-"""What is told of every simulated walk: numbers, events, table and film."""
+"""Parts that reports of all simulated walks share: figures, events, table and film."""
 
 from __future__ import annotations
 
@@ -11,12 +11,18 @@ from matplotlib.figure import Figure
 
 from climbplan.simulation.mujoco_loading import load_mujoco
 from climbplan.simulation.pictures import Camera
-from climbplan.simulation.report_files import End, conditions_dict, spread, strip, trial_dict
+from climbplan.simulation.report_files import (
+    SimulationEnd,
+    convert_conditions,
+    convert_trial,
+    plot_film_strip,
+    summarise_values,
+)
 from climbplan.simulation.trials import Trial
 from climbplan.store.csv_file import SafeWriter
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.simulation.comparison import WalkComparison
-from climbplan.walking.simulation.model import TIME_STEP
+from climbplan.walking.simulation.mujoco_model import TIME_STEP
 from climbplan.walking.simulation.replay import WalkRun
 
 UNITS = {
@@ -28,14 +34,22 @@ UNITS = {
 }  # fmt: skip
 
 
-def walk_numbers(
+def compute_key_figures(
     plan: WalkPlan,
     run: WalkRun,
     compared: WalkComparison,
     trials: Sequence[Trial],
     camera: Camera | str,
 ) -> dict[str, Any]:
-    """Key figures as JSON-ready values, SI units (`UNITS`), of a walk whatever its model."""
+    """Return the key figures of a walk as JSON-ready values, SI units (`UNITS`).
+
+    Args:
+        plan: the walk.
+        run: its simulation, with any model.
+        compared: comparison of both.
+        trials: random trials.
+        camera: the camera, or why there are no pictures.
+    """
     names = plan.task.body.leg_names
     return {
         "name": plan.name,
@@ -43,16 +57,16 @@ def walk_numbers(
         "simulator": f"MuJoCo {load_mujoco().__version__}",
         "time_step": TIME_STEP,
         "integrator": plan.task.integrator,
-        "conditions": conditions_dict(run.conditions),
+        "conditions": convert_conditions(run.conditions),
         "fallen": run.fallen,
         "fell": run.fallen,
         "fall_time": float(run.time[-1]) if run.fallen else None,
         "time": float(run.time[-1]),
-        "planned_time": plan.task.step * plan.task.knots,
-        "path": spread(compared.off),
-        "tilt": spread(compared.tilt),
-        "force_error": spread(compared.force_error),
-        "correction": spread(compared.correction),
+        "planned_time": plan.task.dt * plan.task.knots,
+        "path": summarise_values(compared.position_error),
+        "tilt": summarise_values(compared.tilt),
+        "force_error": summarise_values(compared.force_error),
+        "correction": summarise_values(compared.correction),
         "overreach": compared.overreach,
         "slips": [
             {"limb": names[s.leg], "time": s.time, "distance": s.amount} for s in compared.slips
@@ -60,32 +74,37 @@ def walk_numbers(
         "lost_contacts": [
             {"limb": names[s.leg], "time": s.time, "duration": s.amount} for s in compared.losses
         ],
-        "runs": [trial_dict(trial) for trial in trials],
+        "runs": [convert_trial(trial) for trial in trials],
         "pictures": camera if isinstance(camera, str) else "figures/walk.png",
         "units": UNITS,
     }
 
 
-def end_of(plan: WalkPlan, run: WalkRun, compared: WalkComparison, joint_speed: float = 0.0) -> End:
-    """How the nominal run ended; feet of a trot may land a few hundredths of a second late.
+def build_end(
+    plan: WalkPlan, run: WalkRun, compared: WalkComparison, joint_speed: float = 0.0
+) -> SimulationEnd:
+    """Return how the nominal run ended.
 
-    joint_speed: largest share of a joint's speed limit, 0 of robots without joints.
+    The feet of a trot may land a few hundredths of a second late. joint_speed: largest fraction of
+    a joint's speed limit, 0 for robots without joints.
     """
     fall = float(run.time[-1]) if run.fallen else None
     legs = plan.task.body.leg_count
-    return End(fall, len(compared.slips), len(compared.losses), legs, joint_speed)
+    return SimulationEnd(fall, len(compared.slips), len(compared.losses), legs, joint_speed)
 
 
-def filmed(plan: WalkPlan, camera: Camera | str) -> tuple[dict[str, Figure], bytes | None]:
-    """Pictures side by side as the figure `walk`, and the film; nothing without pictures."""
+def render_pictures(plan: WalkPlan, camera: Camera | str) -> tuple[dict[str, Figure], bytes | None]:
+    """Render pictures as the figure `walk`, and the film; nothing without pictures."""
     if not isinstance(camera, Camera) or not camera.pictures:
         return {}, None
-    times = (plan.task.step * np.arange(plan.task.knots + 1)).tolist()
-    return {"walk": strip(camera.strip, times, plan.name)}, camera.film()
+    times = (plan.task.dt * np.arange(plan.task.knots + 1)).tolist()
+    return {"walk": plot_film_strip(camera.strip, times, plan.name)}, camera.film()
 
 
-def contact_events(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> list[tuple[str, str]]:
-    """When which toe slid or did not touch, and the fall."""
+def list_contact_events(
+    plan: WalkPlan, run: WalkRun, compared: WalkComparison
+) -> list[tuple[str, str]]:
+    """List slips, lost contacts and the fall with their times."""
     names = plan.task.body.leg_names
     events = [
         (s.time, f"{names[s.leg]} slides, {1e3 * s.amount:.0f} mm in all") for s in compared.slips
@@ -95,11 +114,11 @@ def contact_events(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> li
     ]
     if run.fallen:
         events.append((float(run.time[-1]), "the robot falls"))
-    return [(f"{time:.2f} s", words) for time, words in sorted(events)]
+    return [(f"{time:.2f} s", text) for time, text in sorted(events)]
 
 
-def contact_table(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> str:
-    """One row a loaded leg and sample."""
+def write_contact_table(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> str:
+    """Write a CSV table with one row for each loaded leg and sample."""
     stream = io.StringIO()
     table = SafeWriter(stream)
     table.writerow(

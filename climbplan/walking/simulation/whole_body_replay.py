@@ -18,7 +18,7 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.simulation.conditions import NOMINAL, Conditions
 from climbplan.simulation.mujoco_loading import load_mujoco
-from climbplan.walking.check.truth import toes_in_body
+from climbplan.walking.check.reference_dynamics import toes_in_body
 from climbplan.walking.online.estimation import logarithm
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.simulation.mujoco_model import TIME_STEP

@@ -1,8 +1,8 @@
-"""The MuJoCo model of a walk: one rigid body with massless legs, and point feet on the ground.
+"""The MuJoCo model of a walk: one rigid body with massless legs, and point feet on the terrain.
 
-What the planner of chapter 8.2 knows of the robot: a mass with an inertia, pushed by forces at its
-toes. Each toe is a small mass of its own that stands on the ground by friction. A leg pushes the
-body with the planned force and the toe with its opposite; what the ground answers is physics.
+It has the planner's robot of chapter 8.2: a mass with an inertia and forces at its toes. Each toe
+is a small mass that stands by friction. A leg pushes the body with the planned force and the toe
+with the opposite force; the simulator computes the contact.
 """
 
 from __future__ import annotations
@@ -15,35 +15,39 @@ from climbplan.arrays import Array
 from climbplan.simulation.attributes import numbers
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.physical_inertia import physical_inertia
-from climbplan.walking.plan.foot_centres import steepness
+from climbplan.walking.plan.foot_centres import compute_steepness
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.task.task import POSITION
 
 TIME_STEP = 1e-3  # [s]
 TOE_RADIUS = 0.005  # [m]
-TOE_MASS = 0.1  # [kg] of a toe, not of the robot's; what slips is carried off as fast as it allows
-_MARGIN = 2.0  # [m] of ground beyond the walk, where a region has no end
-_THICK = 0.2  # [m] of the ground
-_HALF_HEIGHT = 0.04  # [m] of the body, which falls on the ground
-BODY, TOE = 4, 1  # what meets the ground
+TOE_MASS = (
+    0.1  # [kg] of a toe, in addition to the robot's mass; it limits the speed of slipping toes
+)
+_MARGIN = 2.0  # [m] of terrain beyond the walk, for unbounded regions
+_GROUND_THICKNESS = 0.2  # [m] of the ground
+_HALF_HEIGHT = 0.04  # [m] of the body's collision box
+BODY_CONTACT, TOE_CONTACT = 4, 1  # contact types of MuJoCo
 
 
 @dataclass(frozen=True)
-class GroundParts:
-    """What the ground adds to a model."""
+class GroundMjcf:
+    """The terrain's part of a model."""
 
     meshes: str  # assets
     geoms: str
 
 
-def build_mjcf(plan: WalkPlan, conditions: Conditions) -> str:
-    """The model of a walk under given conditions; body and toes start anywhere."""
-    toes = "\n".join(_toe(leg) for leg in range(plan.task.body.leg_count))
-    return world_of(plan, ground_of(plan, conditions), f"{_body(plan, conditions)}\n{toes}")
+def build_walk_mjcf(plan: WalkPlan, conditions: Conditions) -> str:
+    """Build the model of a walk under given conditions; positions are set later."""
+    toes = "\n".join(_build_toe(leg) for leg in range(plan.task.body.leg_count))
+    return build_world_mjcf(
+        plan, build_ground_mjcf(plan, conditions), f"{_build_body(plan, conditions)}\n{toes}"
+    )
 
 
-def world_of(plan: WalkPlan, ground: GroundParts, robot: str, ties: str = "") -> str:
-    """A model of the ground and what stands on it, with ties between its joints."""
+def build_world_mjcf(plan: WalkPlan, ground: GroundMjcf, robot: str, ties: str = "") -> str:
+    """Build a model from terrain, robot, and equality constraints between joints."""
     return f"""
 <mujoco model="climbplan walk">
 <option timestep="{TIME_STEP}" gravity="0 0 {-plan.task.body.gravity}" cone="elliptic"
@@ -70,8 +74,14 @@ def world_of(plan: WalkPlan, ground: GroundParts, robot: str, ties: str = "") ->
 </mujoco>"""
 
 
-def ground_of(plan: WalkPlan, conditions: Conditions, sunk: float = 0.0) -> GroundParts:
-    """The regions of a walk's ground, lowered by `sunk` [m]: where toes are centres of spheres."""
+def build_ground_mjcf(plan: WalkPlan, conditions: Conditions, sunk: float = 0.0) -> GroundMjcf:
+    """Build the terrain of a walk.
+
+    Args:
+        plan: the walk.
+        conditions: of the simulation, for friction.
+        sunk: depth by which regions are lowered along their normals, for spherical feet [m].
+    """
     task = plan.task
     friction = max(task.ground.friction * conditions.friction, 1e-5)
     xy = np.concatenate(
@@ -80,51 +90,54 @@ def ground_of(plan: WalkPlan, conditions: Conditions, sunk: float = 0.0) -> Grou
     low, high = xy.min(axis=0) - _MARGIN, xy.max(axis=0) + _MARGIN
     meshes, ground = [], []
     shared = (
-        f' friction="{friction:.6g} 0 0" contype="0" conaffinity="{TOE | BODY}" material="ground"/>'
+        f' friction="{friction:.6g} 0 0" contype="0"'
+        f' conaffinity="{TOE_CONTACT | BODY_CONTACT}" material="ground"/>'
     )
     level = not (task.ground.corners.size or task.ground.slope.any())
     for index in range(task.ground.count):
         corners = task.ground.outline(index, low, high)
         if not len(corners):
             continue
-        corners = corners - [0, 0, sunk * float(steepness(task.ground.slope[index]))]
+        corners = corners - [0, 0, sunk * float(compute_steepness(task.ground.slope[index]))]
         if level:
             lower, upper = corners.min(axis=0), corners.max(axis=0)
-            center = 0.5 * (lower + upper) - [0, 0, _THICK / 2]
-            half = [*(upper - lower)[:2] / 2, _THICK / 2]
+            center = 0.5 * (lower + upper) - [0, 0, _GROUND_THICKNESS / 2]
+            half = [*(upper - lower)[:2] / 2, _GROUND_THICKNESS / 2]
             ground.append(
                 f'<geom name="ground{index}" type="box" pos="{numbers(center)}"'
                 f' size="{numbers(half)}"{shared}'
             )
             continue
-        solid = np.concatenate([corners, corners - [0, 0, _THICK]])
+        solid = np.concatenate([corners, corners - [0, 0, _GROUND_THICKNESS]])
         meshes.append(f'<mesh name="ground{index}" vertex="{numbers(solid)}"/>')
         # The compiler moves meshes to their centres, and geoms back
         ground.append(f'<geom name="ground{index}" type="mesh" mesh="ground{index}"{shared}')
-    return GroundParts("".join(meshes), "".join(ground))
+    return GroundMjcf("".join(meshes), "".join(ground))
 
 
-def hips(plan: WalkPlan) -> Array:
-    """(L, 3) where legs are drawn to begin: above the middles of their workspaces, body frame."""
+def compute_hips(plan: WalkPlan) -> Array:
+    """Return the points (L, 3) where legs are drawn to begin, body frame [m]."""
     return np.asarray(plan.task.body.toe_center * [0.75, 0.75, 0.0])
 
 
-def _body(plan: WalkPlan, conditions: Conditions) -> str:
+def _build_body(plan: WalkPlan, conditions: Conditions) -> str:
+    """Build the rigid body with its free joint."""
     body = plan.task.body
     matrix = physical_inertia(body.inertia, "the body")
     inertia = [*np.diag(matrix), matrix[0, 1], matrix[0, 2], matrix[1, 2]]
-    half = [*np.abs(hips(plan)).max(axis=0)[:2], _HALF_HEIGHT]
+    half = [*np.abs(compute_hips(plan)).max(axis=0)[:2], _HALF_HEIGHT]
     start = plan.trajectory.state[0, POSITION]
     return (
         f'<body name="body" pos="{numbers(start)}"><freejoint name="free"/>'
         f'<inertial pos="0 0 0" mass="{body.mass + conditions.payload:.9g}"'
         f' fullinertia="{numbers(inertia)}"/>'
         f'<geom name="body" type="box" size="{numbers(half)}" material="body"'
-        f' contype="{BODY}" conaffinity="0"/></body>'
+        f' contype="{BODY_CONTACT}" conaffinity="0"/></body>'
     )
 
 
-def _toe(leg: int) -> str:
+def _build_toe(leg: int) -> str:
+    """Build a toe with three sliding joints."""
     slides = "".join(
         f'<joint name="toe{leg}{name}" type="slide" axis="{axis}"/>'
         for name, axis in zip("xyz", ("1 0 0", "0 1 0", "0 0 1"), strict=True)
@@ -132,5 +145,5 @@ def _toe(leg: int) -> str:
     return (
         f'<body name="toe{leg}" gravcomp="1">{slides}<geom name="toe{leg}" type="sphere"'
         f' size="{TOE_RADIUS}" mass="{TOE_MASS}" material="toe" friction="0 0 0"'
-        f' contype="{TOE}" conaffinity="0"/></body>'
+        f' contype="{TOE_CONTACT}" conaffinity="0"/></body>'
     )

@@ -16,11 +16,11 @@ import numpy as np
 
 from benchmarks.walking.shipped_tasks import FORMS, shipped_task
 from climbplan.arrays import Array
-from climbplan.walking.check.truth import euler_rates, toes_in_body
+from climbplan.walking.check.reference_dynamics import euler_rates, toes_in_body
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.pinned import PinnedProgram
-from climbplan.walking.offline.sqp import iterate_of
-from climbplan.walking.problem.draws import StartRanges, drawn_start
+from climbplan.walking.offline.sqp import build_iterate
+from climbplan.walking.problem.random_tasks import StartRanges, sample_start
 from climbplan.walking.published.layout import MOMENT, PAIRS, SQUARES, TRIPLES
 from climbplan.walking.published.program import PublishedProgram
 from climbplan.walking.task.task import ANGLES, RATE_RANGE, SPIN, WalkTask, WalkTrajectory
@@ -154,7 +154,7 @@ def solved_terms(walks: list[Walk]) -> tuple[Left, ...]:
     found: list[list[tuple[Array, Array]]] = []
     for task, walk in walks:
         program = PublishedProgram(PinnedProgram(task, walk.gait))
-        x = program.solve(iterate_of(walk, walk.gait)).values
+        x = program.solve(build_iterate(walk, walk.gait)).values
         if x is None:
             continue
         at, during = program.layout, program.layout.during
@@ -184,7 +184,7 @@ def random_walks(seed: int, points: int) -> list[Walk]:
     walks: list[Walk] = []
     k = 0
     while len(walks) * task.knots < points:
-        drawn = drawn_start(task, ranges, np.random.default_rng([seed, k])).task
+        drawn = sample_start(task, ranges, np.random.default_rng([seed, k])).task
         found = solve_nlp(drawn, "trot", _SECONDS).trajectory
         if found is not None:
             walks.append((drawn, found))

@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.walking.micp.branch_and_bound import MAX_TIGHTENING_ROUNDS, TANGENT_RATIO
-from climbplan.walking.micp.prefix_relaxation import Formulation, bound_by_tightening
-from climbplan.walking.micp.limits import MicpLimits
-from climbplan.walking.micp.variable_bounds import VariableBounds
 from climbplan.walking.micp.attitude_box import build_attitude_box
+from climbplan.walking.micp.branch_and_bound import MAX_TIGHTENING_ROUNDS, TANGENT_RATIO
+from climbplan.walking.micp.limits import MicpLimits
+from climbplan.walking.micp.prefix_relaxation import Formulation, bound_by_tightening
+from climbplan.walking.micp.variable_bounds import VariableBounds
 from climbplan.walking.plan.answer import WalkAnswer
 from climbplan.walking.task.task import WalkTask
 

@@ -15,15 +15,15 @@ import numpy as np
 
 from benchmarks.walking.online_options import OnlineInputs
 from benchmarks.walking.shipped_tasks import shipped_task
-from climbplan.walking.dynamics.cost import objective
+from climbplan.walking.dynamics.cost import compute_objective
 from climbplan.walking.offline.search import SearchLimits, search
-from climbplan.walking.online.choice import Command
-from climbplan.walking.online.footholds import following, height_above
-from climbplan.walking.online.library import Library
-from climbplan.walking.online.measurement import Situation
-from climbplan.walking.online.strategies import Ranking, StrategyName, trained
-from climbplan.walking.online.tick import OnlineController, OnlineSettings, horizon_of
-from climbplan.walking.problem.draws import StartRanges, drawn_start
+from climbplan.walking.online.candidate_selection import Command
+from climbplan.walking.online.controller import OnlineController, OnlineSettings, build_horizon_task
+from climbplan.walking.online.footholds import compute_reference_clearance, follow_terrain
+from climbplan.walking.online.library import SectionLibrary
+from climbplan.walking.online.measurement import RobotMeasurement
+from climbplan.walking.online.strategies import Ranking, StrategyName, train_strategy
+from climbplan.walking.problem.random_tasks import StartRanges, sample_start
 from climbplan.walking.task.task import WalkTask
 
 STRATEGIES: tuple[StrategyName, ...] = ("knn", "forest", "boosting", "network", "reduce")
@@ -61,7 +61,7 @@ def strategy_table(
         "of library  tick [ms]   99 %",
         file=stream,
     )
-    ranked = {name: trained(name, library, seed) for name in STRATEGIES}
+    ranked = {name: train_strategy(name, library, seed) for name in STRATEGIES}
     rows: list[dict[str, Any]] = []
     for title, draw in KINDS.items():
         tasks = [
@@ -76,11 +76,11 @@ def strategy_table(
 
 
 def _flat(task: WalkTask, number: int, rng: np.random.Generator) -> WalkTask:
-    return drawn_start(task, _RANGES, rng).task
+    return sample_start(task, _RANGES, rng).task
 
 
 def _heavier(task: WalkTask, number: int, rng: np.random.Generator) -> WalkTask:
-    drawn, more = drawn_start(task, _RANGES, rng).task, 1.0 + _HEAVIER * rng.uniform(-1, 1)
+    drawn, more = sample_start(task, _RANGES, rng).task, 1.0 + _HEAVIER * rng.uniform(-1, 1)
     body = replace(drawn.body, mass=more * drawn.body.mass, inertia=more * drawn.body.inertia)
     return replace(drawn, body=body)
 
@@ -115,39 +115,39 @@ KINDS: dict[str, Draw] = {
 
 
 def _searched(task: WalkTask, qps: int) -> Fresh:
-    ahead = following(horizon_of(task), height_above(task))
+    ahead = follow_terrain(build_horizon_task(task), compute_reference_clearance(task))
     found = search(ahead, SearchLimits(_LONGEST, qps=qps))
     return Fresh(task, ahead, found.objective if found.trajectory is not None else np.inf)
 
 
 def _planned(
-    tasks: list[Fresh], library: Library, settings: OnlineSettings, ranking: Ranking
+    tasks: list[Fresh], library: SectionLibrary, settings: OnlineSettings, ranking: Ranking
 ) -> Iterator[Command]:
     made: OnlineController | None = None
     for fresh in tasks:
         task, start = fresh.task, fresh.task.start
         if made is None or made.task.ground is not task.ground or made.task.body is not task.body:
             made = OnlineController(task, library, settings, ranking)
-        made.forget()
+        made.reset()
         before = start.toes  # nothing moved before
-        yield made.tick(Situation(start.state, start.toes, before, np.ones(len(start.toes), bool)))
+        yield made.tick(RobotMeasurement(start.state, start.toes, before, np.ones(len(start.toes), bool)))
 
 
 def _row(
     title: str, name: str, tasks: list[Fresh], commands: list[Command], stream: TextIO
 ) -> dict[str, Any]:
     """Print a line and give its figures; costs are of tasks that both answer."""
-    held = np.array([command.holds for command in commands])
+    held = np.array([command.is_feasible for command in commands])
     found = np.array([np.isfinite(fresh.cost) for fresh in tasks])
     ratio = [
-        objective(fresh.ahead, command.trajectory.state, command.trajectory.force) / fresh.cost
+        compute_objective(fresh.ahead, command.trajectory.state, command.trajectory.force) / fresh.cost
         for fresh, command in zip(tasks, commands, strict=True)
-        if command.holds and np.isfinite(fresh.cost)
+        if command.is_feasible and np.isfinite(fresh.cost)
     ]
     median, most = np.percentile(ratio, [50, 95]) if ratio else (np.nan, np.nan)
     times = [1e3 * command.tick_time for command in commands]
     middle, longest = np.percentile(times, [50, 99])
-    own = np.mean([command.holds and command.winner >= 0 for command in commands])
+    own = np.mean([command.is_feasible and command.source >= 0 for command in commands])
     print(
         f"{title:<18} {name:<9} {100 * held.mean():6.0f} %  {100 * found.mean():7.0f} %  "
         f"{median:22.2f}, {most:4.2f}  {100 * own:8.0f} %  {middle:9.2f} {longest:6.2f}",

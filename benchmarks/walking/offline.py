@@ -10,12 +10,12 @@ import numpy as np
 
 from benchmarks.walking.shipped_tasks import FORMS, TASKS, shipped, shipped_task
 from benchmarks.walking.workers import in_order
-from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.check.checker import check_trajectory, format_failures
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.plan.answer import WalkAnswer
-from climbplan.walking.problem.draws import StartRanges, drawn_start
 from climbplan.walking.problem.problem import build_task
+from climbplan.walking.problem.random_tasks import StartRanges, sample_start
 from climbplan.walking.task.task import WalkTask
 
 PUBLISHED_NLP = 1.34  # [s] Table 8.6, when feasible, i7-12800H
@@ -56,7 +56,7 @@ def _task(seed: int, which: tuple[str, str]) -> str:
     solve_nlp(task, "trot", _SECONDS)  # compiles the program
     from_trot, spent = _timed_nlp(task)
     begin = time.process_time()
-    found = search(task, SearchLimits(_SECONDS, seed=seed, qps=loaded.spec.solver.qps))
+    found = search(task, SearchLimits(_SECONDS, seed=seed, qps=loaded.spec.solver.max_qp_solves))
     searched = time.process_time() - begin
     return (
         f"{name:<16} {form:<9} {_cost(task, from_trot):>9}  {spent:7.2f} | "
@@ -74,7 +74,7 @@ def _starts(seed: int, quick: bool, which: tuple[str, str]) -> str:
     starts = min(count, _WHOLE) if form == "shipped" else count
     times, good = np.zeros(starts), 0
     for k in range(starts):
-        drawn = drawn_start(task, _RANGES[title], np.random.default_rng([seed, k])).task
+        drawn = sample_start(task, _RANGES[title], np.random.default_rng([seed, k])).task
         answer, times[k] = _timed_nlp(drawn)
         good += _holds(drawn, answer)
     median, most95, most = np.percentile(times, [50, 95, 100])
@@ -94,7 +94,7 @@ def _timed_nlp(task: WalkTask) -> tuple[WalkAnswer, float]:
 def _holds(task: WalkTask, answer: WalkAnswer) -> bool:
     """Judged by the exact check, whatever the solver says."""
     found = answer.trajectory
-    return found is not None and not failures(check_trajectory(task, found))
+    return found is not None and not format_failures(check_trajectory(task, found))
 
 
 def _cost(task: WalkTask, answer: WalkAnswer) -> str:

@@ -9,11 +9,11 @@ import numpy as np
 
 from benchmarks.walking.online_options import OnlineInputs
 from benchmarks.walking.recovery_study import WITHIN
-from climbplan.walking.online.choice import SAFE, Command
-from climbplan.walking.online.closed_loop import LoopWorld, Push, collected_before, run_loop
-from climbplan.walking.online.library import Library
-from climbplan.walking.online.measurement import Situation
-from climbplan.walking.online.tick import OnlineController, OnlineSettings
+from climbplan.walking.online.candidate_selection import SAFE_STANCE, Command
+from climbplan.walking.online.closed_loop import LoopScenario, Push, freeze_garbage, simulate_loop
+from climbplan.walking.online.controller import OnlineController, OnlineSettings
+from climbplan.walking.online.library import SectionLibrary
+from climbplan.walking.online.measurement import RobotMeasurement
 from climbplan.walking.published.program import TOLERANCE
 from climbplan.walking.task.task import WalkTask
 
@@ -25,11 +25,11 @@ _BETWEEN = 1.3  # [s] from push to push
 class Watching(OnlineController):
     """A controller that keeps what it was told."""
 
-    def __init__(self, task: WalkTask, library: Library, settings: OnlineSettings) -> None:
+    def __init__(self, task: WalkTask, library: SectionLibrary, settings: OnlineSettings) -> None:
         super().__init__(task, library, settings)
-        self.situations: list[Situation] = []
+        self.situations: list[RobotMeasurement] = []
 
-    def tick(self, situation: Situation) -> Command:
+    def tick(self, situation: RobotMeasurement) -> Command:
         """As of every controller."""
         self.situations.append(situation)
         return super().tick(situation)
@@ -41,13 +41,13 @@ def tick_tables(
     """Print times of both forms with each library, 10 s of walking with a push every 1.3 s."""
     rows: list[dict[str, Any]] = []
     for library in inputs.libraries:
-        with collected_before():
+        with freeze_garbage():
             rows += _ticks(inputs, library, seed, 3.0 if quick else 10.0, stream)
     return rows
 
 
 def _ticks(
-    inputs: OnlineInputs, library: Library, seed: int, duration: float, stream: TextIO
+    inputs: OnlineInputs, library: SectionLibrary, seed: int, duration: float, stream: TextIO
 ) -> list[dict[str, Any]]:
     rng = np.random.default_rng(seed)
     pushes = [
@@ -55,8 +55,8 @@ def _ticks(
         for k, at in enumerate(np.arange(1.0, duration - 0.5, _BETWEEN))
     ]
     controller = Watching(inputs.task, library, OnlineSettings())
-    loop = run_loop(controller, inputs.task, duration, LoopWorld(pushes=pushes), seed)
-    end = "to its end" if loop.fell is None else f"fell after {loop.fell:.1f} s"
+    loop = simulate_loop(controller, inputs.task, duration, LoopScenario(pushes=pushes), seed=seed)
+    end = "to its end" if loop.fall_time is None else f"fell after {loop.fall_time:.1f} s"
     print(
         f"ticks of {duration:g} s with {len(pushes)} pushes ({end}), library of {library.walks} "
         f"walks; an answer holds if its rollout in continuous time does\n"
@@ -66,7 +66,7 @@ def _ticks(
     )
     rows = [_row("pinned", "DAQP", library, loop.commands, None, stream)]
     for title, beside in _FORMS:
-        settings = OnlineSettings(form="published", beside=beside)
+        settings = OnlineSettings(form="published", neighbour_region_fraction=beside)
         published = OnlineController(inputs.task, library, settings)
         commands = [published.tick(told) for told in controller.situations[::_EVERY]]
         name, median = f"published, {title}", rows[0]["median_ms"]
@@ -77,7 +77,7 @@ def _ticks(
 def _row(
     title: str,
     solver: str,
-    library: Library,
+    library: SectionLibrary,
     commands: Sequence[Command],
     against: float | None,
     stream: TextIO,
@@ -85,8 +85,8 @@ def _row(
     """Print one form's line and give its figures; against: median of the pinned form [ms]."""
     times = 1e3 * np.array([command.tick_time for command in commands])
     median, most = np.percentile(times, [50, 99])
-    answers = 100 * np.mean([command.winner != SAFE for command in commands])
-    hold = 100 * np.mean([command.holds for command in commands])
+    answers = 100 * np.mean([command.source != SAFE_STANCE for command in commands])
+    hold = 100 * np.mean([command.is_feasible for command in commands])
     ratio = median / (median if against is None else against)
     print(
         f"{title:<36} {solver:<12} {answers:7.0f} % {hold:4.0f} %  "

@@ -67,5 +67,5 @@ def _closed_loop(inputs: OnlineInputs, pushes: tuple[Array, ...]) -> OnlineInput
         inputs,
         spec=spec.model_copy(update={"loop": loop}),
         pushes=pushes,
-        world=replace(world, estimation=quality, delay=delay, at_push=True),
+        world=replace(world, estimation=quality, delay_samples=delay, replan_at_push=True),
     )

@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.walking.online_options import OnlineInputs, OnlineOptions, in_words
 from benchmarks.walking.recovery_study import Study, Trial, run_study
 from climbplan.walking.check.checker import LOOP_LIMITS
-from climbplan.walking.online.strategies import trained
+from climbplan.walking.online.strategies import train_strategy
 
 _HEAD = (
     "push               walks recovered   fell  off [1]  no answer [2]  overreach [mm]  "
@@ -34,14 +34,14 @@ def recovery_table(
     """Print shares of recovered walks for each library and push, and why others failed."""
     loop, rows, told = inputs.spec.loop, [], Counter[str]()
     state = "estimated state" if loop.estimation == "ekf" else "true state"
-    legs = f"{loop.legs} legs" + (f", delay {1e3 * loop.delay:g} ms" if loop.delay else "")
-    if loop.delay and not loop.compensate:
+    legs = f"{loop.leg_model} legs" + (f", delay {1e3 * loop.delay:g} ms" if loop.delay else "")
+    if loop.delay and not loop.compensate_delay:
         legs += " (not compensated)"
     chosen = inputs.spec.library.strategy
     print(f"recovery, {options.trials} trials each: {state}, {legs}, {chosen}", file=stream)
     stream.write(_HEAD)
     for library in inputs.libraries:
-        ranking = trained(chosen, library, options.seed)
+        ranking = train_strategy(chosen, library, options.seed)
         for push in inputs.pushes:
             words = in_words(push)
             study = Study(

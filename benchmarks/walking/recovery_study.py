@@ -9,19 +9,19 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from climbplan.arrays import Array
-from climbplan.walking.online.choice import SAFE
+from climbplan.walking.online.candidate_selection import SAFE_STANCE
 from climbplan.walking.online.closed_loop import (
-    Loop,
-    LoopWorld,
+    LoopResult,
+    LoopScenario,
     Push,
-    collected_before,
-    mean_speed,
-    recovered,
-    run_loop,
+    compute_mean_velocity,
+    freeze_garbage,
+    has_recovered,
+    simulate_loop,
 )
-from climbplan.walking.online.library import Library
+from climbplan.walking.online.controller import OnlineController, OnlineSettings
+from climbplan.walking.online.library import SectionLibrary
 from climbplan.walking.online.strategies import Ranking
-from climbplan.walking.online.tick import OnlineController, OnlineSettings
 from climbplan.walking.task.task import VELOCITY, WalkTask
 
 FIRST, WITHIN = 1.0, 0.16  # [s] when pushes come, at random within two knots
@@ -37,12 +37,12 @@ class Study:
     """
 
     task: WalkTask
-    library: Library
+    library: SectionLibrary
     push: Array  # (3,) change of velocity [m/s]
     count: int
     seed: int = 0
     settings: OnlineSettings = field(default_factory=OnlineSettings)
-    world: LoopWorld = field(default_factory=LoopWorld)  # its pushes are the study's
+    world: LoopScenario = field(default_factory=LoopScenario)  # its pushes are the study's
     ranking: Ranking | None = None  # nearest neighbours if None
 
 
@@ -87,29 +87,29 @@ def one_trial(study: Study, k: int) -> Trial:
     push = Push(at, study.push * (MIRRORED if k % 2 else 1.0))
     controller = OnlineController(study.task, study.library, study.settings, study.ranking)
     world = replace(study.world, pushes=[push])
-    loop = run_loop(controller, study.task, FIRST + AFTER, world, seed=study.seed + k)
+    loop = simulate_loop(controller, study.task, FIRST + AFTER, world, seed=study.seed + k)
     return judged(loop, study.task, at)
 
 
-def judged(loop: Loop, task: WalkTask, at: float) -> Trial:
+def judged(loop: LoopResult, task: WalkTask, at: float) -> Trial:
     """How a walk that was pushed at a time ended."""
     after = [
         command
-        for sample, command in zip(loop.at, loop.commands, strict=True)
-        if sample * task.sample >= at - 0.5 * task.step
+        for sample, command in zip(loop.tick_samples, loop.commands, strict=True)
+        if sample * task.sample >= at - 0.5 * task.dt
     ]
     sample = round(at / task.sample)
     speed = loop.trajectory.state[sample:, VELOCITY]
     words = [command.warning for command in after if command.warning]
-    off = mean_speed(loop.trajectory, task.sample) - task.reference.velocity[-1]
+    off = compute_mean_velocity(loop.trajectory, task.sample) - task.reference.velocity[-1]
     return Trial(
-        recovered=recovered(loop, task),
-        fell=None if loop.fell is None else loop.fell - at,
+        recovered=has_recovered(loop, task),
+        fell=None if loop.fall_time is None else loop.fall_time - at,
         off=float(np.linalg.norm(off[:2])),
         least_speed=float(speed[:, 0].min()) if len(speed) else float("nan"),
-        unanswered=sum(not command.holds for command in after),
-        safe=sum(command.winner == SAFE for command in after),
-        overreach=loop.overreach,
+        unanswered=sum(not command.is_feasible for command in after),
+        safe=sum(command.source == SAFE_STANCE for command in after),
+        overreach=loop.reach_violation,
         tick_time=np.array([command.tick_time for command in loop.commands]),
         fault=max(sorted(set(words)), key=words.count) if words else "",
     )
@@ -118,7 +118,7 @@ def judged(loop: Loop, task: WalkTask, at: float) -> Trial:
 def _parts(study: Study, jobs: int) -> Iterator[list[Trial]]:
     """Trials in order, a part at a time; workers take a part with the study at once."""
     if jobs == 1:
-        with collected_before():
+        with freeze_garbage():
             for k in range(study.count):
                 yield [one_trial(study, k)]
         return
@@ -130,5 +130,5 @@ def _parts(study: Study, jobs: int) -> Iterator[list[Trial]]:
 
 
 def _some(study: Study, part: range) -> list[Trial]:
-    with collected_before():
+    with freeze_garbage():
         return [one_trial(study, k) for k in part]

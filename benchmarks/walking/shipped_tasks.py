@@ -10,12 +10,12 @@ from climbplan.schema.overrides import apply_overrides
 from climbplan.schema.source import SourceText
 from climbplan.schema.yaml_source import parse_yaml
 from climbplan.walking.problem.problem import build_task
-from climbplan.walking.schema.loading import LoadedMpc, mpc_of
+from climbplan.walking.schema.loading import LoadedMpc, validate_mpc
 from climbplan.walking.task.task import WalkTask
 
 FORMS = {
-    "published": ("task.integrator=euler", "task.whole_stance=false"),
-    "mean": ("task.integrator=mean", "task.whole_stance=false"),
+    "published": ("task.integrator=euler", "task.workspace_over_stance=false"),
+    "mean": ("task.integrator=mean", "task.workspace_over_stance=false"),
     "shipped": (),
 }
 """Euler steps and workspaces at knots; mean steps; and with them workspaces until toes lift."""
@@ -26,7 +26,7 @@ def shipped(name: str, *assignments: str) -> LoadedMpc:
     """A shipped spec of kind `mpc`, with assignments as of `--set`."""
     text = SourceText(name, name, Path.cwd(), example_text(name))
     document: Document = apply_overrides(parse_yaml(text.text, text.shown), assignments)
-    return mpc_of(document, text)
+    return validate_mpc(document, text)
 
 
 def shipped_task(name: str, *assignments: str) -> WalkTask:

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.walking.shipped_tasks import shipped, shipped_task
 from benchmarks.walking.workers import in_order
 from climbplan.arrays import Array
-from climbplan.walking.check.checker import check_loop, check_trajectory, failures
+from climbplan.walking.check.checker import check_loop, check_trajectory, format_failures
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.offline.warm_up import warm_up
@@ -24,7 +24,7 @@ from climbplan.walking.online.run import (
     compute_library_key,
     load_library,
 )
-from climbplan.walking.planner.gaps import widest_gap
+from climbplan.walking.planner.gaps import find_widest_gap
 from climbplan.walking.problem.problem import build_sampled_task, build_task
 from climbplan.walking.task.task import WalkTask, WalkTrajectory
 
@@ -73,7 +73,7 @@ def _field_by(method: str, number: int) -> tuple[float, float | None, str]:
     spent = time.process_time() - begin
     if _holds(task, answer.trajectory):
         return spent, answer.objective, ""
-    return spent, None, f"{number} by {method}: {widest_gap(task) or answer.word}"
+    return spent, None, f"{number} by {method}: {find_widest_gap(task) or answer.word}"
 
 
 def _online(seed: int, count: int, stream: TextIO) -> list[str]:
@@ -99,7 +99,7 @@ def _online(seed: int, count: int, stream: TextIO) -> list[str]:
         ticks += [1e3 * command.tick_time for command in loop.commands]
         asked = shipped_task(SPEC, _field(seed + k))
         if why := _kept_from(task, loop, float(asked.goal.lower[0])):
-            told = [why] if (gap := widest_gap(asked)) is None else [why, str(gap)]
+            told = [why] if (gap := find_widest_gap(asked)) is None else [why, str(gap)]
             kept.append(f"  {seed + k} online: {'; '.join(told)}")
     median, most = np.percentile(ticks, [50, 99])
     row = _row("online", count - len(kept), times)
@@ -122,7 +122,7 @@ def _kept_from(task: WalkTask, loop: LoopResult, goal: float) -> str:
     walk = loop.trajectory
     if loop.fall_time is not None:
         return f"fell after {loop.fall_time:.1f} s"
-    if told := failures(
+    if told := format_failures(
         check_loop(build_sampled_task(task, len(walk.state) - 1), walk, loop.push_velocity)
     ):
         return told
@@ -131,7 +131,7 @@ def _kept_from(task: WalkTask, loop: LoopResult, goal: float) -> str:
 
 
 def _holds(task: WalkTask, found: WalkTrajectory | None) -> bool:
-    return found is not None and not failures(check_trajectory(task, found))
+    return found is not None and not format_failures(check_trajectory(task, found))
 
 
 def _silent(stage: str, fraction: float) -> None:

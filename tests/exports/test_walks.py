@@ -10,14 +10,14 @@ import pytest
 from urdf_statics import Played
 from walking_urdf import WALK, write_robot
 
-from climbplan.exports.formats import Told, told
+from climbplan.exports.formats import ControllerOptions, adapt_motion
 from climbplan.exports.motion import JointMotion, RobotMotion
 from climbplan.exports.sidecar import facts_of
 from climbplan.walking.check.verification import verify
 from climbplan.walking.exports.motion import NO_JOINTS
 from climbplan.walking.exports.motion import read_motion as walk_motion
 from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
-from climbplan.walking.plan.foot_centres import material, on_centres, raised_task
+from climbplan.walking.plan.foot_centres import raise_task, restore_surface, shift_to_foot_centres
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.planner.planner import plan_walk
 from climbplan.walking.schema.loading import load_mpc
@@ -61,7 +61,7 @@ def test_held_forces_add_up_to_the_change_of_momentum(
 ) -> None:
     """Where samples do not meet changes of force there are more of them."""
     for path in (walk, plans["walk"]):
-        motion = told(walk_motion(path), Told(rate=rate))
+        motion = adapt_motion(walk_motion(path), ControllerOptions(rate=rate))
         assert impulse_off(motion, read_walk_plan(path)) < 1e-9
         assert not motion.words or motion.words == (NO_JOINTS,)
         if rate is not None:
@@ -72,12 +72,12 @@ def test_held_forces_add_up_to_the_change_of_momentum(
 
 def test_rates_too_slow_for_changes_of_force_are_told(plans: dict[str, Path]) -> None:
     plan = read_walk_plan(plans["walk"])
-    slow = told(walk_motion(plans["walk"]), Told(rate=0.7 / plan.task.step))
+    slow = adapt_motion(walk_motion(plans["walk"]), ControllerOptions(rate=0.7 / plan.task.dt))
     assert any("forces change every" in word for word in slow.words)
 
 
 def test_toes_stand_still_on_the_floor_until_they_lift(walk: Path) -> None:
-    plan, motion = read_walk_plan(walk), told(walk_motion(walk), Told(rate=500.0))
+    plan, motion = read_walk_plan(walk), adapt_motion(walk_motion(walk), ControllerOptions(rate=500.0))
     contacts = motion.contacts
     assert contacts is not None
     stays = contacts.touching[1:] & contacts.touching[:-1]
@@ -86,11 +86,11 @@ def test_toes_stand_still_on_the_floor_until_they_lift(walk: Path) -> None:
     assert (contacts.force[~contacts.touching] == 0.0).all()
     swinging = contacts.point[..., 2][~contacts.touching]
     assert swinging.min() > -1e-12
-    assert swinging.max() == pytest.approx(plan.task.lift, abs=1e-4)
+    assert swinging.max() == pytest.approx(plan.task.swing_clearance, abs=1e-4)
 
 
 def test_joints_put_feet_where_the_plan_has_them(walk: Path) -> None:
-    plan, motion = read_walk_plan(walk), told(walk_motion(walk), Told(rate=250.0))
+    plan, motion = read_walk_plan(walk), adapt_motion(walk_motion(walk), ControllerOptions(rate=250.0))
     played, contacts = Played(motion, plan.robot_urdf), motion.contacts
     assert contacts is not None
     import pinocchio as pin
@@ -104,7 +104,7 @@ def test_joints_put_feet_where_the_plan_has_them(walk: Path) -> None:
 
 
 def test_velocities_accelerations_and_torques_are_those_of_the_motion(walk: Path) -> None:
-    motion = told(walk_motion(walk), Told(rate=1000.0))
+    motion = adapt_motion(walk_motion(walk), ControllerOptions(rate=1000.0))
     own = joints(motion)
     moved = (own.angle[2:] - own.angle[:-2]) / 2e-3
     off = np.abs(moved - own.velocity[1:-1])
@@ -113,7 +113,7 @@ def test_velocities_accelerations_and_torques_are_those_of_the_motion(walk: Path
     scale = np.abs(own.acceleration).max()
     assert np.median(np.abs(faster - own.acceleration[1:-1])) < 1e-3 * scale
     assert np.array_equal(own.feedforward, own.torque)
-    stiff = joints(told(walk_motion(walk), Told(rate=1000.0, gains="80", gravity=True)))
+    stiff = joints(adapt_motion(walk_motion(walk), ControllerOptions(rate=1000.0, gains="80", gravity=True)))
     assert (stiff.gain == 80.0).all()
     assert np.array_equal(stiff.command, own.command)
     assert stiff.effort == pytest.approx(own.torque + own.gravity)
@@ -125,7 +125,7 @@ def test_plans_with_centres_of_feet_on_the_ground_verify_and_are_raised(
     plan = read_walk_plan(walk)
     assert plan.task.ground.standoff == FOOT
     assert verify(walk).passed
-    lower = raised_task(plan.task, -FOOT)
+    lower = raise_task(plan.task, -FOOT)
     found = plan.trajectory
     state, toes = found.state.copy(), found.toes.copy()
     state[:, 2] -= FOOT
@@ -150,14 +150,14 @@ def test_spheres_touch_planes_that_slope() -> None:
     sides = np.array([[0.0, 0.0]]), np.array([[1.0, 1.0]])
     level = Ground.level(("ramp",), *sides, np.array([0.1]), 0.8)
     ramp = replace(level, slope=np.array([[0.3, -0.2]]))
-    centres = on_centres(ramp, FOOT)
+    centres = shift_to_foot_centres(ramp, FOOT)
     planes = replace(centres, height=centres.height + FOOT)
     xy, region = np.array([0.4, 0.7]), np.array(0)
-    centre = np.append(xy, planes.level_at(region, xy))
-    below = np.append(xy, ramp.level_at(region, xy))
+    centre = np.append(xy, planes.compute_height(region, xy))
+    below = np.append(xy, ramp.compute_height(region, xy))
     away = (centre - below) @ ramp.frame[0, 2]
     assert away == pytest.approx(FOOT, abs=1e-12)
-    assert material(planes).height == pytest.approx(ramp.height, abs=1e-12)
+    assert restore_surface(planes).height == pytest.approx(ramp.height, abs=1e-12)
 
 
 def test_robots_without_links_have_no_joints(plans: dict[str, Path]) -> None:

@@ -12,9 +12,9 @@ from scipy.interpolate import CubicHermiteSpline
 from climbplan.errors import SpecError
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.schema.robots.leg_pairs import in_pairs
-from climbplan.walking.check.checker import check_trajectory, failures
-from climbplan.walking.check.speed import leg_speeds
-from climbplan.walking.check.truth import euler_rates
+from climbplan.walking.check.checker import check_trajectory, format_failures
+from climbplan.walking.check.speed import compute_leg_speeds
+from climbplan.walking.check.reference_dynamics import euler_rates
 from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
 from climbplan.walking.plan.swing_trajectory import quartic_arch, quintic_progress
 from climbplan.walking.plan.walk_plan import WalkPlan
@@ -50,7 +50,7 @@ def plan() -> WalkPlan:
 def test_it_walks_on_tripods_within_its_torques(plan: WalkPlan) -> None:
     task, found = plan.task, plan.trajectory
     assert task.body.leg_names == ("LF", "RF", "LM", "RM", "LR", "RR")
-    assert failures(check_trajectory(task, found)) == ""
+    assert format_failures(check_trajectory(task, found)) == ""
     names = {check.name for check in check_trajectory(task, found)}
     assert {"torque.limit", "torque.reach", "speed.limit"} <= names
     few = found.gait.contact[:-1][found.gait.contact[:-1].sum(axis=1) == 3]
@@ -59,7 +59,7 @@ def test_it_walks_on_tripods_within_its_torques(plan: WalkPlan) -> None:
     assert halves
     broken = found.force.copy()
     broken[0, int(np.flatnonzero(found.gait.contact[0])[0])] *= 1.5
-    assert failures(
+    assert format_failures(
         check_trajectory(task, type(found)(found.state, found.toes, broken, found.gait))
     )
 
@@ -114,16 +114,16 @@ def test_its_joints_turn_no_faster_than_they_can(plan: WalkPlan) -> None:
     assert task.legs is not None
     check = next(c for c in check_trajectory(task, found) if c.name == "speed.limit")
     assert check.passed
-    speed = leg_speeds(task.legs, task, found).speed
+    speed = compute_leg_speeds(task.legs, task, found).speed
     assert speed.max() < task.legs.max_speed.max()
     # Half as fast: what was planned is refused, and planned anew it is kept
     slow = replace(task, legs=replace(task.legs, max_speed=0.5 * task.legs.max_speed))
-    assert "speed.limit" in failures(check_trajectory(slow, found))
+    assert "speed.limit" in format_failures(check_trajectory(slow, found))
     spec = load_mpc(SPEC).spec
     again = solve_task(slow, spec.solver).trajectory
     assert again is not None
-    assert failures(check_trajectory(slow, again)) == ""
-    used = leg_speeds(task.legs, slow, again).speed / slow.legs.max_speed
+    assert format_failures(check_trajectory(slow, again)) == ""
+    used = compute_leg_speeds(task.legs, slow, again).speed / slow.legs.max_speed
     assert used.max() > 0.7  # for it walks on, if slower
 
 
@@ -147,6 +147,6 @@ def test_speeds_are_those_of_finely_sampled_angles(plan: WalkPlan) -> None:
     bounds = task.legs.lower[leg : leg + 1], task.legs.upper[leg : leg + 1]
     angles = one.inverse(spots[:, None], *bounds).angles[:, 0, 0]
     speed = np.abs(np.gradient(angles, time, axis=0)).max(axis=0)
-    told = leg_speeds(task.legs, task, found).speed[n, leg]
+    told = compute_leg_speeds(task.legs, task, found).speed[n, leg]
     np.testing.assert_allclose(told, speed, rtol=0.05, atol=0.02)
     assert told.max() > 0.5

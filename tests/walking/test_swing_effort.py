@@ -12,7 +12,7 @@ from walking_urdf import walking_robot
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
 from climbplan.robots.urdf.proposal.walk_document import STANCE_INTERVALS, format_walk_document
 from climbplan.robots.urdf.walking_body import WalkingBody, build_walking_body
-from climbplan.walking.planner.swing_effort import swing_effort
+from climbplan.walking.planner.swing_effort import compute_swing_effort
 
 pytest.importorskip("pinocchio")
 
@@ -39,7 +39,7 @@ def test_a_leg_that_hangs_takes_what_gravity_asks(
     )
     at = [[model.idx_vs[model.getJointId(name)] for name in names] for names in chain.names]
     share = np.abs(np.array(hanging)[np.array(at)] / body.legs.max_torque).max()
-    slowly = swing_effort(found, body.legs, 0.0, 100.0, 1e-4, STANCE_INTERVALS)
+    slowly = compute_swing_effort(found, body.legs, 0.0, 100.0, 1e-4, STANCE_INTERVALS)
     assert slowly == pytest.approx(share, rel=1e-2)
 
 
@@ -47,12 +47,12 @@ def test_quick_swings_take_more(walker: tuple[UrdfModel, WalkingBody]) -> None:
     """Beside its weight by the square of the quickness, where a leg lifts on the spot."""
     found, body = walker
     still, slow, quick = (
-        swing_effort(found, body.legs, 0.0, step, 0.01, STANCE_INTERVALS)
+        compute_swing_effort(found, body.legs, 0.0, step, 0.01, STANCE_INTERVALS)
         for step in (100.0, 0.1, 0.05)
     )
     assert still < slow < quick
     assert (
-        swing_effort(found, body.legs, 50.0, 0.2, 0.01, STANCE_INTERVALS) == np.inf
+        compute_swing_effort(found, body.legs, 50.0, 0.2, 0.01, STANCE_INTERVALS) == np.inf
     )  # out of reach
 
 

@@ -10,17 +10,17 @@ import pytest
 from walk_tasks import named, walk_task
 
 from climbplan.verification.verification import Verification
-from climbplan.walking.check.checker import LIMITS, check_trajectory, failures
+from climbplan.walking.check.checker import LIMITS, check_trajectory, format_failures
 from climbplan.walking.offline.sqp import solve_gait
 from climbplan.walking.task.task import Gait, WalkTask, WalkTrajectory
 
 
 @cache
 def trotting() -> tuple[WalkTask, WalkTrajectory]:
-    task = walk_task((1.0, 0, 0), integrator="mean", least_contacts=2)
+    task = walk_task((1.0, 0, 0), integrator="mean", min_contacts=2)
     found = solve_gait(task, named("trot", task), None, 60)
     assert found.trajectory is not None
-    assert found.holds
+    assert found.is_feasible
     return task, found.trajectory
 
 
@@ -38,7 +38,7 @@ def changed(name: str, index: tuple[int, ...], by: float) -> WalkTrajectory:
 def test_a_solved_gait_passes_all() -> None:
     task, found = trotting()
     checks = check_trajectory(task, found)
-    assert failures(checks) == ""
+    assert format_failures(checks) == ""
     # No goal was stated
     assert [check.name for check in checks] == [n for n in LIMITS if n != "goal.position"]
     assert all(check.used > 0.1 for check in checks if check.name == "workspace.toe")
@@ -107,7 +107,7 @@ def test_euler_in_continuous_time_is_told_not_judged() -> None:
 
 
 def test_a_walk_that_holds_in_continuous_time_is_verified_without_more() -> None:
-    task = walk_task((1.0, 0, 0), integrator="mean", whole_stance=True)
+    task = walk_task((1.0, 0, 0), integrator="mean", workspace_over_stance=True)
     answer = solve_gait(task, named("slow trot", task), None, 60)
     assert answer.trajectory is not None
     checks = check_trajectory(task, answer.trajectory)

@@ -15,13 +15,13 @@ from climbplan.errors import PlanFileError, UsageError
 from climbplan.store.dataset import Dataset
 from climbplan.store.dataset_file import read_dataset_file, write_dataset_file
 from climbplan.store.dataset_row import dataset_of
-from climbplan.walking.check.checker import check_trajectory, failures
-from climbplan.walking.online.dataset_rows import WalkRows, task_of_frame, walk_of
+from climbplan.walking.check.checker import check_trajectory, format_failures
+from climbplan.walking.online.dataset_rows import WalkRows, read_frame_task, read_walk
 from climbplan.walking.online.features import feature_count
-from climbplan.walking.online.library import SECTION, sections_of
-from climbplan.walking.online.run import is_dataset, library_key, library_of_dataset
-from climbplan.walking.problem.draws import TREADS, in_world
+from climbplan.walking.online.library import SECTION, cut_sections
+from climbplan.walking.online.run import compute_library_key, is_dataset, read_dataset_library
 from climbplan.walking.problem.problem import build_task
+from climbplan.walking.problem.random_tasks import NUM_TREADS, apply_world
 from climbplan.walking.schema.dataset import WalksProblemSpec, WorldRangesSpec
 from climbplan.walking.schema.loading import load_body
 from climbplan.walking.task.task import Gait, WalkTrajectory
@@ -32,10 +32,10 @@ SPEC = WalksProblemSpec.model_validate(
         "task": {
             "knots": 6,
             "integrator": "mean",
-            "whole_stance": False,
-            "least_contacts": 2,
+            "workspace_over_stance": False,
+            "min_contacts": 2,
         },
-        "solver": {"qps": 30},
+        "solver": {"max_qp_solves": 30},
     }
 )
 
@@ -51,12 +51,14 @@ def walks() -> Dataset:
 
 
 def test_rows_hold_walks_from_their_starts(walks: Dataset) -> None:
-    task = task_of_frame(walks.frame, Path("here"))
-    assert library_key(task) == library_key(build_task(SPEC.walk, load_body("scaler")))
+    task = read_frame_task(walks.frame, Path("here"))
+    assert compute_library_key(task) == compute_library_key(
+        build_task(SPEC.walk, load_body("scaler"))
+    )
     assert walks.feasible.any()
     for row in np.flatnonzero(walks.feasible):
-        own, found = walk_of(task, walks, int(row))
-        assert not failures(check_trajectory(own, found))
+        own, found = read_walk(task, walks, int(row))
+        assert not format_failures(check_trajectory(own, found))
         drawn = walks.parameters[row]
         assert own.start.state[3] == pytest.approx(drawn[0] + 0.08 * drawn[1])
         assert abs(drawn[0]) <= 1.5
@@ -70,13 +72,13 @@ def test_a_file_is_verified_and_serves_as_library(walks: Dataset, tmp_path: Path
     assert {c.name for c in found.checks if not c.passed} <= {"file.spec_hash"}
     assert "workspace at knots" in found.model  # as in every walk of these
     assert is_dataset(path)
-    key = library_key(task_of_frame(walks.frame, path))
-    library = library_of_dataset(path, key, library_key)
+    key = compute_library_key(read_frame_task(walks.frame, path))
+    library = read_dataset_library(path, key, compute_library_key)
     answered = int(walks.feasible.sum())
     assert library.walks == answered
     assert len(library) == 2 * answered * (6 - SECTION + 1)  # with mirror images
     with pytest.raises(UsageError, match="another robot"):
-        library_of_dataset(path, "other", library_key)
+        read_dataset_library(path, "other", compute_library_key)
 
 
 def test_a_spoilt_walk_is_found(walks: Dataset, tmp_path: Path) -> None:
@@ -89,10 +91,10 @@ def test_a_spoilt_walk_is_found(walks: Dataset, tmp_path: Path) -> None:
     assert "rows.walks" in failed
     other = replace(walks, frame=replace(walks.frame, facts={"body": 3}))
     with pytest.raises(PlanFileError, match="not those of a walking task"):
-        task_of_frame(other.frame, path)
+        read_frame_task(other.frame, path)
 
 
-FLAT = np.concatenate([np.ones(2 * TREADS), np.zeros(2 * TREADS)])
+FLAT = np.concatenate([np.ones(2 * NUM_TREADS), np.zeros(2 * NUM_TREADS)])
 RANGES = WorldRangesSpec(mass=0.3, speed=(0.3, 1.0), rise=0.05, tread=(0.15, 0.3))
 WORLDS = SPEC.model_copy(update={"world": RANGES})
 
@@ -107,39 +109,41 @@ def test_walks_in_worlds_of_their_own_are_read_back(worlds: Dataset, tmp_path: P
     path = tmp_path / "dataset.h5"
     write_dataset_file(worlds, path)
     data = read_dataset_file(path)
-    task = task_of_frame(data.frame, path)
+    task = read_frame_task(data.frame, path)
     rows = np.flatnonzero(data.feasible).tolist()
     assert rows
     for row in rows:
-        own, found = walk_of(task, data, row)
-        assert own.ground.count == 2 * TREADS + 1
-        assert not failures(check_trajectory(own, found))
+        own, found = read_walk(task, data, row)
+        assert own.ground.count == 2 * NUM_TREADS + 1
+        assert not format_failures(check_trajectory(own, found))
         standing = found.gait.contact[0]
         assert np.allclose(own.start.toes[standing], found.toes[0, standing])
     factor = data.parameters[:, data.frame.parameter_names.index("mass_factor")]
     assert len(set(factor)) == 3
     assert ((factor >= 0.7) & (factor <= 1.3)).all()
-    assert walk_of(task, data, rows[0])[0].body.mass == factor[rows[0]] * task.body.mass
+    assert read_walk(task, data, rows[0])[0].body.mass == factor[rows[0]] * task.body.mass
     share = data.parameters[:, data.frame.parameter_names.index("speed_factor")]
     assert len(set(share)) == 3
     assert ((share >= 0.3) & (share <= 1.0)).all()
-    own = walk_of(task, data, rows[0])[0]
+    own = read_walk(task, data, rows[0])[0]
     assert np.allclose(own.reference.velocity, share[rows[0]] * task.reference.velocity)
     assert all(check.passed for check in verify(path).checks if check.name.startswith("rows."))
     # Such walks serve the controller of flat ground, which finds footholds by itself.
-    library = library_of_dataset(path, library_key(task), library_key)
+    library = read_dataset_library(path, compute_library_key(task), compute_library_key)
     assert library.walks == len(rows)
 
 
 def test_sections_have_heights_above_their_own_ground() -> None:
     task = build_task(SPEC.walk, load_body("scaler"))
-    world = np.concatenate([[1.0, 1.0], *2 * [[0.25, 0.5, 0.75, 1.0]], np.full(2 * TREADS, 0.04)])
-    raised = in_world(task, world)
+    world = np.concatenate(
+        [[1.0, 1.0], *2 * [[0.25, 0.5, 0.75, 1.0]], np.full(2 * NUM_TREADS, 0.04)]
+    )
+    raised = apply_world(task, world)
     state = np.tile(task.start.state, (task.knots + 1, 1))
     state[:, 0] = 0.6  # all feet on treads of the same height
-    flat = sections_of(task, _standing(state), 0)
+    flat = cut_sections(task, _standing(state), 0)
     state[:, 2] += 0.04
-    above = sections_of(raised, _standing(state), 0)
+    above = cut_sections(raised, _standing(state), 0)
     assert np.allclose(above.features, flat.features)
     assert np.allclose(above.state, flat.state)
 
@@ -148,7 +152,7 @@ def test_sections_of_another_speed_are_farther_away() -> None:
     task = build_task(SPEC.walk, load_body("scaler"))
     state = np.tile(task.start.state, (task.knots + 1, 1))
     near, far = (
-        sections_of(in_world(task, np.concatenate([[1.0, share], FLAT])), _standing(state), 0)
+        cut_sections(apply_world(task, np.concatenate([[1.0, share], FLAT])), _standing(state), 0)
         for share in (0.5, 0.25)
     )
     apart = (near.features - far.features)[0]
@@ -167,7 +171,7 @@ def _standing(state: np.ndarray) -> WalkTrajectory:
 def test_a_flat_world_leaves_ground_and_toes_as_they_are() -> None:
     task = build_task(SPEC.walk, load_body("scaler"))
     world = np.concatenate([[1.2, 1.0], FLAT])
-    same = in_world(task, world)
+    same = apply_world(task, world)
     assert same.ground is task.ground
     assert same.body.mass == pytest.approx(1.2 * task.body.mass)
     assert np.array_equal(same.start.toes, task.start.toes)

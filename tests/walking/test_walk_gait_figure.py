@@ -10,9 +10,9 @@ from matplotlib.text import Text
 
 from benchmarks.walking.shipped_tasks import shipped
 from climbplan.walking.online.run import run_online
-from climbplan.walking.pages.figure_loop import even_runs, loop_gait, push_times
-from climbplan.walking.pages.figure_walk import snapshots, tracking
-from climbplan.walking.pages.report import drawn_figures
+from climbplan.walking.pages.figure_loop import list_push_times, plot_loop_gait, split_runs
+from climbplan.walking.pages.figure_walk import plot_snapshots, plot_tracking
+from climbplan.walking.pages.report import select_figures
 from climbplan.walking.plan.walk_plan import LoopRecord, WalkPlan
 
 
@@ -24,8 +24,8 @@ def walked() -> WalkPlan:
 
 
 def test_steps_backward_and_deciders_are_told(walked: WalkPlan) -> None:
-    assert push_times(walked) == pytest.approx([1.02])
-    figure = loop_gait(walked)
+    assert list_push_times(walked) == pytest.approx([1.02])
+    figure = plot_loop_gait(walked)
     whole, near, speed = figure.axes
     numbers = [float(text.get_text()) for text in near.texts]
     assert len(numbers) > 20
@@ -36,13 +36,13 @@ def test_steps_backward_and_deciders_are_told(walked: WalkPlan) -> None:
     words = {text.get_text().strip() for text in figure.findobj(Text)}
     assert {"safe stance", "neighbour", "plan before", "named gait", "push"} <= words
     assert any("-2.8" in word for word in words)
-    assert drawn_figures(walked)["gait"].function.endswith(":loop_gait")
+    assert select_figures(walked)["gait"].function.endswith(":loop_gait")
 
 
 def test_snapshots_are_about_the_push(walked: WalkPlan) -> None:
-    titles = {text.get_text() for text in snapshots(walked).findobj(Text)}
+    titles = {text.get_text() for text in plot_snapshots(walked).findobj(Text)}
     assert {"0.98 s", "1.06 s", "1.14 s"} <= titles
-    shown = {text.get_text().strip() for text in tracking(walked).findobj(Text)}
+    shown = {text.get_text().strip() for text in plot_tracking(walked).findobj(Text)}
     assert {"walked", "push"} <= shown
 
 
@@ -50,6 +50,6 @@ def test_without_a_push_the_beginning_is_shown(walked: WalkPlan) -> None:
     loop = walked.loop
     assert isinstance(loop, LoopRecord)
     quiet = replace(walked, loop=replace(loop, push=np.zeros_like(loop.push)))
-    titles = {text.get_text() for text in loop_gait(quiet).findobj(Text)}
+    titles = {text.get_text() for text in plot_loop_gait(quiet).findobj(Text)}
     assert {"The beginning", "no push"} <= titles
-    assert even_runs(np.array([1.0, 1.0, 2.0])) == [(0, 2), (2, 3)]
+    assert split_runs(np.array([1.0, 1.0, 2.0])) == [(0, 2), (2, 3)]

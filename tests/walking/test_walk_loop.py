@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from walk_tasks import LEGS, walk_task
 
 from climbplan.errors import LimitReached, SpecError
-from climbplan.walking.check.checker import check_loop, failures
+from climbplan.walking.check.checker import check_loop, format_failures
 from climbplan.walking.online.admittance import AdmittanceController, AdmittanceGains, limit_forces
 from climbplan.walking.online.candidate_selection import SAFE_STANCE, Command
 from climbplan.walking.online.closed_loop import (
@@ -55,7 +55,7 @@ def told(loop: LoopResult, world: LoopScenario) -> str:
     whole = build_sampled_task(TASK, len(loop.trajectory.state) - 1)
     pushed = loop.push_velocity
     assert (pushed.any() and world.pushes) or not pushed.any()
-    return failures(check_loop(whole, loop.trajectory, pushed))
+    return format_failures(check_loop(whole, loop.trajectory, pushed))
 
 
 @pytest.mark.parametrize("delay", [3, 16, 20])

@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from walk_tasks import named, shorter, stairs_task, walk_task
 
-from climbplan.walking.check.checker import check_trajectory, failures
-from climbplan.walking.kernels.footing import SWINGING
-from climbplan.walking.offline.footing import footing_of, gait_of
-from climbplan.walking.offline.gaits import starting_gaits
+from climbplan.walking.check.checker import check_trajectory, format_failures
+from climbplan.walking.kernels.contact_phases import SWINGING
+from climbplan.walking.offline.footing import build_footing, build_gait
+from climbplan.walking.offline.gaits import generate_initial_gaits
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.search import SearchLimits, search
-from climbplan.walking.offline.sqp import iterate_of, rolled_out, solve_gait
-from climbplan.walking.problem.draws import StartRanges, drawn_start
+from climbplan.walking.offline.sqp import build_iterate, roll_out, solve_gait
+from climbplan.walking.problem.random_tasks import StartRanges, sample_start
 
 RNG = np.random.default_rng(7)
 
 
 def test_stance_phases() -> None:
     contact = np.array([[1, 0, 1, 1], [1, 1, 0, 1], [0, 1, 1, 1], [1, 1, 1, 1]], bool)
-    footing = footing_of(gait_of(contact, np.zeros((4, 4), int)))
+    footing = build_footing(build_gait(contact, np.zeros((4, 4), int)))
     assert footing.count == 3
     assert footing.leg.tolist() == [0, 1, 2]
     assert footing.first.tolist() == [3, 1, 2]
@@ -33,7 +33,7 @@ def test_regions_of_swinging_toes_are_where_they_go() -> None:
     contact = np.array([[1, 1, 1, 1], [0, 1, 1, 1], [1, 1, 1, 1], [1, 1, 1, 1]], bool)
     region = np.zeros((4, 4), int)
     region[2, 0], region[3, 0], region[3, 1] = 1, 5, 7
-    tidy = gait_of(contact, region).region
+    tidy = build_gait(contact, region).region
     assert tidy[:, 0].tolist() == [0, 1, 1, 1]
     assert tidy[:, 1].tolist() == [0, 0, 0, 0]
 
@@ -45,18 +45,18 @@ def test_the_qp_predicts_what_the_dynamics_do() -> None:
     program = PinnedProgram(task, gait)
     settled = solve_gait(task, gait, iterations=8).trajectory
     assert settled is not None
-    at = iterate_of(settled, gait)
-    qp = program.qp(at)
+    at = build_iterate(settled, gait)
+    qp = program.build_qp(at)
     rng = np.random.default_rng(1)
-    z = np.zeros(program.size)
+    z = np.zeros(program.num_unknowns)
     force, spots = at.force[program.stand_knot, program.stand_leg], at.spots
     z[: program.foot_column] = (force / program.force_scale).ravel()
     z[program.foot_column :] = spots.ravel() / 0.1
     off = []
     for size in (1e-3, 1e-4):
         moved = z + size * rng.normal(size=len(z))
-        there = program.iterate(qp, moved)
-        off.append(np.abs(rolled_out(program, there).state - there.state).max())
+        there = program.build_iterate(qp, moved)
+        off.append(np.abs(roll_out(program, there).state - there.state).max())
     assert off[1] < 0.05 * off[0]
 
 
@@ -64,11 +64,12 @@ def test_the_qp_predicts_what_the_dynamics_do() -> None:
 def test_search_beats_every_named_gait(integrator: str) -> None:
     task = shorter(walk_task(integrator=integrator), 6)
     named_best = min(
-        solve_gait(task, gait, None, 40).objective for gait in list(starting_gaits(task))[:6]
+        solve_gait(task, gait, None, 40).objective
+        for gait in list(generate_initial_gaits(task))[:6]
     )
     answer = search(task, SearchLimits(60.0, gaits=40, seed=1))
     assert answer.trajectory is not None
-    assert failures(check_trajectory(task, answer.trajectory)) == ""
+    assert format_failures(check_trajectory(task, answer.trajectory)) == ""
     assert answer.objective < named_best
     assert answer.objective == pytest.approx(answer.history[-1].objective)
 
@@ -83,7 +84,7 @@ def test_search_does_not_depend_on_the_clock() -> None:
 
 
 def test_least_contacts_are_kept() -> None:
-    task = shorter(walk_task(least_contacts=2), 5)
+    task = shorter(walk_task(min_contacts=2), 5)
     answer = search(task, SearchLimits(60.0, gaits=40))
     assert answer.trajectory is not None
     assert answer.trajectory.gait.contact[:-1].sum(axis=1).min() >= 2
@@ -93,7 +94,7 @@ def test_stairs_are_stood_on() -> None:
     task = stairs_task()
     answer = search(task, SearchLimits(60.0, gaits=25))
     assert answer.trajectory is not None
-    assert failures(check_trajectory(task, answer.trajectory)) == ""
+    assert format_failures(check_trajectory(task, answer.trajectory)) == ""
     gait, toes = answer.trajectory.gait, answer.trajectory.toes
     assert set(gait.region[gait.contact]) == {0, 1}
     assert np.ptp(toes[..., 2][gait.contact]) == pytest.approx(0.03)
@@ -105,7 +106,7 @@ def test_nlp_from_random_states() -> None:
         task = walk_task((rng.uniform(-1.0, 1.5), 0, 0), integrator="mean")
         answer = solve_nlp(task, "trot", 20.0)
         if answer.trajectory is not None:
-            held += failures(check_trajectory(task, answer.trajectory)) == ""
+            held += format_failures(check_trajectory(task, answer.trajectory)) == ""
     assert held == 6
 
 
@@ -113,16 +114,16 @@ def test_nlp_on_stairs() -> None:
     task = stairs_task()
     answer = solve_nlp(task, "trot", 20.0)
     assert answer.trajectory is not None
-    assert failures(check_trajectory(task, answer.trajectory)) == ""
+    assert format_failures(check_trajectory(task, answer.trajectory)) == ""
 
 
 def test_a_gait_that_cannot_be() -> None:
     """No leg ever stands: the body falls out of the workspace of its toes."""
     task = walk_task()
-    nothing = gait_of(np.zeros((10, 4), bool), np.zeros((10, 4), int))
+    nothing = build_gait(np.zeros((10, 4), bool), np.zeros((10, 4), int))
     answer = solve_gait(task, nothing, None, 10)
-    assert not answer.holds
-    assert answer.reach > 0.1
+    assert not answer.is_feasible
+    assert answer.reach_violation > 0.1
 
 
 def test_search_spends_its_budget_and_says_when_time_cut_it_short() -> None:
@@ -137,13 +138,13 @@ def test_search_spends_its_budget_and_says_when_time_cut_it_short() -> None:
 
 def test_starts_are_drawn_within_their_ranges() -> None:
     task = walk_task((0.0, 0, 0))
-    drawn = [drawn_start(task, StartRanges(), np.random.default_rng([3, k])) for k in range(50)]
+    drawn = [sample_start(task, StartRanges(), np.random.default_rng([3, k])) for k in range(50)]
     velocity = np.array([d.task.start.state[3] for d in drawn])
     at_once = np.array([d.forward + 0.08 * d.acceleration for d in drawn])
     assert np.allclose(velocity, at_once)
     assert np.ptp([d.forward for d in drawn]) > 2.0
     assert np.ptp([d.acceleration for d in drawn]) > 20.0
     assert all(np.array_equal(d.task.start.toes, task.start.toes) for d in drawn)
-    wide = drawn_start(task, StartRanges(sideways=0.5, tilt=0.1, spin=0.6, toes=0.04), RNG).task
+    wide = sample_start(task, StartRanges(sideways=0.5, tilt=0.1, spin=0.6, toes=0.04), RNG).task
     assert 0 < np.abs(wide.start.toes - task.start.toes).max() <= 0.04
     assert 0 < np.abs(wide.start.state[6:8]).max() <= 0.1

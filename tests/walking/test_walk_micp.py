@@ -12,7 +12,7 @@ from walk_tasks import shorter, stairs_task, walk_task
 
 from benchmarks.walking.given_gait import bound_of_gait
 from climbplan.solvers.highs.model import build_rows_model, create_highs
-from climbplan.walking.check.checker import LIMITS, check_trajectory, failures
+from climbplan.walking.check.checker import LIMITS, check_trajectory, format_failures
 from climbplan.walking.micp.attitude_box import build_attitude_box
 from climbplan.walking.micp.bound_tightening import tighten_bounds
 from climbplan.walking.micp.limits import MicpLimits
@@ -143,7 +143,7 @@ def test_bound_and_incumbent_enclose_what_is_best() -> None:
     assert found.bound is not None
     assert found.objective <= first.objective + 1e-9
     assert 0 < found.bound <= best.objective + 1e-6
-    assert not failures(check_trajectory(task, found.trajectory))
+    assert not format_failures(check_trajectory(task, found.trajectory))
     bounds = [entry.bound for entry in found.history]
     assert bounds == sorted(bounds)
     assert "within" in found.word
@@ -247,7 +247,7 @@ def test_only_euler_steps_are_bounded(integrator: str) -> None:
     answer = solve_micp(task, MicpLimits(seconds=2.5), first)
     assert answer.trajectory is not None
     assert answer.objective <= first.objective * (1 + 1e-9)
-    assert not failures(check_trajectory(task, answer.trajectory))
+    assert not format_failures(check_trajectory(task, answer.trajectory))
     proved = [entry.bound for entry in answer.history if np.isfinite(entry.bound)]
     if integrator == "euler":
         assert answer.bound is not None

@@ -14,7 +14,7 @@ from walk_tasks import shorter, stairs_task, walk_task
 
 from climbplan.arrays import BoolArray
 from climbplan.solvers.highs.model import build_rows_model, create_highs, run_highs
-from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.check.checker import check_trajectory, format_failures
 from climbplan.walking.dynamics.cost import compute_objective
 from climbplan.walking.micp import branching as parts_of_tubes
 from climbplan.walking.micp import outer_approximation as relaxed_programs
@@ -266,7 +266,7 @@ def test_of_two_motions_that_mirror_one_is_enough() -> None:
     other = image(found)
     assert compute_objective(task, other.state, other.force) == pytest.approx(answer.objective)
     checked = check_trajectory(task, other)
-    assert not failures(checked)
+    assert not format_failures(checked)
     width = np.array([0.01, 0.02, 0.01]), np.array([0.2, 0.4, 0.2])
     about = build_attitude_box(task, np.stack([found.state, other.state]), *width)
     tube = include_mirror_images(about, *width)

@@ -15,7 +15,7 @@ from walk_tasks import shorter, walk_task
 from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.solvers.highs.model import build_rows_model
-from climbplan.walking.check.truth import euler_rates
+from climbplan.walking.check.reference_dynamics import euler_rates
 from climbplan.walking.micp.attitude_box import AttitudeBox, bound_rotation, build_attitude_box
 from climbplan.walking.micp.attitude_partition import partition_attitudes, split_motions
 from climbplan.walking.micp.dynamics_rows import DynamicsRows

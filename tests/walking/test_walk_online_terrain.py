@@ -11,8 +11,8 @@ import pytest
 from pydantic import ValidationError
 
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.check.checker import check_loop, failures
-from climbplan.walking.check.terrain import ground_at
+from climbplan.walking.check.checker import check_loop, format_failures
+from climbplan.walking.check.terrain import compute_ground_height
 from climbplan.walking.kernels.foothold_regions import find_nearest_regions, select_region
 from climbplan.walking.online.closed_loop import LoopResult, simulate_loop
 from climbplan.walking.online.controller import OnlineController, OnlineSettings, build_horizon_task
@@ -77,7 +77,7 @@ def across() -> tuple[WalkTask, LoopResult]:
 def told(task: WalkTask, loop: LoopResult, **changes: Any) -> str:
     walk = replace(loop.trajectory, **changes)
     whole = build_sampled_task(task, len(walk.state) - 1)
-    return failures(check_loop(whole, walk, loop.push_velocity))
+    return format_failures(check_loop(whole, walk, loop.push_velocity))
 
 
 def test_stones_are_crossed_online_and_every_change_is_found() -> None:
@@ -168,8 +168,8 @@ def test_toes_come_down_on_footholds_only() -> None:
         ground.compute_distance_outside(ground.nearest(down[:, :2]), down[:, :2])
         <= -ground.edge + 1e-9
     ).all()
-    np.testing.assert_allclose(ground_at(ground, down[:, :2]), down[:, 2], atol=1e-12)
-    assert ground_at(ground, np.array([0.255, 0.0])) == -np.inf  # the edge of the gap
+    np.testing.assert_allclose(compute_ground_height(ground, down[:, :2]), down[:, 2], atol=1e-12)
+    assert compute_ground_height(ground, np.array([0.255, 0.0])) == -np.inf  # the edge of the gap
 
 
 @pytest.mark.parametrize(

@@ -11,13 +11,13 @@ from walk_tasks import named, shorter, walk_task
 from climbplan.program.linear_rows import LinearRows
 from climbplan.walking.check.checker import LIMITS
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
-from climbplan.walking.offline.sqp import guess, rolled_out
-from climbplan.walking.online.attempt import Budget, GaitTrials
-from climbplan.walking.online.choice import SAFE
+from climbplan.walking.offline.sqp import guess_iterate, roll_out
+from climbplan.walking.online.candidate_selection import SAFE_STANCE
+from climbplan.walking.online.controller import OnlineController, OnlineSettings
+from climbplan.walking.online.gait_solver import GaitSolver, IterationBudget
 from climbplan.walking.online.library import build_library
-from climbplan.walking.online.measurement import Situation
-from climbplan.walking.online.tick import OnlineController, OnlineSettings
-from climbplan.walking.published.program import ChangingRows, PublishedProgram
+from climbplan.walking.online.measurement import RobotMeasurement
+from climbplan.walking.published.program import ParametricRows, PublishedProgram
 from climbplan.walking.task.task import Integrator, Start
 
 RNG = np.random.default_rng(3)
@@ -27,15 +27,15 @@ RNG = np.random.default_rng(3)
 @pytest.mark.parametrize("beside", [0.0, 0.7])
 def test_planes_contain_a_true_motion(integrator: Integrator, beside: float) -> None:
     """Lines, planes and regions hold at the exact values of any motion; so do feet and friction."""
-    task = shorter(walk_task(integrator=integrator, whole_stance=True), 5)
+    task = shorter(walk_task(integrator=integrator, workspace_over_stance=True), 5)
     program = PinnedProgram(task, named("walking trot", task))
-    at = guess(task, program.gait)
+    at = guess_iterate(task, program.gait)
     for _ in range(3):
-        found = program.step(at, elastic=True)
+        found = program.solve_qp(at, elastic=True)
         assert found is not None
         at = found
     force = at.force + np.where(at.force != 0, RNG.normal(0, 0.5, at.force.shape), 0)
-    walk = rolled_out(program, Iterate(at.state, force, at.spots))
+    walk = roll_out(program, Iterate(at.state, force, at.spots))
     assert 0.01 < np.abs(walk.state[:, 6:9]).max() < 1.0
     published = PublishedProgram(program, beside)
     values = published.layout.values(walk.state, force, walk.toes, at.spots)
@@ -62,7 +62,7 @@ def test_rows_add_up_coefficients_of_one_unknown() -> None:
     first = rows.block(
         "sums", ((np.array([0, 1]), 2.0), (np.array([0, 2]), np.array([1.0, 4.0]))), 5.0
     )
-    frozen = ChangingRows(rows)
+    frozen = ParametricRows(rows)
     np.testing.assert_allclose(frozen.matrix.toarray(), [[3, 0, 0], [0, 2, 4]])
     frozen.value[first.values] = [1, 1, 1, -1]  # row by row
     frozen.refresh()
@@ -71,25 +71,25 @@ def test_rows_add_up_coefficients_of_one_unknown() -> None:
 
 
 def test_answers_are_judged_on_the_true_dynamics() -> None:
-    task = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
+    task = walk_task(integrator="mean", min_contacts=2, workspace_over_stance=True)
     library = build_library(task, 2, 0, gaits=0)
-    settings = OnlineSettings(form="published", beside=1.0, candidates=3)
+    settings = OnlineSettings(form="published", neighbour_region_fraction=1.0, max_candidates=3)
     controller = OnlineController(task, library, settings)
-    situation = Situation(
+    situation = RobotMeasurement(
         library.state[0, 0], library.toes[0, 0], library.toes[0, 0], np.ones(4, bool)
     )
     command = controller.tick(situation)
-    assert command.winner == SAFE or command.winner >= 0
-    assert command.holds != bool(command.warning)
+    assert command.source == SAFE_STANCE or command.source >= 0
+    assert command.is_feasible != bool(command.warning)
     # The regions allow more than the dynamics do: what the pinned form finds holds.
     own = replace(controller.task, start=Start(situation.state, situation.toes))
-    trials, gait = GaitTrials(own, 0.0, 1.0), named("stand", own)
-    program, at = trials.program(own, gait), guess(own, gait)
-    loose = trials.published(own, program, at, Budget(1000))
-    begun = trials.begun(own, program, at)
-    sound = trials.attempt(own, program, begun, 4, Budget(1000), elastic=True)
-    assert not begun.softly
+    trials, gait = GaitSolver(own, 0.0, 1.0), named("stand", own)
+    program, at = trials.prepare_program(own, gait), guess_iterate(own, gait)
+    loose = trials.solve_published(own, program, at, IterationBudget(1000))
+    begun = trials.initialise_progress(own, program, at)
+    sound = trials.solve(own, program, begun, 4, IterationBudget(1000), allow_elastic=True)
+    assert not begun.left_workspace
     assert sound is not None
-    assert sound.holds
+    assert sound.is_feasible
     assert loose is not None
-    assert loose.excess > sound.excess
+    assert loose.violation > sound.violation

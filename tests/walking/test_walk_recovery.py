@@ -13,16 +13,16 @@ from benchmarks.walking.online_options import OnlineOptions, in_words, online_in
 from benchmarks.walking.recovery_study import Study, Trial, run_study
 from benchmarks.walking.run import run_mpc
 from climbplan.errors import UsageError
-from climbplan.walking.online.closed_loop import LoopWorld
+from climbplan.walking.online.closed_loop import LoopScenario
 from climbplan.walking.online.library import build_library
-from climbplan.walking.online.perception import Noise
+from climbplan.walking.online.state_feedback import StateNoise
 
-TASK = walk_task(integrator="mean", least_contacts=2, whole_stance=True)
+TASK = walk_task(integrator="mean", min_contacts=2, workspace_over_stance=True)
 
 
 @pytest.fixture(scope="module")
 def study() -> Study:
-    world = LoopWorld(noise=Noise(velocity=0.01))
+    world = LoopScenario(noise=StateNoise(velocity=0.01))
     library = build_library(TASK, 3, 0, gaits=0)
     return Study(TASK, library, np.array([-1.0, 0.2, 0.0]), 4, world=world)
 

@@ -11,15 +11,15 @@ import pytest
 from pydantic import ValidationError
 
 from climbplan.schema.robots.rigid_body import RigidBodySpec
-from climbplan.walking.check.checker import check_trajectory, failures
-from climbplan.walking.check.terrain import to_clear
+from climbplan.walking.check.checker import check_trajectory, format_failures
+from climbplan.walking.check.terrain import compute_clearance_height
 from climbplan.walking.kernels.swept_terrain import compute_swing_heights
 from climbplan.walking.offline.gaits import assign_regions, repeat_gait
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.offline.sqp import build_iterate, solve_gait
-from climbplan.walking.planner.gaps import farthest_apart, widest_gap
+from climbplan.walking.planner.gaps import compute_max_toe_distance, find_widest_gap
 from climbplan.walking.problem.problem import build_ground, build_task, sample_stones
 from climbplan.walking.schema.loading import load_body
 from climbplan.walking.schema.model import MpcSpec
@@ -82,7 +82,7 @@ def failed(task: WalkTask, found: WalkTrajectory) -> set[str]:
 
 def test_a_ramp_is_walked_up_with_cones_about_its_normal() -> None:
     task, found = up_the_ramp()
-    assert failures(check_trajectory(task, found)) == ""
+    assert format_failures(check_trajectory(task, found)) == ""
     on_ramp = found.gait.contact & (found.gait.region == 1)
     assert on_ramp.sum() > 8
     spots = found.toes[on_ramp]
@@ -114,7 +114,7 @@ def test_a_slippery_ramp_lets_go_as_its_cones_say() -> None:
 
 def test_stones_are_crossed_and_every_change_is_found() -> None:
     task, found = across_stones()
-    assert failures(check_trajectory(task, found)) == ""
+    assert format_failures(check_trajectory(task, found)) == ""
     names = [task.ground.names[r] for r in found.gait.region[found.gait.contact]]
     assert sum(name.startswith("S") for name in names) > 6
     assert found.state[-1, 0] > 0.5 - 1e-4
@@ -148,7 +148,7 @@ def test_complementarity_takes_polygons_slopes_and_goals_too() -> None:
     task = stated(RAMP, knots=6, start=start, goal={"position": [0.6, 0], "within": 0.2})
     answer = solve_nlp(task, "walking trot", 60.0)
     assert answer.trajectory is not None
-    assert failures(check_trajectory(task, answer.trajectory)) == ""
+    assert format_failures(check_trajectory(task, answer.trajectory)) == ""
     assert answer.trajectory.state[-1, 0] >= 0.4 - 1e-4
 
 
@@ -169,7 +169,7 @@ def test_toes_clear_what_lies_between() -> None:
     region[1:, 0] = 2
     kernel = compute_swing_heights(toes, contact, region, ground.region_arrays)
     np.testing.assert_allclose(kernel[1:3, 0], [0.06, 0.06])
-    np.testing.assert_allclose(to_clear(ground, toes, contact)[1:3, 0], [0.06, 0.06])
+    np.testing.assert_allclose(compute_clearance_height(ground, toes, contact)[1:3, 0], [0.06, 0.06])
 
 
 def test_toes_clear_what_they_stood_on_the_edge_of() -> None:
@@ -185,7 +185,7 @@ def test_toes_clear_what_they_stood_on_the_edge_of() -> None:
     for edge in (0.3, np.nextafter(0.3, 1.0)):
         toes = np.zeros((3, 4, 3))
         toes[:, 0, 0], toes[0, 0, 2] = [edge, 0.35, 0.45], 0.05
-        np.testing.assert_allclose(to_clear(ground, toes, contact)[1, 0], 0.05)
+        np.testing.assert_allclose(compute_clearance_height(ground, toes, contact)[1, 0], 0.05)
 
 
 def test_kernel_and_check_agree_on_what_there_is_to_clear() -> None:
@@ -196,7 +196,7 @@ def test_kernel_and_check_agree_on_what_there_is_to_clear() -> None:
         standing = found.gait.contact
         toes[standing] = found.toes[standing]
         kernel = compute_swing_heights(toes, standing, found.gait.region, ground.region_arrays)
-        ours = to_clear(ground, toes, standing)
+        ours = compute_clearance_height(ground, toes, standing)
         counted = np.isfinite(ours) & ~standing
         assert counted.sum() > 10
         # The kernel counts the region ahead of a leg that does not come down, too
@@ -230,7 +230,7 @@ def test_toes_keep_away_from_edges() -> None:
     assert "contact.region" in failed(strict, found)
     answer = search(strict, SearchLimits(60.0, qps=60))
     assert answer.trajectory is not None
-    assert failures(check_trajectory(strict, answer.trajectory)) == ""
+    assert format_failures(check_trajectory(strict, answer.trajectory)) == ""
     again = read_facts(build_facts(strict)).ground
     assert again.edge == 0.012
     wide = {"regions": [{"name": "beam", "x": [0, 2], "y": [0, 0.1]}], "edge": 0.06}
@@ -264,24 +264,24 @@ def test_a_gap_is_too_wide_only_where_no_attitude_reaches(
         {"regions": banks},
         goal={"position": [1.6, 0]}, min_contacts=contacts, workspace_over_stance=whole,
     )  # fmt: skip
-    found = widest_gap(task)
+    found = find_widest_gap(task)
     assert found is not None
     assert (found.near, found.far) == ("near", "far")
     assert found.width == pytest.approx(gap)
-    assert found.most == pytest.approx(farthest_apart(task.body))
+    assert found.most == pytest.approx(compute_max_toe_distance(task.body))
     assert found.proved == proved
     assert f"{gap:.2f} m between near and far" in str(found)
 
 
 def test_the_way_of_least_gaps_is_the_one_that_is_told() -> None:
     wide = [*BANKS, {"name": "S1", "x": [0.3, 0.35], "y": [-0.3, 0.3]}]
-    found = widest_gap(stated({"regions": wide}, goal={"position": [1.4, 0], "within": 0.05}))
+    found = find_widest_gap(stated({"regions": wide}, goal={"position": [1.4, 0], "within": 0.05}))
     assert found is not None
     assert (found.near, found.far) == ("S1", "far")
     assert found.width == pytest.approx(0.2)
     touching = [BANKS[0], {"name": "far", "x": [0.25, 1.6], "y": [-0.4, 0.4]}]
-    assert widest_gap(stated({"regions": touching}, goal={"position": [1.4, 0]})) is None
-    nowhere = widest_gap(stated({"regions": touching}, goal={"position": [9, 0]}))
+    assert find_widest_gap(stated({"regions": touching}, goal={"position": [1.4, 0]})) is None
+    nowhere = find_widest_gap(stated({"regions": touching}, goal={"position": [9, 0]}))
     assert nowhere is not None
     assert nowhere.proved
     assert nowhere.far == "the goal"

@@ -93,7 +93,7 @@ def test_the_polish_begins_no_gait_after_the_limit(
     monkeypatch.setattr(searching, "warm_up", lambda task: None)
     monkeypatch.setattr(searching, "solve_gait", solve_gait)
     search = _IteratedLocalSearch(task, SearchLimits(seconds))
-    search.good = [GaitAnswer(trajectory, float(k), 1.0, 1, True) for k in range(5)]
-    assert search.polished().trajectory is None
+    search.improvements = [GaitAnswer(trajectory, float(k), 1.0, 1, True) for k in range(5)]
+    assert search.polish().trajectory is None
     assert len(calls) == polished
-    assert search.late == (seconds == 0.0)
+    assert search.is_timed_out == (seconds == 0.0)

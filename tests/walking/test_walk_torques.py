@@ -12,9 +12,9 @@ from walking_urdf import planned_walk, walking_robot
 
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.urdf.walking_body import build_walking_body
-from climbplan.walking.check.checker import check_trajectory, failures
-from climbplan.walking.check.speed import leg_speeds
-from climbplan.walking.check.torque import leg_loads
+from climbplan.walking.check.checker import check_trajectory, format_failures
+from climbplan.walking.check.speed import compute_leg_speeds
+from climbplan.walking.check.torque import compute_leg_loads
 from climbplan.walking.check.verification import verify
 from climbplan.walking.kernels.joint_torque_rows import solve_leg_jacobian
 from climbplan.walking.kernels.parameters import LegChain
@@ -58,7 +58,7 @@ def test_torques_are_the_work_of_forces(planned: WalkPlan) -> None:
     """By differences of toes: what a joint's turn moves the toe against the force."""
     legs, found = planned.task.legs, planned.trajectory
     assert legs is not None
-    loads = leg_loads(legs, planned.task, found)
+    loads = compute_leg_loads(legs, planned.task, found)
     begun = found.state[1]
     rotation = rotation_world_body(begun[6:9])
     spots = (found.toes[1] - begun[:3]) @ rotation
@@ -97,14 +97,14 @@ def test_compiled_jacobians_are_those_of_the_chain(tmp_path: Path, joints: int) 
 def test_plans_keep_torque_limits_and_the_check_sees_what_does_not(planned: WalkPlan) -> None:
     task, found = planned.task, planned.trajectory
     assert task.legs is not None
-    asked = np.abs(leg_loads(task.legs, task, found).torque).max()
+    asked = np.abs(compute_leg_loads(task.legs, task, found).torque).max()
     weak = replace(task.legs, max_torque=np.full((4, 3), 0.93 * asked))
     weaker = replace(task, legs=weak)
-    assert failures(check_trajectory(weaker, found)).startswith("torque.limit")
+    assert format_failures(check_trajectory(weaker, found)).startswith("torque.limit")
     again = solve_gait(weaker, found.gait, iterations=80)
     assert again.trajectory is not None
-    assert failures(check_trajectory(weaker, again.trajectory)) == ""
-    used = np.abs(leg_loads(weak, weaker, again.trajectory).torque).max()
+    assert format_failures(check_trajectory(weaker, again.trajectory)) == ""
+    used = np.abs(compute_leg_loads(weak, weaker, again.trajectory).torque).max()
     assert used == pytest.approx(0.93 * asked, rel=2e-3)  # they bind
 
 
@@ -113,7 +113,7 @@ def test_joints_that_are_too_fast_are_told_by_rows_and_check(planned: WalkPlan) 
     assert task.legs is not None
     program = PinnedProgram(task, found.gait)
     spots = found.toes[program.footing.first, program.footing.leg, :2]
-    most = (leg_speeds(task.legs, task, found).speed / task.legs.max_speed).max()
+    most = (compute_leg_speeds(task.legs, task, found).speed / task.legs.max_speed).max()
     slow = replace(task, legs=replace(task.legs, max_speed=most * task.legs.max_speed))
     told = PinnedProgram(slow, found.gait).joints.compute_speed_excess(
         found.state, found.toes, spots, program.tilt

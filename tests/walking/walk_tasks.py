@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.walking.offline.footing import gait_of
-from climbplan.walking.offline.gaits import cycle
+from climbplan.walking.offline.footing import build_gait
+from climbplan.walking.offline.gaits import repeat_gait
 from climbplan.walking.problem.problem import build_task
 from climbplan.walking.schema.loading import load_body
 from climbplan.walking.schema.model import MpcSpec
 from climbplan.walking.task.task import Gait, WalkTask
 
 LEGS = 4  # of these tasks
-PUBLISHED = {"integrator": "euler", "whole_stance": False}
+PUBLISHED = {"integrator": "euler", "workspace_over_stance": False}
 
 
 def walk_task(velocity: tuple[float, float, float] = (0, 0, 0), **task: object) -> WalkTask:
@@ -38,7 +38,7 @@ def stairs_task() -> WalkTask:
                 **PUBLISHED,
                 "start": {"velocity": [0.6, 0, 0]},
                 "reference": {"velocity": [0.8, 0, 0]},
-                "least_contacts": 2,
+                "min_contacts": 2,
             },
         }
     )
@@ -47,8 +47,8 @@ def stairs_task() -> WalkTask:
 
 def named(name: str, task: WalkTask, phase: int = 0) -> Gait:
     """A named gait on flat ground."""
-    contact = cycle(name, LEGS, task.knots, phase)
-    return gait_of(contact, np.zeros(contact.shape, np.int64))
+    contact = repeat_gait(name, LEGS, task.knots, phase)
+    return build_gait(contact, np.zeros(contact.shape, np.int64))
 
 
 def shorter(task: WalkTask, knots: int) -> WalkTask:

@@ -2,7 +2,7 @@
 
 Of robots from URDFs alone: their plans carry joints, bounds and speed limits. Between samples the
 body moves as positions, velocities, angles and their rates at both ends say (cubics); toes stand,
-or are on their ways (`swing_way.py`) from where they lifted to where they land, at mid-way as high
+or are on their ways (`swing_trajectory.py`) from where they lifted to where they land, at mid-way as high
 as the plan lifts them. Speeds are means over a sixteenth of an interval, of 5 ms at least. Ways
 that end after the plan are not judged: where they lead is not stated.
 """
@@ -17,12 +17,12 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.walking_legs import WalkingLegs
-from climbplan.walking.check.truth import euler_rates
+from climbplan.walking.check.reference_dynamics import euler_rates
 from climbplan.walking.plan.swing_trajectory import quartic_arch, quintic_progress
 from climbplan.walking.task.task import ANGLES, POSITION, SPIN, VELOCITY, WalkTask, WalkTrajectory
 
-_PARTS = 16  # of an interval
-_FINEST = 0.005  # [s]
+_MAX_SAMPLES = 16  # of an interval
+_MIN_SAMPLE_TIME = 0.005  # [s]
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ class LegSpeeds:
     speed: Array  # (N, L, J) largest [rad/s], [m/s] of joints that slide
 
 
-def leg_speeds(legs: WalkingLegs, task: WalkTask, trajectory: WalkTrajectory) -> LegSpeeds:
+def compute_leg_speeds(legs: WalkingLegs, task: WalkTask, trajectory: WalkTrajectory) -> LegSpeeds:
     """What body and toes ask of the joints of all legs."""
     step = task.dt
-    num_samples = int(np.clip(round(step / _FINEST), 1, _PARTS))
+    num_samples = int(np.clip(round(step / _MIN_SAMPLE_TIME), 1, _MAX_SAMPLES))
     phase = np.linspace(0.0, 1.0, num_samples + 1)
-    toes, swings = _ways(task, trajectory, phase)
-    spots = _seen(trajectory.state, step, phase, toes)
+    toes, swings = _build_toe_paths(task, trajectory, phase)
+    spots = _transform_to_body(trajectory.state, step, phase, toes)
     is_judged = trajectory.gait.contact[:-1] | swings  # (N, L)
     rest_toes = legs.chain.joint_points(legs.chain.posture)[:, -1]
     solution = legs.chain.inverse(
@@ -51,17 +51,17 @@ def leg_speeds(legs: WalkingLegs, task: WalkTask, trajectory: WalkTrajectory) ->
     return LegSpeeds(np.where(swings, missing, 0.0), np.where(is_judged[..., None], speed, 0.0))
 
 
-def speed_residuals(task: WalkTask, trajectory: WalkTrajectory) -> Iterator[tuple[str, Array, Array]]:
+def generate_speed_residuals(task: WalkTask, trajectory: WalkTrajectory) -> Iterator[tuple[str, Array, Array]]:
     """Names of checks, residuals and shares of limits (N, L); nothing of bodies without joints."""
     if task.legs is None:
         return
-    speeds = leg_speeds(task.legs, task, trajectory)
+    speeds = compute_leg_speeds(task.legs, task, trajectory)
     yield "swing.reach", speeds.missing, np.zeros_like(speeds.missing)
     excess = (speeds.speed - task.legs.max_speed).max(axis=2)
     yield "speed.limit", excess, (speeds.speed / task.legs.max_speed).max(axis=2)
 
 
-def _ways(task: WalkTask, trajectory: WalkTrajectory, phase: Array) -> tuple[Array, BoolArray]:
+def _build_toe_paths(task: WalkTask, trajectory: WalkTrajectory, phase: Array) -> tuple[Array, BoolArray]:
     """Toes (N, K + 1, L, 3) at shares (K + 1,) of intervals; which swing to where they land."""
     contact, stance_toes = trajectory.gait.contact, trajectory.toes
     toes = np.repeat(stance_toes[:-1, None], len(phase), axis=1)
@@ -83,16 +83,16 @@ def _ways(task: WalkTask, trajectory: WalkTrajectory, phase: Array) -> tuple[Arr
     return toes, swings
 
 
-def _seen(state: Array, step: float, phase: Array, toes: Array) -> Array:
+def _transform_to_body(state: Array, step: float, phase: Array, toes: Array) -> Array:
     """Toes (N, K + 1, L, 3) of the world in the body, that moves on from sample to sample."""
     rates = euler_rates(state[:, ANGLES], state[:, SPIN])
-    position = _between(state[:, POSITION], state[:, VELOCITY], step, phase)
-    R = rotation_world_body(_between(state[:, ANGLES], rates, step, phase))
+    position = _interpolate_hermite(state[:, POSITION], state[:, VELOCITY], step, phase)
+    R = rotation_world_body(_interpolate_hermite(state[:, ANGLES], rates, step, phase))
     spots: Array = (toes - position[:, :, None]) @ R
     return spots
 
 
-def _between(value: Array, rate: Array, step: float, phase: Array) -> Array:
+def _interpolate_hermite(value: Array, rate: Array, step: float, phase: Array) -> Array:
     """Hermite's cubics (N, K + 1, 3) through values and rates (N + 1, 3)."""
     s = phase[None, :, None]
     first, second = value[:-1, None], value[1:, None]

@@ -1,4 +1,4 @@
-"""The objective of eq. (8.30): tracking, body motion, and differences between the legs' forces."""
+"""The objective of eq. (8.30): tracking, body motion, and differences between contact forces."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ from climbplan.arrays import Array
 from climbplan.walking.task.task import ANGLES, POSITION, VELOCITY, WalkTask
 
 
-def cost_terms(task: WalkTask, state: Array, force: Array) -> dict[str, float]:
-    """Each term of the objective by name.
+def compute_cost_terms(task: WalkTask, state: Array, force: Array) -> dict[str, float]:
+    """Return each term of the objective by name.
 
-    state (N + 1, 12); force (N + 1, L, 3), of which the last is not used.
+    Args:
+        task: references and weights.
+        state: (N + 1, 12) states.
+        force: (N + 1, L, 3) contact forces [N]; the last is not used.
     """
     weights, reference = task.weights, task.reference
     later = state[1:]
@@ -24,17 +27,19 @@ def cost_terms(task: WalkTask, state: Array, force: Array) -> dict[str, float]:
         "angles": float(angles.sum()),
         "height": float(height.sum()),
         "motion": float(motion),
-        "force_difference": float(weights.force_difference * force_differences(force[:-1])),
+        "force_difference": float(weights.force_difference * sum_force_differences(force[:-1])),
     }
 
 
-def force_differences(force: Array) -> float:
-    """Sum over knots and ordered pairs of legs of || f_s - f_t ||^2; force (N, L, 3) [N^2]."""
+def sum_force_differences(force: Array) -> float:
+    """Return the sum over knots and ordered pairs of legs of || f_s - f_t ||^2; force (N, L, 3)
+    [N^2].
+    """
     legs = force.shape[1]
     squares = (force**2).sum()
     return float(2.0 * (legs * squares - (force.sum(axis=1) ** 2).sum()))
 
 
-def objective(task: WalkTask, state: Array, force: Array) -> float:
-    """The sum of all terms."""
-    return sum(cost_terms(task, state, force).values())
+def compute_objective(task: WalkTask, state: Array, force: Array) -> float:
+    """Return the sum of all cost terms."""
+    return sum(compute_cost_terms(task, state, force).values())

@@ -30,16 +30,17 @@ def export_csv(path: Path, out: Path | TextIO) -> None:
     toes = [f"{leg}_toe_{a}_m" for leg in names for a in "xyz"]
     forces = [f"{leg}_force_{a}_N" for leg in names for a in "xyz"]
     header = ["time_s", *_BODY, *toes, *forces, *(f"{leg}_contact" for leg in names)]
-    write_csv(out, header, _rows(plan))
+    write_csv(out, header, _list_rows(plan))
 
 
-def _rows(plan: WalkPlan) -> Iterator[list[float | int]]:
-    found = plan.trajectory
+def _list_rows(plan: WalkPlan) -> Iterator[list[float | int]]:
+    """Yield the rows of the table."""
+    trajectory = plan.trajectory
     for n in range(plan.task.knots + 1):
         yield [
-            plan.task.step * n,
-            *found.state[n].tolist(),
-            *found.toes[n].ravel().tolist(),
-            *found.force[n].ravel().tolist(),
-            *(int(stands) for stands in found.gait.contact[n]),
+            plan.task.dt * n,
+            *trajectory.state[n].tolist(),
+            *trajectory.toes[n].ravel().tolist(),
+            *trajectory.force[n].ravel().tolist(),
+            *(int(stands) for stands in trajectory.gait.contact[n]),
         ]

@@ -24,10 +24,14 @@ from climbplan.verification.verification import Verification
 from climbplan.walking.check.checker import LEG_LIMITS, LIMITS, LOOP_LIMITS
 from climbplan.walking.check.plan_checks import LIMITS as FILE_LIMITS
 from climbplan.walking.check.verification import verify
-from climbplan.walking.online.closed_loop import RECOVERED, fallen, mean_speed
-from climbplan.walking.pages.scene import scene_of_walk
+from climbplan.walking.online.closed_loop import (
+    RECOVERY_TOLERANCE,
+    compute_mean_velocity,
+    has_fallen,
+)
+from climbplan.walking.pages.scene import build_walk_scene
 from climbplan.walking.plan.file import FORMAT, FORMAT_VERSION, read_walk_plan
-from climbplan.walking.plan.summary import gait_words
+from climbplan.walking.plan.summary import format_gait
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.task.task import ANGLES, VELOCITY
 
@@ -40,24 +44,27 @@ _LOOP_NOTE = (
     "the library, a gait by name, or where none holds a safe stance."
 )
 FIGURES: Mapping[str, Callable[[WalkPlan], Figure]] = {
-    "tracking": FigureOf("climbplan.walking.pages.figure_walk:tracking"),
-    "gait": FigureOf("climbplan.walking.pages.figure_walk:gait"),
-    "snapshots": FigureOf("climbplan.walking.pages.figure_walk:snapshots"),
+    "tracking": FigureOf("climbplan.walking.pages.figure_walk:plot_tracking"),
+    "gait": FigureOf("climbplan.walking.pages.figure_walk:plot_gait"),
+    "snapshots": FigureOf("climbplan.walking.pages.figure_walk:plot_snapshots"),
 }
 
 
-def drawn_figures(plan: WalkPlan) -> Mapping[str, Callable[[WalkPlan], Figure]]:
-    """The figures of a plan; of one with a bound also how that came about, of a loop its pushes."""
+def select_figures(plan: WalkPlan) -> Mapping[str, Callable[[WalkPlan], Figure]]:
+    """Return the figures of a plan, with convergence of a bound or pushes of a loop."""
     if plan.loop is not None:
-        return {**FIGURES, "gait": FigureOf("climbplan.walking.pages.figure_loop:loop_gait")}
+        return {**FIGURES, "gait": FigureOf("climbplan.walking.pages.figure_loop:plot_loop_gait")}
     bounded = any(np.isfinite(step.bound) for step in plan.history)
     if not bounded:
         return FIGURES
-    return {**FIGURES, "convergence": FigureOf("climbplan.walking.pages.figure_walk:convergence")}
+    return {
+        **FIGURES,
+        "convergence": FigureOf("climbplan.walking.pages.figure_walk:plot_convergence"),
+    }
 
 
-def _values(plan: WalkPlan, verification: Verification) -> dict[str, Any]:
-    """Root attributes of the file, checks, times, sizes, tracking, gait and ticks."""
+def _collect_values(plan: WalkPlan, verification: Verification) -> dict[str, Any]:
+    """Collect root attributes, checks, times, sizes, tracking, gait and ticks for report.json."""
     report = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -82,46 +89,50 @@ def _values(plan: WalkPlan, verification: Verification) -> dict[str, Any]:
         "sizes": plan.sizes,
         "verification": [check.as_dict() for check in verification.checks],
         "warnings": list(plan.warnings),
-        "tracking": _tracking(plan),
+        "tracking": _measure_tracking(plan),
         "gait": {
-            "standing": gait_words(plan.trajectory.gait.contact[:: _stride(plan)]),
-            "contact": plan.trajectory.gait.contact[: -1 : _stride(plan)].astype(int).tolist(),
+            "standing": format_gait(plan.trajectory.gait.contact[:: _samples_per_knot(plan)]),
+            "contact": plan.trajectory.gait.contact[: -1 : _samples_per_knot(plan)]
+            .astype(int)
+            .tolist(),
         },
-        "online": _online(plan),
+        "online": _summarise_loop(plan),
         "history": [vars(step) for step in plan.history],
-        "figures": [f"figures/{name}.png" for name in drawn_figures(plan)],
+        "figures": [f"figures/{name}.png" for name in select_figures(plan)],
         "units": {"velocity": "m/s", "attitude": "rad", "force": "N", "history.seconds": "s"},
     }
-    whole: dict[str, Any] = finite(report)
-    return whole
+    checked: dict[str, Any] = finite(report)
+    return checked
 
 
-def _stride(plan: WalkPlan) -> int:
-    """Samples in a knot."""
+def _samples_per_knot(plan: WalkPlan) -> int:
+    """Return the samples in a knot."""
     return 1 if plan.loop is None else plan.loop.samples
 
 
-def _online(plan: WalkPlan) -> dict[str, Any] | None:
-    """Times, winners and warnings of the ticks."""
+def _summarise_loop(plan: WalkPlan) -> dict[str, Any] | None:
+    """Return times, sources and warnings of the ticks."""
     if plan.loop is None:
         return None
     loop = plan.loop
-    # A tick begins where its times change: at knots, and between them where a push was felt
+    # A tick begins where its times change: at knots, and between them after a push
     changes = np.diff(loop.tick_time[:-1]) != 0
-    every = np.flatnonzero(np.concatenate([[True], changes]))
-    winner, times = loop.winner[every], loop.tick_time[every]
-    off = mean_speed(plan.trajectory, plan.task.step) - plan.task.reference.velocity[-1]
+    tick_samples = np.flatnonzero(np.concatenate([[True], changes]))
+    winner, times = loop.winner[tick_samples], loop.tick_time[tick_samples]
+    velocity_error = (
+        compute_mean_velocity(plan.trajectory, plan.task.dt) - plan.task.reference.velocity[-1]
+    )
     return {
         "ticks": len(winner),
-        "ended": _ended(plan, float(np.hypot(*off[:2]))),
-        "off_at_end": float(np.hypot(*off[:2])),
+        "ended": _describe_end(plan, float(np.hypot(*velocity_error[:2]))),
+        "off_at_end": float(np.hypot(*velocity_error[:2])),
         "tick_time": {
             "median": float(np.median(times)),
             "most99": float(np.percentile(times, 99)),
             "largest": float(times.max()),
         },
-        "solve_time_median": float(np.median(loop.solve_time[every])),
-        "candidates_mean": float(loop.candidates_tried[every].mean()),
+        "solve_time_median": float(np.median(loop.solve_time[tick_samples])),
+        "candidates_mean": float(loop.candidates_tried[tick_samples].mean()),
         "winners": {
             "plan before": int((winner == -1).sum()),
             "neighbours": int((winner >= 0).sum()),
@@ -130,24 +141,24 @@ def _online(plan: WalkPlan) -> dict[str, Any] | None:
             "plan kept": int((winner == -4).sum()),
         },
         "pushes": [
-            {"time": float(plan.task.step * n), "velocity": loop.push[n].tolist()}
+            {"time": float(plan.task.dt * n), "velocity": loop.push[n].tolist()}
             for n in np.flatnonzero(loop.push.any(axis=1))
         ],
         "warnings": list(loop.warnings),
     }
 
 
-def _ended(plan: WalkPlan, off: float) -> str:
-    """How a closed loop ended, by its own samples."""
-    if fallen(plan.task.body, plan.trajectory.state[-1], plan.trajectory.toes[-1]):
+def _describe_end(plan: WalkPlan, off: float) -> str:
+    """Return how a closed loop ended, by its own samples."""
+    if has_fallen(plan.task.body, plan.trajectory.state[-1], plan.trajectory.toes[-1]):
         return "fell"
     if plan.status == "limit":
         return "cut short"
-    return "recovered" if off < RECOVERED else "not recovered"
+    return "recovered" if off < RECOVERY_TOLERANCE else "not recovered"
 
 
-def _tracking(plan: WalkPlan) -> dict[str, Any]:
-    """How far from the references, over the horizon and at its end."""
+def _measure_tracking(plan: WalkPlan) -> dict[str, Any]:
+    """Return deviations from the references, over the horizon and at its end."""
     state, reference = plan.trajectory.state[1:], plan.task.reference
     velocity = np.linalg.norm(state[:, VELOCITY] - reference.velocity, axis=1)
     attitude = np.abs(state[:, ANGLES] - reference.euler).max(axis=1)
@@ -158,7 +169,8 @@ def _tracking(plan: WalkPlan) -> dict[str, Any]:
     }
 
 
-def _page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+def _render_page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+    """Return the HTML page."""
     meanings = {
         name: limit.meaning
         for name, limit in (LIMITS | LEG_LIMITS | LOOP_LIMITS | FILE_LIMITS).items()
@@ -170,11 +182,11 @@ def _page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]
         **report_fields(
             report,
             "mpc",
-            _cards(report),
+            _build_cards(report),
             images,
             report["status"],
             (read_part("replay.js"),),
-            data_element("replay-data", scene_replay(scene_of_walk(plan))),
+            data_element("replay-data", scene_replay(build_walk_scene(plan))),
         ),
         **verification_fields(report, meanings),
         **run_fields(report, plan_tables(report, origin)),
@@ -184,7 +196,8 @@ def _page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str, bytes]
     )
 
 
-def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
+def _build_cards(report: Mapping[str, Any]) -> Iterator[Card]:
+    """Yield the cards of the page."""
     gap = f"gap {100 * report['gap']:.1f} %" if report["gap"] is not None else "no bound"
     yield Card("Objective", f"{report['objective']:.4g}", gap)
     tracked = report["tracking"]
@@ -193,10 +206,10 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
         yield Card(f"Off in {name}", end, f"at the end; mean {tracked[name]['mean']:.2g} {unit}")
     if report["online"] is not None:
         tick = report["online"]["tick_time"]
-        shown = f"99 % {1e3 * tick['most99']:.2f} ms"
-        yield Card("Tick", f"{1e3 * tick['median']:.2f} ms", shown)
-        won = report["online"]["winners"]
-        yield Card("Ticks", str(report["online"]["ticks"]), plain_words(won))
+        percentile = f"99 % {1e3 * tick['most99']:.2f} ms"
+        yield Card("Tick", f"{1e3 * tick['median']:.2f} ms", percentile)
+        sources = report["online"]["winners"]
+        yield Card("Ticks", str(report["online"]["ticks"]), plain_words(sources))
         off = f"{report['online']['off_at_end']:.2f} m/s off over its last 0.48 s"
         yield Card("Walk", report["online"]["ended"], off)
         return
@@ -206,7 +219,7 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
     )
 
 
-_REPORT = PlanReport(read_walk_plan, verify, _values, drawn_figures, _page)
+_REPORT = PlanReport(read_walk_plan, verify, _collect_values, select_figures, _render_page)
 report_dict = _REPORT.report_dict
 write_report = _REPORT.write_report
 write_values = _REPORT.write_values

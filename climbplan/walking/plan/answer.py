@@ -1,4 +1,4 @@
-"""What a method answers to a walking task."""
+"""The result of a planning method for a walking task."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from climbplan.walking.task.task import WalkTrajectory
 
 @dataclass(frozen=True)
 class Improvement:
-    """A better trajectory was found, or a better bound proved."""
+    """A better trajectory or a better bound during a search."""
 
     seconds: float
     objective: float
@@ -23,11 +23,11 @@ class WalkAnswer:
     trajectory: WalkTrajectory | None
     objective: float  # infinite without a trajectory
     seconds: float
-    word: str  # what the method says of its answer
+    word: str  # message of the method
     bound: float | None = None  # of a relaxation, see `word`
-    tubes: int = 0  # of attitudes, whose union the bound is of
+    tubes: int = 0  # attitude boxes whose union the bound covers
     tried: int = 0  # gaits
-    qps: int = 0  # of a search, its polish not counted
-    cut_short: str = ""  # a warning if the time limit did so, and so the machine's speed
-    begun: WalkTrajectory | None = None  # what `micp` started from
+    qps: int = 0  # of a search, without polishing
+    cut_short: str = ""  # a warning if the time limit ended the search
+    begun: WalkTrajectory | None = None  # initial solution of `micp`
     history: tuple[Improvement, ...] = field(default=())

@@ -1,4 +1,4 @@
-"""MPC plans as HDF5 files: writing them, and reading them back exactly."""
+"""MPC plan files (HDF5): write them, and read them back exactly."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ LOOP = {
 }
 BEGUN = Layout(("T", STATE), "m, m/s, rad, rad/s", "world, as com, velocity, euler_zyx, ...")
 _TEXTS = Layout(("*",), kind="text")
-_SAMPLES_BEFORE = 16  # in an interval of files that do not say
+_DEFAULT_SAMPLES = 16  # in an interval, for files without the attribute
 _NOTES = {
     "axes": "body frame x forward, y left, z up; world frame z up",
     "force_is": "constant from sample n to n + 1; zeros at the last",
@@ -73,28 +73,30 @@ _NOTES = {
 
 
 def write_walk_plan(plan: WalkPlan, path: Path) -> None:
-    """Write a plan; the file appears whole or not at all, in place of one that is there.
+    """Write a plan; the file appears complete or not at all, and replaces an existing one.
 
-    An empty `created` or `climbplan_version` becomes now and this version. Raises UsageError if
-    the file cannot be written.
+    An empty `created` or `climbplan_version` becomes now and this version.
+
+    Raises:
+        UsageError: the file cannot be written.
     """
-    task, found = plan.task, plan.trajectory
+    task, trajectory = plan.task, plan.trajectory
     with new_store(path) as file:
         _write_header(file, plan)
         reference = task.reference
         samples = {
-            "time": task.step * np.arange(task.knots + 1),
-            "com": found.state[:, POSITION],
-            "velocity": found.state[:, VELOCITY],
-            "euler_zyx": found.state[:, ANGLES],
-            "angular_velocity": found.state[:, SPIN],
-            "toes": found.toes,
-            "contact": found.gait.contact,
-            "region": found.gait.region,
-            "force": found.force,
-            "reference/velocity": _repeated(reference.velocity),
-            "reference/euler_zyx": _repeated(reference.euler),
-            "reference/height": _repeated(reference.height),
+            "time": task.dt * np.arange(task.knots + 1),
+            "com": trajectory.state[:, POSITION],
+            "velocity": trajectory.state[:, VELOCITY],
+            "euler_zyx": trajectory.state[:, ANGLES],
+            "angular_velocity": trajectory.state[:, SPIN],
+            "toes": trajectory.toes,
+            "contact": trajectory.gait.contact,
+            "region": trajectory.gait.region,
+            "force": trajectory.force,
+            "reference/velocity": _repeat_first_row(reference.velocity),
+            "reference/euler_zyx": _repeat_first_row(reference.euler),
+            "reference/height": _repeat_first_row(reference.height),
         }
         write_datasets(file, SAMPLES, samples)
         write_task(file, task)
@@ -103,8 +105,8 @@ def write_walk_plan(plan: WalkPlan, path: Path) -> None:
         if plan.robot_urdf:
             write_text(file["robot"], "urdf", plan.robot_urdf)
         history = file.create_group("history")
-        told = {name: [vars(step)[name] for step in plan.history] for name in HISTORY}
-        write_datasets(history, HISTORY, told)
+        history_columns = {name: [vars(step)[name] for step in plan.history] for name in HISTORY}
+        write_datasets(history, HISTORY, history_columns)
         if plan.begun is not None:
             write_dataset(file, "begun", plan.begun, BEGUN)
         if plan.loop is not None:
@@ -114,29 +116,31 @@ def write_walk_plan(plan: WalkPlan, path: Path) -> None:
 
 
 def read_walk_plan(path: Path) -> WalkPlan:
-    """The plan in a file, exactly as it was written.
+    """Read the plan of a file, exactly as it was written.
 
-    Raises PlanFileError for anything that is not a whole MPC plan.
+    Raises:
+        PlanFileError: the file is not a complete MPC plan.
     """
-    plan = read_as_found(path)
+    plan = read_unchecked_plan(path)
     require_finite(path, plan)
     return plan
 
 
-def read_as_found(path: Path) -> WalkPlan:
-    """As `read_walk_plan`, but numbers that are not finite are only listed, for a check."""
+def read_unchecked_plan(path: Path) -> WalkPlan:
+    """Read a plan like `read_walk_plan`, but only list numbers that are not finite, for a check."""
     with opened_store(path) as file:
         reader = Reader(path, file)
         require_plan(reader, FORMAT_VERSION, FORMAT)
-        return _read(reader)
+        return _read_plan(reader)
 
 
-def _repeated(values: Any) -> Any:
-    """With the first row twice: there is no reference at sample 0."""
+def _repeat_first_row(values: Any) -> Any:
+    """Return values with the first row twice, because sample 0 has no reference."""
     return np.concatenate([values[:1], values])
 
 
 def _write_header(file: h5py.File, plan: WalkPlan) -> None:
+    """Write the root attributes of a plan."""
     task = plan.task
     texts = {"title": plan.title, "method": plan.method, "integrator": task.integrator}
     write_header(
@@ -149,35 +153,37 @@ def _write_header(file: h5py.File, plan: WalkPlan) -> None:
             "objective": plan.objective,
             "bound": plan.bound,
             "gap": plan.gap,
-            "step": task.step,
-            "lift": task.lift,
+            "step": task.dt,
+            "lift": task.swing_clearance,
         },
         objects={"terms": dict(plan.terms)},
     )
-    file.attrs["least_contacts"] = task.least_contacts
-    file.attrs["whole_stance"] = np.bool_(task.whole_stance)
+    file.attrs["least_contacts"] = task.min_contacts
+    file.attrs["whole_stance"] = np.bool_(task.workspace_over_stance)
 
 
-def _read(reader: Reader) -> WalkPlan:
-    parts = reader.datasets("", SAMPLES)
-    if len(parts["time"]) < 2:
+def _read_plan(reader: Reader) -> WalkPlan:
+    """Read a plan from an open file."""
+    datasets = reader.datasets("", SAMPLES)
+    if len(datasets["time"]) < 2:
         raise reader.refuse("time has fewer than two samples")
-    task = read_task(reader, parts)
+    task = read_task(reader, datasets)
     for name in ("state", "toes"):
-        parts[f"start/{name}"] = reader.array(f"start/{name}", START[name])
-    region = parts["region"]
+        datasets[f"start/{name}"] = reader.array(f"start/{name}", START[name])
+    region = datasets["region"]
     if region.size and not (region.min() >= 0 and region.max() < len(task.ground.height)):
         raise reader.refuse("region names a region that is not there")
     trajectory = WalkTrajectory(
         np.concatenate(
-            [parts[name] for name in ("com", "velocity", "euler_zyx", "angular_velocity")], axis=1
+            [datasets[name] for name in ("com", "velocity", "euler_zyx", "angular_velocity")],
+            axis=1,
         ),
-        parts["toes"],
-        parts["force"],
-        Gait(parts["contact"], region),
+        datasets["toes"],
+        datasets["force"],
+        Gait(datasets["contact"], region),
     )
     online = task.integrator == "rk4"
-    times = task.step * np.arange(len(parts["time"]))
+    times = task.dt * np.arange(len(datasets["time"]))
     history = reader.datasets("history", HISTORY)
     return WalkPlan(
         title=reader.text("", "title"),
@@ -187,8 +193,8 @@ def _read(reader: Reader) -> WalkPlan:
         trajectory=trajectory,
         objective=reader.number("", "objective"),
         terms=reader.figures("terms"),
-        robot_text=_text(reader, "source"),
-        robot_urdf=_text(reader, "urdf"),
+        robot_text=_read_robot_text(reader, "source"),
+        robot_urdf=_read_robot_text(reader, "urdf"),
         history=tuple(
             Improvement(*(float(history[name][k]) for name in HISTORY))
             for k in range(len(history["seconds"]))
@@ -197,19 +203,21 @@ def _read(reader: Reader) -> WalkPlan:
         begun=reader.array("begun", BEGUN) if reader.has("begun") else None,
         bound=reader.optional_number("bound"),
         gap=reader.optional_number("gap"),
-        at_odds=() if np.allclose(parts["time"], times, rtol=0, atol=1e-9) else ("time",),
+        at_odds=() if np.allclose(datasets["time"], times, rtol=0, atol=1e-9) else ("time",),
         **read_header(reader, *(((), ()) if online else (("method",), ("gaits tried",)))),
     )
 
 
-def _text(reader: Reader, name: str) -> str:
+def _read_robot_text(reader: Reader, name: str) -> str:
+    """Return a text of the robot; empty if there is none."""
     return reader.text("robot", name) if reader.has_attribute("robot", name) else ""
 
 
 def _read_loop(reader: Reader) -> LoopRecord:
-    parts = reader.datasets("", LOOP)
-    stated = reader.has_attribute("", "samples_per_interval")
-    samples = reader.integer("", "samples_per_interval") if stated else _SAMPLES_BEFORE
+    """Read the record of a closed loop."""
+    datasets = reader.datasets("", LOOP)
+    is_stored = reader.has_attribute("", "samples_per_interval")
+    samples = reader.integer("", "samples_per_interval") if is_stored else _DEFAULT_SAMPLES
     if samples < 1:
         raise reader.refuse(f"samples_per_interval is {samples}")
-    return LoopRecord(warnings=reader.texts("tick_warnings", _TEXTS), samples=samples, **parts)
+    return LoopRecord(warnings=reader.texts("tick_warnings", _TEXTS), samples=samples, **datasets)

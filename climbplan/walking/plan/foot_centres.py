@@ -1,9 +1,9 @@
-"""Walks on spherical feet: planned by the centres of feet, told in the world of the ground.
+"""Spherical feet: planning with foot centres, and the conversion back to the terrain's surface.
 
-Every method places toes, points on the planes of the ground. Of a spherical foot that point is its
-centre, which stands its radius off the ground, along the normal. Planes in tasks are therefore
-those of centres, as far as planning goes shifted to the ground's own height; `raised` moves what
-was planned up by the radius, after which `Ground.standoff` off its planes is the ground as stated.
+Every method places toes as points on the terrain's planes. For a spherical foot the point is its
+centre, at a distance of its radius along the normal. Tasks therefore have the planes of foot
+centres, lowered to the terrain's own height while planning. `raise_plan` raises a result by the
+radius; the terrain itself is then `Ground.standoff` below its planes.
 """
 
 from __future__ import annotations
@@ -20,53 +20,59 @@ from climbplan.walking.task.task import POSITION, WalkTask
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-def steepness(slope: Array) -> Array:
-    """Return how much farther apart planes (..., 2) are along z than along their normals (...)."""
+def compute_steepness(slope: Array) -> Array:
+    """Return the ratio (...) of vertical to normal distance between parallel planes of slope (...,
+    2).
+    """
     return np.asarray(np.sqrt(1.0 + (slope**2).sum(axis=-1)))
 
 
-def on_centres(ground: Ground, radius: float) -> Ground:
-    """Return the planes of the centres of feet of a radius [m], all lowered by that radius."""
-    rise = radius * (steepness(ground.slope) - 1.0)
+def shift_to_foot_centres(ground: Ground, radius: float) -> Ground:
+    """Return the planes of foot centres for a radius [m], all lowered by that radius."""
+    rise = radius * (compute_steepness(ground.slope) - 1.0)
     return replace(ground, height=ground.height + rise, standoff=radius)
 
 
-def material(ground: Ground) -> Ground:
-    """Return the ground that feet touch, of planes that were raised."""
-    below = ground.standoff * steepness(ground.slope)
+def restore_surface(ground: Ground) -> Ground:
+    """Return the surface that feet touch, from the planes of raised foot centres."""
+    below = ground.standoff * compute_steepness(ground.slope)
     return replace(ground, height=ground.height - below, standoff=0.0)
 
 
-def raised_task(task: WalkTask, rise: float) -> WalkTask:
-    """Return a task with ground, start and heights so much higher [m]."""
+def raise_task(task: WalkTask, rise: float) -> WalkTask:
+    """Return a task with terrain, start and heights raised [m]."""
     return replace(
         task,
         ground=replace(task.ground, height=task.ground.height + rise),
         start=replace(
             task.start,
-            state=_higher(task.start.state, rise),
+            state=_raise_states(task.start.state, rise),
             toes=task.start.toes + rise * _UP,
         ),
         reference=replace(task.reference, height=task.reference.height + rise),
     )
 
 
-def raised(plan: WalkPlan) -> WalkPlan:
-    """Return a plan by centres of feet on the ground as stated: all of it up by their radius."""
+def raise_plan(plan: WalkPlan) -> WalkPlan:
+    """Return a plan raised by the radius of its feet, with foot centres above the terrain."""
     rise = plan.task.ground.standoff
     if rise == 0:
         return plan
-    found = plan.trajectory
+    trajectory = plan.trajectory
     return replace(
         plan,
-        task=raised_task(plan.task, rise),
-        trajectory=replace(found, state=_higher(found.state, rise), toes=found.toes + rise * _UP),
-        begun=None if plan.begun is None else _higher(plan.begun, rise),
+        task=raise_task(plan.task, rise),
+        trajectory=replace(
+            trajectory,
+            state=_raise_states(trajectory.state, rise),
+            toes=trajectory.toes + rise * _UP,
+        ),
+        begun=None if plan.begun is None else _raise_states(plan.begun, rise),
     )
 
 
-def _higher(state: Array, rise: float) -> Array:
-    """States (..., 12) with positions so much higher [m]."""
-    out = state.copy()
-    out[..., POSITION] += rise * _UP
-    return out
+def _raise_states(state: Array, rise: float) -> Array:
+    """Return states (..., 12) with raised positions [m]."""
+    raised = state.copy()
+    raised[..., POSITION] += rise * _UP
+    return raised

@@ -1,4 +1,4 @@
-"""The result of an MPC run: task, trajectory and what the method says of it."""
+"""The result of an MPC run: task, trajectory and results of the method."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from climbplan.walking.task.task import WalkTask, WalkTrajectory
 
 @dataclass(frozen=True)
 class LoopRecord:
-    """What a closed loop adds to its samples; figures of a tick stand at all its samples."""
+    """The record of a closed loop by sample; figures of a tick are repeated at all its samples."""
 
     push: Array  # (T, 3) [m/s] change of velocity at each sample, which its state contains
     tick_time: Array  # (T,) [s]
@@ -31,7 +31,7 @@ STATUSES = ("feasible", "limit")
 
 @dataclass(frozen=True, kw_only=True)
 class WalkPlan(PlanHeader):
-    """A run as its plan file keeps it."""
+    """A run as it is stored in its plan file."""
 
     title: str
     method: str

@@ -1,8 +1,8 @@
-"""Unknowns of the published online program, their exact values along a motion, and their cells.
+"""Unknowns of the published online program, their exact values along a motion, and their regions.
 
 Chapter 8.2.1.2 and Table 8.4: angles in 4 regions, their trigonometric products in 4, Euler rates
-and angular velocities in 16, toe positions in 4, forces in 16. A neighbour's motion says which
-region each unknown is in; these are all integers of the published program but the contacts.
+and angular velocities in 16, toe positions in 4, forces in 16. The motion of a library neighbour
+gives the region of each unknown; these are all integers of the published program except contacts.
 """
 
 from __future__ import annotations
@@ -47,17 +47,17 @@ SQUARES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of angular velocit
 
 
 @dataclass(frozen=True)
-class Reach:
-    """A toe that has to be in its box at a knot."""
+class ToeConstraint:
+    """A toe that must be in its workspace box at a knot."""
 
     knot: int
     leg: int
     foothold: int  # of `Footing`
-    lifts: bool = False  # just before it lifts, where it stood until then
+    lifts: bool = False  # just before lift-off, at its stance position
 
 
-class Layout:
-    """Where each unknown of a gait is in the vector of all."""
+class VariableLayout:
+    """The indices of all unknowns of a gait in one vector."""
 
     def __init__(self, task: WalkTask, gait: Gait, footing: Footing) -> None:
         self.task, self.gait, self.footing = task, gait, footing
@@ -65,41 +65,44 @@ class Layout:
         self.force_unit = task.weight / task.body.leg_count
         knots = task.knots
         self.stand_knot, self.stand_leg = np.nonzero(gait.contact[:-1])
-        self.reaches = tuple(_reaches(task, gait, footing))
+        self.reaches = tuple(_list_toe_constraints(task, gait, footing))
         # Poses: knots 0 to N, and for averaged steps the middle of each interval
         self.poses = knots + 1 + (knots if self.mean else 0)
         self.during = np.arange(knots) + (knots + 1 if self.mean else 0)
         self.size = 0
-        self.state = self._new(knots + 1, 12)
-        self.angle = self._new(self.poses, 3)
-        self.trig = self._new(self.poses, 6)
-        self.pair = self._new(self.poses, len(PAIRS))
-        self.triple = self._new(self.poses, len(TRIPLES))
-        self.turn = self._new(self.poses, 9)  # entries of R
-        self.spin = self._new(knots, 3)  # during each interval
-        self.square = self._new(knots, len(SQUARES))
-        self.rate = self._new(knots, 3)
-        self.swept = self._new(knots, 5)  # trigonometric terms times Euler rates, eq. (8.17)
-        self.force = self._new(len(self.stand_leg), 3)
-        self.arm = self._new(len(self.stand_leg), 3)
-        self.moment = self._new(len(self.stand_leg), len(MOMENT))
-        self.toe = self._new(len(self.reaches), 3)  # in the box, from its middle
-        self.turned = self._new(len(self.reaches), 9)  # entries of R times it
-        self.spot = self._new(footing.count, 2)
+        self.state = self._append_variables(knots + 1, 12)
+        self.angle = self._append_variables(self.poses, 3)
+        self.trig = self._append_variables(self.poses, 6)
+        self.pair = self._append_variables(self.poses, len(PAIRS))
+        self.triple = self._append_variables(self.poses, len(TRIPLES))
+        self.turn = self._append_variables(self.poses, 9)  # entries of R
+        self.spin = self._append_variables(knots, 3)  # during each interval
+        self.square = self._append_variables(knots, len(SQUARES))
+        self.rate = self._append_variables(knots, 3)
+        self.swept = self._append_variables(
+            knots, 5
+        )  # trigonometric terms times Euler rates, eq. (8.17)
+        self.force = self._append_variables(len(self.stand_leg), 3)
+        self.arm = self._append_variables(len(self.stand_leg), 3)
+        self.moment = self._append_variables(len(self.stand_leg), len(MOMENT))
+        self.toe = self._append_variables(len(self.reaches), 3)  # in the box, from its middle
+        self.rotated_toe = self._append_variables(len(self.reaches), 9)  # entries of R times it
+        self.spot = self._append_variables(footing.count, 2)
 
-    def _new(self, count: int, width: int) -> IntArray:
+    def _append_variables(self, count: int, width: int) -> IntArray:
+        """Append unknowns and return their indices (count, width)."""
         index = self.size + np.arange(count * width, dtype=np.int64).reshape(count, width)
         self.size += count * width
         return index
 
-    def products(self) -> tuple[IntArray, IntArray, IntArray]:
-        """All bilinear terms as indices of w = x y."""
+    def list_products(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Return all bilinear terms w = x y as three index arrays."""
         w, x, y = [], [], []
 
-        def add(product: IntArray, one: IntArray, other: IntArray) -> None:
+        def add(product: IntArray, first_factor: IntArray, second_factor: IntArray) -> None:
             w.append(product.ravel())
-            x.append(one.ravel())
-            y.append(other.ravel())
+            x.append(first_factor.ravel())
+            y.append(second_factor.ravel())
 
         first, second = np.array(PAIRS).T
         add(self.pair, self.trig[:, first], self.trig[:, second])
@@ -121,13 +124,17 @@ class Layout:
         arm, force = np.array(MOMENT).T
         add(self.moment, self.arm[:, arm], self.force[:, force])
         knot = np.array([reach.knot for reach in self.reaches], np.int64)
-        add(self.turned, self.turn[knot], np.tile(self.toe, (1, 3)))
+        add(self.rotated_toe, self.turn[knot], np.tile(self.toe, (1, 3)))
         return np.concatenate(w), np.concatenate(x), np.concatenate(y)
 
-    def values(self, state: Array, force: Array, toes: Array, spots: Array) -> Array:
-        """All unknowns along a motion, products exact.
+    def evaluate_motion(self, state: Array, force: Array, toes: Array, spots: Array) -> Array:
+        """Return all unknowns along a motion, with exact products.
 
-        state (N + 1, 12), force (N, L, 3), toes (N + 1, L, 3), spots (F, 2).
+        Args:
+            state: (N + 1, 12).
+            force: (N, L, 3) [N].
+            toes: (N + 1, L, 3) [m].
+            spots: (F, 2) free footholds [m].
         """
         body = self.task.body
         x = np.zeros(self.size)
@@ -140,86 +147,96 @@ class Layout:
         first, second = np.array(PAIRS).T
         x[self.pair] = x[self.trig[:, first]] * x[self.trig[:, second]]
         x[self.triple] = x[self.pair[:, list(TRIPLES)]] * x[self.trig[:, 1:2]]
-        parts = np.concatenate([self.pair, self.triple, self.trig[:, 1:2]], axis=1)
+        factors = np.concatenate([self.pair, self.triple, self.trig[:, 1:2]], axis=1)
         for entry, terms in enumerate(ENTRIES):
-            x[self.turn[:, entry]] = sum(sign * x[parts[:, k]] for k, sign in terms)
+            x[self.turn[:, entry]] = sum(sign * x[factors[:, k]] for k, sign in terms)
         x[self.spin] = during[:, SPIN]
-        x[self.rate] = np.diff(state[:, ANGLES], axis=0) / self.task.step
+        x[self.rate] = np.diff(state[:, ANGLES], axis=0) / self.task.dt
         x[self.force] = force[self.stand_knot, self.stand_leg] / self.force_unit
         x[self.arm] = toes[self.stand_knot, self.stand_leg] - during[self.stand_knot, POSITION]
         x[self.spot] = spots
         for k, reach in enumerate(self.reaches):
-            here = state[reach.knot]
+            knot_state = state[reach.knot]
             R = x[self.turn[reach.knot]].reshape(3, 3)
             toe = toes[reach.knot - 1 if reach.lifts else reach.knot, reach.leg]
-            x[self.toe[k]] = (toe - here[POSITION]) @ R
+            x[self.toe[k]] = (toe - knot_state[POSITION]) @ R
             x[self.toe[k]] -= body.toe_center[reach.leg]
-        w, one, other = self.products()
-        x[w] = x[one] * x[other]
+        w, first_factor, second_factor = self.list_products()
+        x[w] = x[first_factor] * x[second_factor]
         return x
 
-    def cells(self, near: Array, beside: float = 0.0) -> tuple[Array, Array]:
-        """Lower and upper ends of the region that each unknown's value is in.
+    def compute_cells(
+        self, neighbour: Array, neighbour_region_fraction: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Return lower and upper ends of the region of each unknown.
 
-        near: values of the neighbour; those of knot 0 are the task's own and known exactly.
-        beside: so much of the regions on either side is added; published: nothing.
+        Args:
+            neighbour: values of the library neighbour; those of knot 0 are exact.
+            neighbour_region_fraction: fraction of adjacent regions that is added; published: 0.
         """
         task = self.task
         low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
 
-        def cut(index: IntArray, middle: Array | float, half: Array | float, kind: str) -> None:
-            value, count = near[index], REGIONS[kind]
+        def restrict(
+            index: IntArray, middle: Array | float, half: Array | float, kind: str
+        ) -> None:
+            value, count = neighbour[index], REGIONS[kind]
             width = 2 * np.broadcast_to(half, index.shape) / count
             bottom = np.broadcast_to(middle, index.shape) - count * width / 2
             number = np.clip(np.floor((value - bottom) / width), 0, count - 1)
-            # Beyond the table's range the outermost region goes on.
-            low[index] = np.minimum(bottom + (number - beside) * width, value)
-            high[index] = np.maximum(bottom + (number + 1 + beside) * width, value)
+            # The outermost regions extend beyond the table's range.
+            low[index] = np.minimum(bottom + (number - neighbour_region_fraction) * width, value)
+            high[index] = np.maximum(
+                bottom + (number + 1 + neighbour_region_fraction) * width, value
+            )
 
-        cut(self.angle, 0.0, ANGLE_RANGE, "angle")
+        restrict(self.angle, 0.0, ANGLE_RANGE, "angle")
         begin, end = low[self.angle], high[self.angle]
         low[self.trig[:, :3]], high[self.trig[:, :3]] = np.sin(begin), np.sin(end)
         ends = np.cos(begin), np.cos(end)
         low[self.trig[:, 3:]], high[self.trig[:, 3:]] = np.minimum(*ends), np.maximum(*ends)
         high[self.trig[:, 3:]] = np.where((begin < 0) & (end > 0), 1.0, high[self.trig[:, 3:]])
-        cut(self.pair, 0.0, 1.0, "trig")
-        cut(self.spin, 0.0, RATE_RANGE, "spin")
-        cut(self.rate, 0.0, RATE_RANGE, "rate")
-        cut(self.force, 0.0, task.body.force_limit / self.force_unit, "force")
-        cut(self.arm, task.body.toe_center[self.stand_leg], _TOE_RANGE, "toe")
-        cut(self.toe, 0.0, task.body.toe_half, "toe")
-        known = [self.angle[0], self.trig[0], self.pair[0]]
+        restrict(self.pair, 0.0, 1.0, "trig")
+        restrict(self.spin, 0.0, RATE_RANGE, "spin")
+        restrict(self.rate, 0.0, RATE_RANGE, "rate")
+        restrict(self.force, 0.0, task.body.force_limit / self.force_unit, "force")
+        restrict(self.arm, task.body.toe_center[self.stand_leg], _TOE_RANGE, "toe")
+        restrict(self.toe, 0.0, task.body.toe_half, "toe")
+        fixed = [self.angle[0], self.trig[0], self.pair[0]]
         if not self.mean:
-            known += [self.spin[0], *self.arm[self.stand_knot == 0]]
-        for index in known:
-            low[index] = high[index] = near[index]
-        self._entries(low, high)
+            fixed += [self.spin[0], *self.arm[self.stand_knot == 0]]
+        for index in fixed:
+            low[index] = high[index] = neighbour[index]
+        self._bound_rotation_entries(low, high)
         return low, high
 
-    def _entries(self, low: Array, high: Array) -> None:
-        """Ranges of triples and of the entries of R, which have no regions of their own."""
+    def _bound_rotation_entries(self, low: Array, high: Array) -> None:
+        """Bound triples and entries of R, which have no regions of their own, by interval
+        arithmetic.
+        """
         pair, pitch = self.pair[:, list(TRIPLES)], self.trig[:, 1:2]
         corners = [a[pair] * b[pitch] for a in (low, high) for b in (low, high)]
         low[self.triple], high[self.triple] = np.min(corners, axis=0), np.max(corners, axis=0)
-        parts = np.concatenate([self.pair, self.triple, self.trig[:, 1:2]], axis=1)
+        factors = np.concatenate([self.pair, self.triple, self.trig[:, 1:2]], axis=1)
         for entry, terms in enumerate(ENTRIES):
             ends = [(low, high) if sign > 0 else (-high, -low) for _, sign in terms]
             column = self.turn[:, entry]
-            low[column] = sum(e[0][parts[:, k]] for e, (k, _) in zip(ends, terms, strict=True))
-            high[column] = sum(e[1][parts[:, k]] for e, (k, _) in zip(ends, terms, strict=True))
+            low[column] = sum(e[0][factors[:, k]] for e, (k, _) in zip(ends, terms, strict=True))
+            high[column] = sum(e[1][factors[:, k]] for e, (k, _) in zip(ends, terms, strict=True))
 
 
-def _reaches(task: WalkTask, gait: Gait, footing: Footing) -> Iterator[Reach]:
+def _list_toe_constraints(task: WalkTask, gait: Gait, footing: Footing) -> Iterator[ToeConstraint]:
+    """Yield the workspace constraints at knots 1 to N."""
     contact: BoolArray = gait.contact
     for knot in range(1, task.knots + 1):
         for leg in range(task.body.leg_count):
-            yield Reach(knot, leg, int(footing.foothold[knot, leg]))
-            if task.whole_stance and contact[knot - 1, leg] and not contact[knot, leg]:
-                yield Reach(knot, leg, int(footing.foothold[knot - 1, leg]), lifts=True)
+            yield ToeConstraint(knot, leg, int(footing.foothold[knot, leg]))
+            if task.workspace_over_stance and contact[knot - 1, leg] and not contact[knot, leg]:
+                yield ToeConstraint(knot, leg, int(footing.foothold[knot - 1, leg]), lifts=True)
 
 
-def tracked_columns(layout: Layout) -> IntArray:
-    """(N, 7) indices of height, velocity and angles at knots 1 to N."""
+def select_tracked_columns(layout: VariableLayout) -> IntArray:
+    """Return indices (N, 7) of height, velocity and angles at knots 1 to N."""
     state = layout.state[1:]
     columns: IntArray = np.concatenate(
         [state[:, 2:3], state[:, VELOCITY], state[:, ANGLES]], axis=1

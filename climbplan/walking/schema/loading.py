@@ -1,4 +1,4 @@
-"""From an MPC spec file, overrides and its robot to validated models, with all mistakes at once."""
+"""Load an MPC spec with overrides and its robot, and report all mistakes together."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ _LIMBS = (
 
 @dataclass(frozen=True, kw_only=True)
 class LoadedMpc(LoadedSpec):
-    """An MPC spec, checked against its robot, and the text it came from."""
+    """An MPC spec, checked against its robot, and its source text."""
 
     spec: MpcSpec
     robot: WalkingRobot
-    robot_text: str = ""  # of the file that a path names; empty for a built-in one
-    robot_urdf: str = ""  # of the URDF that it names
+    robot_text: str = ""  # content of the robot file; empty for a built-in robot
+    robot_urdf: str = ""  # content of its URDF
 
 
 def load_mpc(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedMpc:
@@ -50,11 +50,11 @@ def load_mpc(source: str | Path, overrides: Sequence[str | Override] = ()) -> Lo
         SpecError: with every mistake in spec, overrides and robot file.
     """
     text = read_source(source)
-    return mpc_of(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
+    return validate_mpc(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
 
 
-def mpc_of(document: Document, text: SourceText) -> LoadedMpc:
-    """The MPC spec that a document is.
+def validate_mpc(document: Document, text: SourceText) -> LoadedMpc:
+    """Validate a document as an MPC spec.
 
     Raises:
         SpecError: with every mistake in it and in its robot file.
@@ -63,8 +63,8 @@ def mpc_of(document: Document, text: SourceText) -> LoadedMpc:
     robot_path = isinstance(value, dict) and _is_path(value.get("robot"))
     root_paths(document, (("library", "file"), *([("robot",)] if robot_path else [])))
     spec, findings = validate_kind(document, "mpc", MpcSpec)
-    robot, robot_mistakes = body_of_document(document, text.directory)
-    findings += _legs(document, robot)
+    robot, robot_mistakes = load_document_body(document, text.directory)
+    findings += _check_leg_names(document, robot)
     mistakes = [*document.mistakes(findings), *robot_mistakes]
     if spec is None or robot is None or mistakes:
         raise SpecError(document.source, mistakes)
@@ -75,15 +75,15 @@ def mpc_of(document: Document, text: SourceText) -> LoadedMpc:
     )
 
 
-def builtin_bodies() -> list[str]:
-    """Names of the rigid bodies that come with the package."""
+def list_builtin_bodies() -> list[str]:
+    """List the rigid bodies that come with the package."""
     folder = files("climbplan").joinpath("robots", "bodies")
     names = [entry.name for entry in folder.iterdir()]
     return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
 
 
 def load_body(reference: str, directory: Path | None = None) -> WalkingRobot:
-    """A robot that walks by built-in name, or from a YAML file relative to `directory`.
+    """Load a walking robot by built-in name, or from a YAML file relative to `directory`.
 
     Raises:
         SpecError: the file cannot be used; with its own lines.
@@ -96,32 +96,33 @@ def load_body(reference: str, directory: Path | None = None) -> WalkingRobot:
             if isinstance(robot, UrdfRobot):
                 return robot
             raise SpecError(document.source, [document.mistake(Finding(("kind",), _LIMBS))])
-    elif reference not in builtin_bodies():
-        known = ", ".join(builtin_bodies())
-        message = f"expected a built-in robot ({known}) or the path of a YAML file, got"
+    elif reference not in list_builtin_bodies():
+        known_names = ", ".join(list_builtin_bodies())
+        message = f"expected a built-in robot ({known_names}) or the path of a YAML file, got"
         mistake = SpecMistake("robot", f"{message} {shown(reference)}")
         raise SpecError("spec", [mistake])
     else:
         entry = files("climbplan").joinpath("robots", "bodies", f"{reference}.yaml")
         document = parse_yaml(entry.read_text(encoding="utf-8"), f"robot {reference}")
-    return _body_of(document)
+    return _validate_body(document)
 
 
-def stored_body(spec: MpcSpec, text: str, urdf: str = "") -> WalkingRobot:
-    """The robot of a spec, from the texts that a plan file keeps of its files.
+def load_stored_body(spec: MpcSpec, text: str, urdf: str = "") -> WalkingRobot:
+    """Load the robot of a spec from the texts of a plan file.
 
-    Raises SpecError for texts that are none.
+    Raises:
+        SpecError: the texts are no robot.
     """
     if not _is_path(spec.robot):
         return load_body(spec.robot)
-    own = parse_yaml(text, f"robot {spec.robot}")
-    if not (isinstance(own.value, dict) and "urdf" in own.value):
-        return _body_of(own)
-    named = Document(own.source, own.text, {"robot": spec.robot})
+    document = parse_yaml(text, f"robot {spec.robot}")
+    if not (isinstance(document.value, dict) and "urdf" in document.value):
+        return _validate_body(document)
+    named = Document(document.source, document.text, {"robot": spec.robot})
     try:
         robot = stored_robot(named, RobotTexts(text, urdf)).robot
     except NotKept as reason:
-        raise SpecError(own.source, [SpecMistake("robot", str(reason))]) from reason
+        raise SpecError(document.source, [SpecMistake("robot", str(reason))]) from reason
     assert isinstance(robot, UrdfRobot)  # as its text names a URDF
     return robot
 
@@ -130,35 +131,36 @@ def _is_path(reference: object) -> bool:
     return isinstance(reference, str) and Path(reference).suffix in (".yaml", ".yml")
 
 
-def _body_of(document: Document) -> RigidBodySpec:
+def _validate_body(document: Document) -> RigidBodySpec:
+    """Validate a document as a rigid body."""
     findings = []
     if not isinstance(document.value, dict) or document.value.get("kind") != "rigid-body":
         findings.append(Finding(("kind",), "expected `kind: rigid-body`"))
-    body, found = validate(document, RigidBodySpec)
-    findings += [f for f in found if f.path != ("kind",)]
+    body, body_findings = validate(document, RigidBodySpec)
+    findings += [f for f in body_findings if f.path != ("kind",)]
     if body is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
     return body
 
 
-def body_of_document(
+def load_document_body(
     document: Document, directory: Path, path: KeyPath = ("robot",)
 ) -> tuple[WalkingRobot | None, list[SpecMistake]]:
-    """The robot that a document names, or what is wrong with it or its file."""
+    """Load the robot that a document names; return what is wrong with it or its file."""
     holder = document.value
     for key in path[:-1]:
         holder = holder.get(key, {}) if isinstance(holder, dict) else {}
     reference = holder.get(path[-1], "scaler") if isinstance(holder, dict) else None
     if not isinstance(reference, str) or not reference:
         return None, []  # the model says what is wrong with it
-    known = builtin_bodies()
-    if reference not in known and Path(reference).suffix not in (".yaml", ".yml"):
-        words = ", ".join(f"`{name}`" for name in known)
+    known_names = list_builtin_bodies()
+    if reference not in known_names and Path(reference).suffix not in (".yaml", ".yml"):
+        listed = ", ".join(f"`{name}`" for name in known_names)
         message = (
-            f"expected a built-in rigid body ({words}) or the path of a YAML file, of a rigid body "
-            f"or of a robot from a URDF, got {shown(reference)}"
+            f"expected a built-in rigid body ({listed}) or the path of a YAML file, of a rigid "
+            f"body or of a robot from a URDF, got {shown(reference)}"
         )
-        return None, [document.mistake(Finding(path, message, nearest(reference, known)))]
+        return None, [document.mistake(Finding(path, message, nearest(reference, known_names)))]
     try:
         return load_body(reference, directory), []
     except SpecError as error:
@@ -171,8 +173,8 @@ def body_of_document(
         ]
 
 
-def _legs(document: Document, robot: WalkingRobot | None) -> list[Finding]:
-    """Toes of the start and lost contacts are those of legs that the robot has."""
+def _check_leg_names(document: Document, robot: WalkingRobot | None) -> list[Finding]:
+    """Check that toes of the start and lost contacts name legs of the robot."""
     if robot is None:
         return []
     try:

@@ -45,7 +45,7 @@ class SensorsSpec(SpecModel):
     gyro: Number = quantity("rad/s", "gyroscope, each sample", default=0.01, gt=0)
     accel: Number = quantity("m/s^2", "accelerometer, each sample", default=0.1, gt=0)
     toe: Number = quantity("m", "toes in the body, by encoders", default=0.005, gt=0)
-    toe_rate: Number = quantity(
+    foot_velocity_std: Number = quantity(
         "m/s", "velocities of toes in the body, by joint velocities; 0: not measured", 0.1, ge=0
     )
 
@@ -67,24 +67,24 @@ class WalkLoopSpec(SpecModel):
     delay: Number = quantity(
         "s", "from a measurement until its command is in force", default=0.0, ge=0, le=0.5
     )
-    compensate: bool = Field(
+    compensate_delay: bool = Field(
         default=True, description="plan from the state that is predicted for after the delay"
     )
-    replan: Literal["push", "knots"] = Field(
+    replan_trigger: Literal["push", "knots"] = Field(
         default="push",
         description="`push`: also when one is felt, as an acceleration that no planned force "
         "explains, for the rest of the interval; `knots`: at knots only, every 80 ms",
     )
-    dropped: Number = quantity(
+    dropout_probability: Number = quantity(
         "", "share of measurements at knots that do not arrive: predicted from the one before",
         0.0, ge=0, le=0.9,
     )  # fmt: skip
-    letting_go: bool = Field(
+    lift_unreachable_stance_feet: bool = Field(
         default=True,
         description="a standing toe 19 mm out of its box lifts and the others brace, instead of "
         "standing on until the knot's end, which verification does not pass",
     )
-    legs: Literal["ideal", "admittance"] = Field(
+    leg_model: Literal["ideal", "admittance"] = Field(
         default="ideal",
         description="`ideal`: planned forces exactly; `admittance`: compliant legs, controlled",
     )
@@ -98,8 +98,8 @@ class WalkLoopSpec(SpecModel):
     sensors: SensorsSpec = SensorsSpec()
     """Sensors of `estimation: ekf`."""
     lost_contacts: tuple[LostContactSpec, ...] = Field(default=(), description="failures")
-    candidates: Count = quantity("", "neighbours tried at most in a tick", default=8, ge=1, le=1000)
-    enough: Count = quantity(
+    max_candidates: Count = quantity("", "neighbours tried at most in a tick", default=8, ge=1, le=1000)
+    min_feasible_candidates: Count = quantity(
         "", "answers that hold, of which the cheapest is taken", default=2, ge=1, le=1000
     )
     iterations: Count = quantity("", "QPs for each gait at most", default=2, ge=1, le=100)
@@ -110,7 +110,7 @@ class WalkLoopSpec(SpecModel):
         default=None,
         ge=0,
     )
-    effort: Count = quantity(
+    max_qp_iterations: Count = quantity(
         "",
         "steps of the QP solver in a tick at most, named gaits included; assembling a QP counts "
         "as 60",
@@ -122,7 +122,7 @@ class WalkLoopSpec(SpecModel):
     @model_validator(mode="after")
     def _in_time(self) -> Self:
         late = [(f"pushes.{k}.time", push.time) for k, push in enumerate(self.pushes)]
-        late += [(f"lost_contacts.{k}.time", one.time) for k, one in enumerate(self.lost_contacts)]
+        late += [(f"lost_contacts.{k}.time", loss.time) for k, loss in enumerate(self.lost_contacts)]
         refuse(
             [
                 Fault(key, f"expected a time before the end at {self.duration:g} s, got {time:g}")

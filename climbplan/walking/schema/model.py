@@ -62,7 +62,7 @@ class MpcSpec(SpecModel):
         return self
 
     def _online_ground(self) -> list[Fault]:
-        """What `online` does not know where the ground is not flat."""
+        """Return faults of keys that `online` does not support on terrain."""
         terrain = self.terrain
         if not terrain.regions and terrain.stones is None:
             return []
@@ -73,7 +73,7 @@ class MpcSpec(SpecModel):
                 "drifts by centimetres a second: `none` walks on them"
             )
             faults.append(Fault("loop.estimation", message))
-        if self.solver.form == "published":
+        if self.solver.formulation == "published":
             message = "`published` knows flat ground only"
-            faults.append(Fault("solver.form", message))
+            faults.append(Fault("solver.formulation", message))
         return faults

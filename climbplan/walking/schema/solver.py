@@ -27,12 +27,12 @@ class WalkTubeSpec(SpecModel):
     @model_validator(mode="after")
     def _sensible(self) -> Self:
         faults = [
-            Fault(key, f"expected three numbers between 0 and {most}, got {list(values)}")
-            for key, values, most in (
+            Fault(key, f"expected three numbers between 0 and {limit}, got {list(values)}")
+            for key, values, limit in (
                 ("angles_deg", self.angles_deg, 45),
                 ("spin", self.spin, 20),
             )
-            if not (min(values) >= 0 and max(values) <= most)
+            if not (min(values) >= 0 and max(values) <= limit)
         ]
         refuse(faults)
         return self
@@ -54,7 +54,7 @@ class WalkSolverSpec(SpecModel):
         150.0,
         gt=0,
     )
-    qps: Count = quantity(
+    max_qp_solves: Count = quantity(
         "",
         "QPs that the search may solve (some 1 to 4 ms each): with the seed they decide what it "
         "finds, on any machine",
@@ -67,13 +67,13 @@ class WalkSolverSpec(SpecModel):
         default=None,
         ge=1,
     )
-    guess: Literal[
+    initial_gait: Literal[
         "trot", "slow trot", "walking trot", "jump", "pace", "bound", "walk", "stand"
     ] = Field(
         default="trot",
         description="gait that `nlp` starts from; of six legs a trot is on tripods, a walk a wave",
     )
-    warm: Literal["nlp", "search"] = Field(
+    initial_solution: Literal["nlp", "search"] = Field(
         default="search",
         description="what `micp` starts from: its cost bounds ranges, its gait is a partial start",
     )
@@ -84,7 +84,7 @@ class WalkSolverSpec(SpecModel):
         ge=0,
         lt=1,
     )
-    arm_pieces: Count = quantity(
+    moment_arm_partitions: Count = quantity(
         "",
         "parts of each leg's arm that `micp` begins with, a binary each; doubled once it is solved",
         default=1,
@@ -94,15 +94,15 @@ class WalkSolverSpec(SpecModel):
     height_pieces: Count = quantity(
         "", "parts of the body's height in `micp`, as those of arms", default=1, ge=1, le=16
     )
-    tube: WalkTubeSpec = WalkTubeSpec()
+    attitude_box: WalkTubeSpec = WalkTubeSpec()
     """Where attitudes may be in the statement that `micp` bounds."""
-    form: Literal["pinned", "published"] = Field(
+    formulation: Literal["pinned", "published"] = Field(
         default="pinned",
         description="what `online` solves: `pinned`: the dynamics linearised about a neighbour, "
         "with DAQP; `published`: McCormick planes in the neighbour's regions, with OSQP, the first "
         "answer taken",
     )
-    regions_beside: Number = quantity(
+    neighbour_region_fraction: Number = quantity(
         "",
         "share of the regions on either side of the neighbour's that `published` allows too",
         default=0.0,

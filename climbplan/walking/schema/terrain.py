@@ -65,10 +65,10 @@ class LevelRegionSpec(SpecModel):
         if not 3 <= len(self.corners) <= _MOST_CORNERS:
             message = f"expected 3 to {_MOST_CORNERS} corners, got {len(self.corners)}"
             return [Fault("corners", message)]
-        turns = [_turn(*self.corners_about(k)) for k in range(len(self.corners))]
+        turns = [_cross_product(*self.corners_about(k)) for k in range(len(self.corners))]
         if not (min(turns) > 1e-9 or max(turns) < -1e-9):
             return [Fault("corners", "expected a convex polygon as seen from above, in turn")]
-        rise = plane_of(self.corners)
+        rise = fit_slope(self.corners)
         if max(map(abs, rise)) > _STEEPEST:
             return [Fault("corners", f"rises by more than {_STEEPEST:g} for each metre")]
         x, y, z = self.corners[0]
@@ -87,8 +87,12 @@ class LevelRegionSpec(SpecModel):
         if not self.corners:
             (x0, x1), (y0, y1) = self.x, self.y
             return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
-        seen = tuple((c[0], c[1]) for c in self.corners)
-        return seen if _turn(*self.corners_about(0)) > 0 else seen[::-1]
+        corners_from_above = tuple((c[0], c[1]) for c in self.corners)
+        return (
+            corners_from_above
+            if _cross_product(*self.corners_about(0)) > 0
+            else corners_from_above[::-1]
+        )
 
 
 class SteppingStonesSpec(SpecModel):
@@ -106,13 +110,13 @@ class SteppingStonesSpec(SpecModel):
     @model_validator(mode="after")
     def _sensible(self) -> Self:
         angle = math.radians(self.turn_deg)
-        room = self.size * (math.cos(angle) + math.sin(angle))
+        extent = self.size * (math.cos(angle) + math.sin(angle))
         faults = [
             Fault(key, f"expected [from, to] with room for a stone, got {list(interval)}")
             for key, interval in (("x", self.x), ("y", self.y))
-            if interval[1] - interval[0] < room
+            if interval[1] - interval[0] < extent
         ]
-        if room > self.pitch:
+        if extent > self.pitch:
             message = f"turned stones of {self.size:g} m overlap at a pitch of {self.pitch:g} m"
             faults.append(Fault("size", message))
         refuse(faults)
@@ -145,27 +149,29 @@ class WalkTerrainSpec(SpecModel):
         faults = [
             Fault(f"regions.{k}", f"has no room within {self.edge:g} m of its edges")
             for k, region in enumerate(self.regions)
-            if self.edge and not _room_within(region.outline, self.edge)
+            if self.edge and not _has_interior(region.outline, self.edge)
         ]
         if self.stones is not None and self.stones.size <= 2 * (self.edge or 0.0):
             faults.append(Fault("edge", f"leaves nothing of stones of {self.stones.size:g} m"))
         for i, region in enumerate(self.regions):
-            for other in self.regions[:i]:
-                if region.name == other.name:
+            for earlier in self.regions[:i]:
+                if region.name == earlier.name:
                     message = f"names must differ, {region.name!r} is there already"
                     faults.append(Fault(f"regions.{i}.name", message))
-                if overlap(region.outline, other.outline):
-                    faults.append(Fault(f"regions.{i}", f"overlaps region {other.name!r}"))
+                if polygons_overlap(region.outline, earlier.outline):
+                    faults.append(Fault(f"regions.{i}", f"overlaps region {earlier.name!r}"))
             if self.stones is not None and region.name[:1] == "S" and region.name[1:].isdigit():
                 faults.append(Fault(f"regions.{i}.name", "S1, S2, ... are names of the stones"))
-            if self.stones is not None and overlap(region.outline, _field(self.stones)):
+            if self.stones is not None and polygons_overlap(
+                region.outline, _read_field(self.stones)
+            ):
                 faults.append(Fault("stones", f"overlap region {region.name!r}"))
         refuse(faults)
         return self
 
 
-def _room_within(outline: tuple[Pair, ...], edge: float) -> bool:
-    """Whether the mean of the corners, where toes are drawn to, is that far from all sides."""
+def _has_interior(outline: tuple[Pair, ...], edge: float) -> bool:
+    """Return whether a polygon has interior points farther than `edge` from its sides."""
     x, y = (sum(c[k] for c in outline) / len(outline) for k in range(2))
     return all(
         ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / math.hypot(bx - ax, by - ay) > edge
@@ -173,12 +179,15 @@ def _room_within(outline: tuple[Pair, ...], edge: float) -> bool:
     )
 
 
-def plane_of(corners: tuple[Vector, ...]) -> Pair:
-    """Rise along x and y of the plane through the first corner and the widest turn from it."""
+def fit_slope(corners: tuple[Vector, ...]) -> Pair:
+    """Return the rise along x and y of the plane of a polygon's largest triangle."""
     x, y, z = corners[0]
     best, rise = 0.0, (0.0, 0.0)
-    for one, other in pairwise(corners[1:]):
-        a, b = (one[0] - x, one[1] - y, one[2] - z), (other[0] - x, other[1] - y, other[2] - z)
+    for previous, following in pairwise(corners[1:]):
+        a, b = (
+            (previous[0] - x, previous[1] - y, previous[2] - z),
+            (following[0] - x, following[1] - y, following[2] - z),
+        )
         area = a[0] * b[1] - a[1] * b[0]
         if abs(area) > best:
             best = abs(area)
@@ -186,25 +195,28 @@ def plane_of(corners: tuple[Vector, ...]) -> Pair:
     return rise
 
 
-def overlap(one: tuple[Pair, ...], other: tuple[Pair, ...]) -> bool:
-    """Whether convex outlines have more in common than an edge: no side parts them."""
-    for outline in (one, other):
+def polygons_overlap(polygon: tuple[Pair, ...], second_polygon: tuple[Pair, ...]) -> bool:
+    """Return whether two convex polygons overlap, by the separating-axis theorem."""
+    for outline in (polygon, second_polygon):
         for (x0, y0), (x1, y1) in zip(outline, outline[1:] + outline[:1], strict=True):
             length = math.hypot(x1 - x0, y1 - y0)
             a, b = (y1 - y0) / length, (x0 - x1) / length
-            first, second = ([a * x + b * y for x, y in points] for points in (one, other))
+            first, second = (
+                [a * x + b * y for x, y in points] for points in (polygon, second_polygon)
+            )
             if max(first) <= min(second) + 1e-9 or max(second) <= min(first) + 1e-9:
                 return False
     return True
 
 
-def _field(stones: SteppingStonesSpec) -> tuple[Pair, ...]:
+def _read_field(stones: SteppingStonesSpec) -> tuple[Pair, ...]:
+    """Return the corners of the rectangle of stepping stones."""
     (x0, x1), (y0, y1) = stones.x, stones.y
     return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
 
 
-def _turn(before: Vector, here: Vector, after: Vector) -> float:
-    """Above zero for a turn to the left, seen from above."""
-    ahead = (here[0] - before[0], here[1] - before[1])
-    then = (after[0] - here[0], after[1] - here[1])
-    return ahead[0] * then[1] - ahead[1] * then[0]
+def _cross_product(before: Vector, vertex: Vector, after: Vector) -> float:
+    """Return the cross product of two consecutive sides."""
+    incoming = (vertex[0] - before[0], vertex[1] - before[1])
+    outgoing = (after[0] - vertex[0], after[1] - vertex[1])
+    return incoming[0] * outgoing[1] - incoming[1] * outgoing[0]

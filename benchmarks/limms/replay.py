@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.limms.plan.limms_plan import LimmsPlan
-from climbplan.limms.simulation.study import end_of, simulate_module_plan
-from climbplan.simulation.asked import Asked
+from climbplan.limms.simulation.study import describe_end, simulate_module_plan
+from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import Conditions
 
 
@@ -37,14 +37,14 @@ def replay_of(plan: LimmsPlan) -> Replay:
         MissingSolver: MuJoCo is not installed.
     """
     clock, wall = time.process_time(), time.perf_counter()
-    found = simulate_module_plan(plan, Asked(Conditions(), pictures=False))
-    run, compared, end = found.run, found.compared, end_of(found)
-    worst = max(compared.borne, key=lambda borne: borne.force, default=None)
+    found = simulate_module_plan(plan, SimulationRequest(Conditions(), pictures=False))
+    run, compared, end = found.run, found.compared, describe_end(found)
+    worst = max(compared.contacts, key=lambda borne: borne.force, default=None)
     return Replay(
         outcome=end.words,
         holds=not end.failure(None),
-        off=float(compared.off.max()),
-        off_at_end=float(compared.off[-1]),
+        off=float(compared.box_error.max()),
+        off_at_end=float(compared.box_error[-1]),
         misses=float(run.misses.max(initial=0.0)),
         force=0.0 if worst is None else worst.force,
         force_planned=0.0 if worst is None else worst.force_planned,

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.limms.replay import Replay, replay_of
 from climbplan.errors import Infeasible, LimitReached, MissingSolver, Unresolved
-from climbplan.limms.check.verification import verification_of
+from climbplan.limms.check.verification import verify_plan
 from climbplan.limms.consensus.admm import TOLERANCES
 from climbplan.limms.consensus.planner import RefinementFailed
 from climbplan.limms.plan.convergence import Convergence
@@ -119,7 +119,7 @@ def attempt(
             given.spec.robot,
         )
     clock = time.process_time()
-    verification = verification_of(plan)
+    verification = verify_plan(plan)
     verifying = time.process_time() - clock
     failed = verification.failed
     if failed:

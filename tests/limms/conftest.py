@@ -19,7 +19,7 @@ def throw(throw_file: Path) -> LimmsPlan:
 
 
 @pytest.fixture(scope="session")
-def turned() -> LimmsPlan:
+def compute_yaw_rotation() -> LimmsPlan:
     return plan_limms(loaded("limms_turned"))
 
 

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from limms_scenes import scene as scene_of_spec
 
-from climbplan.limms.arms.arm_ways import TURN, arm_way
-from climbplan.limms.arms.held_branches import (
-    SINGULAR,
+from climbplan.limms.arms.branch_choices import (
+    SINGULAR_MARGINS,
     HeldTask,
-    branch_choices,
-    clearance,
-    off_singular,
+    compute_clearance,
+    is_off_singular,
+    rank_branches,
 )
-from climbplan.limms.arms.symbols import arm_function, least_margins
-from climbplan.limms.check.verification import verification_of
-from climbplan.limms.modules.limbs import arm, limb_angles, root_on_anchor
+from climbplan.limms.arms.grid_path import MAX_JOINT_STEP, find_grid_path
+from climbplan.limms.arms.symbols import build_arm_function, compute_margin_bounds
+from climbplan.limms.check.verification import verify_plan
+from climbplan.limms.modules.limbs import build_arm, compute_anchor_pose, compute_limb_angles
 from climbplan.limms.planner.planner import plan_limms
 from climbplan.limms.scene.corridor import decompose_free_space, find_corridor
 from climbplan.limms.scene.limms_scene import Scene, build_scene
@@ -54,32 +54,32 @@ def shelves(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def limb_on(scene: Scene, root: int = 0, side: int = 2) -> Limb:
-    return arm(0, side, root_on_anchor(scene, root, 1), 0)
+    return build_arm(0, side, compute_anchor_pose(scene, root, 1), 0)
 
 
 def test_poses_are_judged_as_programs_do(shelves: Path) -> None:
     scene = build_scene(load_limms(shelves))
     rng = np.random.default_rng(1)
     boxes = np.array([-0.4, 0.0, 0.5]) + rng.uniform(-0.35, 0.35, (200, 3))
-    low, high = least_margins(SINGULAR)
+    low, high = compute_margin_bounds(SINGULAR_MARGINS)
     compared = 0
     for branch in ((1, 1, 1), (-1, 1, -1), (1, -1, 1)):
         limb = branch_limb(scene, branch)
         feet = np.tile(limb.fixed_position, (len(boxes), 1))
-        angles, missing = limb_angles(scene, limb, boxes, feet, branch)
-        function = arm_function(scene, limb)
+        angles, missing = compute_limb_angles(scene, limb, boxes, feet, branch)
+        function = build_arm_function(scene, limb)
         for k in np.flatnonzero(missing <= 0):
             margins = np.array(function(boxes[k], np.zeros(3), angles[k])[2]).ravel()
             near = np.abs(margins - np.where(np.isfinite(low), low, high)).min() < 1e-4
             if not near:
                 inside = bool(((margins >= low) & (margins <= high)).all())
-                assert bool(off_singular(scene.module, angles[k])) is inside
+                assert bool(is_off_singular(scene.module, angles[k])) is inside
                 compared += 1
     assert compared > 100
 
 
 def branch_limb(scene: Scene, branch: tuple[int, int, int]) -> Limb:
-    return arm(0, 2, root_on_anchor(scene, 0, 1), 0, branch)
+    return build_arm(0, 2, compute_anchor_pose(scene, 0, 1), 0, branch)
 
 
 def test_a_way_is_found_that_joints_can_follow(shelves: Path) -> None:
@@ -92,8 +92,8 @@ def test_a_way_is_found_that_joints_can_follow(shelves: Path) -> None:
     limb = limb_on(scene)
     feet = np.tile(limb.fixed_position, (len(path), 1))
     found = 0
-    for choice in branch_choices(scene, limb, path, feet):
-        pieces = arm_way(scene, [choice.limb], task)
+    for choice in rank_branches(scene, limb, path, feet):
+        pieces = find_grid_path(scene, [choice.limb], task)
         if not pieces:
             continue
         found += 1
@@ -104,11 +104,11 @@ def test_a_way_is_found_that_joints_can_follow(shelves: Path) -> None:
             assert (piece >= block[0] - 1e-9).all()
             assert (piece <= block[1] + 1e-9).all()
         held = np.tile(limb.fixed_position, (len(nodes), 1))
-        angles, missing = limb_angles(scene, choice.limb, nodes, held, choice.limb.branch)
+        angles, missing = compute_limb_angles(scene, choice.limb, nodes, held, choice.limb.branch)
         assert (missing <= 0).all()
         turned = np.abs((np.diff(angles, axis=0) + np.pi) % (2 * np.pi) - np.pi)
-        assert turned.max() <= TURN
-        gap = clearance(scene, [choice.limb], nodes, held[:, None], angles[:, None])
+        assert turned.max() <= MAX_JOINT_STEP
+        gap = compute_clearance(scene, [choice.limb], nodes, held[:, None], angles[:, None])
         assert gap[1:-1].min() >= -1e-6
     assert found
 
@@ -118,14 +118,16 @@ def test_no_way_where_the_arm_does_not_reach(shelves: Path) -> None:
     far = np.array([1.0, 0.3, 0.1])
     way = find_corridor(decompose_free_space(scene), scene.box_start[0], far)
     assert way is not None
-    assert not arm_way(scene, [limb_on(scene)], HeldTask(scene.box_start[0], far, way, False, 0.0))
+    assert not find_grid_path(
+        scene, [limb_on(scene)], HeldTask(scene.box_start[0], far, way, False, 0.0)
+    )
 
 
 def test_other_bends_come_before_other_rolls() -> None:
     scene = scene_of_spec("limms_throw")
     box = scene.box_start[:1]
-    limb = arm(0, 1, root_on_anchor(scene, 0, 1), 0)
-    choices = branch_choices(scene, limb, box, limb.fixed_position[None])
+    limb = build_arm(0, 1, compute_anchor_pose(scene, 0, 1), 0)
+    choices = rank_branches(scene, limb, box, limb.fixed_position[None])
     assert len(choices) > 1
     assert [c.rank for c in choices] == sorted(c.rank for c in choices)
     bends = {c.limb.branch[0] * c.limb.branch[1] for c in choices if c.rank == 0}
@@ -135,5 +137,5 @@ def test_other_bends_come_before_other_rolls() -> None:
 @pytest.mark.slow
 def test_single_arms_swap_boxes_on_awkward_shelves(shelves: Path) -> None:
     plan = plan_limms(load_limms(shelves))
-    assert verification_of(plan).passed
+    assert verify_plan(plan).passed
     assert "aside" in plan.sequence

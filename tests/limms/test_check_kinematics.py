@@ -5,11 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from climbplan.limms.check.kinematics import is_on_ground, on_anchor, on_end, placed
-from climbplan.limms.modules.chain import forward, from_last
-from climbplan.limms.modules.limbs import end_rotation, standing_rotation
+from climbplan.limms.check.kinematics import (
+    compute_anchor_end_frame,
+    compute_ground_end_frame,
+    compute_mated_end_frame,
+    compute_points,
+)
+from climbplan.limms.modules.chain import forward, forward_from_last
+from climbplan.limms.modules.limbs import compute_end_rotation, compute_standing_rotation
 from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Pose
-from climbplan.limms.schema.loading import builtin_module, builtin_modules
+from climbplan.limms.schema.loading import list_builtin_modules, load_builtin_module
 
 FACING = np.diag([1.0, -1.0, -1.0])  # ends of a kind face each other, eq. (6.1)
 
@@ -17,23 +22,30 @@ FACING = np.diag([1.0, -1.0, -1.0])  # ends of a kind face each other, eq. (6.1)
 @pytest.mark.parametrize("end", [0, 1])
 def test_points_of_a_module(end: int) -> None:
     rng = np.random.default_rng(end)
-    module = builtin_module(builtin_modules()[0])
+    module = load_builtin_module(list_builtin_modules()[0])
     angles = rng.uniform(-3, 3, (40, 6))
-    held = Pose(rng.uniform(-1, 1, (40, 3)), np.tile(on_anchor(SIDE_NORMALS[1], end), (40, 1, 1)))
-    own = placed(module, end, held, angles)
-    theirs = (forward if end == 0 else from_last)(module, held, angles)
+    held = Pose(
+        rng.uniform(-1, 1, (40, 3)),
+        np.tile(compute_anchor_end_frame(SIDE_NORMALS[1], end), (40, 1, 1)),
+    )
+    own = compute_points(module, end, held, angles)
+    theirs = (forward if end == 0 else forward_from_last)(module, held, angles)
     np.testing.assert_allclose(own.position, theirs.position, atol=1e-12)
     np.testing.assert_allclose(own.rotation, theirs.rotation, atol=1e-12)
 
 
 def test_frames_of_ends() -> None:
     normals = [*SIDE_NORMALS, np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])]
-    carrying = np.stack([end_rotation(normal, 0) for normal in normals])
+    carrying = np.stack([compute_end_rotation(normal, 0) for normal in normals])
     for end in (0, 1):
-        np.testing.assert_allclose(is_on_ground(end), standing_rotation(end), atol=1e-15)
+        np.testing.assert_allclose(
+            compute_ground_end_frame(end), compute_standing_rotation(end), atol=1e-15
+        )
         for normal in normals:
             np.testing.assert_allclose(
-                on_anchor(normal, end), end_rotation(normal, end), atol=1e-15
+                compute_anchor_end_frame(normal, end), compute_end_rotation(normal, end), atol=1e-15
             )
-        np.testing.assert_array_equal(on_end(carrying, 1 - end, end), carrying)
-        np.testing.assert_allclose(on_end(carrying, end, end), carrying @ FACING, atol=1e-15)
+        np.testing.assert_array_equal(compute_mated_end_frame(carrying, 1 - end, end), carrying)
+        np.testing.assert_allclose(
+            compute_mated_end_frame(carrying, end, end), carrying @ FACING, atol=1e-15
+        )

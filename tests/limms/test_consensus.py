@@ -12,7 +12,7 @@ import pytest
 from limms_scenes import loaded, scene
 
 from climbplan.errors import LimitReached, Unresolved
-from climbplan.limms.check.verification import verification_of
+from climbplan.limms.check.verification import verify_plan
 from climbplan.limms.consensus.admm import AdmmParameters, compute_residual, run_admm
 from climbplan.limms.consensus.block_solution import BlockSolution, LocalCopy
 from climbplan.limms.consensus.link_cuts import LENGTH_TOLERANCE
@@ -30,7 +30,7 @@ from climbplan.limms.consensus.problem import (
 from climbplan.limms.consensus.projection import Projection
 from climbplan.limms.consensus.refinement import build_action
 from climbplan.limms.modules.chain import forward
-from climbplan.limms.pages.figure_convergence import convergence
+from climbplan.limms.pages.figure_convergence import plot_convergence
 from climbplan.limms.plan.convergence import RESIDUALS
 from climbplan.limms.plan.file import read_limms_plan, write_limms_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
@@ -203,7 +203,7 @@ def test_blocks_agree_and_integers_can_be_cut_off(
 
 
 def test_plan_is_verified_and_keeps_its_record(thrown: LimmsPlan, tmp_path: Path) -> None:
-    assert verification_of(thrown).passed
+    assert verify_plan(thrown).passed
     assert thrown.method == "admm"
     assert thrown.sequence.startswith("throw")
     record = thrown.convergence
@@ -220,7 +220,7 @@ def test_plan_is_verified_and_keeps_its_record(thrown: LimmsPlan, tmp_path: Path
     assert again is not None
     for key, values in vars(record).items():
         assert np.array_equal(vars(again)[key], values)
-    figure = convergence(thrown)
+    figure = plot_convergence(thrown)
     left, right = figure.axes
     lines = [*left.lines, *right.lines]
     drawn = {tuple(np.asarray(line.get_ydata()).tolist()) for line in lines}

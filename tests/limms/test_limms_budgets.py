@@ -12,12 +12,12 @@ import pytest
 from limms_scenes import loaded, scene
 
 from climbplan.errors import LimitReached
-from climbplan.limms.arms.carrying import carry
+from climbplan.limms.arms.carrying import plan_carrying
 from climbplan.limms.budget.search_budget import SearchBudget
 from climbplan.limms.consensus.mixed_integer import MixedIntegerBlock
 from climbplan.limms.consensus.problem import build_problem
-from climbplan.limms.motion.assembly import initial
-from climbplan.limms.motion.plan_making import Making, make_plan
+from climbplan.limms.motion.assembly import build_initial_plan
+from climbplan.limms.motion.plan_making import PlanRecord, make_plan
 from climbplan.limms.plan.file import read_limms_plan, write_limms_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner import planner
@@ -74,9 +74,9 @@ def test_a_plan_that_the_clock_cut_short_says_so(tmp_path: Path) -> None:
     own = scene("limms_throw")
     (action,) = find_single_actions(own).actions
     budget = SearchBudget(60.0, 100)
-    world = carry(initial(own), action, budget, np.random.default_rng(0))
+    world = plan_carrying(build_initial_plan(own), action, budget, np.random.default_rng(0))
     assert world is not None
-    making = Making("modes", action.describe(own), {"total": 0.0}, {}, {})
+    making = PlanRecord("modes", action.describe(own), {"total": 0.0}, {}, {})
     whole = make_plan(spec, own, world, budget, making)
     budget.deadline = time.monotonic()
     cut = make_plan(spec, own, world, budget, making)
@@ -134,8 +134,8 @@ def test_arms_are_not_solved_again_at_another_pace() -> None:
     budget = SearchBudget(60.0, 100)
     worlds = []
     for pace in (1.0, 0.5):
-        start = initial(replace(own, pace=pace))
-        worlds.append(carry(start, action, budget, np.random.default_rng(0)))
+        start = build_initial_plan(replace(own, pace=pace))
+        worlds.append(plan_carrying(start, action, budget, np.random.default_rng(0)))
         programs = budget.work.programs
     first, calmer = worlds
     assert first is not None

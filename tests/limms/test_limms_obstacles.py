@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from climbplan.errors import SpecError
-from climbplan.limms.check.verification import verification_of
-from climbplan.limms.motion.assembly import initial
+from climbplan.limms.check.verification import verify_plan
+from climbplan.limms.motion.assembly import build_initial_plan
 from climbplan.limms.motion.reaching import drive
-from climbplan.limms.pages.obstacles import obstacles_of
-from climbplan.limms.pages.scene import scene_of_modules
+from climbplan.limms.pages.obstacles import find_obstacles
+from climbplan.limms.pages.scene import build_module_scene
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner.planner import plan_limms
 from climbplan.limms.scene.corridor import decompose_free_space, find_corridor
 from climbplan.limms.scene.limms_scene import build_scene
 from climbplan.limms.schema.loading import LoadedLimms, load_limms
-from climbplan.limms.schema.space import space_of
+from climbplan.limms.schema.space import build_space
 
 # One module hangs from the ceiling; a wall stands between the table with the box and its goal
 ROOM = """\
@@ -50,14 +50,14 @@ def over(tmp_path_factory: pytest.TempPathFactory) -> LimmsPlan:
 
 
 def test_box_goes_over_a_wall_from_the_ceiling(over: LimmsPlan) -> None:
-    assert verification_of(over).passed
+    assert verify_plan(over).passed
     box = over.motion.box_position[:, 0]
     across = np.abs(box[:, 0]) < 0.15  # over the wall at least in part
     assert box[across, 2].min() >= 0.5 - 1e-6
-    drawn = obstacles_of(over)
+    drawn = find_obstacles(over)
     assert np.allclose(drawn[0], [[-0.05, -0.7, 0], [0.05, 0.2, 0.4]])
     assert len(drawn) == 2
-    shown = [shape.name for shape in scene_of_modules(over).shapes]
+    shown = [shape.name for shape in build_module_scene(over).shapes]
     assert sum(name.startswith("obstacle") for name in shown) == 2
 
 
@@ -65,20 +65,20 @@ def test_checker_finds_what_reaches_into_obstacles(over: LimmsPlan, tmp_path: Pa
     """The plan held against the same room with a higher wall: box and arm touch it."""
     taller = read(tmp_path, ROOM.replace("0.2, 0.4]", "0.2, 0.6]"))
     solids = build_scene(taller).solids
-    failed = {check.name for check in verification_of(replace(over, solids=solids)).failed}
+    failed = {check.name for check in verify_plan(replace(over, solids=solids)).failed}
     assert {"clear.box", "file.spec_values"} <= failed
     # Right where the elbow is, a block that the box does not come to
     moment = int(np.argmax(over.motion.time >= 0.5 * over.motion.time[-1]))
     elbow = over.motion.joint_position[moment, 0, 3]
     block = np.array([[elbow - 0.01, elbow + 0.01]])
-    hit = verification_of(replace(over, solids=np.concatenate([over.solids, block])))
+    hit = verify_plan(replace(over, solids=np.concatenate([over.solids, block])))
     assert "clear.solids" in {check.name for check in hit.failed}
 
 
 def test_modules_drive_round_obstacles(tmp_path: Path) -> None:
     text = ROOM.replace("anchor: ceiling}", "stand: [-0.8, -0.2, 0]}")
     scene = build_scene(read(tmp_path, text))
-    world = initial(scene)
+    world = build_initial_plan(scene)
     drive(world, 0, np.array([0.8, -0.2, 0.0]), "A", np.random.default_rng(0))
     way = np.concatenate([s.base_position[:, 0] for s in world.stretches])
     near = np.abs(way[:, 0]) < 0.05 + scene.module.radius - 1e-6
@@ -90,7 +90,7 @@ def test_modules_drive_round_obstacles(tmp_path: Path) -> None:
 def test_space_is_without_obstacles() -> None:
     room = ((0.0, 0.0, 0.0), (4.0, 1.0, 1.0))
     pillar = ((1.0, 0.0, -1.0), (2.0, 1.0, 0.5))
-    space = space_of([room], [("pillar", pillar), ("elsewhere", ((9, 9, 9), (10, 10, 10)))])
+    space = build_space([room], [("pillar", pillar), ("elsewhere", ((9, 9, 9), (10, 10, 10)))])
     assert space.obstacles == (("pillar", ((1.0, 0.0, 0.0), (2.0, 1.0, 0.5))),)
     free = sum(np.prod(np.subtract(high, low)) for low, high in space.free)
     assert free == pytest.approx(4.0 - 0.5)

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from climbplan.errors import PlanFileError
-from climbplan.limms.check.verification import verification_of, verify_and_mark
+from climbplan.limms.check.verification import verify_and_mark, verify_plan
 from climbplan.limms.plan.file import read_limms_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
 
 
 def failing(plan: LimmsPlan) -> set[str]:
-    return {check.name for check in verification_of(plan).failed}
+    return {check.name for check in verify_plan(plan).failed}
 
 
 def tampered(plan: LimmsPlan, **arrays: Any) -> LimmsPlan:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from limms_scenes import loaded
 
-from climbplan.limms.check.verification import verification_of
-from climbplan.limms.motion.assembly import initial, latch_arm
+from climbplan.limms.check.verification import verify_plan
+from climbplan.limms.motion.assembly import build_initial_plan, latch_arm
 from climbplan.limms.motion.climbing_down import climb_down
 from climbplan.limms.motion.timeline import DRIVES, NOWHERE
 from climbplan.limms.planner.planner import plan_limms
@@ -49,7 +49,7 @@ def scene(hall: LoadedLimms) -> Scene:
 
 
 def test_relays_lead_from_leg_to_leg_within_reach(scene: Scene) -> None:
-    found = list(search_task_plans(initial(scene)))
+    found = list(search_task_plans(build_initial_plan(scene)))
     assert found
     fewest = [relay for relay in found if len(relay.subtasks) == 2]
     assert found[: len(fewest)] == fewest  # first
@@ -75,7 +75,7 @@ def test_one_leg_comes_first_where_it_serves(tmp_path: Path) -> None:
     path.write_text(HALL.replace("goal: [0.7, 0.1, 0.4]", "goal: [-0.5, 0.1, 0.4]"), "utf-8")
     near = build_scene(load_limms(path))
     assert is_within_reach(near, (Connection(0, 2),), near.goal)
-    listed = list(list_task_plans(initial(near), find_single_actions(near).actions))
+    listed = list(list_task_plans(build_initial_plan(near), find_single_actions(near).actions))
     assert len(listed[0].subtasks) == 1
     assert listed[0].cost() + 1 < min(
         course.cost() for course in listed if len(course.subtasks) > 1
@@ -83,12 +83,12 @@ def test_one_leg_comes_first_where_it_serves(tmp_path: Path) -> None:
     walk = build_scene(
         loaded("limms_walk")
     )  # no anchor at all: one walk, and no second one after it
-    assert not list(search_task_plans(initial(walk)))
+    assert not list(search_task_plans(build_initial_plan(walk)))
 
 
 def test_a_module_comes_down_from_a_wall(scene: Scene) -> None:
     rng = np.random.default_rng(0)
-    world, _ = latch_arm(initial(scene), 0, 1, "A", rng)
+    world, _ = latch_arm(build_initial_plan(scene), 0, 1, "A", rng)
     before = len(world.stretches)
     down = climb_down(world, 0, rng)
     assert down.mode[0] == DRIVES
@@ -107,7 +107,7 @@ def test_a_module_comes_down_from_a_wall(scene: Scene) -> None:
 @pytest.mark.slow
 def test_one_module_carries_a_box_past_its_reach(hall: LoadedLimms) -> None:
     plan = plan_limms(hall)
-    assert verification_of(plan).passed
+    assert verify_plan(plan).passed
     assert plan.sequence.startswith("relay: arms: west to ")
     assert "then arms: east to " in plan.sequence
     modes = plan.motion.box_mode[:, 0]
@@ -120,7 +120,7 @@ def test_a_throw_may_follow_a_carry(tmp_path: Path) -> None:
     path = tmp_path / "high.yaml"
     path.write_text(text, encoding="utf-8")
     high = build_scene(load_limms(path))
-    found = list(search_task_plans(initial(high)))
+    found = list(search_task_plans(build_initial_plan(high)))
     assert found
     for relay in found:
         if len(relay.subtasks) == 2:
@@ -140,7 +140,7 @@ def test_one_module_carries_comes_down_and_throws(tmp_path: Path) -> None:
     path = tmp_path / "high.yaml"
     path.write_text(text, encoding="utf-8")
     plan = plan_limms(load_limms(path))
-    assert verification_of(plan).passed
+    assert verify_plan(plan).passed
     modes = plan.motion.box_mode[:, 0]
     changes = modes[np.flatnonzero(np.diff(modes, prepend=0))]
     assert list(changes) == [1, 3, 1, 3, 2]  # held, put down, held, thrown

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from limms_scenes import loaded, scene
 
-from climbplan.limms.arms.carrying import carry
+from climbplan.limms.arms.carrying import plan_carrying
 from climbplan.limms.budget.search_budget import SearchBudget
-from climbplan.limms.check.verification import verification_of
-from climbplan.limms.motion.assembly import initial
-from climbplan.limms.motion.between_legs import headed, put_down
+from climbplan.limms.check.verification import verify_plan
+from climbplan.limms.motion.assembly import build_initial_plan
+from climbplan.limms.motion.between_subtasks import release_box, retarget
 from climbplan.limms.motion.timeline import DRIVES, STABLE
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner import planner
@@ -77,14 +77,14 @@ def ledge(tmp_path_factory: pytest.TempPathFactory) -> LoadedLimms:
 def kinds_of(own: Scene) -> list[tuple[str, ...]]:
     return [
         tuple(leg.action.kind for leg in course.subtasks)
-        for course in search_task_plans(initial(own))
+        for course in search_task_plans(build_initial_plan(own))
     ]
 
 
 def test_a_box_is_carried_and_then_lifted_from_over_it(ledge: LoadedLimms) -> None:
     assert not find_single_actions(build_scene(ledge)).actions  # no single action does it
     plan = plan_limms(ledge)
-    assert verification_of(plan).passed
+    assert verify_plan(plan).passed
     assert plan.sequence.startswith("relay: arms: low wall to ")
     assert ", then relatch: high wall to " in plan.sequence
     modes = plan.motion.box_mode[:, 0]
@@ -95,7 +95,7 @@ def test_a_box_is_carried_and_then_lifted_from_over_it(ledge: LoadedLimms) -> No
 
 
 def test_the_bound_of_legs_is_that_of_what_is_listed(ledge: LoadedLimms) -> None:
-    start = initial(build_scene(ledge))
+    start = build_initial_plan(build_scene(ledge))
     places = list_places(start.scene)
     left = compute_cost_to_go(relax_actions(start.scene, places, frozenset(), {}), 1, len(places))
     found = list(search_task_plans(start))
@@ -114,27 +114,29 @@ def test_legs_may_come_before_arms(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_legs_bring_a_box_to_an_arm(tmp_path: Path) -> None:
     plan = plan_limms(read(tmp_path, HALL))
-    assert verification_of(plan).passed
+    assert verify_plan(plan).passed
     assert plan.sequence.startswith("relay: quadruped, then arms: east to ")
 
 
 def test_worlds_are_headed_from_where_everything_is() -> None:
     own = scene("limms_lift_light", "box.mass=0.4")
-    start = initial(own)
+    start = build_initial_plan(own)
     place = own.box_start[0] + np.array([0.05, 0.0, 0.0])
-    begun = headed(start, place)
+    begun = retarget(start, place)
     assert np.allclose(begun.scene.start_placement, own.start_placement)
     assert np.allclose(begun.scene.goal_placement, place)
     assert begun.scene.arrival_speed == 0
     arms = next(
         action for action in find_single_actions(begun.scene).actions if action.num_modules == 1
     )
-    after = carry(begun, arms, SearchBudget(600.0, 50), np.random.default_rng(0), settle=put_down)
+    after = plan_carrying(
+        begun, arms, SearchBudget(600.0, 50), np.random.default_rng(0), settle=release_box
+    )
     assert after is not None
     assert after.box_mode == STABLE
     assert np.allclose(after.box, place)
     owner = int(np.flatnonzero(after.tip_anchor >= own.wall_offset)[0])
-    onward = headed(after, own.goal_placement, 0.5)
+    onward = retarget(after, own.goal_placement, 0.5)
     assert np.allclose(onward.scene.start_placement, place)
     assert onward.scene.arrival_speed == 0.5
     anchor = own.wall_offset + arms.connections[0].root
@@ -154,11 +156,11 @@ def test_a_plan_that_fails_its_checks_makes_the_search_go_on(
         motion = plan.motion
         if not judged:
             motion = replace(motion, joint_angles=motion.joint_angles + 0.01)
-        judged.append(verification_of(replace(plan, motion=motion)))
+        judged.append(verify_plan(replace(plan, motion=motion)))
         return judged[-1]
 
-    monkeypatch.setattr(planner, "verification_of", harsh)
+    monkeypatch.setattr(planner, "verify_plan", harsh)
     plan = plan_limms(loaded("limms_lift_light", "box.mass=0.4", "box.goal=[0.15, 0, 0.5]"))
     assert [verification.passed for verification in judged] == [False, True]
-    assert verification_of(plan).passed
+    assert verify_plan(plan).passed
     assert any("checks failed" in line for line in plan.summary)

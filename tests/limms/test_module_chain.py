@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from limms_scenes import loaded
 
-from climbplan.limms.modules.chain import BRANCHES, forward, from_last, inverse
+from climbplan.limms.modules.chain import BRANCHES, forward, forward_from_last, inverse
 from climbplan.limms.scene.limms_scene import Pose
 
 MODULE = loaded("limms_lift_light").module
@@ -27,7 +27,7 @@ def test_every_branch_reaches_the_pose_and_one_is_the_start() -> None:
     nearest = np.full(200, np.inf)
     for branch in BRANCHES:
         found = inverse(MODULE, base, last, branch)
-        assert found.missing.max() < 1e-9
+        assert found.reach_error.max() < 1e-9
         again = forward(MODULE, base, found.angles)
         assert np.abs(again.position[:, 7] - last.position).max() < 1e-9
         assert np.abs(again.rotation[:, 7] - last.rotation).max() < 1e-9
@@ -39,7 +39,7 @@ def test_every_branch_reaches_the_pose_and_one_is_the_start() -> None:
 def test_points_from_the_last_end_are_those_from_the_first() -> None:
     base, angles = poses(20)
     own = forward(MODULE, base, angles)
-    back = from_last(MODULE, Pose(own.position[:, 7], own.rotation[:, 7]), angles)
+    back = forward_from_last(MODULE, Pose(own.position[:, 7], own.rotation[:, 7]), angles)
     assert np.abs(back.position - own.position).max() < 1e-12
     lengths = np.linalg.norm(np.diff(own.position, axis=1), axis=2)
     assert lengths == pytest.approx(np.tile(MODULE.link_lengths, (20, 1)))
@@ -48,4 +48,4 @@ def test_points_from_the_last_end_are_those_from_the_first() -> None:
 def test_out_of_reach_says_by_how_much() -> None:
     base = Pose(np.zeros(3), np.eye(3))
     last = Pose(np.array([0, 0, sum(MODULE.link_lengths) + 0.1]), np.eye(3))
-    assert inverse(MODULE, base, last, BRANCHES[0]).missing == pytest.approx(0.1)
+    assert inverse(MODULE, base, last, BRANCHES[0]).reach_error == pytest.approx(0.1)

@@ -12,7 +12,7 @@ from scipy.optimize import linprog
 from climbplan.errors import Infeasible, LimitReached
 from climbplan.limms.check.verification import verify
 from climbplan.limms.legs.leaps import find_leaps
-from climbplan.limms.legs.standing import largest_share
+from climbplan.limms.legs.standing import compute_max_load_fraction
 from climbplan.limms.plan.file import write_limms_plan
 from climbplan.limms.planner.planner import plan_limms
 from climbplan.limms.scene.limms_scene import GRAVITY
@@ -55,7 +55,7 @@ def test_load_of_four_feet_is_the_least_there_is() -> None:
     rng = np.random.default_rng(0)
     round_box = np.array([[0.6, 0, 0], [-0.6, 0, 0], [0, 0.6, 0], [0, -0.6, 0]])
     feet = round_box + rng.uniform(-0.5, 0.5, (20, 4, 3))
-    shares = largest_share(feet, np.zeros(3))
+    shares = compute_max_load_fraction(feet, np.zeros(3))
     for four, share in zip(feet, shares, strict=True):
         rows = np.vstack([np.ones(4), four[:, 0], four[:, 1]])
         best = linprog(

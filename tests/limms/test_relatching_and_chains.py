@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from limms_scenes import loaded, scene
 
-from climbplan.limms.check.logic import broken
-from climbplan.limms.check.verification import verification_of
-from climbplan.limms.modules.loads import loads_of
+from climbplan.limms.check.logic import find_rule_violations
+from climbplan.limms.check.verification import verify_plan
+from climbplan.limms.modules.loads import compute_loads
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner.planner import plan_limms
 from climbplan.limms.scene.bounds import anchor_wrist, joint_distance, max_chain_span, side_wrist
@@ -33,11 +33,11 @@ def story(plan: LimmsPlan, module: int) -> list[tuple[int, int]]:
 
 
 def broken_rules(plan: LimmsPlan) -> set[int]:
-    return {rule for rule, samples in broken(plan).items() if samples.any()}
+    return {rule for rule, samples in find_rule_violations(plan).items() if samples.any()}
 
 
 def test_one_module_latches_box_then_wall_then_lifts(relatched: LimmsPlan) -> None:
-    assert verification_of(relatched).passed
+    assert verify_plan(relatched).passed
     ground, wall = (relatched.anchor_names.index(name) for name in ("ground", "wall"))
     side = story(relatched, 0)[1][1]
     assert 0 <= side < 4
@@ -70,11 +70,11 @@ def test_arms_on_arms_lift_where_one_arm_does_not_reach(doubled: LimmsPlan) -> N
         for side in range(4)
     )
     assert nearest > max_chain_span(wide, 1)
-    assert verification_of(doubled).passed
+    assert verify_plan(doubled).passed
     last = doubled.motion.mode[-1]
     assert sorted(last) == [2, 2, 3, 3]
     # Who carries bears what the added arm holds
-    loads = loads_of(doubled)
+    loads = compute_loads(doubled)
     assert loads.force.max(axis=0)[last == 2] == pytest.approx(loads.force.max(axis=0)[last == 3])
     assert (loads.torque.max(axis=0) > 0).all()
 
@@ -100,16 +100,16 @@ def test_lies_about_chains_are_found(doubled: LimmsPlan) -> None:
     angles = motion.joint_angles.copy()
     angles[-50:, carrier, 2] += 1e-3
     off = replace(doubled, motion=replace(motion, joint_angles=angles))
-    assert "latch.position" in {check.name for check in verification_of(off).failed}
+    assert "latch.position" in {check.name for check in verify_plan(off).failed}
 
 
 def test_a_module_on_the_ground_lets_go_where_that_helps() -> None:
     # From its anchor the side is out of reach: it lets go and drives there
     plan = plan_limms(loaded("limms_relatch", "box.goal=[0.2, -0.1, 1.3]"))
-    assert verification_of(plan).passed
+    assert verify_plan(plan).passed
     assert 1 in plan.motion.mode[:10, 0]
     # And what starts elsewhere than the spec says is found
     points = plan.motion.joint_position.copy()
     points[0, 0, 0] += 0.01
     moved = replace(plan, motion=replace(plan.motion, joint_position=points))
-    assert "file.spec_values" in {check.name for check in verification_of(moved).failed}
+    assert "file.spec_values" in {check.name for check in verify_plan(moved).failed}

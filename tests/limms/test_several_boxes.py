@@ -10,11 +10,11 @@ import pytest
 from limms_scenes import changed, loaded
 
 from climbplan.errors import Infeasible, SpecError
-from climbplan.limms.check.boxes import box_checks
-from climbplan.limms.check.loads import loads_of_all
-from climbplan.limms.check.verification import verification_of
+from climbplan.limms.check.boxes import check_boxes
+from climbplan.limms.check.loads import compute_loads
+from climbplan.limms.check.verification import verify_plan
 from climbplan.limms.exports.table import export_csv
-from climbplan.limms.motion.assembly import _turned, initial
+from climbplan.limms.motion.assembly import _choose_turns, build_initial_plan
 from climbplan.limms.plan.file import read_limms_plan, write_limms_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner.planner import plan_limms
@@ -34,12 +34,12 @@ def swapped() -> LimmsPlan:
 
 
 def checks_of(plan: LimmsPlan) -> dict[str, Check]:
-    return {c.name: c for c in box_checks(plan, ModuleSpec.model_validate(plan.module))}
+    return {c.name: c for c in check_boxes(plan, ModuleSpec.model_validate(plan.module))}
 
 
 @pytest.mark.slow
 def test_two_modules_swap_two_boxes(swapped: LimmsPlan) -> None:
-    verification = verification_of(swapped)
+    verification = verify_plan(swapped)
     assert verification.passed
     names = [check.name for check in verification.checks]
     assert "goal.order" in names
@@ -73,10 +73,10 @@ def test_checks_look_at_every_box(swapped: LimmsPlan) -> None:
     # Bodies of the second box bear loads of their own
     module = ModuleSpec.model_validate(swapped.module)
     held = [
-        each for each in loads_of_all(swapped, module) if any(c.other == 3 for c in each.contacts)
+        each for each in compute_loads(swapped, module) if any(c.other == 3 for c in each.contacts)
     ]
     assert held
-    assert max(each.unheld.max() for each in held) < 1e-5
+    assert max(each.imbalance.max() for each in held) < 1e-5
 
 
 @pytest.mark.slow
@@ -112,7 +112,7 @@ def test_files_hold_all_boxes(swapped: LimmsPlan, tmp_path: Path) -> None:
 
 def test_places_aside_are_out_of_the_way() -> None:
     scene = build_scene(loaded("limms_swap"))
-    listed = list(search_task_plans(initial(scene), 1))
+    listed = list(search_task_plans(build_initial_plan(scene), 1))
     assert [course.cost() for course in listed] == sorted(course.cost() for course in listed)
     first = listed[0].subtasks
     assert [(leg.box, leg.is_set_aside) for leg in first] == [(1, True), (0, False), (1, False)]
@@ -123,14 +123,14 @@ def test_places_aside_are_out_of_the_way() -> None:
 
 
 def test_boxes_in_the_way_of_others_cost_a_leg_more() -> None:
-    space = StateSpace(initial(build_scene(loaded("limms_swap"))))
+    space = StateSpace(build_initial_plan(build_scene(loaded("limms_swap"))))
     assert [int(box.cost_to_go[START]) for box in space.boxes] == [1, 1]
     assert space.overlaps_goal(1, START, 0)
     assert not space.overlaps_goal(1, GOAL, 0)
     (means, *_) = space.find_actions(1, space.initial)
     # The other box stands at its goal, and is no obstacle elsewhere
     assert not means.find_successors(START)[GOAL]
-    alone = StateSpace(initial(remove_other_boxes(put_box_first(
+    alone = StateSpace(build_initial_plan(remove_other_boxes(put_box_first(
         space.scene, 1, np.column_stack([space.scene.box_start, space.scene.start_yaws]),
         np.array([*space.scene.goals[1], 0.0]), 0.0,
     ))))  # fmt: skip
@@ -141,7 +141,9 @@ def test_latches_say_who_has_to_come_down(tmp_path: Path) -> None:
     """Of two modules one hangs on a wall already, by its first end: it does not come down."""
     modules = [{"name": "A", "anchor": "left"}, {"name": "B", "stand": [-1.0, -0.4, 0]}]
     space = StateSpace(
-        initial(build_scene(load_limms(changed(tmp_path, "limms_swap", modules=modules))))
+        build_initial_plan(
+            build_scene(load_limms(changed(tmp_path, "limms_swap", modules=modules)))
+        )
     )
     assert space.initial.latched == (0,)
     left, right = Connection(0, 2), Connection(1, 3)
@@ -185,9 +187,9 @@ def test_rolls_begin_at_the_turn_that_keeps_them_in_range() -> None:
     limits = np.full(6, 2 * np.pi)
     now = np.full(6, 6.0)
     path = np.linspace(0.0, 1.0, 9)[:, None] * np.ones(6)
-    begun = _turned(path, now, limits)
+    begun = _choose_turns(path, now, limits)
     assert begun == pytest.approx(np.zeros(6))  # 2 pi is nearer, but leaves the range
-    assert _turned(path - 1.1, now, limits) == pytest.approx(np.full(6, 2 * np.pi - 1.1))
+    assert _choose_turns(path - 1.1, now, limits) == pytest.approx(np.full(6, 2 * np.pi - 1.1))
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from climbplan.limms.check.checker import _off_rates
-from climbplan.limms.check.verification import verification_of
+from climbplan.limms.check.checker import _compute_rate_errors
+from climbplan.limms.check.verification import verify_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
 
 
@@ -30,7 +30,7 @@ def test_one_changed_entry_is_noticed(
     values[sample].flat[-1] += change
     if field == "ground_end":
         values[sample] = np.where(motion.ground_end[sample] == 0, 1, 0)
-    found = verification_of(replace(throw, motion=replace(motion, **{field: values})))
+    found = verify_plan(replace(throw, motion=replace(motion, **{field: values})))
     assert check in {one.name for one in found.failed}
 
 
@@ -38,8 +38,8 @@ def test_rates_of_smooth_motions_pass_at_any_spacing() -> None:
     time = np.cumsum(np.random.default_rng(2).uniform(1e-3, 0.01, 200))
     phase = np.array([1.0, 4.0, 9.0])[None, None] * time[:, None, None]
     angles, rates = np.sin(phase), np.cos(phase) * np.array([1.0, 4.0, 9.0])
-    assert _off_rates(time, angles, rates).max() < 0.02
+    assert _compute_rate_errors(time, angles, rates).max() < 0.02
     for short in (2, 3):
-        assert _off_rates(time[:short], angles[:short], rates[:short]).max() < 0.02
+        assert _compute_rate_errors(time[:short], angles[:short], rates[:short]).max() < 0.02
     rates[100, 0, 2] += 0.5
-    assert _off_rates(time, angles, rates).max() > 0.2
+    assert _compute_rate_errors(time, angles, rates).max() > 0.2

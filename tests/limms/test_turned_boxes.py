@@ -13,15 +13,15 @@ from limms_scenes import changed, loaded
 from limms_scenes import scene as scene_of_spec
 
 from climbplan.errors import SpecError
-from climbplan.limms.arms.cuts import refined
-from climbplan.limms.arms.guess import guess_for
-from climbplan.limms.arms.held_branches import HeldTask
-from climbplan.limms.check.loads import loads_of_all
-from climbplan.limms.check.verification import verification_of
+from climbplan.limms.arms.branch_choices import HeldTask
+from climbplan.limms.arms.collision_cuts import refine_trajectory
+from climbplan.limms.arms.guess import build_guess
+from climbplan.limms.check.loads import compute_loads
+from climbplan.limms.check.verification import verify_plan
 from climbplan.limms.modules.contact import gap_to_blocks, gap_to_boxes
 from climbplan.limms.modules.distances import upright_gap
-from climbplan.limms.modules.limbs import arm, root_on_anchor
-from climbplan.limms.motion.cubics import box_path
+from climbplan.limms.modules.limbs import build_arm, compute_anchor_pose
+from climbplan.limms.motion.cubics import evaluate_box_path
 from climbplan.limms.plan.file import read_limms_plan, write_limms_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner.planner import plan_limms
@@ -47,7 +47,7 @@ QUARTER = np.pi / 2
 
 
 def failing(plan: LimmsPlan) -> set[str]:
-    return {check.name for check in verification_of(plan).failed}
+    return {check.name for check in verify_plan(plan).failed}
 
 
 def tampered(plan: LimmsPlan, **arrays: Any) -> LimmsPlan:
@@ -164,11 +164,11 @@ def scene_of_spec_at(path: Path) -> Scene:
 
 def test_a_motion_with_twice_the_knots_is_the_same() -> None:
     own = scene_of_spec("limms_turned")
-    limb = replace(arm(0, 1, root_on_anchor(own, 0, 1), 0), branch=(1, 1, 1))
+    limb = replace(build_arm(0, 1, compute_anchor_pose(own, 0, 1), 0), branch=(1, 1, 1))
     way = find_corridor(decompose_free_space(own), own.start_placement, own.goal_placement)
     assert way is not None
     task = HeldTask(own.start_placement, own.goal_placement, way, False, 0.0)
-    trace = guess_for(own, [limb], task)[0]
+    trace = build_guess(own, [limb], task)[0]
     rng = np.random.default_rng(3)
     jerk = rng.normal(size=trace.acceleration.shape)
     step = trace.duration / trace.phase.intervals
@@ -180,11 +180,13 @@ def test_a_motion_with_twice_the_knots_is_the_same() -> None:
             position[k] + step * velocity[k] + step**2 * (2 * jerk[k] + jerk[k + 1]) / 6
         )
     trace = replace(trace, position=position, velocity=velocity, acceleration=jerk)
-    finer = refined(own, [limb], trace)
+    finer = refine_trajectory(own, [limb], trace)
     assert finer.phase.intervals == 2 * trace.phase.intervals
     time = np.linspace(0, trace.duration, 101)
-    one = box_path(trace.duration, position, velocity, jerk, time)
-    two = box_path(trace.duration, finer.position, finer.velocity, finer.acceleration, time)
+    one = evaluate_box_path(trace.duration, position, velocity, jerk, time)
+    two = evaluate_box_path(
+        trace.duration, finer.position, finer.velocity, finer.acceleration, time
+    )
     for a, b in zip(one, two, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-9)
 
@@ -193,7 +195,7 @@ def test_a_motion_with_twice_the_knots_is_the_same() -> None:
 
 
 def test_a_box_is_turned_onto_a_shelf(turned: LimmsPlan, tmp_path: Path) -> None:
-    assert verification_of(turned).passed
+    assert verify_plan(turned).passed
     motion = turned.motion
     assert motion.box_yaw[0, 0] == 0
     assert motion.box_yaw[-1, 0] == pytest.approx(QUARTER, abs=1e-6)
@@ -204,7 +206,7 @@ def test_a_box_is_turned_onto_a_shelf(turned: LimmsPlan, tmp_path: Path) -> None
     write_limms_plan(turned, tmp_path / "plan.h5")
     again = read_limms_plan(tmp_path / "plan.h5")
     assert np.array_equal(again.motion.box_yaw, motion.box_yaw)
-    assert verification_of(again).passed
+    assert verify_plan(again).passed
 
 
 def test_a_yaw_that_is_not_the_motions_is_found(turned: LimmsPlan) -> None:
@@ -256,7 +258,7 @@ def test_latches_feel_what_turns_the_box(turned: LimmsPlan) -> None:
     inertia = inertia_about_vertical(float(turned.box_mass[0]), turned.box_size[0])
     compared = 0
     for with_, without in zip(
-        loads_of_all(turned, module), loads_of_all(plain, module), strict=True
+        compute_loads(turned, module), compute_loads(plain, module), strict=True
     ):
         for contact, one, other in zip(with_.contacts, with_.wrench, without.wrench, strict=True):
             if contact.kind == "latch" and "box" in contact.name:
@@ -282,12 +284,12 @@ def test_plans_of_boxes_that_do_not_turn_are_read_as_before(
             del file["box"][name]
     old = read_limms_plan(path)
     assert not old.motion.box_yaw.any()
-    assert verification_of(old).passed
+    assert verify_plan(old).passed
 
 
 def test_a_thrown_box_goes_on_turning() -> None:
     plan = plan_limms(loaded("limms_throw", "box.goal_yaw_deg=90"))
-    assert verification_of(plan).passed
+    assert verify_plan(plan).passed
     flown = plan.motion.box_mode[:, 0] == 2
     rate = plan.motion.box_yaw_rate[flown, 0]
     assert rate[0] > 0.5
@@ -303,7 +305,7 @@ def test_a_thrown_box_goes_on_turning() -> None:
 def test_short_legs_give_latches_their_time() -> None:
     plan = plan_limms(loaded("limms_turned", "box.goal_yaw_deg=-90"))
     assert plan.sequence.startswith("relay")
-    assert verification_of(plan).passed
+    assert verify_plan(plan).passed
 
 
 @pytest.mark.slow
@@ -311,7 +313,7 @@ def test_short_legs_give_latches_their_time() -> None:
 def test_boxes_may_stand_turned_at_the_start(start: float, goal: float, ends: float) -> None:
     yaws = (f"box.start_yaw_deg={start}", f"box.goal_yaw_deg={goal}")
     plan = plan_limms(loaded("limms_turned", *yaws))
-    assert verification_of(plan).passed
+    assert verify_plan(plan).passed
     told = np.degrees(plan.motion.box_yaw[[0, -1], 0])
     np.testing.assert_allclose(told, [start, ends], atol=1e-4)
 
@@ -320,7 +322,7 @@ def test_boxes_may_stand_turned_at_the_start(start: float, goal: float, ends: fl
 def test_boxes_are_swapped_and_turned() -> None:
     turns = ("boxes.0.goal_yaw_deg=20", "boxes.1.goal_yaw_deg=-20")
     plan = plan_limms(loaded("limms_swap", *turns))
-    assert verification_of(plan).passed
+    assert verify_plan(plan).passed
     np.testing.assert_allclose(plan.motion.box_yaw[-1], np.radians([20, -20]), atol=1e-6)
 
 

@@ -14,9 +14,9 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from scenes import PlannedScenes
 
-from climbplan.limms.pages.figure_modes import mode_timeline
+from climbplan.limms.pages.figure_modes import plot_modes
+from climbplan.limms.pages.scene import build_module_scene
 from climbplan.limms.pages.scene import read_scene as limms_scene
-from climbplan.limms.pages.scene import scene_of_modules
 from climbplan.limms.pages.time_axis import TimeScale
 from climbplan.limms.plan.file import read_limms_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
@@ -68,7 +68,7 @@ def test_pages_hold_every_sample_of_their_scene(folders: dict[str, Path]) -> Non
 
 def test_modules_are_shown_from_shortly_before_the_box_moves(folders: dict[str, Path]) -> None:
     plan = read_limms_plan(folders["throw"] / "plan.h5")
-    here, waited = (scene_of_modules(one) for one in (plan, later(plan, 60.0)))
+    here, waited = (build_module_scene(one) for one in (plan, later(plan, 60.0)))
     assert beginning(waited) == pytest.approx(beginning(here) + 60.0, abs=0.2)
     assert beginning(replace(here, boxes=None)) == here.time[0]
     box = plan.motion.box_position[:, 0]
@@ -80,19 +80,20 @@ def test_long_driving_is_pressed_together(folders: dict[str, Path]) -> None:
     plan = read_limms_plan(folders["throw"] / "plan.h5")
     waited = later(plan, 60.0)
     scale = TimeScale(waited)
-    assert scale.label == f"time [s]; the first {scale.begin - scale.start:.1f} s pressed together"
-    assert scale.begin > 60.0
-    places = scale.place(np.array([scale.start, scale.begin, scale.end]))
+    compressed = scale.motion_start - scale.start
+    assert scale.label == f"time [s]; the first {compressed:.1f} s pressed together"
+    assert scale.motion_start > 60.0
+    places = scale.map_times(np.array([scale.start, scale.motion_start, scale.end]))
     assert places == pytest.approx([0.0, 0.2, 1.0])
     times = np.linspace(-5.0, 80.0, 41)
-    assert scale._time_at(scale.place(times)) == pytest.approx(times)
-    figure = mode_timeline(waited)
+    assert scale._time_at(scale.map_times(times)) == pytest.approx(times)
+    figure = plot_modes(waited)
     assert [panel.get_xscale() for panel in figure.axes[:2]] == ["function", "function"]
     assert figure.axes[1].get_xlabel() == scale.label
 
 
 def test_text_on_bars_is_seen(folders: dict[str, Path]) -> None:
-    figure: Figure = mode_timeline(read_limms_plan(folders["throw"] / "plan.h5"))
+    figure: Figure = plot_modes(read_limms_plan(folders["throw"] / "plan.h5"))
     texts = [text for text in figure.axes[0].texts if text.get_text()]
     assert texts
     for text in texts:

@@ -18,12 +18,12 @@ from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner.planner import plan_limms
 from climbplan.limms.schema.loading import load_limms
 from climbplan.limms.simulation.comparison import compare_modules
-from climbplan.limms.simulation.model import light_share, simulated_module
+from climbplan.limms.simulation.model import build_simulated_module, compute_mass_fraction
 from climbplan.limms.simulation.replay import ModuleRun, simulate_modules
 from climbplan.limms.simulation.study import (
     SimulatedModules,
-    end_of,
-    headline,
+    describe_end,
+    format_headline,
     simulate_module_plan,
 )
 from climbplan.simulation.asked import SimulationRequest
@@ -54,7 +54,7 @@ def test_a_throw_of_light_modules_ends_where_planned(light: LimmsPlan) -> None:
     assert not run.lost
     assert run.broken == ()
     assert run.module.mass < 0.05 * light.box_mass[0]
-    assert compared.off.max() < 0.005
+    assert compared.box_error.max() < 0.005
     assert run.misses.max() < 0.001
     # In the air, as thrown
     flying = run.time > light.motion.time[light.motion.box_mode[:, 0] == 2][0]
@@ -62,10 +62,10 @@ def test_a_throw_of_light_modules_ends_where_planned(light: LimmsPlan) -> None:
 
 
 def test_legs_of_massless_plans_are_lighter_than_arms(light: LimmsPlan) -> None:
-    assert light_share(light) == 0.03
+    assert compute_mass_fraction(light) == 0.03
     walking = replace(light, motion=replace(light.motion, mode=np.full_like(light.motion.mode, 4)))
-    assert light_share(walking) == 5e-4
-    share = simulated_module(walking).mass / light.box_mass[0]
+    assert compute_mass_fraction(walking) == 5e-4
+    share = build_simulated_module(walking).mass / light.box_mass[0]
     assert share == pytest.approx(5e-4)
 
 
@@ -73,8 +73,8 @@ def test_loads_are_those_that_the_checker_finds(lifted: ModuleRun) -> None:
     compared = compare_modules(lifted)
     assert not lifted.lost
     assert lifted.broken == ()
-    assert compared.off.max() < 0.002
-    on_wall = next(borne for borne in compared.borne if borne.name.endswith("on left"))
+    assert compared.box_error.max() < 0.002
+    on_wall = next(borne for borne in compared.contacts if borne.name.endswith("on left"))
     assert on_wall.force > 60  # a module of 40.6 N swings and carries
     assert on_wall.force == pytest.approx(on_wall.force_planned, rel=0.03)
     assert on_wall.moment == pytest.approx(on_wall.moment_planned, rel=0.03)
@@ -86,7 +86,7 @@ def test_loads_are_those_that_the_checker_finds(lifted: ModuleRun) -> None:
 def test_a_latch_breaks_at_its_limit_and_the_box_is_lost(
     heavy: LimmsPlan, lifted: ModuleRun
 ) -> None:
-    borne = {each.name: each for each in compare_modules(lifted).borne}
+    borne = {each.name: each for each in compare_modules(lifted).contacts}
     (on_box,) = (each for name, each in borne.items() if " on box" in name)
     weak = replace(heavy, module=heavy.module | {"latch_moment": 0.9 * on_box.moment})
     run = simulate_modules(weak, Conditions())
@@ -94,9 +94,9 @@ def test_a_latch_breaks_at_its_limit_and_the_box_is_lost(
     broken = run.broken[0]
     assert f"holds {0.9 * on_box.moment:g} N m and bears" in broken.words
     found = SimulatedModules(weak, run, compare_modules(run), "")
-    assert not end_of(found).good
-    assert end_of(found).failure(None)
-    assert broken.words in headline(found)
+    assert not describe_end(found).good
+    assert describe_end(found).failure(None)
+    assert broken.words in format_headline(found)
     # Massless the same motion breaks nothing: its plan does not ask what hardware holds
     free = replace(weak, massless=True)
     assert simulate_modules(free, Conditions()).broken == ()
@@ -105,7 +105,7 @@ def test_a_latch_breaks_at_its_limit_and_the_box_is_lost(
 @pytest.mark.slow
 def test_a_heavier_box_than_planned_is_not_where_it_should_be(heavy: LimmsPlan) -> None:
     run = simulate_modules(heavy, Conditions(payload=0.5))
-    assert run.lost or run.broken or compare_modules(run).off.max() > 0.005
+    assert run.lost or run.broken or compare_modules(run).box_error.max() > 0.005
 
 
 def test_what_modules_are_not_simulated_with_is_refused(light: LimmsPlan) -> None:

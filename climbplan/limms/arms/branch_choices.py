@@ -100,7 +100,7 @@ class BranchChoice(NamedTuple):
     """A limb with a branch, and its cost."""
 
     rank: int  # among branches with the same link positions, which differ in rolls only
-    cost: float  # along the way
+    cost: float  # along the path
     limb: Limb
 
 

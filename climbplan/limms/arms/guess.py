@@ -1,4 +1,4 @@
-"""Motions from which the programs of arms begin: straight ways, detours, parabolas."""
+"""Initial guesses of the programs of arms: straight paths, detours, parabolas."""
 
 from __future__ import annotations
 
@@ -9,67 +9,74 @@ from itertools import pairwise
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.arms.arm_ways import arm_way
-from climbplan.limms.arms.held_branches import HeldTask, release_share, way_points
-from climbplan.limms.modules.limbs import limb_angles
+from climbplan.limms.arms.branch_choices import HeldTask, compute_release_fraction, list_way_points
+from climbplan.limms.arms.grid_path import find_grid_path
+from climbplan.limms.modules.limbs import compute_limb_angles
 from climbplan.limms.scene.corridor import path_length
 from climbplan.limms.scene.limms_scene import GRAVITY, Scene
 from climbplan.limms.scene.phases import Limb, Phase, PhaseTrajectory
 from climbplan.limms.scene.placement import centre_of
 
 KNOTS = 8  # intervals of a phase
-BUMP = 0.2  # [m]
-SPEED = 0.45  # [m/s] of the guess
-RELEASES = (0.92, 0.75, 0.55)  # how far of what arms reach a guess throws
+DETOUR = 0.2  # [m]
+SPEED = 0.45  # [m/s] of the box in a guess
+RELEASE_FRACTIONS = (0.92, 0.75, 0.55)  # fractions of the reach at which guesses release the box
 
 
-def bumps(first: Array, last: Array) -> list[Array]:
-    """Sideways detours (D,) of a straight way: none, and both ways along two directions."""
-    way = centre_of(last - first)
-    length = float(np.linalg.norm(way))
-    along = way / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
-    one = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
-    one /= np.linalg.norm(one)
-    other = np.cross(along, one)
-    found = [np.zeros(3), *(BUMP * sign * side for side in (one, other) for sign in (1, -1))]
-    return [np.pad(each, (0, len(first) - 3)) for each in found]
+def list_detours(start: Array, end: Array) -> list[Array]:
+    """Return lateral detours (D,) of a straight path: none, and both signs of two directions."""
+    displacement = centre_of(end - start)
+    length = float(np.linalg.norm(displacement))
+    direction = displacement / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
+    first = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
+    first /= np.linalg.norm(first)
+    second = np.cross(direction, first)
+    detours = [np.zeros(3), *(DETOUR * sign * side for side in (first, second) for sign in (1, -1))]
+    return [np.pad(detour, (0, len(start) - 3)) for detour in detours]
 
 
-def guess_for(
+def build_guess(
     scene: Scene,
     limbs: Sequence[Limb],
     task: HeldTask,
-    bump: Array | None = None,
-    release: float = 0.92,
+    detour: Array | None = None,
+    release_fraction: float = 0.92,
 ) -> list[PhaseTrajectory]:
-    """A slow straight motion through the way, and a parabola if the box is thrown.
+    """Build a slow straight motion through the corridor, with a parabola if the box is thrown.
 
-    bump: a sideways detour of every leg of the way; release: how far of what arms reach they throw.
+    Args:
+        scene: The scene.
+        limbs: The arms.
+        task: The task.
+        detour: Lateral detour of every piece of the path (D,).
+        release_fraction: Fraction of the reach at which the box is released.
     """
-    corners = way_points(task)
+    corners = list_way_points(task)
     if task.throw:
-        reached = release * release_share(scene, limbs, corners[-2], corners[-1])
-        corners[-1] = corners[-2] + reached * (corners[-1] - corners[-2])
-    blocks = list(task.way.blocks)
+        fraction = release_fraction * compute_release_fraction(
+            scene, limbs, corners[-2], corners[-1]
+        )
+        corners[-1] = corners[-2] + fraction * (corners[-1] - corners[-2])
+    blocks = list(task.corridor.blocks)
     if task.throw:
-        # Time runs differently in wind-up and throw: a phase of its own for each
+        # Wind-up and throw are separate phases with their own durations
         corners = np.insert(corners, -1, 0.4 * corners[-2] + 0.6 * corners[-1], axis=0)
         blocks.append(blocks[-1])
     pieces = []
     for (first, last), block in zip(pairwise(corners), blocks, strict=True):
         length = float(path_length(first, last))
-        share = np.linspace(0, 1, KNOTS + 1)[:, None]
-        position = first + share * (last - first)
-        if bump is not None:
-            position = np.clip(position + np.sin(np.pi * share) * bump, block[0], block[1])
+        fractions = np.linspace(0, 1, KNOTS + 1)[:, None]
+        position = first + fractions * (last - first)
+        if detour is not None:
+            position = np.clip(position + np.sin(np.pi * fractions) * detour, block[0], block[1])
         velocity = (last - first) / max(length / SPEED, 0.4)
-        pieces.append(Piece(position, max(length / SPEED, 0.4), velocity, block))
-    return traces_along(scene, limbs, task, pieces)
+        pieces.append(PathPiece(position, max(length / SPEED, 0.4), velocity, block))
+    return build_trajectories(scene, limbs, task, pieces)
 
 
 @dataclass(frozen=True)
-class Piece:
-    """A way of the box in one phase, as a guess."""
+class PathPiece:
+    """A piece of the path of the box in one phase."""
 
     position: Array  # (KNOTS + 1, D) placements [m, rad]
     duration: float  # [s]
@@ -77,27 +84,29 @@ class Piece:
     block: Array  # (2, D) of free placements of the box
 
 
-def traces_along(
-    scene: Scene, limbs: Sequence[Limb], task: HeldTask, pieces: Sequence[Piece]
+def build_trajectories(
+    scene: Scene, limbs: Sequence[Limb], task: HeldTask, pieces: Sequence[PathPiece]
 ) -> list[PhaseTrajectory]:
-    """The guess that follows pieces of a way, and a parabola after them if the box is thrown."""
-    traces: list[PhaseTrajectory] = []
+    """Build the guess along pieces of a path, with a parabola at the end if the box is thrown."""
+    trajectories: list[PhaseTrajectory] = []
     for piece in pieces:
         position, block = piece.position, piece.block
         velocity = np.broadcast_to(piece.velocity, position.shape)
         feet = np.array([[limb.fixed_position for limb in limbs]] * (KNOTS + 1))
         angles = np.stack(
             [
-                limb_angles(scene, limb, position, feet[:, i], limb.branch)[0]
+                compute_limb_angles(scene, limb, position, feet[:, i], limb.branch)[0]
                 for i, limb in enumerate(limbs)
             ],
             axis=1,
         )
-        if traces:  # whole turns as before
-            turn = np.round((traces[-1].angles[-1] - angles[0]) / (2 * np.pi)) * 2 * np.pi
-            angles = angles + turn
+        if trajectories:  # same full turns as in the last phase
+            full_turns = (
+                np.round((trajectories[-1].angles[-1] - angles[0]) / (2 * np.pi)) * 2 * np.pi
+            )
+            angles = angles + full_turns
         phase = Phase("held", block[0], block[1], KNOTS, 0.15, 12.0)
-        traces.append(
+        trajectories.append(
             PhaseTrajectory(
                 phase,
                 piece.duration,
@@ -110,69 +119,74 @@ def traces_along(
             )
         )
     if task.throw:
-        end = pieces[-1].position[-1]
-        traces.append(_flight(end, task.goal, task.way.blocks[-1], len(limbs)))
-    return traces
+        release = pieces[-1].position[-1]
+        trajectories.append(_build_flight(release, task.goal, task.corridor.blocks[-1], len(limbs)))
+    return trajectories
 
 
-def _flight(release: Array, goal: Array, block: Array, limbs: int) -> PhaseTrajectory:
-    """A parabola with its top at the goal, or a third of a second long."""
+def _build_flight(release: Array, goal: Array, block: Array, limbs: int) -> PhaseTrajectory:
+    """Return a parabola with its apex at the goal, or of a minimum duration."""
     rise = max(goal[2] - release[2], 0.0)
     duration = max(float(np.sqrt(2 * rise / GRAVITY)), 0.15)
-    down = np.array([0, 0, -GRAVITY, 0])[: len(goal)]
-    velocity = (goal - release) / duration - down * duration / 2
+    gravity = np.array([0, 0, -GRAVITY, 0])[: len(goal)]
+    velocity = (goal - release) / duration - gravity * duration / 2
     times = np.linspace(0, duration, 2)[:, None]
     phase = Phase("flight", block[0], block[1], 1, 0.05, 2.0)
     return PhaseTrajectory(
         phase,
         duration,
-        release + velocity * times + down * times**2 / 2,
-        velocity + down * times,
-        np.broadcast_to(down, (2, len(down))),
+        release + velocity * times + gravity * times**2 / 2,
+        velocity + gravity * times,
+        np.broadcast_to(gravity, (2, len(gravity))),
         np.zeros((2, limbs, 6)),
         np.zeros((2, limbs, 3)),
         np.zeros((2, limbs, 3)),
     )
 
 
-def guesses_for(
+def generate_guesses(
     scene: Scene, limbs: Sequence[Limb], task: HeldTask
 ) -> Iterator[list[PhaseTrajectory]]:
-    """Guesses one after the other, as far as they are asked for.
+    """Yield guesses lazily.
 
-    Straight ones with and without detours, the smoothest of them; of throws also from nearer the
-    start; of what is carried the way that a search finds for the arms.
+    The smoothest straight guess comes first, with or without a detour. Throws add guesses with
+    earlier release. Carried boxes add the path of a grid search.
     """
-    corners = way_points(task)
-    for share in RELEASES if task.throw else RELEASES[:1]:
+    corners = list_way_points(task)
+    for fraction in RELEASE_FRACTIONS if task.throw else RELEASE_FRACTIONS[:1]:
         guesses = [
-            guess_for(scene, limbs, task, bump, share) for bump in bumps(corners[0], corners[-1])
+            build_guess(scene, limbs, task, detour, fraction)
+            for detour in list_detours(corners[0], corners[-1])
         ]
-        yield min(guesses, key=jerkiness)
+        yield min(guesses, key=compute_max_joint_step)
     if not task.throw:
-        found = searched(scene, limbs, task)
-        if found is not None:
-            yield found
+        searched_guess = search_guess(scene, limbs, task)
+        if searched_guess is not None:
+            yield searched_guess
 
 
-def searched(scene: Scene, limbs: Sequence[Limb], task: HeldTask) -> list[PhaseTrajectory] | None:
-    """A slow motion along the way that a search finds for the arms, or None."""
+def search_guess(
+    scene: Scene, limbs: Sequence[Limb], task: HeldTask
+) -> list[PhaseTrajectory] | None:
+    """Return a slow motion along the path of a grid search, or None."""
     pieces = []
-    for way, block in arm_way(scene, limbs, task):
-        steps = path_length(way[:-1], way[1:])
-        along = np.concatenate([[0.0], np.cumsum(steps)])
-        share = np.linspace(0.0, along[-1], KNOTS + 1)
+    for path, block in find_grid_path(scene, limbs, task):
+        steps = path_length(path[:-1], path[1:])
+        arc_length = np.concatenate([[0.0], np.cumsum(steps)])
+        stations = np.linspace(0.0, arc_length[-1], KNOTS + 1)
         position = np.stack(
-            [np.interp(share, along, way[:, i]) for i in range(way.shape[1])], axis=-1
+            [np.interp(stations, arc_length, path[:, i]) for i in range(path.shape[1])], axis=-1
         )
-        duration = max(float(along[-1]) / SPEED, 0.4)
+        duration = max(float(arc_length[-1]) / SPEED, 0.4)
         velocity = np.gradient(position, duration / KNOTS, axis=0)
-        pieces.append(Piece(position, duration, velocity, block))
-    return traces_along(scene, limbs, task, pieces) if pieces else None
+        pieces.append(PathPiece(position, duration, velocity, block))
+    return build_trajectories(scene, limbs, task, pieces) if pieces else None
 
 
-def jerkiness(traces: Sequence[PhaseTrajectory]) -> float:
-    """Largest turn of a joint between two knots of a guess [rad]."""
+def compute_max_joint_step(trajectories: Sequence[PhaseTrajectory]) -> float:
+    """Return the largest joint step between two knots of a guess [rad]."""
     return max(
-        float(np.abs(np.diff(t.angles, axis=0)).max()) for t in traces if t.phase.kind == "held"
+        float(np.abs(np.diff(trajectory.angles, axis=0)).max())
+        for trajectory in trajectories
+        if trajectory.phase.kind == "held"
     )

@@ -28,7 +28,7 @@ class Cut:
 
 @dataclass(frozen=True)
 class ProgramOutcome:
-    """Whether a program was solved, and its solution."""
+    """The solution of a program, and whether it was solved."""
 
     solved: bool
     message: str

@@ -55,7 +55,7 @@ class SearchBudget:
 
     @property
     def is_expired(self) -> bool:
-        """Whether the clock has passed the limit; later answers may be cut short."""
+        """True if the clock has passed the limit; later answers may be cut short."""
         return time.monotonic() > self.deadline
 
     @property

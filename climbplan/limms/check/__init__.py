@@ -1,1 +1,1 @@
-"""The checks of a plan of modules, at 1 ms and from its file alone."""
+"""Checks of a plan of modules, at 1 ms and from its file alone."""

@@ -1,4 +1,4 @@
-"""The one checker of LIMMS plans of every method: all rules, at 1 ms, from the file alone."""
+"""The checker of LIMMS plans of every method: all rules, at 1 ms, from the file alone."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from pydantic import ValidationError
 
 from climbplan.arrays import Array
-from climbplan.limms.check.boxes import box_checks
-from climbplan.limms.check.dense import events
-from climbplan.limms.check.kinematics import placed
+from climbplan.limms.check.boxes import check_boxes
+from climbplan.limms.check.dense import find_events
+from climbplan.limms.check.kinematics import compute_points
 from climbplan.limms.check.limits import judge
-from climbplan.limms.check.logic import RULES, broken
-from climbplan.limms.check.masses import mass_checks
-from climbplan.limms.check.motion import motion_checks
-from climbplan.limms.check.spec import spec_checks
+from climbplan.limms.check.logic import RULES, find_rule_violations
+from climbplan.limms.check.masses import check_masses
+from climbplan.limms.check.motion import check_motion
+from climbplan.limms.check.spec import check_spec
 from climbplan.limms.plan.limms_plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.scene.limms_scene import Pose
 from climbplan.limms.schema.module import OF_MASSES, ModuleSpec
@@ -26,44 +26,47 @@ from climbplan.verification.check import Check
 from climbplan.verification.held import held_check
 
 
-def plan_checks(plan: LimmsPlan, held: HeldSpec | None = None) -> Iterator[Check]:
-    """All checks; if text or numbers are unsound, only those: nothing else would mean anything.
+def check_plan(plan: LimmsPlan, held: HeldSpec | None = None) -> Iterator[Check]:
+    """Yield all checks; with invalid text or numbers only those, since the others are meaningless.
 
-    held: a spec that the plan is to answer in place of its own.
+    Args:
+        plan: The plan.
+        held: A spec to compare the plan with, in place of its own.
     """
-    same = hashlib.sha256(plan.spec_text.encode()).hexdigest() == plan.spec_sha256
-    yield judge("file.spec_hash", 0.0 if same else 1.0)
+    is_same = hashlib.sha256(plan.spec_text.encode()).hexdigest() == plan.spec_sha256
+    yield judge("file.spec_hash", 0.0 if is_same else 1.0)
     finite = judge("file.finite", float(len(plan.not_finite)), ", ".join(plan.not_finite[:1]))
     yield finite
     if not finite.passed:
         return
-    faults, module = _data_faults(plan)
+    faults, module = _find_data_faults(plan)
     data = judge("file.data", float(len(faults)), faults[0] if faults else "")
     yield data
     if not data.passed or module is None:
         return
     if held is None:
-        yield from spec_checks(plan)
+        yield from check_spec(plan)
     else:
         yield held_check(held)
-        yield from spec_checks(replace(plan, spec_text=held.text, module_text=held.module_text))
-    yield from _samples(plan)
-    yield from _logic(plan)
-    yield _points(plan, module)
-    yield _rates(plan)
-    yield from motion_checks(plan, module)
-    yield from box_checks(plan, module)
-    yield from mass_checks(plan, module)
+        yield from check_spec(replace(plan, spec_text=held.text, module_text=held.module_text))
+    yield from _check_samples(plan)
+    yield from _check_logic(plan)
+    yield _check_points(plan, module)
+    yield _check_rates(plan)
+    yield from check_motion(plan, module)
+    yield from check_boxes(plan, module)
+    yield from check_masses(plan, module)
 
 
-def at_time(plan: LimmsPlan, sample: int) -> str:
-    """Where a sample is: time and stage."""
+def describe_sample(plan: LimmsPlan, sample: int) -> str:
+    """Return time and stage of a sample in words."""
     time = float(plan.motion.time[sample])
     stage = next((name for name, a, b in plan.stages if a - 1e-9 <= time <= b + 1e-9), "")
     return f"{time:.3f} s" + (f", {stage}" if stage else "")
 
 
-def _data_faults(plan: LimmsPlan) -> tuple[list[str], ModuleSpec | None]:
+def _find_data_faults(plan: LimmsPlan) -> tuple[list[str], ModuleSpec | None]:
+    """Return faults of the stored data, and the module if it is valid."""
     faults = []
     module = None
     try:
@@ -71,7 +74,7 @@ def _data_faults(plan: LimmsPlan) -> tuple[list[str], ModuleSpec | None]:
     except ValidationError as error:
         faults.append(f"module: {error.errors()[0]['msg']}")
     missing = [name for name in ModuleSpec.model_fields if name not in plan.module]
-    if plan.massless:  # plans of before modules had masses do not say where they are
+    if plan.massless:  # plans without masses need not store how they are distributed
         missing = [name for name in missing if name not in OF_MASSES]
     faults += [f"module: no {name}" for name in missing]
     if (plan.box_size <= 0).any():
@@ -86,33 +89,34 @@ def _data_faults(plan: LimmsPlan) -> tuple[list[str], ModuleSpec | None]:
         faults.append("anchors/normal not of length 1")
     faults += [f"{name} is not that of the module" for name in plan.at_odds]
     motion = plan.motion
-    for name, values, known in (
+    for name, values, valid_modes in (
         ("box/mode", motion.box_mode, BOX_MODES),
         ("limms/mode", motion.mode, MODULE_MODES),
     ):
-        strange = np.unique(values[~np.isin(values, tuple(known))])
-        faults += [f"{name} {m} is none" for m in strange[:1]]
+        invalid = np.unique(values[~np.isin(values, tuple(valid_modes))])
+        faults += [f"{name} {m} is none" for m in invalid[:1]]
     if not np.isin(motion.ground_end, (-1, 0, 1)).all():
         faults.append("limms/ground_end not one of -1, 0, 1")
-    top = len(plan.anchor_names) + 2 * len(plan.module_names)
+    num_ends = len(plan.anchor_names) + 2 * len(plan.module_names)
     for name in ("base_anchor", "tip_anchor"):
         values = vars(motion)[name]
-        if (values < -1).any() or (values >= top).any():
+        if (values < -1).any() or (values >= num_ends).any():
             faults.append(f"limms/{name} out of range")
-    still = motion.anchor_position[:, 4 * len(plan.box_size) :]
-    if still.size and np.ptp(still, axis=0).max() > 0:
+    fixed_anchors = motion.anchor_position[:, 4 * len(plan.box_size) :]
+    if fixed_anchors.size and np.ptp(fixed_anchors, axis=0).max() > 0:
         faults.append("anchors/position: those of the terrain move")
     if len(motion.time) < 3 or motion.time[-1] <= motion.time[0]:
         faults.append("time: no motion")
     return faults, module
 
 
-def _samples(plan: LimmsPlan) -> Iterator[Check]:
+def _check_samples(plan: LimmsPlan) -> Iterator[Check]:
+    """Yield checks of sampling rate and continuity."""
     motion = plan.motion
     step = np.diff(motion.time)
     k = int(np.argmax(step))
-    back = float(-step.min())
-    yield judge("samples.rate", np.inf if back > 0 else step[k], at_time(plan, k))
+    time_reversal = float(-step.min())
+    yield judge("samples.rate", np.inf if time_reversal > 0 else step[k], describe_sample(plan, k))
     event = np.flatnonzero(step == 0)
     jump = np.zeros(len(event))
     for values in (
@@ -122,71 +126,96 @@ def _samples(plan: LimmsPlan) -> Iterator[Check]:
         motion.box_yaw_rate,
         motion.joint_position,
     ):
-        flat = values.reshape(len(motion.time), -1)
-        jump = np.maximum(jump, np.abs(flat[event + 1] - flat[event]).max(axis=1, initial=0))
-    turn = np.abs(motion.joint_angles[event + 1] - motion.joint_angles[event])
+        values_by_sample = values.reshape(len(motion.time), -1)
+        jump = np.maximum(
+            jump,
+            np.abs(values_by_sample[event + 1] - values_by_sample[event]).max(axis=1, initial=0),
+        )
+    angle_jump = np.abs(motion.joint_angles[event + 1] - motion.joint_angles[event])
     if len(event):
-        jump = np.maximum(jump, turn.max(axis=(1, 2)))
-    worst = int(np.argmax(jump)) if len(event) else 0
-    place = at_time(plan, int(event[worst])) if len(event) else ""
-    yield judge("samples.continuous", jump.max(initial=0.0), place)
+        jump = np.maximum(jump, angle_jump.max(axis=(1, 2)))
+    index = int(np.argmax(jump)) if len(event) else 0
+    location = describe_sample(plan, int(event[index])) if len(event) else ""
+    yield judge("samples.continuous", jump.max(initial=0.0), location)
     # Modes may change only at events
     changes = np.zeros(len(step), bool)
     ends = (motion.base_anchor, motion.tip_anchor, motion.ground_end)
     for labels in (motion.box_mode, motion.mode, *ends):
         changes |= (np.diff(labels, axis=0) != 0).any(axis=1)
-    stray = np.flatnonzero(changes & (step > 0))
-    if len(stray):
-        yield judge("samples.continuous", np.inf, f"modes change within {at_time(plan, stray[0])}")
+    within_stretch = np.flatnonzero(changes & (step > 0))
+    if len(within_stretch):
+        yield judge(
+            "samples.continuous",
+            np.inf,
+            f"modes change within {describe_sample(plan, within_stretch[0])}",
+        )
 
 
-def _logic(plan: LimmsPlan) -> Iterator[Check]:
-    for rule, samples in broken(plan).items():
+def _check_logic(plan: LimmsPlan) -> Iterator[Check]:
+    """Yield the checks of the logic rules."""
+    for rule, samples in find_rule_violations(plan).items():
         name = "logic.anchors" if rule == 0 else f"logic.rule_{rule}"
-        at = np.flatnonzero(samples)
-        place = f"{at_time(plan, int(at[0]))}: {RULES.get(rule, '')}" if len(at) else ""
-        yield judge(name, float(len(at)), place)
+        violating = np.flatnonzero(samples)
+        location = (
+            f"{describe_sample(plan, int(violating[0]))}: {RULES.get(rule, '')}"
+            if len(violating)
+            else ""
+        )
+        yield judge(name, float(len(violating)), location)
 
 
-def _rates(plan: LimmsPlan) -> Check:
-    """Check the stored joint velocities against the joint angles."""
+def _check_rates(plan: LimmsPlan) -> Check:
+    """Return the check of stored joint velocities against the joint angles."""
     motion = plan.motion
-    worst, place = 0.0, ""
-    for first, last in events(motion.time):
+    max_error, location = 0.0, ""
+    for first, last in find_events(motion.time):
         span = slice(first, last + 1)
-        off = _off_rates(motion.time[span], motion.joint_angles[span], motion.joint_velocity[span])
-        k = np.unravel_index(int(np.argmax(off)), off.shape)
-        if not off[k] <= worst:
-            worst = float(off[k])
-            place = f"{at_time(plan, first + int(k[0]) + 1)}: {plan.module_names[int(k[1])]}"
-    return judge("joint.rates", worst, place)
+        error = _compute_rate_errors(
+            motion.time[span], motion.joint_angles[span], motion.joint_velocity[span]
+        )
+        k = np.unravel_index(int(np.argmax(error)), error.shape)
+        if not error[k] <= max_error:
+            max_error = float(error[k])
+            location = (
+                f"{describe_sample(plan, first + int(k[0]) + 1)}: {plan.module_names[int(k[1])]}"
+            )
+    return judge("joint.rates", max_error, location)
 
 
-def _off_rates(time: Array, angles: Array, rates: Array) -> Array:
-    """Return by how much rates (n, L, 6) are not those of angles, between samples (n - 1, L, 6).
+def _compute_rate_errors(time: Array, angles: Array, rates: Array) -> Array:
+    """Return the differences of rates (n, L, 6) and angles between samples (n - 1, L, 6) [rad/s].
 
-    The mean of two rates is the change of the angle over the time h between them, but for a twelfth
-    of h^2 times the third derivative. Half of the second difference of such changes is let pass.
+    The mean of two rates is the change of the angle over the time h between them, up to h^2 / 12
+    times the third derivative. Half of the second difference of such changes is tolerated.
     """
     change = np.diff(angles, axis=0) / np.diff(time)[:, None, None]
-    off = np.abs(change - (rates[1:] + rates[:-1]) / 2)
+    error = np.abs(change - (rates[1:] + rates[:-1]) / 2)
     if len(change) < 3:
-        return off
-    bend = np.abs(np.diff(change, n=2, axis=0))
-    near = np.concatenate([bend[:1], bend[:1], bend, bend[-1:], bend[-1:]])
-    return off - 0.5 * np.maximum(np.maximum(near[:-2], near[1:-1]), near[2:])
+        return error
+    second_difference = np.abs(np.diff(change, n=2, axis=0))
+    padded = np.concatenate(
+        [
+            second_difference[:1],
+            second_difference[:1],
+            second_difference,
+            second_difference[-1:],
+            second_difference[-1:],
+        ]
+    )
+    return error - 0.5 * np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
 
 
-def _points(plan: LimmsPlan, module: ModuleSpec) -> Check:
+def _check_points(plan: LimmsPlan, module: ModuleSpec) -> Check:
+    """Return the check of stored points against the joint angles."""
     motion = plan.motion
     base = Pose(motion.joint_position[:, :, 0], motion.joint_rotation[:, :, 0])
-    own = placed(module, 0, base, motion.joint_angles)
-    off = np.maximum(
-        np.abs(own.position - motion.joint_position).max(axis=(1, 2, 3)),
-        np.abs(own.rotation - motion.joint_rotation).max(axis=(1, 2, 3, 4)),
+    computed = compute_points(module, 0, base, motion.joint_angles)
+    error = np.maximum(
+        np.abs(computed.position - motion.joint_position).max(axis=(1, 2, 3)),
+        np.abs(computed.rotation - motion.joint_rotation).max(axis=(1, 2, 3, 4)),
     )
     frame = base.rotation @ np.swapaxes(base.rotation, -1, -2) - np.eye(3)
-    off = np.maximum(off, np.abs(frame).max(axis=(1, 2, 3)))
-    off = np.maximum(off, np.where(np.linalg.det(base.rotation).min(axis=1) > 0, 0, np.inf))
-    k = int(np.argmax(off))
-    return judge("kinematics.points", off[k], at_time(plan, k))
+    error = np.maximum(error, np.abs(frame).max(axis=(1, 2, 3)))
+    error = np.maximum(error, np.where(np.linalg.det(base.rotation).min(axis=1) > 0, 0, np.inf))
+    k = int(np.argmax(error))
+    return judge("kinematics.points", error[k], describe_sample(plan, k))

@@ -1,7 +1,7 @@
-"""Where a module is, from the joint angles and the end that is held: the checker's own.
+"""Kinematics of a module from the joint angles and the held end, independent of the planner.
 
-Joints turn about the module's axis (z) or across it (y), eq. (6.2), link after link from the held
-end on. Ends on anchors, on the ground and on one another have the frames of eq. (6.1).
+Joints rotate about the module's axis (z) or across it (y), eq. (6.2), link after link from the held
+end. Ends on anchors, on the ground and on one another have the frames of eq. (6.1).
 """
 
 from __future__ import annotations
@@ -13,58 +13,72 @@ from climbplan.arrays import Array
 from climbplan.limms.scene.limms_scene import Points, Pose
 from climbplan.limms.schema.module import ModuleSpec
 
-_ACROSS, _ALONG = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-_AXES = (_ALONG, _ACROSS, _ACROSS, _ALONG, _ACROSS, _ALONG)
-_OVER = Rotation.from_rotvec([np.pi, 0.0, 0.0]).as_matrix()  # half a turn about x
+_Y_AXIS, _Z_AXIS = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+_AXES = (_Z_AXIS, _Y_AXIS, _Y_AXIS, _Z_AXIS, _Y_AXIS, _Z_AXIS)
+_HALF_TURN = Rotation.from_rotvec([np.pi, 0.0, 0.0]).as_matrix()  # rotation by pi about x
 
 
-def placed(module: ModuleSpec, end: int, held: Pose, angles: Array) -> Points:
-    """All points of modules whose end (0 first, 1 last) is at `held`; angles (..., 6)."""
+def compute_points(module: ModuleSpec, end: int, root: Pose, angles: Array) -> Points:
+    """Return all points of modules whose end (0 first, 1 last) is at `root`.
+
+    Args:
+        module: The module.
+        end: The held end.
+        root: Its pose (...).
+        angles: Joint angles (..., 6) [rad].
+    """
     shape = angles.shape[:-1]
-    turns = [
+    joint_rotations = [
         Rotation.from_rotvec(np.outer(angles[..., k].ravel(), axis)).as_matrix()
         for k, axis in enumerate(_AXES)
     ]
     rotation = np.empty((*shape, 8, 3, 3))
     position = np.empty((*shape, 8, 3))
-    at = 7 * end
-    position[..., at, :], rotation[..., at, :, :] = held.position, held.rotation
+    root_point = 7 * end
+    position[..., root_point, :], rotation[..., root_point, :, :] = root.position, root.rotation
     links = list(enumerate(module.link_lengths))
     for k, length in links if end == 0 else links[::-1]:
-        turn = turns[k].reshape(*shape, 3, 3) if k < 6 else np.eye(3)
-        # Link k runs along the frame before joint k, which its end has turned by
+        rotation_of_joint = joint_rotations[k].reshape(*shape, 3, 3) if k < 6 else np.eye(3)
+        # Link k follows the frame before joint k; the joint rotates the frame after it
         if end == 0:
-            rotation[..., k + 1, :, :] = rotation[..., k, :, :] @ turn
-            ahead = length * rotation[..., k, :, 2]
-            position[..., k + 1, :] = position[..., k, :] + ahead
+            rotation[..., k + 1, :, :] = rotation[..., k, :, :] @ rotation_of_joint
+            step = length * rotation[..., k, :, 2]
+            position[..., k + 1, :] = position[..., k, :] + step
         else:
-            rotation[..., k, :, :] = rotation[..., k + 1, :, :] @ np.swapaxes(turn, -1, -2)
-            ahead = length * rotation[..., k, :, 2]
-            position[..., k, :] = position[..., k + 1, :] - ahead
+            rotation[..., k, :, :] = rotation[..., k + 1, :, :] @ np.swapaxes(
+                rotation_of_joint, -1, -2
+            )
+            step = length * rotation[..., k, :, 2]
+            position[..., k, :] = position[..., k + 1, :] - step
     return Points(position, rotation)
 
 
-def on_anchor(normal: Array, end: int) -> Array:
-    """Frame (3, 3) of an end on an anchor: its z axis away from the surface for a first end, into
-    it for a last one; its x axis up, on level anchors the world's x."""
-    x = _ALONG if abs(normal[2]) < 0.5 else np.array([1.0, 0.0, 0.0])
+def compute_anchor_end_frame(normal: Array, end: int) -> Array:
+    """Return the frame (3, 3) of an end on an anchor.
+
+    Its z axis points away from the surface for a first end, into it for a last one. Its x axis
+    points up, on level anchors along the world's x axis.
+    """
+    x = _Z_AXIS if abs(normal[2]) < 0.5 else np.array([1.0, 0.0, 0.0])
     frame = np.stack([x, np.cross(normal, x), normal], axis=1)
-    return frame if end == 0 else frame @ _OVER
+    return frame if end == 0 else frame @ _HALF_TURN
 
 
-def turned(yaw: Array) -> Array:
-    """Frames (..., 3, 3) of boxes that stand upright, by their yaws (...)."""
-    flat = np.outer(np.ravel(yaw), _ALONG)
-    frames: Array = Rotation.from_rotvec(flat).as_matrix().reshape(*np.shape(yaw), 3, 3)
+def compute_yaw_rotation(yaw: Array) -> Array:
+    """Return the frames (..., 3, 3) of upright boxes by their yaws (...) [rad]."""
+    rotation_vectors = np.outer(np.ravel(yaw), _Z_AXIS)
+    frames: Array = Rotation.from_rotvec(rotation_vectors).as_matrix().reshape(*np.shape(yaw), 3, 3)
     return frames
 
 
-def is_on_ground(end: int) -> Array:
-    """Frame (3, 3) of an end that stands upright."""
-    return np.eye(3) if end == 0 else _OVER
+def compute_ground_end_frame(end: int) -> Array:
+    """Return the frame (3, 3) of an end that stands upright."""
+    return np.eye(3) if end == 0 else _HALF_TURN
 
 
-def on_end(carrying: Array, its_end: int, end: int) -> Array:
-    """Frame (..., 3, 3) of an end on another module's end of frame `carrying`: in line with it,
-    or face to face where both are of a kind."""
-    return carrying @ _OVER if its_end == end else carrying
+def compute_mated_end_frame(carrying: Array, carrying_end: int, end: int) -> Array:
+    """Return the frame (..., 3, 3) of an end on another module's end.
+
+    The end is in line with the carrying one, or face to face where both ends are of one kind.
+    """
+    return carrying @ _HALF_TURN if carrying_end == end else carrying

@@ -1,4 +1,4 @@
-"""What each check of a LIMMS plan lets pass."""
+"""Tolerances of the checks of a LIMMS plan."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ LIMITS = {
     "goal.order": Limit(0, "s", "boxes come to their goals in the order of the spec"),
 }
 
-# Made beside these with what modules weigh; of plans without masses they are told, not judged.
+# Checks with masses of modules; informational for plans without masses
 MASS_LIMITS = {
     "load.balance": Limit(1e-4, "N, N m", "contacts give what box and modules ask for together"),
     "load.force": Limit(1e-4, "N", "forces of box and modules within what a contact holds"),
@@ -67,7 +67,7 @@ MASS_LIMITS = {
 
 
 def judge(name: str, residual: float, worst_at: str = "", margin: str = "") -> Check:
-    """A check by its name in `LIMITS` or `MASS_LIMITS`; NaN never passes."""
+    """Return a check by its name in `LIMITS` or `MASS_LIMITS`; NaN never passes."""
     limit = LIMITS[name] if name in LIMITS else MASS_LIMITS[name]
     residual = float(residual) + 0.0
     passed = bool(residual <= limit.value)

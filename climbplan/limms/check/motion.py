@@ -8,10 +8,10 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.check.dense import Stretch, anchor_pose, stretches
-from climbplan.limms.check.kinematics import is_on_ground, on_end
+from climbplan.limms.check.dense import DenseStretch, compute_anchor_pose, iterate_stretches
+from climbplan.limms.check.kinematics import compute_ground_end_frame, compute_mated_end_frame
 from climbplan.limms.check.limits import judge
-from climbplan.limms.check.worst import Worst
+from climbplan.limms.check.worst import WorstResiduals
 from climbplan.limms.modules.contact import (
     gap_between,
     gap_to_blocks,
@@ -27,140 +27,157 @@ _DRIVING = 1
 _STABLE = 1
 
 
-def motion_checks(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Check]:
-    """Everything about modules, stretch by stretch."""
-    worst = Worst()
-    seen_still = False
-    for stretch in stretches(plan, module):
-        _joints(plan, module, stretch, worst)
-        _latches(plan, stretch, worst)
-        _ground(plan, module, stretch, worst)
-        _collisions(plan, module, stretch, worst, everything=not seen_still)
-        seen_still = True
+def check_motion(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Check]:
+    """Yield all checks of modules."""
+    worst = WorstResiduals()
+    has_tested_all = False
+    for stretch in iterate_stretches(plan, module):
+        _check_joints(plan, module, stretch, worst)
+        _check_latches(plan, stretch, worst)
+        _check_ground(plan, module, stretch, worst)
+        _check_collisions(plan, module, stretch, worst, test_all=not has_tested_all)
+        has_tested_all = True
     yield worst.check("latch.position")
     yield worst.check("latch.rotation")
-    yield _dwell(plan, module)
+    yield _check_dwell(plan, module)
     for name in ("joint.range", "joint.speed", "ground.stand", "ground.speed", "ground.free"):
         yield worst.check(name)
     for name in ("clear.solids", "clear.boxes", "clear.modules", "clear.self"):
         yield worst.check(name, gap=True)
 
 
-def _joints(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch, worst: Worst) -> None:
+def _check_joints(
+    plan: LimmsPlan, module: ModuleSpec, stretch: DenseStretch, worst: WorstResiduals
+) -> None:
+    """Check joint ranges and speeds, and the stored points."""
     for m, name in enumerate(plan.module_names):
         excess = np.abs(stretch.angles[:, m]) - np.array(module.joint_range)
-        worst.look("joint.range", stretch.time, excess, name)
+        worst.update("joint.range", stretch.time, excess, name)
         speed = np.abs(stretch.rates[:, m]) - module.max_joint_speed
-        worst.look("joint.speed", stretch.time, speed, name)
-        # What is stored is what the chain gives between the samples too
+        worst.update("joint.speed", stretch.time, speed, name)
+        # Stored points are those of the kinematic chain
         motion = plan.motion
         span = slice(stretch.first, stretch.last + 1)
-        own = stretch.points[m].position[np.searchsorted(stretch.time, motion.time[span])]
-        off = np.abs(own - motion.joint_position[span, m]).max(axis=(1, 2))
-        worst.look("latch.position", motion.time[span], off, f"{name}, stored points")
+        computed = stretch.points[m].position[np.searchsorted(stretch.time, motion.time[span])]
+        error = np.abs(computed - motion.joint_position[span, m]).max(axis=(1, 2))
+        worst.update("latch.position", motion.time[span], error, f"{name}, stored points")
 
 
-def _latches(plan: LimmsPlan, stretch: Stretch, worst: Worst) -> None:
+def _check_latches(plan: LimmsPlan, stretch: DenseStretch, worst: WorstResiduals) -> None:
+    """Check position and rotation of latched ends."""
     motion = plan.motion
     for m, name in enumerate(plan.module_names):
         for end, anchors in enumerate((motion.base_anchor, motion.tip_anchor)):
             anchor = int(anchors[stretch.first, m])
             if anchor < 0:
                 continue
-            what = f"{name}, {'last' if end else 'first'} end"
+            label = f"{name}, {'last' if end else 'first'} end"
             if anchor >= len(plan.anchor_names):
-                parent, its_end = divmod(anchor - len(plan.anchor_names), 2)
-                target = stretch.points[parent].position[:, 7 * its_end]
-                carrying = stretch.points[parent].rotation[:, 7 * its_end]
-                joined = on_end(carrying, its_end, end)
-                turn = np.abs(stretch.points[m].rotation[:, 7 * end] - joined)
+                parent, parent_end = divmod(anchor - len(plan.anchor_names), 2)
+                target = stretch.points[parent].position[:, 7 * parent_end]
+                carrying = stretch.points[parent].rotation[:, 7 * parent_end]
+                target_frame = compute_mated_end_frame(carrying, parent_end, end)
+                rotation_error = np.abs(stretch.points[m].rotation[:, 7 * end] - target_frame)
             else:
-                pose = anchor_pose(plan, anchor, end, stretch.box, stretch.yaw)
+                pose = compute_anchor_pose(plan, anchor, end, stretch.box, stretch.yaw)
                 target = pose.position
-                turn = np.abs(stretch.points[m].rotation[:, 7 * end] - pose.rotation)
-            off = np.linalg.norm(stretch.points[m].position[:, 7 * end] - target, axis=-1)
-            worst.look("latch.position", stretch.time, off, what)
-            worst.look("latch.rotation", stretch.time, turn, what)
+                rotation_error = np.abs(stretch.points[m].rotation[:, 7 * end] - pose.rotation)
+            position_error = np.linalg.norm(
+                stretch.points[m].position[:, 7 * end] - target, axis=-1
+            )
+            worst.update("latch.position", stretch.time, position_error, label)
+            worst.update("latch.rotation", stretch.time, rotation_error, label)
 
 
-def _dwell(plan: LimmsPlan, module: ModuleSpec) -> Check:
-    """The shortest time that a latch stayed closed, those closed at the end left out."""
+def _check_dwell(plan: LimmsPlan, module: ModuleSpec) -> Check:
+    """Return the check of the shortest time that a latch was closed; latches closed at the end are
+    left out.
+    """
     motion = plan.motion
-    short, where = -np.inf, ""
+    shortfall, location = -np.inf, ""
     for m, name in enumerate(plan.module_names):
         for anchors in (motion.base_anchor[:, m], motion.tip_anchor[:, m]):
             edges = [0, *(np.flatnonzero(np.diff(anchors)) + 1).tolist(), len(anchors)]
             for first, last in pairwise(edges):
                 if anchors[first] < 0 or first == 0 or last == len(anchors):
                     continue
-                held = float(motion.time[last - 1] - motion.time[first])
-                if module.latch_dwell - held > short:
-                    short = module.latch_dwell - held
-                    where = f"{name}, closed at {motion.time[first]:.3f} s"
-    if short == -np.inf:
+                closed_time = float(motion.time[last - 1] - motion.time[first])
+                if module.latch_dwell - closed_time > shortfall:
+                    shortfall = module.latch_dwell - closed_time
+                    location = f"{name}, closed at {motion.time[first]:.3f} s"
+    if shortfall == -np.inf:
         return judge("latch.dwell", 0.0)
-    margin = f"{module.latch_dwell - short:.2f} s closed" if short < 0 else ""
-    return judge("latch.dwell", short, where, margin)
+    margin = f"{module.latch_dwell - shortfall:.2f} s closed" if shortfall < 0 else ""
+    return judge("latch.dwell", shortfall, location, margin)
 
 
-def _ground(plan: LimmsPlan, module: ModuleSpec, stretch: Stretch, worst: Worst) -> None:
+def _check_ground(
+    plan: LimmsPlan, module: ModuleSpec, stretch: DenseStretch, worst: WorstResiduals
+) -> None:
+    """Check ends on the ground: position, attitude and speed."""
     motion = plan.motion
     for m, name in enumerate(plan.module_names):
         end = int(motion.ground_end[stretch.first, m])
-        driving = motion.mode[stretch.first, m] == _DRIVING
-        adrift = driving and end < 0 and not _on_stable_box(plan, stretch.first, m)
-        worst.look("ground.free", stretch.time[:1], np.array([float(adrift)]), name)
+        is_driving = motion.mode[stretch.first, m] == _DRIVING
+        is_adrift = is_driving and end < 0 and not _is_on_stable_box(plan, stretch.first, m)
+        worst.update("ground.free", stretch.time[:1], np.array([float(is_adrift)]), name)
         if end < 0:
             continue
-        place = stretch.points[m].position[:, 7 * end]
-        worst.look("ground.stand", stretch.time, _off_ground(plan, place), name)
-        turn = stretch.points[m].rotation[:, 7 * end] - is_on_ground(end)
-        worst.look("ground.stand", stretch.time, np.abs(turn), f"{name} upright")
+        end_position = stretch.points[m].position[:, 7 * end]
+        worst.update(
+            "ground.stand", stretch.time, _measure_ground_distance(plan, end_position), name
+        )
+        rotation_error = stretch.points[m].rotation[:, 7 * end] - compute_ground_end_frame(end)
+        worst.update("ground.stand", stretch.time, np.abs(rotation_error), f"{name} upright")
         span = slice(stretch.first, stretch.last + 1)
         path, time = motion.joint_position[span, m, 7 * end], motion.time[span]
         speed = np.linalg.norm(np.diff(path, axis=0), axis=1) / np.diff(time)
-        limit = module.ground_speed if driving else 0.0
-        worst.look("ground.speed", time[1:], speed - limit, name)
+        limit = module.ground_speed if is_driving else 0.0
+        worst.update("ground.speed", time[1:], speed - limit, name)
 
 
-def _on_stable_box(plan: LimmsPlan, sample: int, m: int) -> bool:
-    """Whether a module is held by a box that stands."""
+def _is_on_stable_box(plan: LimmsPlan, sample: int, m: int) -> bool:
+    """Return whether a module is held by a box that stands."""
     motion = plan.motion
     anchors = (int(motion.base_anchor[sample, m]), int(motion.tip_anchor[sample, m]))
     boxes = [a // 4 for a in anchors if 0 <= a < 4 * len(plan.box_size)]
     return any(int(motion.box_mode[sample, b]) == _STABLE for b in boxes)
 
 
-def _off_ground(plan: LimmsPlan, points: Array) -> Array:
-    """Distance (M,) of points from the tops of solids that are free above."""
-    best = np.full(len(points), np.inf)
+def _measure_ground_distance(plan: LimmsPlan, points: Array) -> Array:
+    """Return the distances (M,) of points from the tops of solids [m]."""
+    distance = np.full(len(points), np.inf)
     for low, high in plan.solids:
-        flat = np.maximum(np.maximum(low[:2] - points[:, :2], points[:, :2] - high[:2]), 0)
-        off = np.hypot(np.linalg.norm(flat, axis=1), points[:, 2] - high[2])
-        best = np.minimum(best, off)
-    return best
+        horizontal = np.maximum(np.maximum(low[:2] - points[:, :2], points[:, :2] - high[:2]), 0)
+        candidate = np.hypot(np.linalg.norm(horizontal, axis=1), points[:, 2] - high[2])
+        distance = np.minimum(distance, candidate)
+    return distance
 
 
-def _collisions(
-    plan: LimmsPlan, module: ModuleSpec, stretch: Stretch, worst: Worst, everything: bool
+def _check_collisions(
+    plan: LimmsPlan,
+    module: ModuleSpec,
+    stretch: DenseStretch,
+    worst: WorstResiduals,
+    test_all: bool,
 ) -> None:
-    """Gaps of all that moves; what rests was looked at before (`everything`: look at all)."""
+    """Check gaps of all that moves; with `test_all` also of what rests."""
     radius = module.radius
     count = len(plan.module_names)
     segments = [link_segments(points, radius) for points in stretch.points]
-    moving = [everything or bool(np.ptp(s, axis=0).max() > 1e-12) for s in segments]
+    is_moving = [test_all or bool(np.ptp(s, axis=0).max() > 1e-12) for s in segments]
     half = plan.box_size / 2
-    box_moves = max(np.ptp(each, axis=0).max() for each in (stretch.box, stretch.yaw)) > 1e-12
+    box_moves = max(np.ptp(values, axis=0).max() for values in (stretch.box, stretch.yaw)) > 1e-12
     for m, name in enumerate(plan.module_names):
-        if moving[m]:
+        if is_moving[m]:
             gap = gap_to_blocks(segments[m], plan.solids[:, 0], plan.solids[:, 1], radius)
-            worst.look("clear.solids", stretch.time, -gap, name)
-            worst.look("clear.self", stretch.time, -gap_within(segments[m], radius), name)
-        if moving[m] or box_moves:
+            worst.update("clear.solids", stretch.time, -gap, name)
+            worst.update("clear.self", stretch.time, -gap_within(segments[m], radius), name)
+        if is_moving[m] or box_moves:
             gap = gap_to_boxes(segments[m], stretch.box, stretch.yaw, half, radius)
-            worst.look("clear.boxes", stretch.time, -gap, name)
+            worst.update("clear.boxes", stretch.time, -gap, name)
     for a, b in combinations(range(count), 2):
-        if moving[a] or moving[b]:
+        if is_moving[a] or is_moving[b]:
             gap = gap_between(segments[a], segments[b], radius)
             names = f"{plan.module_names[a]} and {plan.module_names[b]}"
-            worst.look("clear.modules", stretch.time, -gap, names)
+            worst.update("clear.modules", stretch.time, -gap, names)

@@ -1,7 +1,8 @@
-"""Newton-Euler along a module: what force and moment its links ask for.
+"""Newton-Euler recursion along a module: the inertial loads of its links.
 
-R. Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 5.3, in world coordinates: speeds and
-accelerations from the held end outwards, then force and moment of each link about its COM.
+R. Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 5.3, in world coordinates. Velocities
+and accelerations propagate from the held end outwards; then force and moment of each link about its
+centre of mass follow.
 """
 
 from __future__ import annotations
@@ -19,37 +20,48 @@ JOINT_COLUMN = (2, 1, 1, 2, 1, 2)
 
 
 class EndMotion(NamedTuple):
-    """How an end of a module moves: all (M, 3), world frame."""
+    """The motion of an end of a module: all (M, 3), world frame."""
 
-    spin: Array  # angular velocity [rad/s]
-    spin_rate: Array  # angular acceleration [rad/s^2]
+    angular_velocity: Array  # angular velocity [rad/s]
+    angular_acceleration: Array  # angular acceleration [rad/s^2]
     acceleration: Array  # of the point [m/s^2]
 
 
-class Demand(NamedTuple):
-    """What the links of a module ask for (M samples), world frame."""
+class InertialLoad(NamedTuple):
+    """The loads that the motion of a module's links requires (M samples), world frame."""
 
-    force: Array  # (M, 7, 3) mass times acceleration less gravity [N]
+    force: Array  # (M, 7, 3) mass times (acceleration - gravity) [N]
     moment: Array  # (M, 7, 3) about each link's COM [N m]
     com: Array  # (M, 7, 3) [m]
     ends: tuple[EndMotion, EndMotion]  # of first and last end
 
 
-def at_rest(count: int) -> EndMotion:
-    """The motion of an end that is held by what does not move."""
+def create_rest_motion(count: int) -> EndMotion:
+    """Return the motion of an end that rests."""
     return EndMotion(*(np.zeros((count, 3)) for _ in range(3)))
 
 
-def demand(
-    bodies: LinkBodies, points: Points, root: int, held: EndMotion, rates: Array, turns: Array
-) -> Demand:
-    """Demand of a module whose end `root` (0 first, 1 last) moves as `held`.
+def compute_demand(
+    bodies: LinkBodies,
+    points: Points,
+    root: int,
+    root_motion: EndMotion,
+    rates: Array,
+    accelerations: Array,
+) -> InertialLoad:
+    """Compute the inertial loads of a module whose end `root` moves as given.
 
-    rates, turns: (M, 6) joint speeds [rad/s] and accelerations [rad/s^2].
+    Args:
+        bodies: Masses of the links.
+        points: Points of the module (M).
+        root: The held end, 0 first or 1 last.
+        root_motion: Its motion.
+        rates: Joint speeds (M, 6) [rad/s].
+        accelerations: Joint accelerations (M, 6) [rad/s^2].
     """
     count = len(rates)
     force, moment, com = (np.empty((count, 7, 3)) for _ in range(3))
-    spin, spin_rate, acceleration = held
+    angular_velocity, angular_acceleration, acceleration = root_motion
     order = range(7) if root == 0 else range(6, -1, -1)
     for k in order:
         frame = points.rotation[:, k]
@@ -57,54 +69,86 @@ def demand(
             joint = k - 1 if root == 0 else k
             sign = 1.0 if root == 0 else -1.0
             axis = frame[:, :, JOINT_COLUMN[joint]]
-            rate, turn = sign * rates[:, joint, None], sign * turns[:, joint, None]
-            spin_rate = spin_rate + axis * turn + np.cross(spin, axis) * rate
-            spin = spin + axis * rate
-        near, far = (k, k + 1) if root == 0 else (k + 1, k)
-        along = frame[:, :, 2]
-        com[:, k] = points.position[:, k] + bodies.com[k] * along
-        out = com[:, k] - points.position[:, near]
-        middle = acceleration + _carried(spin, spin_rate, out)
-        force[:, k] = bodies.mass[k] * (middle + np.array([0.0, 0.0, GRAVITY]))
-        moment[:, k] = _turned(bodies.across[k], bodies.along[k], along, spin, spin_rate)
-        step = points.position[:, far] - points.position[:, near]
-        acceleration = acceleration + _carried(spin, spin_rate, step)
-    free = EndMotion(spin, spin_rate, acceleration)
-    return Demand(force, moment, com, (held, free) if root == 0 else (free, held))
+            rate, joint_acceleration = (
+                sign * rates[:, joint, None],
+                sign * accelerations[:, joint, None],
+            )
+            angular_acceleration = (
+                angular_acceleration
+                + axis * joint_acceleration
+                + np.cross(angular_velocity, axis) * rate
+            )
+            angular_velocity = angular_velocity + axis * rate
+        near_point, far_point = (k, k + 1) if root == 0 else (k + 1, k)
+        link_axis = frame[:, :, 2]
+        com[:, k] = points.position[:, k] + bodies.com[k] * link_axis
+        offset = com[:, k] - points.position[:, near_point]
+        com_acceleration = acceleration + _rigid_acceleration(
+            angular_velocity, angular_acceleration, offset
+        )
+        force[:, k] = bodies.mass[k] * (com_acceleration + np.array([0.0, 0.0, GRAVITY]))
+        moment[:, k] = _momentum_rate(
+            bodies.transverse_inertia[k],
+            bodies.axial_inertia[k],
+            link_axis,
+            angular_velocity,
+            angular_acceleration,
+        )
+        step = points.position[:, far_point] - points.position[:, near_point]
+        acceleration = acceleration + _rigid_acceleration(
+            angular_velocity, angular_acceleration, step
+        )
+    free_motion = EndMotion(angular_velocity, angular_acceleration, acceleration)
+    return InertialLoad(
+        force, moment, com, (root_motion, free_motion) if root == 0 else (free_motion, root_motion)
+    )
 
 
-def total(needed: Demand, about: Array) -> tuple[Array, Array]:
-    """Force and moment (M, 3) that a whole module asks for, the moment about points (M, 3)."""
-    arms = needed.com - about[:, None]
-    moment = (needed.moment + np.cross(arms, needed.force)).sum(axis=1)
-    return needed.force.sum(axis=1), moment
+def sum_demand(load: InertialLoad, reference: Array) -> tuple[Array, Array]:
+    """Return force and moment (M, 3) that a whole module requires, about points (M, 3)."""
+    lever_arms = load.com - reference[:, None]
+    moment = (load.moment + np.cross(lever_arms, load.force)).sum(axis=1)
+    return load.force.sum(axis=1), moment
 
 
-def joint_torques(needed: Demand, points: Points, force: Array, moment: Array) -> Array:
-    """Torques (M, 6) [N m] of all joints, force and moment (M, 3) acting at the last end."""
+def compute_joint_torques(load: InertialLoad, points: Points, force: Array, moment: Array) -> Array:
+    """Return torques (M, 6) of all joints with a wrench at the last end [N m]."""
     torque = np.empty((len(force), 6))
     for j in range(6):
-        at = points.position[:, j + 1]
-        arms = needed.com[:, j + 1 :] - at[:, None]
-        beyond = needed.moment[:, j + 1 :] + np.cross(arms, needed.force[:, j + 1 :])
-        given = moment + np.cross(points.position[:, 7] - at, force)
+        joint = points.position[:, j + 1]
+        lever_arms = load.com[:, j + 1 :] - joint[:, None]
+        outer_moments = load.moment[:, j + 1 :] + np.cross(lever_arms, load.force[:, j + 1 :])
+        applied_moment = moment + np.cross(points.position[:, 7] - joint, force)
         axis = points.rotation[:, j, :, JOINT_COLUMN[j]]
-        torque[:, j] = ((beyond.sum(axis=1) - given) * axis).sum(axis=1)
+        torque[:, j] = ((outer_moments.sum(axis=1) - applied_moment) * axis).sum(axis=1)
     return torque
 
 
-def _carried(spin: Array, spin_rate: Array, out: Array) -> Array:
-    carried: Array = np.cross(spin_rate, out) + np.cross(spin, np.cross(spin, out))
-    return carried
+def _rigid_acceleration(
+    angular_velocity: Array, angular_acceleration: Array, offset: Array
+) -> Array:
+    """Return the acceleration of a point of a rotating body relative to its origin."""
+    acceleration: Array = np.cross(angular_acceleration, offset) + np.cross(
+        angular_velocity, np.cross(angular_velocity, offset)
+    )
+    return acceleration
 
 
-def _turned(across: float, along: float, axis: Array, spin: Array, rate: Array) -> Array:
-    """Rate of angular momentum (M, 3) of a body that is round about `axis`: I a + w x I w."""
+def _momentum_rate(
+    transverse: float,
+    axial: float,
+    axis: Array,
+    angular_velocity: Array,
+    angular_acceleration: Array,
+) -> Array:
+    """Return the rate of angular momentum (M, 3) of an axisymmetric body: I a + w x I w."""
 
     def inertia(vector: Array) -> Array:
-        part = (vector * axis).sum(axis=1, keepdims=True)
-        applied: Array = across * vector + (along - across) * part * axis
+        axial_part = (vector * axis).sum(axis=1, keepdims=True)
+        applied: Array = transverse * vector + (axial - transverse) * axial_part * axis
         return applied
 
-    turned: Array = inertia(rate) + np.cross(spin, inertia(spin))
-    return turned
+    moment: Array = inertia(angular_acceleration) + np.cross(
+        angular_velocity, inertia(angular_velocity)
+    )
+    return moment

@@ -1,4 +1,4 @@
-"""The plan answers the spec it carries: its scene and modules are those that the spec makes."""
+"""Check that a plan matches its spec: scene and modules are those that the spec defines."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from climbplan.verification.check import Check, not_compared
 from climbplan.verification.differences import Difference, largest, parts_apart, same
 
 
-def spec_checks(plan: LimmsPlan) -> Iterator[Check]:
-    """Scene and modules built anew by the loaders that planning uses, against those in the file.
+def check_spec(plan: LimmsPlan) -> Iterator[Check]:
+    """Yield checks of the stored scene and modules against those rebuilt from the spec.
 
-    Modules that are neither built in nor carried by the plan are taken from it, and that is told.
+    Modules that are neither built in nor carried by the plan are taken from it, with a note.
     """
     try:
         stored = stored_limms(plan.spec_text, plan.module_text, plan.module)
@@ -28,24 +28,25 @@ def spec_checks(plan: LimmsPlan) -> Iterator[Check]:
         yield judge("file.spec_values", np.inf, str(error).splitlines()[0])
         return
     built = stored.loaded.module.model_dump(mode="json")
-    if stored.taken:
-        taken = f"{stored.taken}: the modules are taken from the plan file"
-        yield not_compared(judge("robot.spec", 0.0), taken, "modules as stored", taken)
+    if stored.reason:
+        note = f"{stored.reason}: the modules are taken from the plan file"
+        yield not_compared(judge("robot.spec", 0.0), note, "modules as stored", note)
     else:
-        unsaid = [name for name in OF_MASSES if plan.massless and name not in plan.module]
-        yield _worst("robot.spec", parts_apart("module", plan.module, built, unsaid))
+        left_out = [name for name in OF_MASSES if plan.massless and name not in plan.module]
+        yield _judge_largest("robot.spec", parts_apart("module", plan.module, built, left_out))
     scene = build_scene(stored.loaded)
-    yield _worst("file.spec_values", _values(plan, scene, stored.loaded.spec))
+    yield _judge_largest("file.spec_values", _compare_values(plan, scene, stored.loaded.spec))
 
 
-def _values(plan: LimmsPlan, scene: Scene, spec: LimmsSpec) -> Iterator[Difference]:
+def _compare_values(plan: LimmsPlan, scene: Scene, spec: LimmsSpec) -> Iterator[Difference]:
+    """Yield the differences of stored and rebuilt values."""
     motion, offset = plan.motion, scene.wall_offset
     yield same("massless", plan.massless == spec.massless)
     yield same("seed", plan.seed == spec.seed)
     yield same("title", plan.title == spec.title)
     yield same("solver.method", plan.method == spec.solver.method)
-    missed = float(np.linalg.norm(motion.box_position[-1] - plan.goal, axis=-1).max())
-    yield from parts_apart("objective", plan.objective, missed)
+    distance = float(np.linalg.norm(motion.box_position[-1] - plan.goal, axis=-1).max())
+    yield from parts_apart("objective", plan.objective, distance)
     same_names = plan.module_names == scene.module_names
     yield same("modules: names", same_names)
     yield same("terrain.anchors: names", plan.anchor_names == scene.anchor_names)
@@ -68,17 +69,20 @@ def _values(plan: LimmsPlan, scene: Scene, spec: LimmsSpec) -> Iterator[Differen
     for key, (stored, built) in pairs.items():
         yield from parts_apart(key, stored, built)
     if same_names:
-        held = np.where((scene.start_anchor >= 0)[:, None], _anchors(scene), scene.start_position)
-        yield from parts_apart("modules", motion.joint_position[0, :, 0], held)
+        first_ends = np.where(
+            (scene.start_anchor >= 0)[:, None], _list_anchor_positions(scene), scene.start_position
+        )
+        yield from parts_apart("modules", motion.joint_position[0, :, 0], first_ends)
 
 
-def _anchors(scene: Scene) -> np.ndarray:
-    """Where modules' first ends are latched (L, 3), anything for those that stand."""
+def _list_anchor_positions(scene: Scene) -> np.ndarray:
+    """Return where first ends of modules are latched (L, 3); unused values for standing ones."""
     if not scene.num_wall_anchors:
         return scene.start_position
     return scene.wall_position[np.maximum(scene.start_anchor - scene.wall_offset, 0)]
 
 
-def _worst(name: str, differences: Iterator[Difference]) -> Check:
+def _judge_largest(name: str, differences: Iterator[Difference]) -> Check:
+    """Return the check of the largest difference."""
     worst = largest(differences)
     return judge(name, worst.size, f"{worst.key}: {worst.values}" if worst.size > 0 else "")

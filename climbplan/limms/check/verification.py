@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.limms.check.checker import plan_checks
+from climbplan.limms.check.checker import check_plan
 from climbplan.limms.check.masses import MASSLESS
-from climbplan.limms.plan.file import read_as_found
+from climbplan.limms.plan.file import read_unchecked_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.scene.limms_scene import GRAVITY
 from climbplan.schema.holding import HeldSpec
@@ -19,38 +19,48 @@ from climbplan.verification.verification import Verification, mark_verified
 
 
 def verify(path: Path, held: HeldSpec | None = None) -> Verification:
-    """Recompute all statements of the plan in a file; held: against another spec than its own.
+    """Verify all claims of the plan in a file.
 
-    Raises PlanFileError for a file that is not a whole LIMMS plan.
+    Args:
+        path: The plan file.
+        held: A spec to compare the plan with, in place of its own.
+
+    Raises:
+        PlanFileError: The file is not a complete LIMMS plan.
     """
-    return verification_of(read_as_found(path), held)
+    return verify_plan(read_unchecked_plan(path), held)
 
 
-def verification_of(plan: LimmsPlan, held: HeldSpec | None = None) -> Verification:
-    """As `verify`, for a plan that was read already."""
-    # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
+def verify_plan(plan: LimmsPlan, held: HeldSpec | None = None) -> Verification:
+    """Verify a plan that was read already."""
+    # Invalid numbers become infinite or NaN and fail their check without a warning
     with np.errstate(all="ignore"):
-        checks = tuple(plan_checks(plan, held))
-        found = Verification(checks, against=held_against(plan, held))
-        return found if found.unsound else replace(found, beyond=massless(plan))
+        checks = tuple(check_plan(plan, held))
+        verification = Verification(checks, against=held_against(plan, held))
+        return (
+            verification
+            if verification.unsound
+            else replace(verification, beyond=describe_missing_masses(plan))
+        )
 
 
-def massless(plan: LimmsPlan) -> tuple[LeftOut, ...]:
-    """What checks of a plan without masses do not judge: modules weigh something."""
+def describe_missing_masses(plan: LimmsPlan) -> tuple[LeftOut, ...]:
+    """Return what checks of a plan without masses do not cover: the weight of modules."""
     if not plan.massless:
         return ()
-    weight, held = plan.module["mass"] * GRAVITY, plan.module["max_force"]
-    words = (
-        f"modules have no mass: one weighs {weight:.1f} N, {weight / held:.1f} times the "
-        f"{held:g} N that a contact is said to hold"
+    weight, capacity = plan.module["mass"] * GRAVITY, plan.module["max_force"]
+    text = (
+        f"modules have no mass: one weighs {weight:.1f} N, {weight / capacity:.1f} times the "
+        f"{capacity:g} N that a contact is said to hold"
     )
-    return (LeftOut(MASSLESS, words),)
+    return (LeftOut(MASSLESS, text),)
 
 
 def verify_and_mark(path: Path) -> Verification:
     """Verify a plan file and write the outcome into it.
 
-    Raises PlanFileError for a file that is not a whole LIMMS plan.
+    Raises:
+        PlanFileError: The file is not a complete LIMMS plan.
     """
     verification = verify(path)
     mark_verified(path, verification)

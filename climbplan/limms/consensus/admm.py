@@ -36,7 +36,7 @@ class ConsensusResidual:
 
     @property
     def has_converged(self) -> bool:
-        """Whether all means are within their tolerances."""
+        """True if all means are within their tolerances."""
         means = (self.box[0], self.points[0], self.axes[0])
         return all(value <= limit for value, limit in zip(means, TOLERANCES, strict=True))
 

@@ -11,7 +11,7 @@ from climbplan.arrays import Array
 from climbplan.limms.consensus.block_solution import Modes
 from climbplan.limms.consensus.module_rows import GROUND_MARGIN
 from climbplan.limms.consensus.problem import ConsensusProblem
-from climbplan.limms.modules.limbs import end_rotation, standing_rotation
+from climbplan.limms.modules.limbs import compute_end_rotation, compute_standing_rotation
 from climbplan.limms.scene.limms_scene import SIDE_NORMALS
 
 NOTHING, FIXED, ON_BOX, ON_PATCH, UPRIGHT, ON_MODULE = range(6)
@@ -83,21 +83,21 @@ def _iterate_contacts(
     patch = int(modes.ground[module, k])
     side = int(modes.mount[module, k])
     if patch >= 0:
-        yield 0, EndContact(ON_PATCH, None, standing_rotation(0), patch, side=side)
+        yield 0, EndContact(ON_PATCH, None, compute_standing_rotation(0), patch, side=side)
     elif modes.leg[module, k]:
-        yield 0, EndContact(UPRIGHT, None, standing_rotation(0), side=side)
+        yield 0, EndContact(UPRIGHT, None, compute_standing_rotation(0), side=side)
     if side >= 0:
-        frame = end_rotation(SIDE_NORMALS[side], 1)
+        frame = compute_end_rotation(SIDE_NORMALS[side], 1)
         yield 1, EndContact(ON_BOX, scene.side_offset(0, side), frame)
     anchor = int(modes.wall[module, k])
     if anchor >= 0:
         end = int(problem.wall_end[module])
-        frame = end_rotation(scene.wall_normal[anchor], end)
+        frame = compute_end_rotation(scene.wall_normal[anchor], end)
         yield end, EndContact(FIXED, scene.wall_position[anchor], frame)
     held_side = int(modes.hold[module, k])
     if held_side >= 0:
         end = int(problem.box_end[module])
-        frame = end_rotation(SIDE_NORMALS[held_side], end)
+        frame = compute_end_rotation(SIDE_NORMALS[held_side], end)
         yield end, EndContact(ON_BOX, scene.side_offset(0, held_side), frame)
     parent = int(modes.parent[module, k])
     if parent >= 0:

@@ -18,9 +18,15 @@ from climbplan.limms.consensus.knot_contacts import (
 )
 from climbplan.limms.consensus.knot_program import Pose
 from climbplan.limms.consensus.problem import CHAIN_POINTS, ConsensusProblem
-from climbplan.limms.modules.chain import BRANCHES, forward, from_last, in_range, inverse
+from climbplan.limms.modules.chain import (
+    BRANCHES,
+    forward,
+    forward_from_last,
+    inverse,
+    range_excess,
+)
 from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
-from climbplan.limms.modules.limbs import standing_rotation
+from climbplan.limms.modules.limbs import compute_standing_rotation
 from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Points, anchor_frame
 from climbplan.limms.scene.limms_scene import Pose as Frame
 
@@ -51,7 +57,7 @@ def compute_initial_guess(
     for module in sorted(range(num_modules), key=lambda module: contacts[module].parent >= 0):
         first, last = _compute_target_frames(problem, contacts, module, box, points[module], placed)
         root = contacts[module].root
-        kinematics = forward if root == 0 else from_last
+        kinematics = forward if root == 0 else forward_from_last
         base = first if root == 0 else last
         candidates = [np.zeros(6)]
         previous = earlier_angles[module]
@@ -65,7 +71,7 @@ def compute_initial_guess(
                 solution = inverse(problem.scene.module, *ends, branch)
                 candidates.append(solution.angles)
                 root_positions.append(root_position)
-                reach_errors.append(float(solution.missing))
+                reach_errors.append(float(solution.reach_error))
         candidate_angles = np.array(candidates)
         shape = (len(candidate_angles), 3, 3)
         frames = Frame(np.array(root_positions), np.broadcast_to(base.rotation, shape))
@@ -116,7 +122,9 @@ def _compute_target_frames(
         rotation = end.rotation
         if rotation is None:
             length = float(np.linalg.norm(axis))
-            rotation = anchor_frame(axis / length) if length > 1e-6 else standing_rotation(0)
+            rotation = (
+                anchor_frame(axis / length) if length > 1e-6 else compute_standing_rotation(0)
+            )
         if end.kind == FIXED and end.place is not None:
             position = end.place
         elif end.kind == ON_BOX and end.place is not None:
@@ -189,5 +197,5 @@ def _evaluate_candidates(
     return (
         cost
         + _PENETRATION_WEIGHT * penetration
-        + _VIOLATION_WEIGHT * np.maximum(in_range(scene.module, angles), 0)
+        + _VIOLATION_WEIGHT * np.maximum(range_excess(scene.module, angles), 0)
     )

@@ -27,7 +27,7 @@ from climbplan.limms.consensus.knot_contacts import (
 )
 from climbplan.limms.consensus.module_rows import FOOT_CLEARANCE
 from climbplan.limms.consensus.problem import CHAIN_POINTS, POINTS, ConsensusProblem
-from climbplan.limms.modules.chain_symbols import chain_function
+from climbplan.limms.modules.chain_symbols import build_chain_function
 from climbplan.limms.scene.limms_scene import SIDE_NORMALS
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.solvers.ipopt.program import IpoptProgram
@@ -283,7 +283,7 @@ class KnotPrograms:
             q: Joint angles (6, L) [rad].
         """
         problem = self.problem
-        chain = chain_function(problem.scene.module)
+        chain = build_chain_function(problem.scene.module)
         placed: dict[int, _ModuleFrames] = {}
         for m in sorted(range(len(key)), key=lambda m: key[m][2]):
             end, parent, is_on_parent = key[m]

@@ -232,14 +232,14 @@ def _add_standing(
     """Add the upright link of driving modules and legs, and the patch under the first end."""
     scene, big_m = problem.scene, _big_m(problem)
     first, second = c.points[knot, m, 0], c.points[knot, m, 1]
-    rotation_about_vertical: list[Term] = [(c.drives[m, k], -1.0), (c.leg[m, k], -1.0)]
+    is_upright: list[Term] = [(c.drives[m, k], -1.0), (c.leg[m, k], -1.0)]
     for axis in range(3):
         terms: list[Term] = [(second[axis], 1), (first[axis], -1)]
         rise = problem.link_lengths[0] if axis == 2 else 0.0
-        both = [*terms, *((column, v * rise) for column, v in rotation_about_vertical)]
-        table.within("ground.stand", both, big_m, rotation_about_vertical, big_m)
+        both = [*terms, *((column, v * rise) for column, v in is_upright)]
+        table.within("ground.stand", both, big_m, is_upright, big_m)
     vertical = np.array([0.0, 0.0, 1.0])
-    for column, _ in rotation_about_vertical:
+    for column, _ in is_upright:
         _add_joint_range(problem, table, c.points[knot, m], 0, vertical, column)
     on_patch = c.ground[:, m, k]
     for axis in range(3):

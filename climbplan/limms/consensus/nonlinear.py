@@ -21,7 +21,7 @@ from climbplan.limms.consensus.problem import (
     ConsensusProblem,
     compute_start_points,
 )
-from climbplan.limms.modules.chain import forward, from_last
+from climbplan.limms.modules.chain import forward, forward_from_last
 from climbplan.limms.scene.limms_scene import Points
 from climbplan.limms.scene.limms_scene import Pose as Frame
 
@@ -66,7 +66,7 @@ class _KnotResult:
 
     @property
     def is_feasible(self) -> bool:
-        """Whether latches are closed and links are apart."""
+        """True if latches are closed and links are apart."""
         return self.max_violation() <= LATCH_TOLERANCE
 
     def max_violation(self) -> float:
@@ -251,6 +251,6 @@ def compute_points(
             parent_end = 0 if problem.box_end[end.parent] == 0 else 7
             flip = np.eye(3) if parent_end == 0 else np.diag([1.0, -1.0, -1.0])
             rotation = parent.rotation[parent_end] @ flip
-        kinematics = forward if contact.root == 0 else from_last
+        kinematics = forward if contact.root == 0 else forward_from_last
         points[m] = kinematics(problem.scene.module, Frame(pose.root[m], rotation), pose.angles[m])
     return [points[m] for m in range(len(contacts))]

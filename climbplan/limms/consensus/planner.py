@@ -27,11 +27,11 @@ from climbplan.limms.consensus.mixed_integer import GOAL_TOLERANCE, MixedInteger
 from climbplan.limms.consensus.nonlinear import NonlinearBlock
 from climbplan.limms.consensus.problem import FORMS, build_problem
 from climbplan.limms.consensus.refinement import build_action, refine
-from climbplan.limms.motion.plan_making import Making, make_plan
+from climbplan.limms.motion.plan_making import PlanRecord, make_plan
 from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.plan.convergence import Convergence
 from climbplan.limms.plan.limms_plan import LimmsPlan
-from climbplan.limms.plan.summary import motion_line, refused_lines
+from climbplan.limms.plan.summary import format_failures, format_motion
 from climbplan.limms.scene.limms_scene import Scene, build_scene
 from climbplan.limms.schema.loading import LoadedLimms
 from climbplan.limms.task_planning.infeasibility import BEHAVIOURS, build_failure
@@ -83,7 +83,7 @@ def format_summary(plan: LimmsPlan, best: Iterate, notes: Sequence[str]) -> tupl
         f"{'programs':<9} {sizes['programs']} solved  {times['build'] + times['solve']:.2f} s   "
         f"last one {sizes['variables']} variables, {sizes['constraints']} constraints"
     )
-    return (head, blocks, modes, agreement, *refused_lines(notes), programs, motion_line(plan))
+    return (head, blocks, modes, agreement, *format_failures(notes), programs, format_motion(plan))
 
 
 METHOD = "admm"
@@ -286,6 +286,6 @@ def _build_plan(
     }
     name = build_action(best.modes).describe(scene)
     convergence = build_convergence([a.steps for a in run.agreements])
-    record_of_plan = Making(METHOD, name, seconds, sizes, solvers, convergence)
+    record_of_plan = PlanRecord(METHOD, name, seconds, sizes, solvers, convergence)
     plan = make_plan(loaded, scene, partial_plan, budget, record_of_plan)
     return replace(plan, summary=format_summary(plan, best, budget.notes))

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.errors import LimitReached
-from climbplan.limms.arms.carrying import carry
-from climbplan.limms.arms.chain_carrying import Chain, carry_on_chains
+from climbplan.limms.arms.carrying import plan_carrying
+from climbplan.limms.arms.chain_carrying import Chain, plan_chain_carrying
 from climbplan.limms.budget.search_budget import SearchBudget
 from climbplan.limms.consensus.admm import Iterate
 from climbplan.limms.consensus.block_solution import Modes
 from climbplan.limms.consensus.problem import FREE, HELD, LEAPS, STANDS
 from climbplan.limms.consensus.warm_start import carry_from_iterate
-from climbplan.limms.legs.walking import walk
-from climbplan.limms.motion.assembly import initial
+from climbplan.limms.legs.walking import plan_walking
+from climbplan.limms.motion.assembly import build_initial_plan
 from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.scene.actions import Action
 from climbplan.limms.scene.bounds import Connection
@@ -76,16 +76,16 @@ def _plan_refined(
     A throw starts as in method `modes`, since the knots say nothing about its fast intervals.
     """
     modes = best.modes
-    action, start = build_action(modes), initial(scene)
+    action, start = build_action(modes), build_initial_plan(scene)
     if action.kind == "quadruped":
         gait = "leap" if (modes.box == LEAPS).any() else "stand"
-        return walk(start, budget, 1, rng, gait)
+        return plan_walking(start, budget, 1, rng, gait_name=gait)
     chains = find_chains(modes)
     if any(len(chain.modules) > 1 for chain in chains):
-        return carry_on_chains(start, action, budget, rng, chains)
+        return plan_chain_carrying(start, action, budget, rng, chains_of_modules=chains)
     if action.kind == "arms":
         partial_plan = carry_from_iterate(start, action, chains, best, budget, rng)
         if partial_plan is not None:
             return partial_plan
     owners = tuple(chain.modules[0] for chain in chains)
-    return carry(start, action, budget, rng, owners)
+    return plan_carrying(start, action, budget, rng, modules=owners)

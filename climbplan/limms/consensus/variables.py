@@ -21,7 +21,7 @@ class VariableColumns:
     """Column indices; K intervals, L modules, W anchors, P patches, R free blocks."""
 
     box: IntArray  # (5, K) z_B: mode of the box, as in `problem`
-    uses_legs: IntArray  # (1,) whether the box walks; else it is held or thrown
+    uses_legs: IntArray  # (1,) the box walks; else it is held or thrown
     drives: IntArray  # (L, K) z_L1
     arm: IntArray  # (L, K) z_L2
     added: IntArray  # (L, K) z_L3
@@ -41,10 +41,10 @@ class VariableColumns:
     moment: IntArray  # (4, K, 3) of latches
     foot_force: IntArray  # (L, K, 3) of feet
     points: IntArray  # (K + 1, L, 5, 3) p_L
-    path_bound: IntArray  # (L, K) largest way of a point of a module
-    takes_off: IntArray  # (K - 1,) whether a leap begins
-    abs_acceleration: IntArray  # (2, K, 3) size of `pull`
-    is_ever_held: IntArray  # (4, L) whether a side is ever held by an arm
+    path_bound: IntArray  # (L, K) largest displacement of a point of a module
+    takes_off: IntArray  # (K - 1,) a leap starts
+    abs_acceleration: IntArray  # (2, K, 3) absolute value of `acceleration`
+    is_ever_held: IntArray  # (4, L) a side is held by an arm in some interval
     goal_error: IntArray  # (3,) distance of the box from its goal at the end
 
 

@@ -1,1 +1,1 @@
-"""Module plans as other programs read them."""
+"""Module plans in formats of other programs."""

@@ -1,4 +1,4 @@
-"""The motion of a module plan, with what modules weigh, bring and hold on to."""
+"""The motion of a module plan, with masses, torques and latches of modules."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from climbplan.arrays import Array, BoolArray
 from climbplan.errors import PlanFileError
 from climbplan.exports.motion import BodyMotion, JointMotion, LatchMotion, LimbShape, RobotMotion
-from climbplan.limms.check.loads import loads_of_all
-from climbplan.limms.modules.inertia import link_bodies
+from climbplan.limms.check.loads import compute_loads
+from climbplan.limms.modules.inertia import build_link_bodies
 from climbplan.limms.plan.file import read_limms_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.schema.module import ModuleSpec
@@ -20,37 +20,40 @@ from climbplan.limms.schema.module import ModuleSpec
 _JOINTS = 6
 _RADIUS = 0.02  # [m] of links in pictures
 ENDS = ("first", "last")
-NO_ANCHOR, GROUND = -1, -2  # in place of an anchor's number
+NO_ANCHOR, GROUND = -1, -2  # instead of an anchor's number
 
 
 def read_motion(path: Path) -> RobotMotion:
-    """Read a plan file; raises PlanFileError for a damaged one.
+    """Read the motion of a plan file.
 
-    Boxes stay upright; the first end of each module is a body. Torques are those that the plan's
-    checker finds, of modules that weigh what their file says.
+    Boxes stay upright; the first end of each module is a body. Torques are those of the plan's
+    checker for modules with the masses in the file.
+
+    Raises:
+        PlanFileError: The file is damaged.
     """
     plan = read_limms_plan(path)
-    motion, module = plan.motion, _module(path, plan)
-    # Where modes change a time is there twice: what comes after it counts
-    last = np.append(np.diff(motion.time) > 1e-9, True)
-    time = motion.time[last]
-    angle = motion.joint_angles[last].reshape(len(time), -1)
-    velocity = motion.joint_velocity[last].reshape(angle.shape)
+    motion, module = plan.motion, _load_module(path, plan)
+    # Where modes change, a time occurs twice: the second sample is used
+    is_last = np.append(np.diff(motion.time) > 1e-9, True)
+    time = motion.time[is_last]
+    angle = motion.joint_angles[is_last].reshape(len(time), -1)
+    velocity = motion.joint_velocity[is_last].reshape(angle.shape)
     boxes = motion.box_position.shape[1]
     bodies = [
         BodyMotion(
             "box" if boxes == 1 else f"box{b}",
-            motion.box_position[last, b],
-            Rotation.from_rotvec(np.outer(motion.box_yaw[last, b], [0.0, 0.0, 1.0])).as_quat(),
+            motion.box_position[is_last, b],
+            Rotation.from_rotvec(np.outer(motion.box_yaw[is_last, b], [0.0, 0.0, 1.0])).as_quat(),
         )
         for b in range(boxes)
     ]
     for m, name in enumerate(plan.module_names):
-        rotation = Rotation.from_matrix(motion.joint_rotation[last, m, 0])
-        bodies.append(BodyMotion(name, motion.joint_position[last, m, 0], rotation.as_quat()))
+        rotation = Rotation.from_matrix(motion.joint_rotation[is_last, m, 0])
+        bodies.append(BodyMotion(name, motion.joint_position[is_last, m, 0], rotation.as_quat()))
     names = tuple(f"{name}_joint{j}" for name in plan.module_names for j in range(1, _JOINTS + 1))
-    nothing = np.zeros_like(angle)
-    latches = _latches(plan, last)
+    zeros = np.zeros_like(angle)
+    latches = _build_latches(plan, is_last)
     return RobotMotion(
         name=plan.name,
         robot=", ".join(plan.module_names),
@@ -60,81 +63,88 @@ def read_motion(path: Path) -> RobotMotion:
             names=names,
             command=angle,
             velocity=velocity,
-            acceleration=np.gradient(velocity, time, axis=0) if len(time) > 2 else nothing,
+            acceleration=np.gradient(velocity, time, axis=0) if len(time) > 2 else zeros,
             angle=angle,
-            torque=_torques(plan, module, time).reshape(angle.shape),
-            feedforward=nothing,
-            gravity=nothing,
+            torque=_compute_torques(plan, module, time).reshape(angle.shape),
+            feedforward=zeros,
+            gravity=zeros,
             gain=np.zeros(len(names)),
         ),
         contacts=None,
         latches=latches,
         limbs=tuple(
-            LimbShape(name, motion.joint_position[last, m], _RADIUS)
+            LimbShape(name, motion.joint_position[is_last, m], _RADIUS)
             for m, name in enumerate(plan.module_names)
         ),
         body_size=plan.box_size[0] / 2,
-        words=_words(plan, module),
-        facts=_facts(plan, module, time, latches),
+        words=_describe_commands(plan, module),
+        facts=_build_facts(plan, module, time, latches),
     )
 
 
-def _module(path: Path, plan: LimmsPlan) -> ModuleSpec:
+def _load_module(path: Path, plan: LimmsPlan) -> ModuleSpec:
+    """Return the module of a plan."""
     try:
         return ModuleSpec.model_validate(plan.module)
     except ValidationError as error:
         fault = error.errors()[0]
-        where = ".".join(str(part) for part in fault["loc"])
-        raise PlanFileError(f"{path}: its module cannot be: {where}: {fault['msg']}") from error
+        location = ".".join(str(key) for key in fault["loc"])
+        raise PlanFileError(f"{path}: its module cannot be: {location}: {fault['msg']}") from error
 
 
-def _words(plan: LimmsPlan, module: ModuleSpec) -> tuple[str, ...]:
+def _describe_commands(plan: LimmsPlan, module: ModuleSpec) -> tuple[str, ...]:
+    """Return notes on commands and torques."""
     position = "modules go by position: commands are the angles themselves"
     if not plan.massless:
         return (position,)
-    words = (
+    note = (
         f"{position}; modules have no mass in the plan: torques are those that modules of "
         f"{module.mass:g} kg would need for it"
     )
-    return (words,)
+    return (note,)
 
 
-def _torques(plan: LimmsPlan, module: ModuleSpec, time: Array) -> Array:
-    """(T, L, 6) that motors bring: weight and inertia of links, and what modules hold [N m].
+def _compute_torques(plan: LimmsPlan, module: ModuleSpec, time: Array) -> Array:
+    """Return joint torques (T, L, 6) of motors: weight and inertia of links, and loads [N m].
 
-    At times of events those after them.
+    At times of events the torques after them are used.
     """
     torque = np.zeros((len(time), len(plan.module_names), _JOINTS))
-    for loads in loads_of_all(plan, module):
-        own = loads.stretch.time
-        inside = (time >= own[0] - 1e-9) & (time <= own[-1] + 1e-9)
-        at = np.clip(np.searchsorted(own, time[inside] - 1e-9), 0, len(own) - 1)
-        torque[inside] = loads.torque[at]
+    for loads in compute_loads(plan, module):
+        sample_times = loads.stretch.time
+        inside = (time >= sample_times[0] - 1e-9) & (time <= sample_times[-1] + 1e-9)
+        samples = np.clip(
+            np.searchsorted(sample_times, time[inside] - 1e-9), 0, len(sample_times) - 1
+        )
+        torque[inside] = loads.torque[samples]
     return torque
 
 
-def _latches(plan: LimmsPlan, kept: BoolArray) -> LatchMotion:
-    """What each end of each module holds on to."""
+def _build_latches(plan: LimmsPlan, is_kept: BoolArray) -> LatchMotion:
+    """Return what each end of each module is latched to."""
     motion = plan.motion
-    held = np.stack([motion.base_anchor[kept], motion.tip_anchor[kept]], axis=-1)  # (T, L, 2)
-    held = np.where(held < 0, NO_ANCHOR, held)
-    ground = motion.ground_end[kept]
+    anchors = np.stack(
+        [motion.base_anchor[is_kept], motion.tip_anchor[is_kept]], axis=-1
+    )  # (T, L, 2)
+    anchors = np.where(anchors < 0, NO_ANCHOR, anchors)
+    ground = motion.ground_end[is_kept]
     for end in range(len(ENDS)):
-        stands = (ground == end) & (held[..., end] == NO_ANCHOR)
-        held[..., end] = np.where(stands, GROUND, held[..., end])
+        is_standing = (ground == end) & (anchors[..., end] == NO_ANCHOR)
+        anchors[..., end] = np.where(is_standing, GROUND, anchors[..., end])
     ends = tuple(f"{name}_{end}" for name in plan.module_names for end in ENDS)
     return LatchMotion(
         ends=ends,
-        anchor=held.reshape(len(held), -1),
+        anchor=anchors.reshape(len(anchors), -1),
         anchor_names=(*plan.anchor_names, *ends),
-        anchor_position=motion.anchor_position[kept],
+        anchor_position=motion.anchor_position[is_kept],
     )
 
 
-def _facts(
+def _build_facts(
     plan: LimmsPlan, module: ModuleSpec, time: Array, latches: LatchMotion
 ) -> dict[str, object]:
-    links = link_bodies(module)
+    """Return facts about the motion for the file."""
+    links = build_link_bodies(module)
     return {
         "massless": plan.massless,
         "torque_is": "all that motors bring: weight and inertia of links and what modules hold",
@@ -144,13 +154,18 @@ def _facts(
             "max_force": module.max_force,
             "latch_moment": module.latch_moment,
             "links": [
-                {"length": length, "mass": mass, "com": com, "inertia": [across, across, along]}
-                for length, mass, com, across, along in zip(
+                {
+                    "length": length,
+                    "mass": mass,
+                    "com": com,
+                    "inertia": [transverse, transverse, axial],
+                }
+                for length, mass, com, transverse, axial in zip(
                     module.link_lengths,
                     links.mass.tolist(),
                     links.com.tolist(),
-                    links.across.tolist(),
-                    links.along.tolist(),
+                    links.transverse_inertia.tolist(),
+                    links.axial_inertia.tolist(),
                     strict=True,
                 )
             ],
@@ -162,18 +177,18 @@ def _facts(
         "anchors": list(latches.anchor_names),
         "no_anchor": NO_ANCHOR,
         "ground": GROUND,
-        "latch_events": _events(latches, time),
+        "latch_events": _list_latch_events(latches, time),
     }
 
 
-def _events(latches: LatchMotion, time: Array) -> list[dict[str, object]]:
-    """When which end takes hold of what and lets go of it, those held at the start first."""
-    before = np.vstack([np.full_like(latches.anchor[:1], NO_ANCHOR), latches.anchor])
-    found: list[dict[str, object]] = []
-    for k, e in np.argwhere(before[1:] != before[:-1]).tolist():
-        for event, anchor in (("open", before[k, e]), ("close", before[k + 1, e])):
+def _list_latch_events(latches: LatchMotion, time: Array) -> list[dict[str, object]]:
+    """Return when ends latch and release, initial latches first."""
+    anchors = np.vstack([np.full_like(latches.anchor[:1], NO_ANCHOR), latches.anchor])
+    events: list[dict[str, object]] = []
+    for k, e in np.argwhere(anchors[1:] != anchors[:-1]).tolist():
+        for event, anchor in (("open", anchors[k, e]), ("close", anchors[k + 1, e])):
             if anchor != NO_ANCHOR:
-                found.append(
+                events.append(
                     {
                         "time": float(time[k]),
                         "end": latches.ends[e],
@@ -181,4 +196,4 @@ def _events(latches: LatchMotion, time: Array) -> list[dict[str, object]]:
                         "anchor": latches.name_of(int(anchor)),
                     }
                 )
-    return found
+    return events

@@ -12,9 +12,11 @@ from climbplan.store.csv_file import write_csv
 
 
 def export_csv(path: Path, out: Path | TextIO) -> None:
-    """Write time, box and joint angles of every sample; times of events stand there twice.
+    """Write time, box and joint angles of every sample; times of events occur twice.
 
-    Raises PlanFileError for a damaged plan, UsageError where nothing can be written.
+    Raises:
+        PlanFileError: The plan is damaged.
+        UsageError: The output cannot be written.
     """
     plan = read_limms_plan(path)
     head = ["time_s"]
@@ -24,10 +26,11 @@ def export_csv(path: Path, out: Path | TextIO) -> None:
     for name in plan.module_names:
         head += [f"{name}_mode", *(f"{name}_joint{j}_rad" for j in range(1, 7))]
     head += [f"box{b}_yaw_rad" if b else "box_yaw_rad" for b in range(plan.deliveries)]
-    write_csv(out, head, _rows(plan))
+    write_csv(out, head, _iterate_rows(plan))
 
 
-def _rows(plan: LimmsPlan) -> Iterator[list[str]]:
+def _iterate_rows(plan: LimmsPlan) -> Iterator[list[str]]:
+    """Yield the rows of the table."""
     motion = plan.motion
     for k in range(len(motion.time)):
         row = [f"{motion.time[k]:.6f}"]

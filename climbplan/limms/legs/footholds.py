@@ -1,4 +1,4 @@
-"""Where feet may stand."""
+"""Limits of footholds."""
 
 from __future__ import annotations
 

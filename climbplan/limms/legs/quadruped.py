@@ -1,4 +1,4 @@
-"""Solving for a quadruped: contact sequences, and programs solved again until nothing is wrong."""
+"""Planning of a quadruped: contact sequences, and programs solved until valid between knots."""
 
 from __future__ import annotations
 
@@ -9,87 +9,107 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.limms.budget.solver_work import Work
-from climbplan.limms.legs.faults import faults_of
 from climbplan.limms.legs.gaits import Gait
-from climbplan.limms.legs.guess import leap_guess, leg_guess
+from climbplan.limms.legs.guess import build_leap_guess, build_leg_guess
 from climbplan.limms.legs.leaps import find_leaps
-from climbplan.limms.legs.motion import leg_motion
-from climbplan.limms.legs.solver import Effort, LegOutcome, solve_legs
-from climbplan.limms.legs.standing import first_stand_sets, legs_of
-from climbplan.limms.legs.statement import BoxCut, LegCut, LegEnds, LegSample, LegTrace
-from climbplan.limms.modules.limbs import leg
+from climbplan.limms.legs.leg_phases import BoxCut, LegBoundary, LegCut, LegSample, LegTrajectory
+from climbplan.limms.legs.motion import compute_leg_motion
+from climbplan.limms.legs.solver import LegProgramOutcome, SolverLimits, solve_legs
+from climbplan.limms.legs.standing import build_legs, find_stance_sets
+from climbplan.limms.legs.violations import find_violations
+from climbplan.limms.modules.limbs import build_leg
 from climbplan.limms.scene.corridor import Corridor
 from climbplan.limms.scene.limms_scene import Scene
 from climbplan.limms.scene.phases import Limb
 
-ROUNDS = 8
-FINER = 4  # than a plan's samples: what is looked at between knots
+MAX_ROUNDS = 8
+FINER = 4  # times the density of a plan's samples, for checks between knots
 ITERATIONS = 150
 
 
 @dataclass(frozen=True)
-class Start:
-    """Legs in their branches, and a guess of their motion."""
+class InitialGuess:
+    """Legs with their branches, and a guess of their motion."""
 
     limbs: tuple[Limb, ...]
-    guess: tuple[LegTrace, ...]
+    guess: tuple[LegTrajectory, ...]
 
 
-def starts(
+def generate_starts(
     scene: Scene,
     gait: Gait,
-    way: Corridor,
+    corridor: Corridor,
     rng: np.random.Generator,
+    *,
     deadline: float,
-    most: int = 2,
-) -> Iterator[Start]:
-    """Guesses of a contact sequence from where the box starts to its goal, the best first.
+    max_starts: int = 2,
+) -> Iterator[InitialGuess]:
+    """Yield guesses of a contact sequence from start to goal of the box, the best first.
 
-    deadline: `time.monotonic` [s] after which no more are looked for.
+    Args:
+        scene: The scene.
+        gait: The contact sequence.
+        corridor: The corridor of the box.
+        rng: Random generator.
+        deadline: Time after which no more are sought, as `time.monotonic` [s].
+        max_starts: Largest number of guesses without steps.
     """
     ends = (scene.box_start[0], scene.goal)
     if gait.name == "leap":
         for leap in find_leaps(scene, scene.goal, rng, deadline):
-            limbs = tuple(leg(side, side, 1, b) for side, b in enumerate(leap.branches))
-            yield Start(limbs, tuple(leap_guess(scene, leap, way, ends)))
+            limbs = tuple(build_leg(side, side, 1, b) for side, b in enumerate(leap.branches))
+            yield InitialGuess(limbs, tuple(build_leap_guess(scene, leap, corridor, ends)))
         return
-    for stands in first_stand_sets(scene, gait, way, 1 if gait.steps else most):
-        limbs = legs_of(stands)
-        first = (np.array([s.foot for s in stands]), [s.patch for s in stands])
-        yield Start(limbs, tuple(leg_guess(scene, limbs, gait, way, ends, first)))
+    for stand_set in find_stance_sets(scene, gait, corridor, 1 if gait.steps else max_starts):
+        limbs = build_legs(stand_set)
+        first = (np.array([s.foot for s in stand_set]), [s.patch for s in stand_set])
+        yield InitialGuess(limbs, tuple(build_leg_guess(scene, limbs, gait, corridor, ends, first)))
 
 
-def solve_sound(
-    scene: Scene, start: Start, ends: LegEnds, deadline: float, iterations: int = ITERATIONS
-) -> LegOutcome:
-    """Solve a program, look between its knots, add what is wrong there, and solve again.
+def solve_until_valid(
+    scene: Scene,
+    start: InitialGuess,
+    ends: LegBoundary,
+    deadline: float,
+    iterations: int = ITERATIONS,
+) -> LegProgramOutcome:
+    """Solve a program, add violations between its knots, and solve again.
 
-    `solved` of the outcome says that nothing is wrong any more. deadline: `time.monotonic` [s].
+    `solved` of the outcome says that no violation is left.
+
+    Args:
+        scene: The scene.
+        start: Legs and initial guess.
+        ends: Boundary conditions.
+        deadline: Time limit as `time.monotonic` [s].
+        iterations: Largest number of iterations of each program.
     """
     samples: list[LegSample] = []
     cuts: list[LegCut | BoxCut] = []
-    guess: Sequence[LegTrace] = start.guess
-    spent = Work()
+    guess: Sequence[LegTrajectory] = start.guess
+    work = Work()
     outcome = None
-    for number in range(ROUNDS):
-        effort = Effort(deadline, iterations, warm=number > 0)
-        outcome = solve_legs(scene, start.limbs, guess, ends, samples, cuts, effort)
-        spent += outcome.work
-        outcome = replace(outcome, work=spent)
+    for round_index in range(MAX_ROUNDS):
+        effort = SolverLimits(deadline, iterations, is_warm=round_index > 0)
+        outcome = solve_legs(
+            scene, start.limbs, guess, ends, samples=samples, cuts=cuts, limits=effort
+        )
+        work += outcome.work
+        outcome = replace(outcome, work=work)
         if not outcome.solved:
             return outcome
-        words: list[str] = []
-        for k, trace in enumerate(outcome.traces):
-            motion = leg_motion(scene, start.limbs, trace, finer=FINER)
-            found = faults_of(scene, start.limbs, k, trace, motion)
-            samples += found.samples
-            cuts += found.cuts
-            words += found.words
-        if not words:
+        messages: list[str] = []
+        for k, trajectory in enumerate(outcome.traces):
+            motion = compute_leg_motion(scene, start.limbs, trajectory, finer=FINER)
+            violations = find_violations(scene, start.limbs, k, trajectory, motion)
+            samples += violations.samples
+            cuts += violations.cuts
+            messages += violations.messages
+        if not messages:
             return outcome
         guess = outcome.traces
         if time.monotonic() > deadline:
             break
     assert outcome is not None
-    message = f"still wrong between knots after {ROUNDS} programs: {words[0]}"
+    message = f"still wrong between knots after {MAX_ROUNDS} programs: {messages[0]}"
     return replace(outcome, solved=False, message=message)

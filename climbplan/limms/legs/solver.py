@@ -17,7 +17,7 @@ from climbplan.solvers.ipopt.trajectory import solve_trajectory
 
 @dataclass(frozen=True)
 class LegProgramOutcome:
-    """Whether a program was solved, and its solution."""
+    """The solution of a program, and whether it was solved."""
 
     solved: bool
     message: str

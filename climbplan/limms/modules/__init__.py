@@ -1,1 +1,1 @@
-"""One module: its chain of joints, what it touches, and what it weighs."""
+"""A single module: kinematics, contact distances, and masses."""

@@ -1,9 +1,10 @@
 """Kinematics of a module: roll, pitch, pitch, roll, pitch, roll (eq. (6.2)).
 
 Angles are (..., 6) [rad], zero when straight. Point 0 is the first end, 1 to 6 the joints, 7 the
-last end. The z axis of every frame points along the module, from the first end to the last. Axes of
-joints 1 and 2 meet in the shoulder, those of joints 4, 5 and 6 in the wrist (joint 5), so that the
-inverse is closed: up to eight solutions, told apart by the signs of shoulder, elbow and wrist.
+last end. The z axis of every frame points along the module, from the first end to the last. The
+axes of joints 1 and 2 meet in the shoulder, those of joints 4, 5 and 6 in the wrist (joint 5). The
+inverse kinematics is therefore closed-form with up to eight branches (Pieper 1968), labelled by the
+signs of shoulder, elbow and wrist.
 """
 
 from __future__ import annotations
@@ -22,25 +23,32 @@ BRANCHES = tuple(product((1, -1), (1, -1), (1, -1)))
 POINTS = 8
 
 
-class Solution(NamedTuple):
+class IkSolution(NamedTuple):
     """Angles of one branch (..., 6), and how far the wrist is out of reach (...) [m]."""
 
     angles: Array
-    missing: Array
+    reach_error: Array
 
 
-def _rotations(angles: Array, joint: int) -> Array:
+def _joint_rotation(angles: Array, joint: int) -> Array:
+    """Return the rotations (..., 3, 3) of one joint."""
     c, s = np.cos(angles[..., joint]), np.sin(angles[..., joint])
-    zero, one = np.zeros_like(c), np.ones_like(c)
+    zeros, ones = np.zeros_like(c), np.ones_like(c)
     if ROLLS[joint]:
-        rows = [[c, -s, zero], [s, c, zero], [zero, zero, one]]
+        rows = [[c, -s, zeros], [s, c, zeros], [zeros, zeros, ones]]
     else:
-        rows = [[c, zero, s], [zero, one, zero], [-s, zero, c]]
+        rows = [[c, zeros, s], [zeros, ones, zeros], [-s, zeros, c]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def forward(module: ModuleSpec, base: Pose, angles: Array) -> Points:
-    """All points of modules whose first ends are at `base`, eq. (6.2)."""
+    """Return all points of modules whose first ends are at `base`, eq. (6.2).
+
+    Args:
+        module: The module.
+        base: Pose of the first end, broadcast over (...).
+        angles: Joint angles (..., 6) [rad].
+    """
     lengths = module.link_lengths
     shape = np.broadcast_shapes(angles.shape[:-1], base.position.shape[:-1])
     position = np.broadcast_to(base.position, (*shape, 3))
@@ -48,7 +56,7 @@ def forward(module: ModuleSpec, base: Pose, angles: Array) -> Points:
     positions, rotations = [position], [rotation]
     for joint in range(6):
         position = position + lengths[joint] * rotation[..., 2]
-        rotation = rotation @ _rotations(angles, joint)
+        rotation = rotation @ _joint_rotation(angles, joint)
         positions.append(position)
         rotations.append(rotation)
     positions.append(position + lengths[6] * rotation[..., 2])
@@ -56,23 +64,33 @@ def forward(module: ModuleSpec, base: Pose, angles: Array) -> Points:
     return Points(np.stack(positions, axis=-2), np.stack(rotations, axis=-3))
 
 
-def from_last(module: ModuleSpec, last: Pose, angles: Array) -> Points:
-    """All points of modules whose last ends are at `last`."""
+def forward_from_last(module: ModuleSpec, last: Pose, angles: Array) -> Points:
+    """Return all points of modules whose last ends are at `last`.
+
+    Args:
+        module: The module.
+        last: Pose of the last end (...).
+        angles: Joint angles (..., 6) [rad].
+    """
     shape = angles.shape[:-1]
     origin = Pose(np.zeros((*shape, 3)), np.broadcast_to(np.eye(3), (*shape, 3, 3)))
-    own = forward(module, origin, angles)
-    rotation = last.rotation @ np.swapaxes(own.rotation[..., 7, :, :], -1, -2)
-    position = last.position - (rotation @ own.position[..., 7, :, None])[..., 0]
+    points = forward(module, origin, angles)
+    rotation = last.rotation @ np.swapaxes(points.rotation[..., 7, :, :], -1, -2)
+    position = last.position - (rotation @ points.position[..., 7, :, None])[..., 0]
     return Points(
-        position[..., None, :] + (rotation[..., None, :, :] @ own.position[..., None])[..., 0],
-        rotation[..., None, :, :] @ own.rotation,
+        position[..., None, :] + (rotation[..., None, :, :] @ points.position[..., None])[..., 0],
+        rotation[..., None, :, :] @ points.rotation,
     )
 
 
-def inverse(module: ModuleSpec, base: Pose, last: Pose, branch: tuple[int, int, int]) -> Solution:
-    """Angles in (-pi, pi] that bring the last end to `last`; clipped where it is out of reach.
+def inverse(module: ModuleSpec, base: Pose, last: Pose, branch: tuple[int, int, int]) -> IkSolution:
+    """Return angles in (-pi, pi] that bring the last end to `last`, clipped where out of reach.
 
-    branch: signs of shoulder (reaching forward or over its back), elbow and wrist.
+    Args:
+        module: The module.
+        base: Pose of the first end (...).
+        last: Pose of the last end (...).
+        branch: Signs of shoulder (forward, or over its back), elbow and wrist.
     """
     a = module.link_lengths
     upper, fore = a[2], a[3] + a[4]
@@ -86,50 +104,65 @@ def inverse(module: ModuleSpec, base: Pose, last: Pose, branch: tuple[int, int, 
     distance = np.hypot(reach, height)
     cosine = (distance**2 - upper**2 - fore**2) / (2 * upper * fore)
     bend = elbow * np.arccos(np.clip(cosine, -1, 1))
-    # In the plane of the arm pitch turns z towards x.
+    # In the plane of the arm, pitch turns z towards x
     pitch = np.arctan2(reach, height) - np.arctan2(fore * np.sin(bend), upper + fore * np.cos(bend))
     angles = np.stack([yaw, pitch, bend], axis=-1)
-    before = to_base
+    to_joint = to_base
     for joint in range(3):
-        before = np.swapaxes(_rotations(angles, joint), -1, -2) @ before
-    left = before @ last.rotation  # Rz(q4) Ry(q5) Rz(q6)
-    bend5 = flip * np.arccos(np.clip(left[..., 2, 2], -1, 1))
-    roll4 = np.arctan2(flip * left[..., 1, 2], flip * left[..., 0, 2])
-    roll6 = np.arctan2(flip * left[..., 2, 1], -flip * left[..., 2, 0])
-    wrap_angle = (pitch + np.pi) % (2 * np.pi) - np.pi
-    far = np.maximum(distance - (upper + fore), abs(upper - fore) - distance)
-    return Solution(
-        np.stack([yaw, wrap_angle, bend, roll4, bend5, roll6], axis=-1), np.maximum(far, 0.0)
+        to_joint = np.swapaxes(_joint_rotation(angles, joint), -1, -2) @ to_joint
+    remaining = to_joint @ last.rotation  # Rz(q4) Ry(q5) Rz(q6)
+    bend5 = flip * np.arccos(np.clip(remaining[..., 2, 2], -1, 1))
+    roll4 = np.arctan2(flip * remaining[..., 1, 2], flip * remaining[..., 0, 2])
+    roll6 = np.arctan2(flip * remaining[..., 2, 1], -flip * remaining[..., 2, 0])
+    wrapped_pitch = (pitch + np.pi) % (2 * np.pi) - np.pi
+    excess = np.maximum(distance - (upper + fore), abs(upper - fore) - distance)
+    return IkSolution(
+        np.stack([yaw, wrapped_pitch, bend, roll4, bend5, roll6], axis=-1), np.maximum(excess, 0.0)
     )
 
 
-def along(module: ModuleSpec, base: Pose, last: Pose, branch: tuple[int, int, int]) -> Solution:
-    """As `inverse` for a path of frames (T, ...): angles without jumps by full turns."""
+def inverse_along_path(
+    module: ModuleSpec, base: Pose, last: Pose, branch: tuple[int, int, int]
+) -> IkSolution:
+    """Return the inverse kinematics of a path of frames (T, ...), without jumps by full turns.
+
+    Args:
+        module: The module.
+        base: Poses of the first end (T).
+        last: Poses of the last end (T).
+        branch: Signs of shoulder, elbow and wrist.
+    """
     solution = inverse(module, base, last, branch)
     angles = np.unwrap(solution.angles, axis=0)
     limits = np.array(module.joint_range)
-    # A whole turn more or less, whichever keeps to the middle of the range.
+    # Full turns are chosen so that the path is in the middle of the range
     turn = np.round((angles.max(axis=0) + angles.min(axis=0)) / 2 / (2 * np.pi))
     angles = angles - np.where(limits > np.pi, turn, 0.0) * 2 * np.pi
-    return Solution(angles, solution.missing)
+    return IkSolution(angles, solution.reach_error)
 
 
-def continued(module: ModuleSpec, first: Pose, last: Pose, begin: Array) -> Solution:
-    """Angles (T, 6) along a path of frames, each the nearest to the one before, from `begin`.
+def follow_path(module: ModuleSpec, first: Pose, last: Pose, start: Array) -> IkSolution:
+    """Return angles (T, 6) along a path of frames, each the nearest solution to the last one.
 
-    Unlike `along` it may pass straight through a pose where two branches meet.
+    Unlike `inverse_along_path`, the solution may pass through a pose where two branches meet.
+
+    Args:
+        module: The module.
+        first: Poses of the first end (T).
+        last: Poses of the last end (T).
+        start: Angles from which the path continues (6,) [rad].
     """
-    every = [inverse(module, first, last, branch) for branch in BRANCHES]
+    solutions = [inverse(module, first, last, branch) for branch in BRANCHES]
     turn = 2 * np.pi
-    found, now = [], begin
-    for options in np.stack([solution.angles for solution in every], axis=1):
-        options = options + np.round((now - options) / turn) * turn
-        now = options[np.argmin(np.abs(options - now).max(axis=1))]
-        found.append(now)
-    return Solution(np.array(found), every[0].missing)
+    path, current = [], start
+    for options in np.stack([solution.angles for solution in solutions], axis=1):
+        options = options + np.round((current - options) / turn) * turn
+        current = options[np.argmin(np.abs(options - current).max(axis=1))]
+        path.append(current)
+    return IkSolution(np.array(path), solutions[0].reach_error)
 
 
-def in_range(module: ModuleSpec, angles: Array, margin: float = 0.0) -> Array:
-    """By how much the worst joint exceeds its range (...) [rad]; negative inside."""
+def range_excess(module: ModuleSpec, angles: Array, margin: float = 0.0) -> Array:
+    """Return by how much the worst joint exceeds its range (...) [rad]; negative inside."""
     excess: Array = (np.abs(angles) - np.array(module.joint_range)).max(axis=-1) + margin
     return excess

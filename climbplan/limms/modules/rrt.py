@@ -1,4 +1,7 @@
-"""A way between two points round what is in the way: random trees grown from both ends."""
+"""Path planning around obstacles by bidirectional random trees (RRT-Connect).
+
+See Kuffner and LaValle, RRT-Connect, ICRA 2000.
+"""
 
 from __future__ import annotations
 
@@ -8,71 +11,86 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 
-Free = Callable[[Array], BoolArray]  # (n, d) -> (n,)
+IsFree = Callable[[Array], BoolArray]  # (n, d) -> (n,)
 
 
-def connect(
+def plan_path(
     start: Array,
     goal: Array,
     lower: Array,
     upper: Array,
-    free: Free,
+    *,
+    is_free: IsFree,
     step: float,
     rng: np.random.Generator,
-    rounds: int = 400,
+    max_iterations: int = 400,
 ) -> Array | None:
-    """Corners (n, d) of a free polyline from start to goal, shortened; None if none was found.
+    """Return corners (n, d) of a free polyline from start to goal, shortened; None without one.
 
-    free: says which points are free; step: largest distance between two points that are looked at,
-    in the largest coordinate.
+    Args:
+        start: Start (d,).
+        goal: Goal (d,).
+        lower: Lower bounds of samples (d,).
+        upper: Upper bounds of samples (d,).
+        is_free: Returns which points (n, d) are free.
+        step: Largest distance of neighbouring points that are tested, in the largest coordinate.
+        rng: Random generator.
+        max_iterations: Largest number of samples.
     """
 
-    def clear(first: Array, last: Array) -> bool:
-        count = max(int(np.ceil(np.abs(last - first).max() / step)), 1)
-        share = np.linspace(0, 1, count + 1)[:, None]
-        return bool(free(first + share * (last - first)).all())
+    def is_clear(first: Array, last: Array) -> bool:
+        num_steps = max(int(np.ceil(np.abs(last - first).max() / step)), 1)
+        fractions = np.linspace(0, 1, num_steps + 1)[:, None]
+        return bool(is_free(first + fractions * (last - first)).all())
 
-    def advance(first: Array, last: Array) -> Array:
-        """The furthest free point on the way from first to last."""
-        count = max(int(np.ceil(np.abs(last - first).max() / step)), 1)
-        share = np.linspace(0, 1, count + 1)[1:, None]
-        points = first + share * (last - first)
-        blocked = np.flatnonzero(~free(points))
-        reached = blocked[0] if len(blocked) else count
-        return points[reached - 1] if reached > 0 else first
+    def extend(first: Array, last: Array) -> Array:
+        """Return the furthest free point on the line from first to last."""
+        num_steps = max(int(np.ceil(np.abs(last - first).max() / step)), 1)
+        fractions = np.linspace(0, 1, num_steps + 1)[1:, None]
+        points = first + fractions * (last - first)
+        blocked = np.flatnonzero(~is_free(points))
+        num_free = blocked[0] if len(blocked) else num_steps
+        return points[num_free - 1] if num_free > 0 else first
 
-    if not free(np.array([start, goal])).all():
+    if not is_free(np.array([start, goal])).all():
         return None
-    if clear(start, goal):
+    if is_clear(start, goal):
         return np.array([start, goal])
     trees: list[tuple[list[Array], list[int]]] = [([start], [-1]), ([goal], [-1])]
-    for number in range(rounds):
-        here, there = trees[number % 2], trees[1 - number % 2]
+    for iteration in range(max_iterations):
+        tree, other_tree = trees[iteration % 2], trees[1 - iteration % 2]
         target = rng.uniform(lower, upper)
-        near = _nearest(here[0], target)
-        new = advance(here[0][near], target)
-        if np.abs(new - here[0][near]).max() < 1e-9:
+        nearest = _find_nearest(tree[0], target)
+        new = extend(tree[0][nearest], target)
+        if np.abs(new - tree[0][nearest]).max() < 1e-9:
             continue
-        here[0].append(new)
-        here[1].append(near)
-        other = _nearest(there[0], new)
-        met = advance(there[0][other], new)
-        if np.abs(met - there[0][other]).max() > 1e-9:
-            there[0].append(met)
-            there[1].append(other)
-            other = len(there[0]) - 1
-        if np.abs(there[0][other] - new).max() < 1e-9:
-            mine, theirs = _back(here, len(here[0]) - 1), _back(there, other)
-            path = mine[::-1] + theirs if number % 2 == 0 else theirs[::-1] + mine
-            return _shortened(np.array(path), clear, rng)
+        tree[0].append(new)
+        tree[1].append(nearest)
+        other_nearest = _find_nearest(other_tree[0], new)
+        reached_point = extend(other_tree[0][other_nearest], new)
+        if np.abs(reached_point - other_tree[0][other_nearest]).max() > 1e-9:
+            other_tree[0].append(reached_point)
+            other_tree[1].append(other_nearest)
+            other_nearest = len(other_tree[0]) - 1
+        if np.abs(other_tree[0][other_nearest] - new).max() < 1e-9:
+            path_back, other_path = (
+                _trace_path(tree, len(tree[0]) - 1),
+                _trace_path(other_tree, other_nearest),
+            )
+            path = (
+                path_back[::-1] + other_path if iteration % 2 == 0 else other_path[::-1] + path_back
+            )
+            return _shorten(np.array(path), is_clear, rng)
     return None
 
 
-def _nearest(points: list[Array], target: Array) -> int:
+def _find_nearest(points: list[Array], target: Array) -> int:
+    """Return the index of the point nearest to a target, in the largest coordinate."""
     return int(np.argmin(np.abs(np.array(points) - target).max(axis=1)))
 
 
-def _back(tree: tuple[list[Array], list[int]], node: int) -> list[Array]:
+def _trace_path(tree: tuple[list[Array], list[int]], node: int) -> list[Array]:
+    """Return the points from a node to the root of its tree."""
     path = []
     while node >= 0:
         path.append(tree[0][node])
@@ -80,15 +98,16 @@ def _back(tree: tuple[list[Array], list[int]], node: int) -> list[Array]:
     return path
 
 
-def _shortened(
-    path: Array, clear: Callable[[Array, Array], bool], rng: np.random.Generator
+def _shorten(
+    path: Array, is_clear: Callable[[Array, Array], bool], rng: np.random.Generator
 ) -> Array:
-    keep = np.any(np.abs(np.diff(path, axis=0)) > 1e-12, axis=1)
-    path = path[np.concatenate([[True], keep])]
+    """Return the path without duplicates, shortened by random shortcuts."""
+    is_new = np.any(np.abs(np.diff(path, axis=0)) > 1e-12, axis=1)
+    path = path[np.concatenate([[True], is_new])]
     for _ in range(60):
         if len(path) <= 2:
             break
         i, j = sorted(rng.choice(len(path), 2, replace=False))
-        if j > i + 1 and clear(path[i], path[j]):
+        if j > i + 1 and is_clear(path[i], path[j]):
             path = np.vstack([path[: i + 1], path[j:]])
     return path

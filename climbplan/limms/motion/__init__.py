@@ -1,1 +1,1 @@
-"""From a course of events to dense samples of everything that moves."""
+"""From a sequence of events to dense samples of everything that moves."""

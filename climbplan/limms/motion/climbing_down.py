@@ -1,7 +1,7 @@
-"""A module on a wall comes back to the ground: the way that leads from there to its anchor, back.
+"""Descent of a module from a wall: the motion from the ground to its anchor, reversed.
 
-Ways of single modules are as good backwards: everything else rests. So a place to stand is found by
-latching to the anchor from there, and what was found is played from its end.
+Motions of single modules are reversible, since everything else rests. A standing place is found by
+latching to the anchor from there, and that motion is played backwards.
 """
 
 from __future__ import annotations
@@ -11,57 +11,70 @@ from itertools import islice
 
 import numpy as np
 
-from climbplan.limms.modules.limbs import standing_rotation
-from climbplan.limms.motion.assembly import latch_from_ground, root_pose, spots
-from climbplan.limms.motion.moving import Blocked, gaps
+from climbplan.limms.modules.limbs import compute_standing_rotation
+from climbplan.limms.motion.assembly import (
+    compute_end_pose,
+    latch_from_ground,
+    list_standing_points,
+)
+from climbplan.limms.motion.moving import Blocked, compute_gaps
 from climbplan.limms.motion.reaching import move_joints
 from climbplan.limms.motion.timeline import ARM, DRIVES, NOWHERE, PartialPlan, Stretch
 from climbplan.limms.scene.bounds import find_module_stands
 
-_MOST = 3  # places that are tried
+_MAX_PLACES = 3  # standing places to try
 
 
-def climb_down(world: PartialPlan, module: int, rng: np.random.Generator) -> PartialPlan:
-    """As the world is, but a module that hangs on the terrain by its last end stands and drives.
+def climb_down(partial_plan: PartialPlan, module: int, rng: np.random.Generator) -> PartialPlan:
+    """Return the plan after a module on the terrain by its last end has come down and drives.
 
     Raises:
-        Blocked: it hangs by its first end, or no way down was found.
+        Blocked: The module hangs by its first end, or no path down was found.
     """
-    scene, anchor = world.scene, int(world.tip_anchor[module])
+    scene, anchor = partial_plan.scene, int(partial_plan.tip_anchor[module])
     name = f"{scene.module_names[module]}: down"
     if anchor < scene.wall_offset:
         raise Blocked(f"{name}: it does not hang by its last end")
-    target = root_pose(world, module, 1)
+    target = compute_end_pose(partial_plan, module, 1)
     stands = find_module_stands(scene)
     heights = sorted({float(stand[2]) for stand in stands if not np.isnan(stand).any()})
     reason = Blocked(f"{name}: there is no place to stand")
     for height in heights:
-        for point in islice(spots(scene, height, target, target.position), _MOST):
-            below = world.copy()
-            below.stretches = []
-            below.base_position[module], below.base_rotation[module] = point, standing_rotation(0)
-            below.angles[module] = 0.0
-            below.mode[module], below.grounded[module] = DRIVES, 0
-            below.tip_anchor[module] = NOWHERE
-            if gaps(below, module, below.points(module)).min() < -1e-6:
+        for point in islice(
+            list_standing_points(scene, height, target, target.position), _MAX_PLACES
+        ):
+            standing = partial_plan.copy()
+            standing.stretches = []
+            standing.base_position[module], standing.base_rotation[module] = (
+                point,
+                compute_standing_rotation(0),
+            )
+            standing.angles[module] = 0.0
+            standing.mode[module], standing.grounded[module] = DRIVES, 0
+            standing.tip_anchor[module] = NOWHERE
+            if compute_gaps(standing, module, standing.points(module)).min() < -1e-6:
                 continue
             try:
-                up = latch_from_ground(below, module, target, anchor, ARM, name, rng, tries=1)
-                lowered = world.copy()
-                move_joints(lowered, module, target, 1, up.angles[module], name, rng)
+                ascent = latch_from_ground(
+                    standing, module, target, anchor, mode=ARM, name=name, rng=rng, tries=1
+                )
+                lowered = partial_plan.copy()
+                move_joints(
+                    lowered, module, target, 1, goal=ascent.angles[module], name=name, rng=rng
+                )
             except Blocked as error:
                 reason = error
                 continue
-            for stretch in reversed(up.stretches):
-                lowered.add(backwards(stretch))
+            for stretch in reversed(ascent.stretches):
+                lowered.add(reverse_stretch(stretch))
             lowered.mode[module], lowered.grounded[module] = DRIVES, 0
             lowered.tip_anchor[module] = NOWHERE
             return lowered
     raise reason
 
 
-def backwards(stretch: Stretch) -> Stretch:
-    """The same motion from its end to its beginning."""
+def reverse_stretch(stretch: Stretch) -> Stretch:
+    """Return the same motion from its end to its beginning."""
     return replace(
         stretch,
         time=stretch.time[-1] - stretch.time[::-1],

@@ -7,21 +7,21 @@ from typing import NamedTuple
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.motion.timeline import samples
+from climbplan.limms.motion.timeline import sample_times
 
 
 class BoxPath(NamedTuple):
-    """Position [m], velocity [m/s] and acceleration [m/s^2], each (n, 3)."""
+    """Positions [m], velocities [m/s] and accelerations [m/s^2], each (n, 3)."""
 
     position: Array
     velocity: Array
     acceleration: Array
 
 
-def box_path(
+def evaluate_box_path(
     duration: float, position: Array, velocity: Array, acceleration: Array, time: Array
 ) -> BoxPath:
-    """A box at times (n,) of a phase, from its knots (K + 1, 3)."""
+    """Return the path of a box at times (n,) of a phase, from its knots (K + 1, 3)."""
     count = len(position) - 1
     step = duration / count
     k = np.clip((time / step + 1e-9).astype(int), 0, count - 1)
@@ -35,12 +35,15 @@ def box_path(
     )
 
 
-def knot_samples(duration: float, intervals: int, finer: int = 1) -> Array:
-    """Times (n,) of a phase, all of its knots among them: no cubic ends between two samples.
+def sample_knots(duration: float, intervals: int, finer: int = 1) -> Array:
+    """Return times (n,) of a phase that include all knots, so no cubic ends between two samples.
 
-    finer: how many times as dense as samples of plans are at least.
+    Args:
+        duration: Duration of the phase [s].
+        intervals: Number of intervals.
+        finer: Factor of the density of a plan's samples.
     """
     step = duration / intervals
-    inner = samples(finer * step) / finer
-    whole = [k * step + inner[:-1] for k in range(intervals)]
-    return np.concatenate([*whole, [duration]])
+    inner = sample_times(finer * step) / finer
+    pieces = [k * step + inner[:-1] for k in range(intervals)]
+    return np.concatenate([*pieces, [duration]])

@@ -1,11 +1,11 @@
-"""One module that moves while all else rests: what is in its way, and its motion in a plan."""
+"""Motion of one module while all else rests: its distances, and its stretch in a plan."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.modules.chain import forward, from_last
+from climbplan.limms.modules.chain import forward, forward_from_last
 from climbplan.limms.modules.contact import (
     gap_between,
     gap_to_blocks,
@@ -18,57 +18,66 @@ from climbplan.limms.scene.limms_scene import Points, Pose
 
 
 class Blocked(Exception):
-    """No free way was found; says for whom and where to."""
+    """No free motion was found; the message says for which module and target."""
 
 
-def gaps(world: PartialPlan, module: int, points: Points, root_end: int | None = None) -> Array:
-    """Least gap (n) of a module's poses from solids, boxes, other modules and itself [m].
+def compute_gaps(
+    partial_plan: PartialPlan, module: int, points: Points, root_end: int | None = None
+) -> Array:
+    """Return the least gap (n,) of a module's poses from solids, boxes, modules and itself [m].
 
-    root_end: the end that is fixed; its link does not move, and touches what it stands on.
+    Args:
+        partial_plan: Where everything else is.
+        module: The module.
+        points: Poses of the module (n).
+        root_end: The fixed end; its link does not move, and touches what it stands on.
     """
-    scene, radius = world.scene, world.scene.module.radius
+    scene, radius = partial_plan.scene, partial_plan.scene.module.radius
     segments = link_segments(points, radius)
     lower, upper = scene.solids[:, 0], scene.solids[:, 1]
     moving = segments
     if root_end is not None:
         moving = segments[..., 1:, :, :] if root_end == 0 else segments[..., :3, :, :]
-    found = [
+    distances = [
         gap_to_blocks(moving, lower, upper, radius).min(axis=(-1, -2)),
-        gap_to_boxes(moving, world.centres, world.yaws, scene.box_size / 2, radius).min(
-            axis=(-1, -2)
-        ),
+        gap_to_boxes(
+            moving, partial_plan.centres, partial_plan.yaws, scene.box_size / 2, radius
+        ).min(axis=(-1, -2)),
         gap_within(segments, radius).min(axis=-1),
     ]
-    found += [
-        gap_between(moving, world.segments(other), radius).min(axis=(-1, -2))
-        for other in range(scene.num_modules)
-        if other != module
+    distances += [
+        gap_between(moving, partial_plan.segments(second), radius).min(axis=(-1, -2))
+        for second in range(scene.num_modules)
+        if second != module
     ]
-    worst: Array = np.min(found, axis=0)
-    return worst
+    smallest: Array = np.min(distances, axis=0)
+    return smallest
 
 
-def rooted(world: PartialPlan, root: Pose, root_end: int, angles: Array) -> Points:
-    """Poses (n) of a module with one end fixed."""
+def compute_rooted_points(
+    partial_plan: PartialPlan, root: Pose, root_end: int, angles: Array
+) -> Points:
+    """Return the poses (n) of a module with one end fixed."""
     shape = angles.shape[:-1]
     base = Pose(
         np.broadcast_to(root.position, (*shape, 3)),
         np.broadcast_to(root.rotation, (*shape, 3, 3)),
     )
-    place = forward if root_end == 0 else from_last
-    return place(world.scene.module, base, angles)
+    kinematics = forward if root_end == 0 else forward_from_last
+    return kinematics(partial_plan.scene.module, base, angles)
 
 
 def add_motion(
-    world: PartialPlan,
+    partial_plan: PartialPlan,
     module: int,
     points: Points,
+    *,
     time: Array,
     angles: Array,
     rates: Array,
     name: str,
 ) -> None:
-    """Add a motion of one module while all else rests."""
-    moving = world.rest(name, time)
+    """Add a stretch in which one module moves while all else rests."""
+    moving = partial_plan.build_rest(name, time)
     moving.place(module, Pose(points.position[:, 0], points.rotation[:, 0]), angles, rates)
-    world.add(moving)
+    partial_plan.add(moving)

@@ -1,4 +1,4 @@
-"""A finished course of events made into a plan, for every method."""
+"""Conversion of a finished sequence of stretches into a plan, for every method."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from climbplan.limms.schema.loading import LoadedLimms
 
 
 @dataclass(frozen=True)
-class Making:
-    """How a plan came about."""
+class PlanRecord:
+    """How a plan was found."""
 
     method: str
     sequence: str  # modes in words
@@ -32,17 +32,23 @@ class Making:
 
 
 def make_plan(
-    loaded: LoadedLimms, scene: Scene, world: PartialPlan, budget: SearchBudget, making: Making
+    loaded: LoadedLimms,
+    scene: Scene,
+    partial_plan: PartialPlan,
+    budget: SearchBudget,
+    record: PlanRecord,
 ) -> LimmsPlan:
-    """The plan, without the lines of its summary."""
-    motion, stages = motion_of(world.stretches, scene.module, scene.wall_position, scene.box_size)
+    """Build the plan, without the lines of its summary."""
+    motion, stages = build_motion(
+        partial_plan.stretches, scene.module, scene.wall_position, scene.box_size
+    )
     work = budget.work
-    seconds = making.seconds | {"build": work.build_seconds, "solve": work.seconds}
+    seconds = record.seconds | {"build": work.build_seconds, "solve": work.seconds}
     cut_short = budget.is_expired
     return LimmsPlan(
         name=loaded.name,
         title=loaded.spec.title,
-        method=making.method,
+        method=record.method,
         status="limit" if cut_short else "feasible",
         motion=motion,
         anchor_names=scene.anchor_names,
@@ -59,16 +65,16 @@ def make_plan(
         module_names=scene.module_names,
         massless=scene.massless,
         stages=stages,
-        sequence=making.sequence,
+        sequence=record.sequence,
         spec_text=loaded.text,
         spec_sha256=loaded.sha256,
         seed=loaded.spec.seed,
         objective=float(np.linalg.norm(motion.box_position[-1] - scene.goals, axis=1).max()),
         timings={key: round(value, 4) for key, value in seconds.items()},
-        solvers=making.solvers,
+        solvers=record.solvers,
         sizes={
             "modules": scene.num_modules,
-            **making.sizes,
+            **record.sizes,
             "programs": work.programs,
             "ipopt_iterations": work.iterations,
             "variables": budget.variables,
@@ -76,74 +82,77 @@ def make_plan(
         },
         warnings=((cut_short_warning(budget.time_limit),) if cut_short else ())
         + _warnings(scene, motion),
-        convergence=making.convergence,
+        convergence=record.convergence,
     )
 
 
 def cut_short_warning(limit: float) -> str:
-    """That the clock decided, `limit` [s]."""
+    """Return the warning that the time limit [s] ended the search."""
     return (
         f"`solver.time_limit` ({limit:g} s) ended the search: with more time it may end elsewhere"
     )
 
 
 def _warnings(scene: Scene, motion: Motion) -> tuple[str, ...]:
-    """What the model leaves out and the real thing would feel."""
+    """Return warnings about effects that the model neglects."""
     weight = scene.module.mass * GRAVITY
-    found = []
+    warnings = []
     if scene.massless and weight > scene.module.max_force:
         text = f"the motion leaves out the modules' own dynamics: a module weighs {weight:.1f} N"
         if weight > 2 * scene.module.max_force:
             text += f", twice what a contact is said to hold ({scene.module.max_force:.0f} N)"
-        found.append(text)
+        warnings.append(text)
     for m, name in enumerate(scene.module_names):
         ends = np.stack([motion.base_anchor[:, m], motion.tip_anchor[:, m]], axis=-1)
         on_box = ((ends >= 0) & (ends < scene.wall_offset)).any(axis=-1)
         alone = on_box & (motion.mode[:, m] == DRIVES) & (motion.ground_end[:, m] < 0)
         if scene.massless and alone.any():
-            found.append(
+            warnings.append(
                 f"for a while nothing but the standing box holds module {name}: whether a box of "
                 f"{scene.weight:.1f} N tips under {weight:.1f} N is not looked at"
             )
-    return tuple(found)
+    return tuple(warnings)
 
 
-def motion_of(
+def build_motion(
     stretches: Sequence[Stretch],
     module: Any,
     wall_position: Array,
     box_size: Array,
 ) -> tuple[Motion, tuple[tuple[str, float, float], ...]]:
-    """Stretches put end to end, and the times of each; all boxes rest but the one it brings."""
-    begins = np.concatenate([[0.0], np.cumsum([s.time[-1] for s in stretches])])
+    """Join stretches into one motion, and return it with the times of each.
+
+    All boxes rest except the one that a stretch moves.
+    """
+    starts = np.concatenate([[0.0], np.cumsum([s.time[-1] for s in stretches])])
     joined: dict[str, list[Any]] = {key: [] for key in Motion.__annotations__}
     boxes = len(box_size)
-    for stretch, begin in zip(stretches, begins[:-1], strict=True):
+    for stretch, start in zip(stretches, starts[:-1], strict=True):
         n = len(stretch.time)
         base = Pose(stretch.base_position, stretch.base_rotation)
         points: Points = forward(module, base, stretch.angles)
-        order = list(stretch.number)
-        brought = order[0]
+        order = list(stretch.box_number)
+        moved_box = order[0]
         box = np.empty((n, boxes, 3))
         box[:, order] = np.concatenate(
-            [stretch.box[:, None], np.tile(stretch.others, (n, 1, 1))], axis=1
+            [stretch.box[:, None], np.tile(stretch.other_positions, (n, 1, 1))], axis=1
         )
         turning = np.zeros((n, boxes, 3))
         turning[:, order, 0] = np.concatenate(
-            [stretch.turning[:, :1], np.tile(stretch.their_yaws, (n, 1))], axis=1
+            [stretch.turning[:, :1], np.tile(stretch.other_yaws, (n, 1))], axis=1
         )
-        turning[:, brought] = stretch.turning
+        turning[:, moved_box] = stretch.turning
         velocity, acceleration = np.zeros((n, boxes, 3)), np.zeros((n, boxes, 3))
-        velocity[:, brought], acceleration[:, brought] = stretch.velocity, stretch.acceleration
+        velocity[:, moved_box], acceleration[:, moved_box] = stretch.velocity, stretch.acceleration
         box_mode = np.ones((n, boxes), int)
-        box_mode[:, brought] = stretch.box_mode
+        box_mode[:, moved_box] = stretch.box_mode
         force = np.zeros((n, boxes, 4, 3))
-        force[:, brought] = stretch.force
+        force[:, moved_box] = stretch.force
         offsets = SIDE_NORMALS[None] * box_size[:, None] / 2  # (B, 4, 3)
         offsets = rotate_to_world(turning[:, :, :1], offsets[None])  # (n, B, 4, 3)
         on_boxes = (box[:, :, None] + offsets).reshape(n, -1, 3)
-        parts = {
-            "time": begin + stretch.time,
+        arrays = {
+            "time": start + stretch.time,
             "box_position": box,
             "box_velocity": velocity,
             "box_acceleration": acceleration,
@@ -156,29 +165,29 @@ def motion_of(
             "joint_angles": stretch.angles,
             "joint_velocity": stretch.rates,
             "mode": np.tile(stretch.mode, (n, 1)),
-            "base_anchor": np.tile(_in_plan(stretch.base_anchor, order), (n, 1)),
-            "tip_anchor": np.tile(_in_plan(stretch.tip_anchor, order), (n, 1)),
+            "base_anchor": np.tile(_renumber_anchors(stretch.base_anchor, order), (n, 1)),
+            "tip_anchor": np.tile(_renumber_anchors(stretch.tip_anchor, order), (n, 1)),
             "ground_end": np.tile(stretch.grounded, (n, 1)),
             "anchor_position": np.concatenate(
                 [on_boxes, np.tile(wall_position, (n, 1, 1))], axis=1
             ),
             "force": force,
         }
-        for key, value in parts.items():
+        for key, value in arrays.items():
             joined[key].append(value)
     motion = Motion(**{key: np.concatenate(values) for key, values in joined.items()})
     stages: list[tuple[str, float, float]] = []
-    for stretch, begin, end in zip(stretches, begins[:-1], begins[1:], strict=True):
+    for stretch, start, end in zip(stretches, starts[:-1], starts[1:], strict=True):
         if stages and stages[-1][0] == stretch.name:
             stages[-1] = (stretch.name, stages[-1][1], float(end))
         else:
-            stages.append((stretch.name, float(begin), float(end)))
+            stages.append((stretch.name, float(start), float(end)))
     return motion, tuple(stages)
 
 
-def _in_plan(anchors: IntArray, order: Sequence[int]) -> IntArray:
-    """Anchors of a stretch by the numbers of the plan, in which boxes keep theirs."""
+def _renumber_anchors(anchors: IntArray, order: Sequence[int]) -> IntArray:
+    """Return the anchors of a stretch by the numbers of boxes in the plan."""
     on_box = (anchors >= 0) & (anchors < 4 * len(order))
     numbers = np.array(order)[np.where(on_box, anchors // 4, 0)]
-    found: IntArray = np.where(on_box, 4 * numbers + anchors % 4, anchors)
-    return found
+    renumbered: IntArray = np.where(on_box, 4 * numbers + anchors % 4, anchors)
+    return renumbered

@@ -1,4 +1,4 @@
-"""How far the two blocks of a consensus are apart, iteration by iteration (as in Fig. 6.4)."""
+"""Figure of consensus residuals by iteration (as in Fig. 6.4)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from climbplan.reports import palette
 from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain, style_axes
 
 _NAMES = {"box": "box, r_pB", "points": "modules, r_pL", "axes": "frames, r_RL"}
-_LEAST = 1e-6  # [m], [rad] what is drawn at least: the scale is logarithmic
+_MIN_VALUE = 1e-6  # [m], [rad], smallest value on the logarithmic scale
 
 
-def convergence(plan: LimmsPlan) -> Figure:
-    """Mean and largest residuals by iteration; positions left, frames right.
+def plot_convergence(plan: LimmsPlan) -> Figure:
+    """Plot mean and largest residuals by iteration; positions left, frames right.
 
     The plan must have a record of its consensus.
     """
@@ -34,9 +34,9 @@ def convergence(plan: LimmsPlan) -> Figure:
     colors = dict(zip(_NAMES, palette.LIMBS, strict=False))
     for ax, names, limit in ((left, ("box", "points"), 0.01), (right, ("axes",), 0.1)):
         for name in names:
-            _lines(ax, record, name, colors[name])
+            _plot_lines(ax, record, name, colors[name])
         ax.axhline(limit, color=palette.REQUIRED, linewidth=0.9, linestyle=":")
-        _style(ax, record)
+        _style_axes(ax, record)
     left.set_ylabel("positions apart [m]")
     right.set_ylabel("frames apart [rad]")
     panel_title(left, "Positions", "dots: 1 cm")
@@ -50,17 +50,18 @@ def convergence(plan: LimmsPlan) -> Figure:
     return figure
 
 
-def _lines(ax: Axes, record: Convergence, name: str, color: str) -> None:
-    """Each choice of modes for itself."""
+def _plot_lines(ax: Axes, record: Convergence, name: str, color: str) -> None:
+    """Plot the residuals of each choice of modes separately."""
     number = np.arange(1, len(record.attempt) + 1)
     for attempt in np.unique(record.attempt):
-        at = record.attempt == attempt
-        for part, style, width in (("mean", "-", 1.6), ("max", "--", 1.2)):
-            values = np.maximum(vars(record)[f"{name}_{part}"][at], _LEAST)
-            ax.plot(number[at], values, style, color=color, linewidth=width, marker=".")
+        in_attempt = record.attempt == attempt
+        for statistic, style, width in (("mean", "-", 1.6), ("max", "--", 1.2)):
+            values = np.maximum(vars(record)[f"{name}_{statistic}"][in_attempt], _MIN_VALUE)
+            ax.plot(number[in_attempt], values, style, color=color, linewidth=width, marker=".")
 
 
-def _style(ax: Axes, record: Convergence) -> None:
+def _style_axes(ax: Axes, record: Convergence) -> None:
+    """Style the axes, with iterations of free integers shaded."""
     ax.set_yscale("log")
     ax.set_xlabel("iteration")
     ax.set_xlim(0.5, len(record.attempt) + 0.5)

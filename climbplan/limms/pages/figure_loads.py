@@ -1,4 +1,4 @@
-"""Forces and joint torques of modules while they hold or push the box."""
+"""Figure of forces and joint torques of modules while they hold or push the box."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from climbplan.arrays import Array
-from climbplan.limms.modules.loads import loads_of
+from climbplan.limms.modules.loads import compute_loads
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.reports import palette
 from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain, style_axes
 
 
-def loads_over_time(plan: LimmsPlan) -> Figure:
-    """Force that each module passes on, and torque at its worst joint, beside what they may be."""
-    loads = loads_of(plan)
+def plot_loads(plan: LimmsPlan) -> Figure:
+    """Plot the force of each module and the torque at its worst joint, with limits."""
+    loads = compute_loads(plan)
     count = len(plan.module_names)
     figure = new_figure(3.9, entries=count + 2)
     heading(figure, plain(plan.title or plan.name), "from the box's forces alone")
     left, right = figure.subplots(1, 2)
     limit = float(plan.module["max_force"])
-    _curves(left, plan, loads.force, limit)
+    _plot_curves(left, plan, loads.force, limit)
     panel_title(left, "Force [N]", f"limit {limit:g} N")
-    _curves(right, plan, loads.torque, loads.limit)
+    _plot_curves(right, plan, loads.torque, loads.limit)
     panel_title(right, "Torque at the worst joint [N m]", f"limit {loads.limit:g} N m")
     if loads.own_weight <= loads.limit:
         right.axhline(loads.own_weight, color=palette.REQUIRED, linewidth=0.9, linestyle=":")
@@ -36,29 +36,29 @@ def loads_over_time(plan: LimmsPlan) -> Figure:
     return figure
 
 
-def _curves(ax: Axes, plan: LimmsPlan, values: Array, limit: float) -> None:
-    """One curve for each module over the time in which there are forces."""
+def _plot_curves(ax: Axes, plan: LimmsPlan, values: Array, limit: float) -> None:
+    """Plot one curve for each module over the time with forces."""
     time = plan.motion.time
     count = values.shape[1]
     for m in range(count):
         if values[:, m].max() > 0:
-            # Thinner and thinner: curves that coincide are all seen
+            # Decreasing widths keep coinciding curves visible
             width = 1.3 + 0.9 * (count - 1 - m)
             ax.plot(time, values[:, m], color=palette.limb_color(m), linewidth=width)
     ax.axhline(limit, color=palette.FAILURE, linewidth=0.9, linestyle="--")
-    begin, end = _loaded(plan, values)
-    ax.set_xlim(begin, end)
+    start, end = _find_loaded_time(plan, values)
+    ax.set_xlim(start, end)
     ax.set_ylim(0, 1.08 * max(limit, float(values.max())))
     ax.set_xlabel("time [s]")
     style_axes(ax)
 
 
-def _loaded(plan: LimmsPlan, values: Array) -> tuple[float, float]:
-    """When the first force begins and the last ends [s], with a little room."""
+def _find_loaded_time(plan: LimmsPlan, values: Array) -> tuple[float, float]:
+    """Return start and end of the time with forces [s], with a margin."""
     time = plan.motion.time
-    at = np.flatnonzero(values.max(axis=1) > 0)
-    if not len(at):
+    loaded = np.flatnonzero(values.max(axis=1) > 0)
+    if not len(loaded):
         return float(time[0]), float(time[-1])
-    begin, end = float(time[at[0]]), float(time[at[-1]])
-    room = max(0.03 * (end - begin), 0.02)
-    return begin - room, end + room
+    start, end = float(time[loaded[0]]), float(time[loaded[-1]])
+    margin = max(0.03 * (end - start), 0.02)
+    return start - margin, end + margin

@@ -1,4 +1,4 @@
-"""Who is in which mode when: one bar for the box and one for each module."""
+"""Figure of modes over time: one bar for each box and each module."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _STYLES = ("-", "--", "-.")  # of boxes
 MODULE_COLORS = {1: "#E4E9EF", 2: "#D55E00", 3: "#F0B48A", 4: "#0072B2", 5: "#9CC7E8"}
 
 
-def mode_timeline(plan: LimmsPlan) -> Figure:
-    """Modes and latches over time, and the way of each box."""
+def plot_modes(plan: LimmsPlan) -> Figure:
+    """Plot modes and latches over time, and the path of each box."""
     motion = plan.motion
     count = plan.deliveries
     rows = len(plan.module_names) + count
@@ -35,12 +35,12 @@ def mode_timeline(plan: LimmsPlan) -> Figure:
         is_box = row < count
         mode = motion.box_mode[:, row] if is_box else motion.mode[:, row - count]
         colors = BOX_COLORS if is_box else MODULE_COLORS
-        for first, last in _runs(mode):
-            begin, end = motion.time[first], motion.time[last]
+        for first, last in _find_runs(mode):
+            start, end = motion.time[first], motion.time[last]
             color = colors.get(int(mode[first]), palette.FAILURE)
-            top.barh(row, end - begin, left=begin, height=0.72, color=color, linewidth=0)
+            top.barh(row, end - start, left=start, height=0.72, color=color, linewidth=0)
         if not is_box:
-            _latches(plan, row - count, row, top, scale)
+            _label_latches(plan, row - count, row, top, scale)
 
     top.set_yticks(range(len(names)), [plain(name, 12) for name in names])
     top.invert_yaxis()
@@ -56,7 +56,7 @@ def mode_timeline(plan: LimmsPlan) -> Figure:
     below.set_ylabel("box [m]")
     is_turned = bool(motion.box_yaw.any() or plan.goal_yaw.any())
     if is_turned:
-        _yaws(plan, below)
+        _plot_yaws(plan, below)
     below.legend(frameon=False, fontsize=8, ncols=3 + is_turned, loc="upper left")
     panel_title(below, "Centre of the box" + "es" * (count > 1), "dots: goal")
     style_axes(below)
@@ -67,8 +67,8 @@ def mode_timeline(plan: LimmsPlan) -> Figure:
     return figure
 
 
-def _yaws(plan: LimmsPlan, ax: Axes) -> None:
-    """How boxes are turned, on an axis of their own."""
+def _plot_yaws(plan: LimmsPlan, ax: Axes) -> None:
+    """Plot the yaws of boxes on an axis of their own."""
     right = ax.twinx()
     for b in range(plan.deliveries):
         style = _STYLES[b % len(_STYLES)]
@@ -80,37 +80,38 @@ def _yaws(plan: LimmsPlan, ax: Axes) -> None:
     right.spines["top"].set_visible(False)
 
 
-def _runs(values: np.ndarray) -> list[tuple[int, int]]:
+def _find_runs(values: np.ndarray) -> list[tuple[int, int]]:
+    """Return first and last index of each run of equal values."""
     edges = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]
     return [(a, b - 1) for a, b in itertools.pairwise(edges)]
 
 
-def _latches(plan: LimmsPlan, module: int, row: int, ax: Axes, scale: TimeScale) -> None:
-    """Names of the anchors, in the bar."""
+def _label_latches(plan: LimmsPlan, module: int, row: int, ax: Axes, scale: TimeScale) -> None:
+    """Write the names of anchors into the bars."""
     motion = plan.motion
-    both = motion.base_anchor[:, module] * 100_000 + motion.tip_anchor[:, module]
-    for first, last in _runs(both):
-        held = [
-            _anchor_name(plan, int(a))
+    anchor_pairs = motion.base_anchor[:, module] * 100_000 + motion.tip_anchor[:, module]
+    for first, last in _find_runs(anchor_pairs):
+        names = [
+            _name_anchor(plan, int(a))
             for a in (motion.base_anchor[first, module], motion.tip_anchor[first, module])
             if a >= 0
         ]
-        begin, end = motion.time[first], motion.time[last]
-        shown = float(np.diff(scale.place(np.array([begin, end])))[0])
-        if held and shown > 0.05:
-            text = plain(" + ".join(held), 28)
+        start, end = motion.time[first], motion.time[last]
+        width = float(np.diff(scale.map_times(np.array([start, end])))[0])
+        if names and width > 0.05:
+            text = plain(" + ".join(names), 28)
             color = palette.ink_on(
                 MODULE_COLORS.get(int(motion.mode[first, module]), palette.FAILURE)
             )
             ax.text(
-                (begin + end) / 2, row, text, ha="center", va="center", fontsize=7.5, color=color
+                (start + end) / 2, row, text, ha="center", va="center", fontsize=7.5, color=color
             )
 
 
-def _anchor_name(plan: LimmsPlan, anchor: int) -> str:
-    """An anchor's own name, or whose end it is."""
-    known = len(plan.anchor_names)
-    if anchor < known:
+def _name_anchor(plan: LimmsPlan, anchor: int) -> str:
+    """Return an anchor's name, or the module whose end it is."""
+    num_anchors = len(plan.anchor_names)
+    if anchor < num_anchors:
         return plan.anchor_names[anchor]
-    module = (anchor - known) // 2
+    module = (anchor - num_anchors) // 2
     return f"on {plan.module_names[module]}" if module < len(plan.module_names) else "nothing"

@@ -1,4 +1,4 @@
-"""The HTML page of a LIMMS plan: one file with an animated replay that needs nothing else."""
+"""The HTML page of a LIMMS plan: one self-contained file with an animated replay."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from climbplan.limms.check.limits import LIMITS, MASS_LIMITS
-from climbplan.limms.pages.scene import scene_of_modules
+from climbplan.limms.pages.scene import build_module_scene
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.reports.page_parts import Card, Table, read_part
 from climbplan.reports.page_template import (
@@ -22,9 +22,12 @@ from climbplan.reports.scene_replay import scene_replay
 
 
 def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
-    """The page as text.
+    """Build the page.
 
-    report: as `report_dict` gives it. images: PNG files by name.
+    Args:
+        plan: The plan.
+        report: The report, as `report_dict` returns it.
+        images: PNG files by name.
     """
     limits = report["limits"]
     origin = origin_rows(report, {"Method": report["method"], "Modes": report["sequence"]})
@@ -33,11 +36,11 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
         **report_fields(
             report,
             "limms",
-            _cards(report),
+            _build_cards(report),
             images,
             report["status"],
             (read_part("replay.js"),),
-            data_element("replay-data", scene_replay(scene_of_modules(plan))),
+            data_element("replay-data", scene_replay(build_module_scene(plan))),
         ),
         **verification_fields(
             report, {name: limit.meaning for name, limit in (LIMITS | MASS_LIMITS).items()}
@@ -50,7 +53,7 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
         loads=Table.of(
             ("Module", "Force [N]", "Torque [N m]", "Modes"),
             (
-                (m["name"], f"{m['force']:.1f}", f"{m['torque']:.1f}", _modes(m["modes"]))
+                (m["name"], f"{m['force']:.1f}", f"{m['torque']:.1f}", _format_modes(m["modes"]))
                 for m in report["modules"]
             ),
         ),
@@ -63,18 +66,19 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
     )
 
 
-def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
+def _build_cards(report: Mapping[str, Any]) -> Iterator[Card]:
+    """Yield the cards of the page."""
     box = report["box"]
-    boxes, off = report["boxes"], f"{1e3 * report['objective']:.2f} mm off"
+    boxes, error_text = report["boxes"], f"{1e3 * report['objective']:.2f} mm off"
     if len(boxes) > 1:
-        masses = " + ".join(f"{each['mass']:g}" for each in boxes)
-        yield Card(f"{len(boxes)} boxes", f"{masses} kg", f"the worst {off} its goal")
+        masses = " + ".join(f"{box_of_report['mass']:g}" for box_of_report in boxes)
+        yield Card(f"{len(boxes)} boxes", f"{masses} kg", f"the worst {error_text} its goal")
     else:
-        yield Card("Box", f"{box['mass']:g} kg", f"{off} its goal")
+        yield Card("Box", f"{box['mass']:g} kg", f"{error_text} its goal")
     yield Card("Motion", f"{report['duration']:.1f} s", f"arrives at {box['final_speed']:.2f} m/s")
-    for number, each in enumerate(boxes):
-        which = f"box {number}" if len(boxes) > 1 else "the box"
-        yield Card(f"Modes of {which}", " → ".join(name for name, _ in each["modes"]))
+    for number, box_of_report in enumerate(boxes):
+        label = f"box {number}" if len(boxes) > 1 else "the box"
+        yield Card(f"Modes of {label}", " → ".join(name for name, _ in box_of_report["modes"]))
     yield Card(
         "Planned in",
         f"{report['timings']['total']:.1f} s",
@@ -84,6 +88,6 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
     yield Card("Largest force", f"{force:.1f} N", f"limit {report['limits']['force']:.0f} N")
 
 
-def _modes(story: Sequence[tuple[str, float]]) -> str:
-    """Modes with their durations, in order."""
-    return ", ".join(f"{name} {seconds:.1f} s" for name, seconds in story)
+def _format_modes(modes: Sequence[tuple[str, float]]) -> str:
+    """Return modes with their durations, in order."""
+    return ", ".join(f"{name} {seconds:.1f} s" for name, seconds in modes)

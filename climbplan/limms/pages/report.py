@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from climbplan.limms.check.verification import verify
-from climbplan.limms.modules.loads import loads_of
+from climbplan.limms.modules.loads import compute_loads
 from climbplan.limms.pages.page import build_page
 from climbplan.limms.plan.file import FORMAT, FORMAT_VERSION, read_limms_plan
 from climbplan.limms.plan.limms_plan import BOX_MODES, MODULE_MODES, LimmsPlan
-from climbplan.limms.plan.summary import box_story, module_story
+from climbplan.limms.plan.summary import list_box_modes, list_module_modes
 from climbplan.reports.plan_report import FigureOf, PlanReport
 from climbplan.reports.report_files import finite
 from climbplan.verification.verification import Verification
@@ -49,25 +49,25 @@ UNITS = {
 
 
 FIGURES: Mapping[str, Callable[[LimmsPlan], Figure]] = {
-    "modes": FigureOf("climbplan.limms.pages.figure_modes:mode_timeline"),
-    "poses": FigureOf("climbplan.limms.pages.figure_modules:key_poses"),
-    "loads": FigureOf("climbplan.limms.pages.figure_loads:loads_over_time"),
+    "modes": FigureOf("climbplan.limms.pages.figure_modes:plot_modes"),
+    "poses": FigureOf("climbplan.limms.pages.figure_modules:plot_key_poses"),
+    "loads": FigureOf("climbplan.limms.pages.figure_loads:plot_loads"),
 }
 
 
-def figures_of(plan: LimmsPlan) -> Mapping[str, Callable[[LimmsPlan], Figure]]:
-    """What can be drawn of a plan."""
+def select_figures(plan: LimmsPlan) -> Mapping[str, Callable[[LimmsPlan], Figure]]:
+    """Return the figures of a plan."""
     if plan.convergence is None:
         return FIGURES
     return {
         **FIGURES,
-        "convergence": FigureOf("climbplan.limms.pages.figure_convergence:convergence"),
+        "convergence": FigureOf("climbplan.limms.pages.figure_convergence:plot_convergence"),
     }
 
 
-def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
-    """Root attributes of the file, checks, times, sizes, stages, and loads of each module."""
-    loads, last = loads_of(plan), plan.deliveries - 1
+def _build_values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
+    """Return root attributes, checks, times, sizes, stages, and loads of each module."""
+    loads, last = compute_loads(plan), plan.deliveries - 1
     report = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -96,7 +96,7 @@ def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
             "goal_yaw": float(plan.goal_yaw[0]),
             "final_yaw": float(plan.motion.box_yaw[-1, 0]),
             "final_speed": float(np.linalg.norm(plan.motion.box_velocity[-1, last])),
-            "modes": [[BOX_MODES[mode], seconds] for mode, seconds in box_story(plan)],
+            "modes": [[BOX_MODES[mode], seconds] for mode, seconds in list_box_modes(plan)],
         },
         "boxes": [
             {
@@ -104,7 +104,7 @@ def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
                 "goal": plan.goal[b].tolist(),
                 "goal_yaw": float(plan.goal_yaw[b]),
                 "final_yaw": float(plan.motion.box_yaw[-1, b]),
-                "modes": [[BOX_MODES[mode], seconds] for mode, seconds in box_story(plan, b)],
+                "modes": [[BOX_MODES[mode], seconds] for mode, seconds in list_box_modes(plan, b)],
             }
             for b in range(plan.deliveries)
         ],
@@ -114,7 +114,7 @@ def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
                 "name": name,
                 "force": float(loads.force[:, m].max()),
                 "torque": float(loads.torque[:, m].max()),
-                "modes": [[MODULE_MODES[k], seconds] for k, seconds in module_story(plan, m)],
+                "modes": [[MODULE_MODES[k], seconds] for k, seconds in list_module_modes(plan, m)],
             }
             for m, name in enumerate(plan.module_names)
         ],
@@ -123,17 +123,17 @@ def _values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]:
             "torque": loads.limit,
             "own_weight_torque": loads.own_weight,
         },
-        "figures": [f"figures/{name}.png" for name in figures_of(plan)],
+        "figures": [f"figures/{name}.png" for name in select_figures(plan)],
         "units": UNITS,
     }
     if plan.convergence is not None:
         record = vars(plan.convergence)
         report["convergence"] = {key: values.tolist() for key, values in record.items()}
-    whole: dict[str, Any] = finite(report)
-    return whole
+    finite_values: dict[str, Any] = finite(report)
+    return finite_values
 
 
-_REPORT = PlanReport(read_limms_plan, verify, _values, figures_of, build_page)
+_REPORT = PlanReport(read_limms_plan, verify, _build_values, select_figures, build_page)
 report_dict = _REPORT.report_dict
 write_report = _REPORT.write_report
 write_values = _REPORT.write_values

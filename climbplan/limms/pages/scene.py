@@ -1,4 +1,4 @@
-"""Modules that deliver a box, as scenes."""
+"""Scenes of modules that deliver a box, for the viewer."""
 
 from __future__ import annotations
 
@@ -7,63 +7,64 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.limms.pages.obstacles import obstacles_of
+from climbplan.limms.pages.obstacles import find_obstacles
 from climbplan.limms.plan.file import read_limms_plan
 from climbplan.limms.plan.limms_plan import BOX_MODES, MODULE_MODES, LimmsPlan
-from climbplan.limms.plan.summary import boxes_in_words
+from climbplan.limms.plan.summary import describe_boxes
 from climbplan.limms.scene.placement import rotation_about_vertical
 from climbplan.reports import palette
 from climbplan.reports.key_frames import key_frames
 from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, block
 
-_TOLERANCE = 2e-3  # [m] by which the view may be off between its samples
-_AROUND = 0.4  # [m] of ground and walls drawn beyond the motion
-_ANCHOR = 0.03  # [m] edge of an anchor as it is drawn
+_TOLERANCE = 2e-3  # [m], error of the view between key frames
+_GROUND_MARGIN = 0.4  # [m] of ground and walls drawn beyond the motion
+_ANCHOR_SIZE = 0.03  # [m], edge of a drawn anchor
 
 
 def read_scene(path: FilePath) -> Scene:
-    """The scene of a LIMMS plan file.
+    """Read the scene of a LIMMS plan file.
 
-    Raises PlanFileError for a damaged file.
+    Raises:
+        PlanFileError: The file is damaged.
     """
-    return scene_of_modules(read_limms_plan(path))
+    return build_module_scene(read_limms_plan(path))
 
 
-def scene_of_modules(plan: LimmsPlan) -> Scene:
-    """The scene of a plan that was read."""
+def build_module_scene(plan: LimmsPlan) -> Scene:
+    """Build the scene of a plan."""
     motion = plan.motion
     count, modules = motion.joint_position.shape[:2]
-    # A turn counts as what corners go by it
-    arms = np.linalg.norm(plan.box_size[:, :2] / 2, axis=1)
+    # Rotations count by the path of corners
+    radii = np.linalg.norm(plan.box_size[:, :2] / 2, axis=1)
     values = np.concatenate(
         [
             motion.box_position.reshape(count, -1),
-            motion.box_yaw * arms,
+            motion.box_yaw * radii,
             motion.joint_position.reshape(count, -1),
         ],
         axis=1,
     )
     changed = (np.diff(motion.time) <= 0) | (np.diff(motion.mode, axis=0) != 0).any(axis=1)
     forced = np.concatenate([[False], changed]) | np.concatenate([changed, [False]])
-    kept = key_frames(motion.time, values, forced, _TOLERANCE)
-    joints = motion.joint_position[kept]  # (F, L, 8, 3)
+    frames = key_frames(motion.time, values, forced, _TOLERANCE)
+    joints = motion.joint_position[frames]  # (F, L, 8, 3)
     links = np.stack([joints[:, :, :-1], joints[:, :, 1:]], axis=3)  # (F, L, 7, 2, 3)
-    boxes = motion.box_position[kept]
-    reached = np.concatenate([joints.reshape(-1, 3), boxes.reshape(-1, 3), plan.goal])
-    lower, upper = reached.min(axis=0) - 0.2, reached.max(axis=0) + 0.2
-    each = links.shape[2]
-    begins = [begin for _, begin, _ in plan.stages]
-    time = motion.time[kept]
+    boxes = motion.box_position[frames]
+    points = np.concatenate([joints.reshape(-1, 3), boxes.reshape(-1, 3), plan.goal])
+    lower, upper = points.min(axis=0) - 0.2, points.max(axis=0) + 0.2
+    num_links = links.shape[2]
+    starts = [start for _, start, _ in plan.stages]
+    time = motion.time[frames]
     return Scene(
         title=plan.name,
         facts=(
-            f"{modules} modules, {boxes_in_words(plan)}, {plan.method}",
+            f"{modules} modules, {describe_boxes(plan)}, {plan.method}",
             f"{1e3 * plan.objective:.2f} mm off its goal at the end",
         ),
         time=time,
-        caption=_captions(plan, kept),
-        marks=np.unique(np.searchsorted(time, begins)).astype(np.int64),
-        shapes=(*_solids(plan, lower, upper), *_anchors(plan)),
+        caption=_build_captions(plan, frames),
+        marks=np.unique(np.searchsorted(time, starts)).astype(np.int64),
+        shapes=(*_build_solids(plan, lower, upper), *_build_anchors(plan)),
         paths=tuple(
             Path(
                 f"box {b}" if plan.deliveries > 1 else "box",
@@ -73,39 +74,47 @@ def scene_of_modules(plan: LimmsPlan) -> Scene:
             for b in range(plan.deliveries)
         ),
         rods=Rods(
-            links.reshape(len(kept), modules * each, 2, 3),
-            np.full(modules * each, float(plan.module["radius"])),
-            tuple(palette.limb_color(m) for m in range(modules) for _ in range(each)),
+            links.reshape(len(frames), modules * num_links, 2, 3),
+            np.full(modules * num_links, float(plan.module["radius"])),
+            tuple(palette.limb_color(m) for m in range(modules) for _ in range(num_links)),
         ),
-        boxes=_boxes(plan, boxes, motion.box_yaw[kept]),
-        forces=_forces(plan, kept),
+        boxes=_build_boxes(plan, boxes, motion.box_yaw[frames]),
+        forces=_build_forces(plan, frames),
         lower=lower,
         upper=upper,
     )
 
 
-def _captions(plan: LimmsPlan, kept: IntArray) -> tuple[str, ...]:
+def _build_captions(plan: LimmsPlan, frames: IntArray) -> tuple[str, ...]:
+    """Return the caption of each frame."""
     motion, texts = plan.motion, []
     names = np.array([name for name, _, _ in plan.stages])
-    begins = np.array([begin for _, begin, _ in plan.stages])
-    for k in kept:
-        stage = names[max(int(np.searchsorted(begins, motion.time[k], side="right")) - 1, 0)]
+    starts = np.array([start for _, start, _ in plan.stages])
+    for k in frames:
+        stage = names[max(int(np.searchsorted(starts, motion.time[k], side="right")) - 1, 0)]
         modes = ", ".join(
             f"{name} {MODULE_MODES[int(mode)]}"
             for name, mode in zip(plan.module_names, motion.mode[k], strict=True)
         )
-        own = motion.box_mode[k, : plan.deliveries]
-        called = ["box"] if len(own) == 1 else [f"box {b}" for b in range(len(own))]
-        boxes = ", ".join(f"{n} {BOX_MODES[int(m)]}" for n, m in zip(called, own, strict=True))
+        modes_of_boxes = motion.box_mode[k, : plan.deliveries]
+        box_names = (
+            ["box"]
+            if len(modes_of_boxes) == 1
+            else [f"box {b}" for b in range(len(modes_of_boxes))]
+        )
+        boxes = ", ".join(
+            f"{n} {BOX_MODES[int(m)]}" for n, m in zip(box_names, modes_of_boxes, strict=True)
+        )
         texts.append(f"{stage}: {boxes}, {modes}")
     return tuple(texts)
 
 
-def _solids(plan: LimmsPlan, lower: Array, upper: Array) -> list[Shape]:
-    near, far = lower - _AROUND, upper + _AROUND
-    obstacles, shapes = obstacles_of(plan), []
+def _build_solids(plan: LimmsPlan, lower: Array, upper: Array) -> list[Shape]:
+    """Return shapes of solids, clipped to the surroundings of the motion."""
+    low_limit, high_limit = lower - _GROUND_MARGIN, upper + _GROUND_MARGIN
+    obstacles, shapes = find_obstacles(plan), []
     for number, (low, high) in enumerate(plan.solids):
-        a, b = np.maximum(low, near), np.minimum(high, far)
+        a, b = np.maximum(low, low_limit), np.minimum(high, high_limit)
         if not (a < b).all():
             continue
         if (obstacles == np.stack([low, high])).all(axis=(1, 2)).any():
@@ -115,21 +124,25 @@ def _solids(plan: LimmsPlan, lower: Array, upper: Array) -> list[Shape]:
     return shapes
 
 
-def _anchors(plan: LimmsPlan) -> list[Shape]:
-    """Anchors on walls and ground, and the goal; those of boxes move with them."""
+def _build_anchors(plan: LimmsPlan) -> list[Shape]:
+    """Return shapes of anchors on walls and ground, and of goals; those of boxes move with them."""
     first = 4 * len(plan.box_size)
-    half = _ANCHOR / 2
-    places = zip(plan.anchor_names[first:], plan.motion.anchor_position[0, first:], strict=True)
-    shapes = [block(name, at - half, at + half, palette.FORCE, 1.0) for name, at in places]
+    half = _ANCHOR_SIZE / 2
+    anchors = zip(plan.anchor_names[first:], plan.motion.anchor_position[0, first:], strict=True)
+    shapes = [
+        block(name, position - half, position + half, palette.FORCE, 1.0)
+        for name, position in anchors
+    ]
     for b, (goal, half) in enumerate(zip(plan.goal, plan.box_size / 2, strict=True)):
         if b < plan.deliveries:
             name = f"goal {b}" if plan.deliveries > 1 else "goal"
-            turn = float(plan.goal_yaw[b])
-            shapes.append(block(name, goal - half, goal + half, palette.LABELS[0], 0.2, turn))
+            yaw = float(plan.goal_yaw[b])
+            shapes.append(block(name, goal - half, goal + half, palette.LABELS[0], 0.2, yaw))
     return shapes
 
 
-def _boxes(plan: LimmsPlan, center: Array, yaw: Array) -> Boxes:
+def _build_boxes(plan: LimmsPlan, center: Array, yaw: Array) -> Boxes:
+    """Return all boxes in motion."""
     count, boxes = center.shape[:2]
     return Boxes(
         center,
@@ -140,13 +153,14 @@ def _boxes(plan: LimmsPlan, center: Array, yaw: Array) -> Boxes:
     )
 
 
-def _forces(plan: LimmsPlan, kept: IntArray) -> Forces:
+def _build_forces(plan: LimmsPlan, frames: IntArray) -> Forces:
+    """Return the forces on boxes."""
     motion = plan.motion
-    count, boxes = motion.force[kept].shape[:2]
-    force = motion.force[kept].reshape(count, 4 * boxes, 3)
+    count, boxes = motion.force[frames].shape[:2]
+    force = motion.force[frames].reshape(count, 4 * boxes, 3)
     return Forces(
-        point=motion.anchor_position[kept][:, : 4 * boxes],
+        point=motion.anchor_position[frames][:, : 4 * boxes],
         force=force,
-        normal=np.zeros_like(force),  # on a box a latch holds: there is no cone
+        normal=np.zeros_like(force),  # latches on boxes have no friction cone
         mu=np.zeros(force.shape[:2]),
     )

@@ -1,1 +1,1 @@
-"""Module plans: in memory, in files, and in words."""
+"""Module plans in memory, in files, and in words."""

@@ -1,4 +1,4 @@
-"""Residuals of a consensus by iteration, as a plan keeps them."""
+"""Residuals of a consensus by iteration, as stored in a plan."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ RESIDUALS = {"box": "m", "points": "m", "axes": "rad"}  # r_pB, r_pL and r_RL, e
 
 @dataclass(frozen=True)
 class Convergence:
-    """I iterations; those of one choice of modes have the same `attempt`."""
+    """Residuals of I iterations; those of one choice of modes have the same `attempt`."""
 
     attempt: IntArray  # (I,) from 0
-    frozen: IntArray  # (I,) 1 where the integers were kept
+    frozen: IntArray  # (I,) 1 where the integers were fixed
     box_mean: Array  # (I,) r_pB [m]
     box_max: Array
     points_mean: Array  # (I,) r_pL [m]
     points_max: Array
     axes_mean: Array  # (I,) r_RL [rad]
     axes_max: Array
-    missed: Array  # (I,) [m] of the goal by the mixed-integer block
-    violation: Array  # (I,) [m] of latches and gaps by the nonlinear block
+    missed: Array  # (I,) [m] distance to the goal in the mixed-integer block
+    violation: Array  # (I,) [m] of latches and gaps in the nonlinear block
     mixed_integer_seconds: Array  # (I,)
     nonlinear_seconds: Array  # (I,)

@@ -1,4 +1,4 @@
-"""LIMMS plans as HDF5 files: writing them, and reading them back exactly."""
+"""LIMMS plans as HDF5 files: exact writing and reading."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ STILL: dict[str, tuple[str, Layout]] = {
     "goal_yaw": ("box/goal_yaw", Layout(("B",), "rad", "world")),
     "solids": ("terrain/solids", Layout(("S", 2, 3), "m", "world")),
 }
-# Boxes of plans that do not have these keep their attitude
+# Without these datasets boxes keep their attitude
 _TURNING = ("box_yaw", "box_yaw_rate", "box_yaw_acceleration", "goal_yaw")
-# I iterations of a consensus; the group is there only if the method has them
+# I iterations of a consensus; only plans of that method have the group
 CONVERGENCE: dict[str, Layout] = {
     "attempt": Layout(("I",), kind="int"),
     "frozen": Layout(("I",), kind="int"),
@@ -88,10 +88,12 @@ _NOTES = {
 
 
 def write_limms_plan(plan: LimmsPlan, path: Path) -> None:
-    """Write a plan; the file appears whole or not at all, in place of one that is there.
+    """Write a plan atomically; an existing file is replaced.
 
-    An empty `created` or `climbplan_version` becomes now and this version. Raises UsageError if
-    the file cannot be written.
+    An empty `created` or `climbplan_version` becomes now and this version.
+
+    Raises:
+        UsageError: The file cannot be written.
     """
     with new_store(path) as file:
         _write_header(file, plan)
@@ -115,18 +117,19 @@ def write_limms_plan(plan: LimmsPlan, path: Path) -> None:
 
 
 def read_limms_plan(path: Path) -> LimmsPlan:
-    """The plan in a file, exactly as it was written.
+    """Read the plan in a file, exactly as it was written.
 
-    Raises PlanFileError for anything that is not a whole LIMMS plan: another format or version,
-    missing or misshapen data, NaN where numbers must be.
+    Raises:
+        PlanFileError: The file is not a complete LIMMS plan: another format or version, missing or
+            misshapen data, or NaN where numbers must be.
     """
-    plan = read_as_found(path)
+    plan = read_unchecked_plan(path)
     require_finite(path, plan)
     return plan
 
 
-def read_as_found(path: Path) -> LimmsPlan:
-    """As `read_limms_plan`, but numbers that are not finite are only listed, for a check."""
+def read_unchecked_plan(path: Path) -> LimmsPlan:
+    """Read a plan as `read_limms_plan` does, but list values that are not finite, for a check."""
     with opened_store(path) as file:
         reader = Reader(path, file)
         require_plan(reader, FORMAT_VERSION, FORMAT)
@@ -134,6 +137,7 @@ def read_as_found(path: Path) -> LimmsPlan:
 
 
 def _write_header(file: h5py.File, plan: LimmsPlan) -> None:
+    """Write the root attributes."""
     texts = {"title": plan.title, "method": plan.method, "sequence": plan.sequence}
     write_header(
         file,
@@ -153,21 +157,24 @@ def _write_header(file: h5py.File, plan: LimmsPlan) -> None:
 
 
 def _read(reader: Reader) -> LimmsPlan:
-    turns = reader.has("box/yaw")
+    """Read all datasets and attributes."""
+    has_yaw = reader.has("box/yaw")
     values: dict[str, Any] = {
         key: reader.array(name, layout)
         for key, (name, layout) in {**MOTION, **STILL}.items()
-        if turns or key not in _TURNING
+        if has_yaw or key not in _TURNING
     }
-    if not turns:
+    if not has_yaw:
         boxes = reader.dimensions["B"]
-        rotation_about_vertical = np.zeros((reader.dimensions["T"], boxes))
-        values |= dict.fromkeys(_TURNING, rotation_about_vertical) | {"goal_yaw": np.zeros(boxes)}
+        no_rotation = np.zeros((reader.dimensions["T"], boxes))
+        values |= dict.fromkeys(_TURNING, no_rotation) | {"goal_yaw": np.zeros(boxes)}
     motion = Motion(**{key: values.pop(key) for key in MOTION})
     convergence = None
     if reader.has("convergence"):
-        found = {key: reader.array(f"convergence/{key}", lay) for key, lay in CONVERGENCE.items()}
-        convergence = Convergence(**found)
+        values_by_iteration = {
+            key: reader.array(f"convergence/{key}", lay) for key, lay in CONVERGENCE.items()
+        }
+        convergence = Convergence(**values_by_iteration)
     if not len(motion.time):
         raise reader.refuse("no samples")
     if reader.dimensions["A"] < 4 * reader.dimensions["B"]:
@@ -177,7 +184,7 @@ def _read(reader: Reader) -> LimmsPlan:
         "limms/link_lengths": (reader.array("limms/link_lengths", _LINKS).tolist(), "link_lengths"),
         "force_limit": (reader.number("", "force_limit"), "max_force"),
     }
-    own = reader.has_attribute("limms", "source")
+    has_source = reader.has_attribute("limms", "source")
     return LimmsPlan(
         title=reader.text("", "title"),
         method=reader.text("", "method"),
@@ -185,14 +192,14 @@ def _read(reader: Reader) -> LimmsPlan:
         motion=motion,
         anchor_names=reader.texts("anchors/name", _NAMES),
         module=module,
-        module_text=reader.text("limms", "source") if own else "",
+        module_text=reader.text("limms", "source") if has_source else "",
         at_odds=tuple(name for name, (copy, key) in copies.items() if module.get(key) != copy),
         module_names=reader.texts("limms/name", _MODULES),
-        # Plans of before modules had masses do not say so
+        # Files without this attribute have massless modules
         massless=not reader.has_attribute("", "massless") or reader.flag("", "massless"),
         arrival_speed=reader.number("", "arrival_speed"),
         friction=reader.number("", "friction"),
-        stages=_stages(reader),
+        stages=_read_stages(reader),
         sequence=reader.text("", "sequence"),
         objective=reader.number("", "objective"),
         convergence=convergence,
@@ -201,10 +208,11 @@ def _read(reader: Reader) -> LimmsPlan:
     )
 
 
-def _stages(reader: Reader) -> tuple[tuple[str, float, float], ...]:
+def _read_stages(reader: Reader) -> tuple[tuple[str, float, float], ...]:
+    """Read the stages with their times."""
     value = reader.json("", "stages")
     try:
-        stages = tuple((str(name), float(begin), float(end)) for name, begin, end in value)
+        stages = tuple((str(name), float(start), float(end)) for name, start, end in value)
     except (TypeError, ValueError, OverflowError) as error:
         raise reader.refuse("attribute stages is not a list of names and times") from error
     if not stages:

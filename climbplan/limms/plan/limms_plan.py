@@ -1,4 +1,4 @@
-"""A LIMMS plan as its file keeps it."""
+"""A LIMMS plan in memory, with the content of its file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MODULE_MODES = {1: "free", 2: "arm", 3: "added arm", 4: "leg", 5: "added leg"}
 
 @dataclass(frozen=True)
 class Motion:
-    """Dense samples (T). Where modes change a time is there twice: before and after."""
+    """Dense samples (T). Where modes change, a time occurs twice: before and after."""
 
     time: Array  # (T,) [s]
     box_position: Array  # (T, B, 3) [m]
@@ -39,7 +39,7 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class LimmsPlan(PlanHeader):
-    """Motion, scene and how it came about."""
+    """Motion, scene and origin of a plan."""
 
     title: str
     method: str
@@ -57,7 +57,7 @@ class LimmsPlan(PlanHeader):
     module: dict[str, Any]  # fields of the module's spec
     module_names: tuple[str, ...]
     massless: bool = True  # modules have no mass of their own
-    stages: tuple[tuple[str, float, float], ...]  # name, begin, end [s]
+    stages: tuple[tuple[str, float, float], ...]  # name, start, end [s]
     sequence: str
     objective: float  # [m] distance of the box from its goal at the end
     convergence: Convergence | None = None
@@ -65,5 +65,5 @@ class LimmsPlan(PlanHeader):
 
     @property
     def deliveries(self) -> int:
-        """How many boxes are delivered, one after the other; parked ones have no mass."""
+        """The number of boxes to deliver, in order; static boxes have no mass."""
         return max(int((self.box_mass > 0).sum()), 1)

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.limms.arms.carrying import carry
-from climbplan.limms.arms.chain_carrying import carry_on_chains
-from climbplan.limms.arms.relatching import relatch
+from climbplan.limms.arms.carrying import plan_carrying
+from climbplan.limms.arms.chain_carrying import plan_chain_carrying
+from climbplan.limms.arms.relatching import plan_relatching
 from climbplan.limms.budget.search_budget import SearchBudget
-from climbplan.limms.legs.walking import walk
-from climbplan.limms.motion.between_legs import Settle, as_it_is, headed, put_down, turned_to
+from climbplan.limms.legs.walking import plan_walking
+from climbplan.limms.motion.between_subtasks import (
+    Settle,
+    keep_plan,
+    release_box,
+    retarget,
+    switch_box,
+)
 from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.scene.actions import Action, Subtask, TaskPlan
 
@@ -23,7 +29,7 @@ class TaskPlanExecution:
         budget: SearchBudget,
         rng: np.random.Generator,
         most_steps: int,
-        settle_last: Settle = as_it_is,
+        settle_last: Settle = keep_plan,
     ) -> None:
         """Initialise from where everything is.
 
@@ -46,7 +52,7 @@ class TaskPlanExecution:
             if subtasks[:number] not in self.cached_plans:
                 assert partial_plan is not None
                 self.cached_plans[subtasks[:number]] = self._plan_subtask(
-                    partial_plan, subtasks[number - 1], 0.0, put_down
+                    partial_plan, subtasks[number - 1], 0.0, release_box
                 )
             partial_plan = self.cached_plans[subtasks[:number]]
             if partial_plan is None:
@@ -60,8 +66,8 @@ class TaskPlanExecution:
         self, partial_plan: PartialPlan, subtask: Subtask, speed: float, settle: Settle
     ) -> PartialPlan | None:
         """Plan one subtask; None where it fails."""
-        reordered = turned_to(partial_plan, subtask.box, self.start.scene)
-        prepared = headed(reordered, np.array(subtask.end), speed)
+        reordered = switch_box(partial_plan, subtask.box, self.start.scene)
+        prepared = retarget(reordered, np.array(subtask.end), speed)
         return self._apply_action(prepared, subtask.action, settle)
 
     def _apply_action(
@@ -69,9 +75,9 @@ class TaskPlanExecution:
     ) -> PartialPlan | None:
         """Plan the motion of an action by the program of its kind."""
         if action.kind == "quadruped":
-            return walk(partial_plan, self.budget, self.most_steps, self.rng, settle=settle)
+            return plan_walking(partial_plan, self.budget, self.most_steps, self.rng, settle=settle)
         if action.kind == "relatch":
-            return relatch(partial_plan, action, self.budget, self.rng, settle)
+            return plan_relatching(partial_plan, action, self.budget, self.rng, settle=settle)
         if action.has_chains:
-            return carry_on_chains(partial_plan, action, self.budget, self.rng, settle=settle)
-        return carry(partial_plan, action, self.budget, self.rng, settle=settle)
+            return plan_chain_carrying(partial_plan, action, self.budget, self.rng, settle=settle)
+        return plan_carrying(partial_plan, action, self.budget, self.rng, settle=settle)

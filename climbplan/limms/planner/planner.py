@@ -14,15 +14,15 @@ import numpy as np
 
 from climbplan.errors import Infeasible, LimitReached
 from climbplan.limms.budget.search_budget import SearchBudget
-from climbplan.limms.check.verification import verification_of
+from climbplan.limms.check.verification import verify_plan
 from climbplan.limms.consensus.planner import plan_by_consensus
-from climbplan.limms.modules.weights import PACES, too_heavy
-from climbplan.limms.motion.assembly import initial
+from climbplan.limms.modules.weights import PACES, find_weight_conflicts
+from climbplan.limms.motion.assembly import build_initial_plan
 from climbplan.limms.motion.moving import Blocked
-from climbplan.limms.motion.plan_making import Making, cut_short_warning, make_plan
+from climbplan.limms.motion.plan_making import PlanRecord, cut_short_warning, make_plan
 from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.plan.limms_plan import LimmsPlan
-from climbplan.limms.plan.summary import summary_lines
+from climbplan.limms.plan.summary import format_plan_summary
 from climbplan.limms.planner.motions import TaskPlanExecution
 from climbplan.limms.scene.limms_scene import (
     Scene,
@@ -60,7 +60,7 @@ def plan_limms(loaded: LoadedLimms, report: Progress = lambda stage, share: None
         LimitReached: No sequence led to a plan, or not in time.
     """
     scene = build_scene(loaded)
-    if conflicts := too_heavy(scene):
+    if conflicts := find_weight_conflicts(scene):
         raise Infeasible("no plan exists: modules are too heavy", conflicts, stage="modes")
     if loaded.spec.solver.method == "admm":
         return plan_by_consensus(loaded, report)
@@ -139,11 +139,11 @@ def _plan_at_pace(
             "sequences": max(len(candidates.actions), num_tried),
             "sequences_tried": num_tried,
         }
-        record = Making(METHOD, label, seconds, sizes, dict(SOLVERS))
+        record = PlanRecord(METHOD, label, seconds, sizes, dict(SOLVERS))
         plan = make_plan(loaded, scene, partial_plan, budget, record)
-        return replace(plan, summary=summary_lines(plan, budget.notes))
+        return replace(plan, summary=format_plan_summary(plan, budget.notes))
 
-    start = initial(scene)
+    start = build_initial_plan(scene)
     rng = np.random.default_rng(loaded.spec.seed)
     verifier = _PlanVerifier(build_plan)
     execution = TaskPlanExecution(start, budget, rng, loaded.spec.solver.max_steps, verifier)
@@ -220,7 +220,7 @@ class _PlanVerifier:
 
     def __call__(self, world: PartialPlan) -> PartialPlan:
         plan = self.build_plan(world)
-        verification = verification_of(plan)
+        verification = verify_plan(plan)
         self.passed = verification.passed
         failed = [check.name for check in verification.failed]
         if not plan.massless and world.scene.pace > min(PACES):

@@ -38,7 +38,7 @@ class Action:
 
     @property
     def has_chains(self) -> bool:
-        """Whether arms hang on arms."""
+        """True if arms hang on arms."""
         return any(connection.links > 1 for connection in self.connections)
 
     def extra_cost(self) -> float:

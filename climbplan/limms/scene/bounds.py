@@ -105,12 +105,12 @@ def find_module_stands(scene: Scene) -> Array:
     places = scene.start_position.copy()
     for module, anchor in enumerate(scene.start_anchor):
         root = int(anchor) - scene.wall_offset
-        if anchor >= 0 and is_on_ground(scene, root):
+        if anchor >= 0 and compute_ground_end_frame(scene, root):
             places[module] = scene.wall_position[root]
     return places
 
 
-def is_on_ground(scene: Scene, root: int) -> bool:
+def compute_ground_end_frame(scene: Scene, root: int) -> bool:
     """Return whether a terrain anchor is on the ground, so that its module stands upright."""
     return bool(scene.wall_normal[root][2] > 0.5)
 

@@ -49,7 +49,7 @@ def anchor_frame(normal: Array) -> Array:
 class Patch:
     """A rectangle of ground that modules can stand on."""
 
-    lower: Array  # (2,) least x and y [m]
+    lower: Array  # (2,) smallest x and y [m]
     upper: Array  # (2,)
     height: float  # [m]
 
@@ -117,7 +117,7 @@ class Scene:
 
     @property
     def uses_yaw(self) -> bool:
-        """Whether the yaw of the first box differs from zero at the start or the goal."""
+        """True if the yaw of the first box differs from zero at the start or the goal."""
         return bool(self.start_yaws[0] != 0 or self.goal_yaws[0] != 0)
 
     @property

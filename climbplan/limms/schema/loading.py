@@ -1,4 +1,4 @@
-"""From a LIMMS spec and its module file to validated models, with all mistakes at once."""
+"""Loading of a LIMMS spec and its module file into validated models, with all mistakes at once."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.limms.schema.model import LimmsSpec
 from climbplan.limms.schema.module import ModuleSpec
-from climbplan.limms.schema.placing import placing_findings
+from climbplan.limms.schema.placing import find_placing_faults
 from climbplan.schema.document import Document, Finding
 from climbplan.schema.fields import nearest
 from climbplan.schema.kinds import validate, validate_kind
@@ -27,7 +27,7 @@ class LoadedLimms(LoadedSpec):
 
     spec: LimmsSpec
     module: ModuleSpec
-    module_text: str = ""  # of the file that a path names; empty for a built-in one
+    module_text: str = ""  # text of a module file; empty for a built-in module
 
 
 def load_limms(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedLimms:
@@ -41,15 +41,15 @@ def load_limms(source: str | Path, overrides: Sequence[str | Override] = ()) -> 
 
 
 def limms_of(document: Document, text: SourceText) -> LoadedLimms:
-    """The LIMMS spec that a document is.
+    """Return the LIMMS spec of a document.
 
     Raises:
-        SpecError: with every mistake in it and in the module file.
+        SpecError: With every mistake in it and in the module file.
     """
     spec, findings = validate_kind(document, "limms", LimmsSpec)
-    module, module_text, module_mistakes = _module(document, text.directory)
+    module, module_text, module_mistakes = _load_module(document, text.directory)
     if spec is not None and module is not None and not findings:
-        findings += placing_findings(spec, module)
+        findings += find_placing_faults(spec, module)
     mistakes = [*document.mistakes(findings), *module_mistakes]
     if spec is None or module is None or mistakes:
         raise SpecError(document.source, mistakes)
@@ -60,55 +60,62 @@ def limms_of(document: Document, text: SourceText) -> LoadedLimms:
 
 @dataclass(frozen=True)
 class StoredLimms:
-    """A LIMMS spec as a plan carries it."""
+    """A LIMMS spec stored in a plan."""
 
     loaded: LoadedLimms
-    taken: str  # why the module is the plan's own word, empty if it is not
+    reason: str  # why the module is taken from the plan, empty if it is not
 
 
 def stored_limms(text: str, module_text: str, module: Mapping[str, Any]) -> StoredLimms:
-    """The spec of a plan with its module: built-in, or from the text that the plan carries.
+    """Return the spec of a plan with its module, built in or from the text in the plan.
 
-    module: what the plan says of its module, which is all there is of one that is neither. Raises
-    SpecError with every mistake in the texts.
+    Args:
+        text: The text of the spec.
+        module_text: The text of the module file, empty without one.
+        module: The module stored in the plan, used where neither source exists.
+
+    Raises:
+        SpecError: With every mistake in the texts.
     """
     document = parse_yaml(text, "spec")
     spec, findings = validate(document, LimmsSpec)
     if spec is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
-    taken = ""
+    reason = ""
     if _is_path(spec.robot):
         if module_text:
-            own = module_of(parse_yaml(module_text, f"module {spec.robot}"))
+            stored_module = module_of(parse_yaml(module_text, f"module {spec.robot}"))
         else:
-            own = ModuleSpec.model_validate(module)
-            taken = f"the plan does not carry {spec.robot}"
-    elif spec.robot in builtin_modules():
-        own = builtin_module(spec.robot)
+            stored_module = ModuleSpec.model_validate(module)
+            reason = f"the plan does not carry {spec.robot}"
+    elif spec.robot in list_builtin_modules():
+        stored_module = load_builtin_module(spec.robot)
     else:
-        own = ModuleSpec.model_validate(module)
-        taken = f"{spec.robot!r} is no built-in module"
+        stored_module = ModuleSpec.model_validate(module)
+        reason = f"{spec.robot!r} is no built-in module"
     source = SourceText("spec", "spec", Path(), text)
-    return StoredLimms(LoadedLimms(spec=spec, module=own, **origin_of(document, source)), taken)
+    return StoredLimms(
+        LoadedLimms(spec=spec, module=stored_module, **origin_of(document, source)), reason
+    )
 
 
-def builtin_modules() -> list[str]:
-    """Names of the modules that come with the package."""
+def list_builtin_modules() -> list[str]:
+    """Return the names of the modules in the package."""
     directory = files("climbplan").joinpath("robots", "modules")
     names = [entry.name for entry in directory.iterdir()]
     return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
 
 
 def module_of_text(document: Document, text: SourceText) -> ModuleSpec:
-    """As `module_of`, with the arguments that all readers of a kind take."""
+    """Return the module of a document, with the arguments that all readers of a kind take."""
     return module_of(document)
 
 
 def module_of(document: Document) -> ModuleSpec:
-    """The module that a document describes.
+    """Return the module that a document describes.
 
     Raises:
-        SpecError: with every mistake in it.
+        SpecError: With every mistake in it.
     """
     module, findings = validate_kind(document, "module", ModuleSpec)
     if module is None or findings:
@@ -116,29 +123,29 @@ def module_of(document: Document) -> ModuleSpec:
     return module
 
 
-def builtin_module(name: str) -> ModuleSpec:
-    """A module that comes with the package."""
+def load_builtin_module(name: str) -> ModuleSpec:
+    """Load a module of the package."""
     path = files("climbplan").joinpath("robots", "modules", f"{name}.yaml")
     return module_of(parse_yaml(path.read_text(encoding="utf-8"), f"module {name}"))
 
 
-def _module(
+def _load_module(
     document: Document, directory: Path
 ) -> tuple[ModuleSpec | None, str, list[SpecMistake]]:
-    """The module, the text of its file if it has one of its own, and what is wrong with it."""
+    """Return the module, the text of its file (empty if built in), and the mistakes in it."""
     reference = document.value.get("robot", "limms")
     if not isinstance(reference, str) or not reference:
         return None, "", []  # the model says what is wrong with it
     if not _is_path(reference):
-        known = builtin_modules()
-        if reference not in known:
+        builtin = list_builtin_modules()
+        if reference not in builtin:
             expected = (
-                f"expected a built-in module ({', '.join(known)}) or the path of a module YAML "
+                f"expected a built-in module ({', '.join(builtin)}) or the path of a module YAML "
                 f"file, got {reference!r}"
             )
-            finding = Finding(("robot",), expected, nearest(reference, known))
+            finding = Finding(("robot",), expected, nearest(reference, builtin))
             return None, "", [document.mistake(finding)]
-        return builtin_module(reference), "", []
+        return load_builtin_module(reference), "", []
     try:
         source = read_source(directory / reference)
         return module_of(parse_yaml(source.text, source.shown)), source.text, []

@@ -7,14 +7,14 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from climbplan.limms.schema.space import (
-    Placed,
-    StateSpace,
-    anchor_fault,
-    block_fault,
+    FreeSpace,
+    PlacedBox,
+    build_space,
+    find_anchor_faults,
+    find_block_faults,
+    find_stand_faults,
     overlaps,
     reaches_free_space,
-    space_of,
-    stand_fault,
 )
 from climbplan.schema.base import (
     Count,
@@ -66,16 +66,16 @@ class SpaceSpec(SpecModel):
         default=(), description="anchors on walls, ceilings, obstacles and ground"
     )
 
-    def space(self) -> StateSpace:
-        """What is free and what is solid."""
-        return space_of(
+    def space(self) -> FreeSpace:
+        """Return the free and solid space."""
+        return build_space(
             [(r.lower, r.upper) for r in self.regions],
             [(o.name, (o.lower, o.upper)) for o in self.obstacles],
         )
 
 
 class BoxSpec(SpecModel):
-    """The box to deliver; it stays upright, and turns about the vertical where it is asked to."""
+    """A box to deliver, which stays upright and turns about the vertical if its goal says so."""
 
     size: Vector = quantity("m", "edge lengths along x, y and z")
     mass: Number = quantity("kg", "mass", gt=0)
@@ -96,24 +96,24 @@ class BoxSpec(SpecModel):
     )
 
     @property
-    def at_start(self) -> Placed:
-        """Where it stands first."""
-        return Placed(self.start, self.size, self.start_yaw_deg)
+    def at_start(self) -> PlacedBox:
+        """The placement at the start."""
+        return PlacedBox(self.start, self.size, self.start_yaw_deg)
 
     @property
-    def at_goal(self) -> Placed:
-        """Where it is to be."""
-        return Placed(self.goal, self.size, self.goal_yaw_deg)
+    def at_goal(self) -> PlacedBox:
+        """The placement at the goal."""
+        return PlacedBox(self.goal, self.size, self.goal_yaw_deg)
 
     @property
     def stays(self) -> bool:
-        """Whether it is at its goal from the start."""
+        """True if the box is at its goal from the start."""
         turn = (self.goal_yaw_deg - self.start_yaw_deg) % 360
         return self.start == self.goal and turn == 0
 
     @property
     def is_turned(self) -> bool:
-        """Whether its edges are ever off the axes of the world."""
+        """True if the edges are off the world axes at the start or the goal."""
         return self.start_yaw_deg != 0 or self.goal_yaw_deg != 0
 
 
@@ -225,30 +225,30 @@ class LimmsSpec(SpecModel):
 
     @property
     def delivery_keys(self) -> tuple[str, ...]:
-        """The key of each of them."""
+        """The spec key of each box to deliver."""
         return tuple(f"boxes.{i}" for i in range(len(self.boxes))) if self.boxes else ("box",)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        refuse(_several_faults(self))
+        refuse(_find_delivery_faults(self))
         faults = [
-            *_size_faults(self),
-            *_name_faults("terrain.regions", [r.name for r in self.terrain.regions]),
-            *_name_faults("terrain.obstacles", [o.name for o in self.terrain.obstacles]),
-            *_name_faults("terrain.anchors", [a.name for a in self.terrain.anchors]),
-            *_name_faults("modules", [m.name for m in self.modules]),
-            *_module_faults(self),
+            *_find_size_faults(self),
+            *_find_name_faults("terrain.regions", [r.name for r in self.terrain.regions]),
+            *_find_name_faults("terrain.obstacles", [o.name for o in self.terrain.obstacles]),
+            *_find_name_faults("terrain.anchors", [a.name for a in self.terrain.anchors]),
+            *_find_name_faults("modules", [m.name for m in self.modules]),
+            *_find_module_faults(self),
         ]
         refuse(faults)
-        refuse(_place_faults(self))
+        refuse(_find_place_faults(self))
         return self
 
 
-def _several_faults(spec: LimmsSpec) -> list[Fault]:
-    """Either one box or several, and what several boxes cannot do."""
+def _find_delivery_faults(spec: LimmsSpec) -> list[Fault]:
+    """Return faults in the list of boxes: one or several, and limits of several."""
     if (spec.box is None) == (not spec.boxes):
-        given = "neither" if spec.box is None else "both"
-        return [Fault("box", f"expected either `box` or `boxes`, got {given}")]
+        number = "neither" if spec.box is None else "both"
+        return [Fault("box", f"expected either `box` or `boxes`, got {number}")]
     faults = [
         Fault(
             f"boxes.{i}.arrival_speed",
@@ -274,7 +274,8 @@ def _several_faults(spec: LimmsSpec) -> list[Fault]:
     return faults
 
 
-def _size_faults(spec: LimmsSpec) -> list[Fault]:
+def _find_size_faults(spec: LimmsSpec) -> list[Fault]:
+    """Return faults in sizes and normals."""
     terrain = spec.terrain
     blocks = [(f"terrain.regions.{i}", r.lower, r.upper) for i, r in enumerate(terrain.regions)]
     blocks += [
@@ -306,7 +307,8 @@ def _size_faults(spec: LimmsSpec) -> list[Fault]:
     return faults
 
 
-def _name_faults(key: str, names: list[str]) -> list[Fault]:
+def _find_name_faults(key: str, names: list[str]) -> list[Fault]:
+    """Return faults for names that occur twice."""
     return [
         Fault(f"{key}.{i}.name", f"names must differ, {name!r} is also number {names.index(name)}")
         for i, name in enumerate(names)
@@ -314,33 +316,34 @@ def _name_faults(key: str, names: list[str]) -> list[Fault]:
     ]
 
 
-def _module_faults(spec: LimmsSpec) -> list[Fault]:
+def _find_module_faults(spec: LimmsSpec) -> list[Fault]:
+    """Return faults in the placement of modules and in allowed behaviours."""
     faults = []
-    known = [anchor.name for anchor in spec.terrain.anchors]
-    taken: dict[str, str] = {}
+    anchors = [anchor.name for anchor in spec.terrain.anchors]
+    module_of_anchor: dict[str, str] = {}
     for i, module in enumerate(spec.modules):
         if (module.position is None) == (module.anchor is None):
             faults.append(Fault(f"modules.{i}", "expected either `stand` or `anchor`"))
         if module.anchor is None:
             continue
-        if module.anchor not in known:
-            names = ", ".join(known) or "none"
+        if module.anchor not in anchors:
+            names = ", ".join(anchors) or "none"
             expected = f"expected an anchor of the terrain ({names}), got {module.anchor!r}"
             faults.append(Fault(f"modules.{i}.anchor", expected))
-        elif module.anchor in taken:
-            held = f"already holds module {taken[module.anchor]!r}"
-            faults.append(Fault(f"modules.{i}.anchor", held))
-        taken.setdefault(module.anchor, module.name)
+        elif module.anchor in module_of_anchor:
+            occupied = f"already holds module {module_of_anchor[module.anchor]!r}"
+            faults.append(Fault(f"modules.{i}.anchor", occupied))
+        module_of_anchor.setdefault(module.anchor, module.name)
     if "arms" not in spec.task.allow and "quadruped" in spec.task.allow and len(spec.modules) < 4:
-        few = f"a quadruped needs 4 modules, got {len(spec.modules)}"
-        faults.append(Fault("modules", few))
+        shortage = f"a quadruped needs 4 modules, got {len(spec.modules)}"
+        faults.append(Fault("modules", shortage))
     if set(spec.task.allow) == {"flight"}:
         faults.append(Fault("task.allow", "a flight needs `arms` or `quadruped` before it"))
     return faults
 
 
-def _place_faults(spec: LimmsSpec) -> list[Fault]:
-    """What cannot be where it is said to be."""
+def _find_place_faults(spec: LimmsSpec) -> list[Fault]:
+    """Return faults in positions of obstacles, boxes, anchors and modules."""
     space = spec.terrain.space()
     regions = [(r.lower, r.upper) for r in spec.terrain.regions]
     faults = [
@@ -348,28 +351,28 @@ def _place_faults(spec: LimmsSpec) -> list[Fault]:
         for i, o in enumerate(spec.terrain.obstacles)
         if not reaches_free_space((o.lower, o.upper), regions)
     ]
-    standing: list[tuple[str, Placed]] = []
-    ends: list[tuple[str, Placed]] = []
+    standing: list[tuple[str, PlacedBox]] = []
+    ends: list[tuple[str, PlacedBox]] = []
     for key, box in zip(spec.delivery_keys, spec.deliveries, strict=True):
-        faults += block_fault(f"{key}.start", "the box at its start", box.at_start, space)
-        faults += block_fault(f"{key}.goal", "the box at its goal", box.at_goal, space)
+        faults += find_block_faults(f"{key}.start", "the box at its start", box.at_start, space)
+        faults += find_block_faults(f"{key}.goal", "the box at its goal", box.at_goal, space)
         standing.append((f"{key}.start", box.at_start))
         ends.append((f"{key}.goal", box.at_goal))
     for i, parked in enumerate(spec.static_boxes):
-        key, place = f"static_boxes.{i}.position", Placed(parked.position, parked.size)
-        faults += block_fault(key, f"parked box {i}", place, space)
+        key, place = f"static_boxes.{i}.position", PlacedBox(parked.position, parked.size)
+        faults += find_block_faults(key, f"parked box {i}", place, space)
         standing.append((key, place))
     for i, (key, place) in enumerate(standing):
-        for other, its_place in standing[:i]:
-            if overlaps(place, its_place):
-                faults.append(Fault(key, f"overlaps the box at {other}"))
+        for other_key, other_place in standing[:i]:
+            if overlaps(place, other_place):
+                faults.append(Fault(key, f"overlaps the box at {other_key}"))
     for i, (key, place) in enumerate(ends):
         for number, parked in enumerate(spec.static_boxes):
-            if overlaps(place, Placed(parked.position, parked.size)):
+            if overlaps(place, PlacedBox(parked.position, parked.size)):
                 faults.append(Fault(key, f"inside parked box {number}"))
-        for other, its_place in ends[:i]:
-            if overlaps(place, its_place):
-                faults.append(Fault(key, f"overlaps the box at {other}"))
+        for other_key, other_place in ends[:i]:
+            if overlaps(place, other_place):
+                faults.append(Fault(key, f"overlaps the box at {other_key}"))
     if spec.box is not None and spec.box.stays:
         faults.append(Fault("box.goal", "is where the box stands at the start: nothing to plan"))
     if spec.boxes and all(box.stays for box in spec.boxes):
@@ -378,11 +381,13 @@ def _place_faults(spec: LimmsSpec) -> list[Fault]:
         key = f"terrain.anchors.{i}.position"
         same = [a.name for a in spec.terrain.anchors[:i] if a.position == anchor.position]
         faults += [Fault(key, f"anchor {name!r} is at the same place") for name in same]
-        faults += anchor_fault(key, anchor.name, anchor.position, anchor.normal, space)
+        faults += find_anchor_faults(key, anchor.name, anchor.position, anchor.normal, space)
     for i, module in enumerate(spec.modules):
         if module.position is not None:
-            faults += stand_fault(f"modules.{i}.position", module.name, module.position, space)
+            faults += find_stand_faults(
+                f"modules.{i}.position", module.name, module.position, space
+            )
     for key, ((x, y, z), (_, _, height), _) in [*standing, *ends[:-1]]:
         bottom = (x, y, z - height / 2)
-        faults += stand_fault(key, "the box", bottom, space)
+        faults += find_stand_faults(key, "the box", bottom, space)
     return faults

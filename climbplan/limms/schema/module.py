@@ -64,8 +64,10 @@ class ModuleSpec(SpecModel):
                 if min(values) <= 0
             ]
         )
-        parts = JOINTS * self.joint_mass + ENDS * self.latch_mass
-        if parts >= self.mass:
-            fault = f"joints and latches weigh {parts:g} kg, the whole module {self.mass:g} kg"
+        mass_of_parts = JOINTS * self.joint_mass + ENDS * self.latch_mass
+        if mass_of_parts >= self.mass:
+            fault = (
+                f"joints and latches weigh {mass_of_parts:g} kg, the whole module {self.mass:g} kg"
+            )
             refuse([Fault("joint_mass", fault)])
         return self

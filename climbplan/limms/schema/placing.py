@@ -1,4 +1,4 @@
-"""Whether modules have room where a LIMMS spec puts them, straight out from ground or anchor.
+"""Initial clearance of the modules of a LIMMS spec, straight from ground or anchor.
 
 Plain Python, so that a spec is checked without numpy.
 """
@@ -10,15 +10,15 @@ from math import cos, hypot, radians, sin
 
 from climbplan.limms.schema.model import LimmsSpec
 from climbplan.limms.schema.module import ModuleSpec
-from climbplan.limms.schema.space import TINY, Block, Placed
+from climbplan.limms.schema.space import TINY, Block, PlacedBox
 from climbplan.schema.base import Vector
 from climbplan.schema.document import Finding
 
-_ROUNDS = 60  # of a search for the place on a line that is nearest to a box
+_NUM_BISECTIONS = 60  # iterations of the ternary search for the nearest point of a line
 
 
-def placing_findings(spec: LimmsSpec, module: ModuleSpec) -> list[Finding]:
-    """One finding for each module that is in something at the start."""
+def find_placing_faults(spec: LimmsSpec, module: ModuleSpec) -> list[Finding]:
+    """Return one finding for each module that is in something at the start."""
     space = spec.terrain.space()
     walls = space.solid[: len(space.solid) - len(space.obstacles)]
     boxes = [
@@ -26,23 +26,27 @@ def placing_findings(spec: LimmsSpec, module: ModuleSpec) -> list[Finding]:
         for i, b in enumerate(spec.deliveries)
     ]
     boxes += [
-        (f"parked box {i}", Placed(box.position, box.size))
+        (f"parked box {i}", PlacedBox(box.position, box.size))
         for i, box in enumerate(spec.static_boxes)
     ]
-    lines = list(_lines(spec, module))
+    lines = list(_iterate_lines(spec, module))
     findings = []
     for i, (key, line) in enumerate(lines):
-        inside = ["what is solid" for block in walls if _apart(line, block) < module.radius - TINY]
+        inside = [
+            "what is solid" for block in walls if _distance(line, block) < module.radius - TINY
+        ]
         inside += [
             f"obstacle {name!r}"
             for name, block in space.obstacles
-            if _apart(line, block) < module.radius - TINY
+            if _distance(line, block) < module.radius - TINY
         ]
-        inside += [name for name, box in boxes if _off_box(line, box) < module.radius - TINY]
         inside += [
-            f"module {spec.modules[other].name!r}"
-            for other in range(i)
-            if _apart(line, lines[other][1]) < 2 * module.radius - TINY
+            name for name, box in boxes if _distance_to_box(line, box) < module.radius - TINY
+        ]
+        inside += [
+            f"module {spec.modules[earlier].name!r}"
+            for earlier in range(i)
+            if _distance(line, lines[earlier][1]) < 2 * module.radius - TINY
         ]
         if inside:
             name = spec.modules[i].name
@@ -52,20 +56,20 @@ def placing_findings(spec: LimmsSpec, module: ModuleSpec) -> list[Finding]:
     return findings
 
 
-def _lines(spec: LimmsSpec, module: ModuleSpec) -> Iterator[tuple[str, Block]]:
-    """Axes of the modules, one radius short of either end, and the key that says where."""
+def _iterate_lines(spec: LimmsSpec, module: ModuleSpec) -> Iterator[tuple[str, Block]]:
+    """Yield axes of the modules, one radius short of either end, and the key of their place."""
     anchors = {anchor.name: anchor for anchor in spec.terrain.anchors}
     for stand in spec.modules:
-        place, along = stand.position, (0.0, 0.0, 1.0)
-        if place is None:
+        position, direction = stand.position, (0.0, 0.0, 1.0)
+        if position is None:
             anchor = anchors[str(stand.anchor)]
-            place, along = anchor.position, anchor.normal
-        near, far = (
-            tuple(p + reach * d for p, d in zip(place, along, strict=True))
+            position, direction = anchor.position, anchor.normal
+        first, last = (
+            tuple(p + reach * d for p, d in zip(position, direction, strict=True))
             for reach in (module.radius, sum(module.link_lengths) - module.radius)
         )
-        low = tuple(min(a, b) for a, b in zip(near, far, strict=True))
-        high = tuple(max(a, b) for a, b in zip(near, far, strict=True))
+        low = tuple(min(a, b) for a, b in zip(first, last, strict=True))
+        high = tuple(max(a, b) for a, b in zip(first, last, strict=True))
         yield "anchor" if stand.position is None else "position", (_vector(low), _vector(high))
 
 
@@ -74,24 +78,24 @@ def _vector(values: tuple[float, ...]) -> Vector:
     return (x, y, z)
 
 
-def _off_box(line: Block, box: Placed) -> float:
-    """Distance of a line along an axis, from its lower to its upper end, from a box [m]."""
+def _distance_to_box(line: Block, box: PlacedBox) -> float:
+    """Return the distance of an axis-parallel line from a box [m]."""
     c, s = cos(radians(box.yaw_deg)), sin(radians(box.yaw_deg))
 
-    def distance(share: float) -> float:
-        x, y, z = (a + share * (b - a) - m for a, b, m in zip(*line, box.centre, strict=True))
-        own = (c * x + s * y, c * y - s * x, z)  # in the box's frame
-        return hypot(*(max(abs(v) - e / 2, 0.0) for v, e in zip(own, box.size, strict=True)))
+    def distance(fraction: float) -> float:
+        x, y, z = (a + fraction * (b - a) - m for a, b, m in zip(*line, box.centre, strict=True))
+        local = (c * x + s * y, c * y - s * x, z)  # in the box's frame
+        return hypot(*(max(abs(v) - e / 2, 0.0) for v, e in zip(local, box.size, strict=True)))
 
     low, high = 0.0, 1.0
-    for _ in range(_ROUNDS):  # convex along the line
-        one, other = (2 * low + high) / 3, (low + 2 * high) / 3
-        low, high = (low, other) if distance(one) <= distance(other) else (one, high)
+    for _ in range(_NUM_BISECTIONS):  # convex along the line
+        left, right = (2 * low + high) / 3, (low + 2 * high) / 3
+        low, high = (low, right) if distance(left) <= distance(right) else (left, high)
     return distance((low + high) / 2)
 
 
-def _apart(one: Block, other: Block) -> float:
-    """Distance between two blocks; the axis of a straight module is one without width."""
+def _distance(first: Block, second: Block) -> float:
+    """Return the distance between two blocks [m]; the axis of a straight module has no width."""
     return hypot(
-        *(max(low - b, a - high, 0.0) for low, high, a, b in zip(*one, *other, strict=True))
+        *(max(low - b, a - high, 0.0) for low, high, a, b in zip(*first, *second, strict=True))
     )

@@ -1,4 +1,4 @@
-"""Free space made of axis-parallel blocks: what is solid, and what lies where it cannot.
+"""Free space of axis-parallel blocks: its solid complement, and positions outside of it.
 
 Plain Python, so that a spec is checked without numpy.
 """
@@ -15,12 +15,12 @@ from climbplan.schema.base import Fault, Vector
 
 Block = tuple[Vector, Vector]  # lower and upper corner [m]
 
-SKIN = 1.0  # [m] thickness of the solid round all regions
+SKIN = 1.0  # [m], thickness of the solid around all regions
 TINY = 1e-6  # [m]
 
 
-class Placed(NamedTuple):
-    """A box somewhere, upright."""
+class PlacedBox(NamedTuple):
+    """An upright box at a position."""
 
     centre: Vector  # [m]
     size: Vector  # [m]
@@ -28,63 +28,63 @@ class Placed(NamedTuple):
 
 
 @dataclass(frozen=True)
-class StateSpace:
-    """Blocks that cover the free space, and those that cover the solid round it."""
+class FreeSpace:
+    """Blocks that cover the free space, and blocks that cover the solid around it."""
 
     free: tuple[Block, ...]
-    solid: tuple[Block, ...]  # what regions leave out, then obstacles
-    obstacles: tuple[tuple[str, Block], ...]  # by name, as far as they are among the regions
+    solid: tuple[Block, ...]  # the complement of regions, then obstacles
+    obstacles: tuple[tuple[str, Block], ...]  # by name, clipped to the regions
 
 
-def space_of(regions: Sequence[Block], obstacles: Sequence[tuple[str, Block]] = ()) -> StateSpace:
-    """Regions without the obstacles in them; obstacles may reach into walls and into each other."""
-    free = [_floats_of(block) for block in regions]
-    solid = solid_blocks(free)
+def build_space(regions: Sequence[Block], obstacles: Sequence[tuple[str, Block]] = ()) -> FreeSpace:
+    """Return regions without obstacles; obstacles may reach into walls and into each other."""
+    free = [_to_floats(block) for block in regions]
+    solid = compute_solid_blocks(free)
     bounds = (
         _vector(min(low[axis] for low, _ in free) for axis in range(3)),
         _vector(max(high[axis] for _, high in free) for axis in range(3)),
     )
-    kept = [(name, _common(_floats_of(block), bounds)) for name, block in obstacles]
-    inside = [(name, block) for name, block in kept if _has_room(block)]
+    clipped = [(name, _intersect(_to_floats(block), bounds)) for name, block in obstacles]
+    inside = [(name, block) for name, block in clipped if _has_volume(block)]
     if inside:
         blocks = [block for _, block in inside]
-        free = _merged(
-            _edges([*free, *blocks]),
+        free = _merge_cells(
+            _list_face_coordinates([*free, *blocks]),
             lambda point: _inside_any(point, free) and not _inside_any(point, blocks),
         )
         solid = [*solid, *blocks]
-    return StateSpace(tuple(free), tuple(solid), tuple(inside))
+    return FreeSpace(tuple(free), tuple(solid), tuple(inside))
 
 
-def solid_blocks(free: Sequence[Block]) -> list[Block]:
-    """What the free blocks leave out of a block that encloses them all by `SKIN`."""
-    edges = [[inner[0] - SKIN, *inner, inner[-1] + SKIN] for inner in _edges(free)]
-    return _merged(edges, lambda point: not _inside_any(point, free))
+def compute_solid_blocks(free: Sequence[Block]) -> list[Block]:
+    """Return the complement of free blocks in an enclosing block thicker by `SKIN`."""
+    edges = [[inner[0] - SKIN, *inner, inner[-1] + SKIN] for inner in _list_face_coordinates(free)]
+    return _merge_cells(edges, lambda point: not _inside_any(point, free))
 
 
 def reaches_free_space(block: Block, free: Sequence[Block]) -> bool:
-    """Whether a block covers some of the free blocks."""
-    return any(_has_room(_common(block, other)) for other in free)
+    """Return whether a block covers some of the free blocks."""
+    return any(_has_volume(_intersect(block, free_block)) for free_block in free)
 
 
-def _edges(blocks: Sequence[Block]) -> list[list[float]]:
-    """Coordinates of all faces, axis by axis."""
+def _list_face_coordinates(blocks: Sequence[Block]) -> list[list[float]]:
+    """Return the coordinates of all faces, axis by axis."""
     return [sorted({b[side][axis] for b in blocks for side in (0, 1)}) for axis in range(3)]
 
 
-def _merged(edges: list[list[float]], taken: Callable[[Vector], bool]) -> list[Block]:
-    """Cells between face coordinates whose middles are `taken`, merged along x, then y, then z."""
+def _merge_cells(edges: list[list[float]], is_selected: Callable[[Vector], bool]) -> list[Block]:
+    """Return selected cells between face coordinates, merged along x, then y, then z."""
     cells = {
         index
         for index in product(*(range(len(e) - 1) for e in edges))
-        if taken(_middle(edges, index))
+        if is_selected(_compute_middle(edges, index))
     }
     blocks = []
     while cells:
         first = min(cells)
         high = list(first)
         for axis in (0, 1, 2):
-            while _layer(first, high, axis) <= cells:
+            while _list_layer(first, high, axis) <= cells:
                 high[axis] += 1
         cells -= set(product(*(range(a, b + 1) for a, b in zip(first, high, strict=True))))
         blocks.append(
@@ -96,65 +96,65 @@ def _merged(edges: list[list[float]], taken: Callable[[Vector], bool]) -> list[B
     return blocks
 
 
-def _common(one: Block, other: Block) -> Block:
-    """What two blocks share; with a lower corner beyond the upper one if it is nothing."""
+def _intersect(first: Block, second: Block) -> Block:
+    """Return the intersection of two blocks; a lower corner beyond the upper one if it is empty."""
     return (
-        _vector(max(a, b) for a, b in zip(one[0], other[0], strict=True)),
-        _vector(min(a, b) for a, b in zip(one[1], other[1], strict=True)),
+        _vector(max(a, b) for a, b in zip(first[0], second[0], strict=True)),
+        _vector(min(a, b) for a, b in zip(first[1], second[1], strict=True)),
     )
 
 
-def _has_room(block: Block) -> bool:
+def _has_volume(block: Block) -> bool:
     return all(high - low > TINY for low, high in zip(*block, strict=True))
 
 
-def block_fault(key: str, what: str, box: Placed, space: StateSpace) -> list[Fault]:
-    """That a box reaches into walls or obstacles, and how deep."""
+def find_block_faults(key: str, what: str, box: PlacedBox, space: FreeSpace) -> list[Fault]:
+    """Return faults for a box in walls or obstacles, with its depth."""
     walls = space.solid[: len(space.solid) - len(space.obstacles)]
-    depth = max((_depth(box, _placed(block)) for block in walls), default=0.0)
+    depth = max((_compute_depth(box, _to_box(block)) for block in walls), default=0.0)
     faults, centre = [], box.centre
     if not _inside_any(centre, space.free, TINY) and not _inside_any(centre, space.solid):
         faults.append(Fault(key, f"{what} is outside the space"))
     elif depth > TINY:
         faults.append(Fault(key, f"{what} reaches {1e3 * depth:.0f} mm out of the free space"))
     for name, block in space.obstacles:
-        depth = _depth(box, _placed(block))
+        depth = _compute_depth(box, _to_box(block))
         if depth > TINY:
-            said = f"{what} reaches {1e3 * depth:.0f} mm into obstacle {name!r}"
-            faults.append(Fault(key, said))
+            message = f"{what} reaches {1e3 * depth:.0f} mm into obstacle {name!r}"
+            faults.append(Fault(key, message))
     return faults
 
 
-def _placed(block: Block) -> Placed:
+def _to_box(block: Block) -> PlacedBox:
     centre = _vector((a + b) / 2 for a, b in zip(*block, strict=True))
-    return Placed(centre, _vector(b - a for a, b in zip(*block, strict=True)))
+    return PlacedBox(centre, _vector(b - a for a, b in zip(*block, strict=True)))
 
 
-def _depth(one: Placed, other: Placed) -> float:
-    """How far a box reaches into another one [m]; < 0: apart.
+def _compute_depth(first: PlacedBox, second: PlacedBox) -> float:
+    """Return how far a box reaches into another one [m]; negative if apart.
 
-    Along the vertical or a normal of an edge of either, whichever is least.
+    The depth is the least along the vertical and the normals of edges (separating axis theorem).
     """
-    apart = [b - a for a, b in zip(one.centre, other.centre, strict=True)]
-    depths = [(one.size[2] + other.size[2]) / 2 - abs(apart[2])]
-    turns = (0.0,) if one.yaw_deg == other.yaw_deg == 0 else (one.yaw_deg, other.yaw_deg)
-    for axis in (radians(turn) + quarter for turn in turns for quarter in (0.0, pi / 2)):
-        spans = [
+    offset = [b - a for a, b in zip(first.centre, second.centre, strict=True)]
+    depths = [(first.size[2] + second.size[2]) / 2 - abs(offset[2])]
+    yaws = (0.0,) if first.yaw_deg == second.yaw_deg == 0 else (first.yaw_deg, second.yaw_deg)
+    for axis in (radians(yaw) + quarter for yaw in yaws for quarter in (0.0, pi / 2)):
+        half_widths = [
             (
                 box.size[0] * abs(cos(radians(box.yaw_deg) - axis))
                 + box.size[1] * abs(sin(radians(box.yaw_deg) - axis))
             )
             / 2
-            for box in (one, other)
+            for box in (first, second)
         ]
-        depths.append(sum(spans) - abs(apart[0] * cos(axis) + apart[1] * sin(axis)))
+        depths.append(sum(half_widths) - abs(offset[0] * cos(axis) + offset[1] * sin(axis)))
     return min(depths)
 
 
-def anchor_fault(
-    key: str, name: str, position: Vector, normal: Vector, space: StateSpace
+def find_anchor_faults(
+    key: str, name: str, position: Vector, normal: Vector, space: FreeSpace
 ) -> list[Fault]:
-    """That an anchor is not on a face that its normal leaves into free space."""
+    """Return a fault unless an anchor is on a face with free space along its normal."""
     ahead = _vector(p + 1e-3 * n for p, n in zip(position, normal, strict=True))
     behind = _vector(p - 1e-3 * n for p, n in zip(position, normal, strict=True))
     free, solid = space.free, space.solid
@@ -165,8 +165,8 @@ def anchor_fault(
     return []
 
 
-def stand_fault(key: str, name: str, point: Vector, space: StateSpace) -> list[Fault]:
-    """That a point is not on the ground."""
+def find_stand_faults(key: str, name: str, point: Vector, space: FreeSpace) -> list[Fault]:
+    """Return a fault unless a point is on the ground."""
     above = (point[0], point[1], point[2] + TINY)
     below = (point[0], point[1], point[2] - TINY)
     if _inside_any(above, space.free) and _inside_any(below, space.solid):
@@ -174,9 +174,9 @@ def stand_fault(key: str, name: str, point: Vector, space: StateSpace) -> list[F
     return [Fault(key, f"{name} does not stand on the ground there: no solid right below")]
 
 
-def overlaps(one: Placed, other: Placed) -> bool:
-    """Whether two boxes overlap."""
-    return _depth(one, other) > TINY
+def overlaps(first: PlacedBox, second: PlacedBox) -> bool:
+    """Return whether two boxes overlap."""
+    return _compute_depth(first, second) > TINY
 
 
 def _inside_any(point: Vector, blocks: Sequence[Block], slack: float = 0.0) -> bool:
@@ -186,19 +186,19 @@ def _inside_any(point: Vector, blocks: Sequence[Block], slack: float = 0.0) -> b
     )
 
 
-def _layer(first: tuple[int, ...], high: list[int], axis: int) -> set[tuple[int, ...]]:
-    """The cells next to a block on its upper side along `axis`."""
+def _list_layer(first: tuple[int, ...], high: list[int], axis: int) -> set[tuple[int, ...]]:
+    """Return the cells next to a block on its upper side along `axis`."""
     spans = [range(a, b + 1) for a, b in zip(first, high, strict=True)]
     spans[axis] = range(high[axis] + 1, high[axis] + 2)
     return set(product(*spans))
 
 
-def _middle(edges: list[list[float]], index: tuple[int, ...]) -> Vector:
+def _compute_middle(edges: list[list[float]], index: tuple[int, ...]) -> Vector:
     spans = [list(pairwise(edge))[i] for edge, i in zip(edges, index, strict=True)]
     return _vector((a + b) / 2 for a, b in spans)
 
 
-def _floats_of(block: Block) -> Block:
+def _to_floats(block: Block) -> Block:
     return _vector(float(v) for v in block[0]), _vector(float(v) for v in block[1])
 
 

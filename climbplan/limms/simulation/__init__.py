@@ -1,1 +1,1 @@
-"""Plans of modules replayed in MuJoCo."""
+"""Simulation of plans of modules in MuJoCo."""

@@ -1,4 +1,4 @@
-"""Simulated modules held against their plan: the box, joints, and what contacts bear."""
+"""Comparison of simulated modules with their plan: box, joints and contact loads."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from climbplan.limms.simulation.replay import Bearing, ModuleRun
 
 
 @dataclass(frozen=True)
-class Borne:
-    """The most that one contact bears while it is closed, planned and simulated."""
+class ContactExtremes:
+    """The largest loads of one contact while closed, planned and simulated."""
 
     name: str
     force: float  # [N]
@@ -23,16 +23,16 @@ class Borne:
 
 @dataclass(frozen=True)
 class ModuleComparison:
-    """Simulated beside planned (S samples)."""
+    """Differences of simulation and plan (S samples)."""
 
-    off: Array  # (S,) the worst box off its way [m]
-    torque_off: Array  # (S, L, 6) |simulated - planned| [N m]
-    borne: tuple[Borne, ...]  # by contact
-    force_off: Array  # |simulated - planned| force of latches, all samples of all latches [N]
+    box_error: Array  # (S,) largest error of any box [m]
+    torque_error: Array  # (S, L, 6) |simulated - planned| [N m]
+    contacts: tuple[ContactExtremes, ...]  # by contact
+    force_error: Array  # |simulated - planned| force of latches, all samples of all latches [N]
 
 
 def compare_modules(run: ModuleRun) -> ModuleComparison:
-    """Hold a run against its plan."""
+    """Compare a run with its plan."""
     by_name: dict[str, list[Bearing]] = {}
     for bearing in run.bearings:
         by_name.setdefault(bearing.name, []).append(bearing)
@@ -42,20 +42,21 @@ def compare_modules(run: ModuleRun) -> ModuleComparison:
         if bearing.kind == "latch"
     ]
     return ModuleComparison(
-        off=np.linalg.norm(run.box - run.planned_box, axis=-1).max(axis=1),
-        torque_off=np.abs(run.torque - run.planned_torque),
-        borne=tuple(_borne(name, parts) for name, parts in by_name.items()),
-        force_off=np.concatenate(latches) if latches else np.zeros(0),
+        box_error=np.linalg.norm(run.box - run.planned_box, axis=-1).max(axis=1),
+        torque_error=np.abs(run.torque - run.planned_torque),
+        contacts=tuple(_compare_bearings(name, parts) for name, parts in by_name.items()),
+        force_error=np.concatenate(latches) if latches else np.zeros(0),
     )
 
 
-def _borne(name: str, parts: list[Bearing]) -> Borne:
-    found = np.concatenate([part.found for part in parts])
-    planned = np.concatenate([part.planned for part in parts])
-    return Borne(
+def _compare_bearings(name: str, bearings: list[Bearing]) -> ContactExtremes:
+    """Return the largest loads of a contact over its closed times."""
+    simulated = np.concatenate([bearing.found for bearing in bearings])
+    planned = np.concatenate([bearing.planned for bearing in bearings])
+    return ContactExtremes(
         name,
-        float(np.linalg.norm(found[:, :3], axis=1).max()),
+        float(np.linalg.norm(simulated[:, :3], axis=1).max()),
         float(np.linalg.norm(planned[:, :3], axis=1).max()),
-        float(np.linalg.norm(found[:, 3:], axis=1).max()),
+        float(np.linalg.norm(simulated[:, 3:], axis=1).max()),
         float(np.linalg.norm(planned[:, 3:], axis=1).max()),
     )

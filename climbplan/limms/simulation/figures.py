@@ -1,4 +1,4 @@
-"""Figures of simulated modules: the box's way, loads of latches and torques beside the plan."""
+"""Figures of simulated modules: path of the box, loads of latches and torques against the plan."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from climbplan.reports import palette
 from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain, style_axes
 
 
-def way(plan: LimmsPlan, run: ModuleRun) -> Figure:
-    """The box's place over time, planned and simulated, and how far it is tilted."""
+def plot_path(plan: LimmsPlan, run: ModuleRun) -> Figure:
+    """Plot the position of the box over time, planned and simulated, and its tilt."""
     figure = new_figure(4.6, entries=2)
     axes = figure.subplots(2, 2, sharex=True).ravel()
     for k, ax in enumerate(axes[:3]):
@@ -24,26 +24,30 @@ def way(plan: LimmsPlan, run: ModuleRun) -> Figure:
         panel_title(ax, "xyz"[k], "[m]")
     axes[3].plot(run.time, np.rad2deg(run.tilt), color=palette.INK, lw=0.9)
     panel_title(axes[3], "tilt", "[deg]")
-    _dress(plan, run, axes)
+    _style_panels(plan, run, axes)
     heading(figure, "Boxes" if plan.deliveries > 1 else "Box", plain(f"{plan.name}, MuJoCo"))
-    _legend(figure)
+    _add_legend(figure)
     return figure
 
 
-def loads(plan: LimmsPlan, run: ModuleRun) -> Figure:
-    """What latches and ends on the ground bear at most, and torque at the worst joint."""
-    module, begin = run.module, _begins(plan)
+def plot_loads(plan: LimmsPlan, run: ModuleRun) -> Figure:
+    """Plot the largest loads of latches and ends on the ground, and the largest torque."""
+    module, start = run.module, _find_start(plan)
     panels = []
-    for part, title, kind, limit in (
+    for components, title, kind, limit in (
         (slice(0, 3), "force on a latch", "latch", module.max_force),
         (slice(3, 6), "moment on a latch", "latch", module.latch_moment),
         (slice(0, 3), "force on an end on the ground", "ground", module.max_force),
     ):
-        both = [_most(run, which, part, kind) for which in ("planned", "found")]
-        if np.isfinite(both[1][run.time >= begin]).any():
-            panels.append((title, "[N m]" if part.start else "[N]", limit, both))
-    most = [np.abs(values).max(axis=(1, 2)) for values in (run.planned_torque, run.torque)]
-    panels.append(("torque at the worst joint", "[N m]", module.max_torque, most))
+        planned_and_simulated = [
+            _find_max_load(run, which, components, kind) for which in ("planned", "found")
+        ]
+        if np.isfinite(planned_and_simulated[1][run.time >= start]).any():
+            panels.append(
+                (title, "[N m]" if components.start else "[N]", limit, planned_and_simulated)
+            )
+    max_torque = [np.abs(values).max(axis=(1, 2)) for values in (run.planned_torque, run.torque)]
+    panels.append(("torque at the worst joint", "[N m]", module.max_torque, max_torque))
     rows = (len(panels) + 1) // 2
     figure = new_figure(2.3 * rows, entries=3)
     axes = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
@@ -55,57 +59,59 @@ def loads(plan: LimmsPlan, run: ModuleRun) -> Figure:
             ax.axhline(limit, color=palette.FAILURE, lw=1.2, ls=(0, (5, 2)))
     for ax in axes[len(panels) :]:
         ax.remove()
-    _dress(plan, run, axes[: len(panels)])
+    _style_panels(plan, run, axes[: len(panels)])
     heading(figure, "Loads, the most of any", plain(f"{plan.name}, MuJoCo"))
-    _legend(figure, limit=not plan.massless)
+    _add_legend(figure, limit=not plan.massless)
     return figure
 
 
-def _most(run: ModuleRun, which: str, part: slice, kind: str) -> Array:
-    """(S,) the largest load of all contacts of a kind; NaN where there is none."""
-    out = np.full(len(run.time), np.nan)
+def _find_max_load(run: ModuleRun, which: str, components: slice, kind: str) -> Array:
+    """Return the largest load (S,) of all contacts of a kind; NaN where there is none."""
+    max_load = np.full(len(run.time), np.nan)
     for bearing in run.bearings:
         if bearing.kind != kind:
             continue
-        size = np.linalg.norm(getattr(bearing, which)[:, part], axis=1)
-        at = np.searchsorted(run.time, bearing.time)
-        out[at] = np.fmax(out[at], size)
-    return out
+        magnitude = np.linalg.norm(getattr(bearing, which)[:, components], axis=1)
+        samples = np.searchsorted(run.time, bearing.time)
+        max_load[samples] = np.fmax(max_load[samples], magnitude)
+    return max_load
 
 
-def _dress(plan: LimmsPlan, run: ModuleRun, axes: Array) -> None:
-    """Time from shortly before the box moves."""
+def _style_panels(plan: LimmsPlan, run: ModuleRun, axes: Array) -> None:
+    """Style the panels, from shortly before the box moves."""
     for ax in axes:
-        ax.set_xlim(min(_begins(plan), float(run.time[-1]) - 0.1), float(run.time[-1]))
-        _fit(ax)
+        ax.set_xlim(min(_find_start(plan), float(run.time[-1]) - 0.1), float(run.time[-1]))
+        _fit_range(ax)
         style_axes(ax)
         ax.tick_params(labelbottom=True)
     for ax in axes[-2:]:
         ax.set_xlabel("time [s]")
 
 
-def _begins(plan: LimmsPlan) -> float:
-    moving = np.flatnonzero((plan.motion.box_mode != 1).any(axis=1))
-    begin = float(plan.motion.time[moving[0]]) if len(moving) else 0.0
-    return max(begin - 1.0, 0.0)
+def _find_start(plan: LimmsPlan) -> float:
+    """Return a time one second before the box moves [s]."""
+    moving_samples = np.flatnonzero((plan.motion.box_mode != 1).any(axis=1))
+    start = float(plan.motion.time[moving_samples[0]]) if len(moving_samples) else 0.0
+    return max(start - 1.0, 0.0)
 
 
-def _fit(ax: Axes) -> None:
-    """The vertical range of what is seen."""
-    begin, end = ax.get_xlim()
+def _fit_range(ax: Axes) -> None:
+    """Fit the vertical range to the visible lines."""
+    left, right = ax.get_xlim()
     lows, highs = [], []
     for line in ax.lines:
         x, y = np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)
-        seen = y[(x >= begin) & (x <= end) & np.isfinite(y)] if len(x) > 2 else y
-        if len(seen):
-            lows.append(seen.min())
-            highs.append(seen.max())
+        visible = y[(x >= left) & (x <= right) & np.isfinite(y)] if len(x) > 2 else y
+        if len(visible):
+            lows.append(visible.min())
+            highs.append(visible.max())
     if lows:
-        room = 0.06 * max(max(highs) - min(lows), 1e-3)
-        ax.set_ylim(min(lows) - room, max(highs) + room)
+        margin = 0.06 * max(max(highs) - min(lows), 1e-3)
+        ax.set_ylim(min(lows) - margin, max(highs) + margin)
 
 
-def _legend(figure: Figure, limit: bool = False) -> None:
+def _add_legend(figure: Figure, limit: bool = False) -> None:
+    """Add the legend of planned and simulated lines."""
     handles = [Line2D([], [], color=palette.LIMBS[0], lw=1.8)]
     handles.append(Line2D([], [], color=palette.INK, lw=0.9))
     names = ["planned", "simulated"]

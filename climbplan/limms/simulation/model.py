@@ -1,7 +1,7 @@
-"""The MuJoCo model of modules and their box: chains of seven links with a servo in every joint.
+"""The MuJoCo model of modules and boxes: chains of seven links with a servo in every joint.
 
-Ends of modules hold on to things by equality constraints (welds) that are there from the start and
-switched on and off. The box stands on the ground by contact and friction, as it is left there.
+Ends of modules are attached by equality constraints (welds), which exist from the start and are
+switched on and off. A box stands on the ground by contact and friction.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from climbplan.limms.modules.chain import ROLLS
-from climbplan.limms.modules.inertia import link_bodies
+from climbplan.limms.modules.inertia import build_link_bodies
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.scene.limms_scene import GRAVITY
 from climbplan.limms.schema.module import JOINTS, LINKS, ModuleSpec
@@ -20,17 +20,17 @@ from climbplan.simulation.attributes import numbers
 from climbplan.simulation.conditions import Conditions
 
 TIME_STEP = 5e-4  # [s] at most
-LIGHT = 0.03  # of the box's mass, what a module of a massless plan weighs
-LIGHT_LEG = 5e-4  # so of legs: their speeds jump, and with mass that turns a box in the air
+LIGHT_FRACTION = 0.03  # of the mass of the box, for a module of a massless plan
+LIGHT_LEG_FRACTION = 5e-4  # the same for legs, whose speed jumps would turn a box in the air
 _LEGS = (4, 5)  # modes of modules
-STIFF = 200.0  # [N m/rad] of a joint's servo
+STIFFNESS = 200.0  # [N m/rad] of a joint's servo
 DAMPING = 5.0  # [N m s/rad]
-ARMATURE = 2e-3  # [kg m^2] of a drive, seen from its joint
+ARMATURE = 2e-3  # [kg m^2] of a drive, at its joint
 _SOLID, _BOX = 1, 2
 _COLOURS = ("0.22 0.46 0.72", "0.85 0.45 0.15", "0.25 0.60 0.35", "0.60 0.35 0.65")
 
 
-class Hold(NamedTuple):
+class Weld(NamedTuple):
     """A weld: the end (0 first, 1 last) of a module on another body, by its name in the model."""
 
     module: int
@@ -38,44 +38,46 @@ class Hold(NamedTuple):
     body: str
 
 
-def simulated_module(plan: LimmsPlan) -> ModuleSpec:
-    """The module as it is simulated: of a massless plan one that weighs next to nothing."""
+def build_simulated_module(plan: LimmsPlan) -> ModuleSpec:
+    """Return the module as it is simulated, nearly massless for a massless plan."""
     module = ModuleSpec.model_validate(plan.module)
     if not plan.massless:
         return module
-    share = light_share(plan) * float(plan.box_mass[: plan.deliveries].min()) / module.mass
-    lighter = {name: share * vars(module)[name] for name in ("mass", "joint_mass", "latch_mass")}
+    factor = (
+        compute_mass_fraction(plan) * float(plan.box_mass[: plan.deliveries].min()) / module.mass
+    )
+    lighter = {name: factor * vars(module)[name] for name in ("mass", "joint_mass", "latch_mass")}
     return module.model_copy(update=lighter)
 
 
-def light_share(plan: LimmsPlan) -> float:
-    """What a module of a massless plan weighs, as part of the box's mass."""
-    return LIGHT_LEG if np.isin(plan.motion.mode, _LEGS).any() else LIGHT
+def compute_mass_fraction(plan: LimmsPlan) -> float:
+    """Return the mass of a module of a massless plan, as a fraction of the mass of the box."""
+    return LIGHT_LEG_FRACTION if np.isin(plan.motion.mode, _LEGS).any() else LIGHT_FRACTION
 
 
 def link_name(module: int, link: int) -> str:
-    """A link's body in the model."""
+    """Return the name of a link's body in the model."""
     return f"module{module}link{link}"
 
 
 def box_name(box: int) -> str:
-    """A box that is delivered, as a body of the model."""
+    """Return the name of a delivered box's body in the model."""
     return f"box{box}" if box else "box"
 
 
 def end_link(end: int) -> int:
-    """The link that an end belongs to."""
+    """Return the link that an end belongs to."""
     return (LINKS - 1) * end
 
 
 def build_mjcf(
-    plan: LimmsPlan, module: ModuleSpec, holds: Sequence[Hold], conditions: Conditions
+    plan: LimmsPlan, module: ModuleSpec, welds_of_modules: Sequence[Weld], conditions: Conditions
 ) -> str:
-    """The model; box and modules start anywhere."""
+    """Build the model; box and modules start anywhere."""
     friction = max(plan.friction * conditions.friction, 1e-5)
-    held = "\n".join(_weld(k, hold) for k, hold in enumerate(holds))
+    welds = "\n".join(_build_weld(k, hold) for k, hold in enumerate(welds_of_modules))
     count = len(plan.module_names)
-    servos = "\n".join(_servos(m, plan, module, conditions) for m in range(count))
+    servos = "\n".join(_build_servos(m, plan, module, conditions) for m in range(count))
     return f"""
 <mujoco model="climbplan modules">
 <option timestep="{TIME_STEP}" gravity="0 0 {-GRAVITY}" cone="elliptic" impratio="20"
@@ -91,12 +93,12 @@ def build_mjcf(
 </asset>
 <worldbody>
 <light pos="0 -2 3" dir="0 0.5 -1" directional="true"/>
-{_surroundings(plan)}
-{"".join(_box(plan, b, conditions) for b in range(plan.deliveries))}
-{"".join(_chain(m, module) for m in range(count))}
+{_build_surroundings(plan)}
+{"".join(_build_box(plan, b, conditions) for b in range(plan.deliveries))}
+{"".join(_build_chain(m, module) for m in range(count))}
 </worldbody>
 <equality>
-{held}
+{welds}
 </equality>
 <actuator>
 {servos}
@@ -104,8 +106,8 @@ def build_mjcf(
 </mujoco>"""
 
 
-def _surroundings(plan: LimmsPlan) -> str:
-    """Ground, walls and parked boxes; what stands higher than the lowest ground is seen through."""
+def _build_surroundings(plan: LimmsPlan) -> str:
+    """Return ground, walls and static boxes; what is above the lowest ground is transparent."""
     solids = [(block[0], block[1], block[1, 2] <= 1e-6) for block in plan.solids]
     first = plan.deliveries
     places = plan.motion.box_position[0, first:]
@@ -122,8 +124,8 @@ def _surroundings(plan: LimmsPlan) -> str:
     return "\n".join(geoms)
 
 
-def _box(plan: LimmsPlan, b: int, conditions: Conditions) -> str:
-    """A box to deliver, as heavy all through."""
+def _build_box(plan: LimmsPlan, b: int, conditions: Conditions) -> str:
+    """Return a homogeneous box to deliver."""
     size, name = plan.box_size[b], box_name(b)
     mass = float(plan.box_mass[b]) + conditions.payload
     inertia = mass / 12 * ((size**2).sum() - size**2)
@@ -136,18 +138,22 @@ def _box(plan: LimmsPlan, b: int, conditions: Conditions) -> str:
     )
 
 
-def _chain(m: int, module: ModuleSpec) -> str:
-    """One module: links along their z axes, each turning against the one before."""
-    bodies = link_bodies(module)
+def _build_chain(m: int, module: ModuleSpec) -> str:
+    """Return one module: links along their z axes, each rotating relative to the last."""
+    bodies = build_link_bodies(module)
     colour = _COLOURS[m % len(_COLOURS)]
     text = ""
     for k in range(LINKS):
-        at = f"0 0 {module.link_lengths[k - 1]:.9g}" if k else "0 0 0"
+        position = f"0 0 {module.link_lengths[k - 1]:.9g}" if k else "0 0 0"
         axis = "0 0 1" if k and ROLLS[k - 1] else "0 1 0"
         joint = f'<joint name="{link_name(m, k)}" axis="{axis}" armature="{ARMATURE}"/>'
-        inertia = (bodies.across[k], bodies.across[k], bodies.along[k])
+        inertia = (
+            bodies.transverse_inertia[k],
+            bodies.transverse_inertia[k],
+            bodies.axial_inertia[k],
+        )
         text += (
-            f'<body name="{link_name(m, k)}" pos="{at}">{joint if k else "<freejoint/>"}'
+            f'<body name="{link_name(m, k)}" pos="{position}">{joint if k else "<freejoint/>"}'
             f'<inertial pos="0 0 {bodies.com[k]:.9g}" mass="{bodies.mass[k]:.9g}"'
             f' diaginertia="{numbers(inertia)}"/>'
             f'<geom type="capsule" fromto="0 0 0 0 0 {module.link_lengths[k]:.9g}"'
@@ -156,16 +162,17 @@ def _chain(m: int, module: ModuleSpec) -> str:
     return text + LINKS * "</body>" + "\n"
 
 
-def _weld(number: int, hold: Hold) -> str:
-    other = link_name(hold.module, end_link(hold.end))
-    return f'<weld name="hold{number}" body1="{hold.body}" body2="{other}" active="false"/>'
+def _build_weld(number: int, hold: Weld) -> str:
+    """Return the constraint of a weld, inactive at first."""
+    link = link_name(hold.module, end_link(hold.end))
+    return f'<weld name="hold{number}" body1="{hold.body}" body2="{link}" active="false"/>'
 
 
-def _servos(m: int, plan: LimmsPlan, module: ModuleSpec, conditions: Conditions) -> str:
-    """Motors give what they can; in a massless plan what the limit is was not asked."""
+def _build_servos(m: int, plan: LimmsPlan, module: ModuleSpec, conditions: Conditions) -> str:
+    """Return the servos of a module; a massless plan has no torque limits."""
     limit = module.max_torque
     range_ = "" if plan.massless else f' forcerange="{-limit:.9g} {limit:.9g}"'
-    gain = STIFF * conditions.gain
+    gain = STIFFNESS * conditions.gain
     return "".join(
         f'<position joint="{link_name(m, k + 1)}" kp="{gain:.9g}" kv="{DAMPING}"{range_}/>'
         for k in range(JOINTS)

@@ -1,10 +1,10 @@
-"""One run of modules in MuJoCo: servos follow the planned joints, latches close, open and break.
+"""Simulation of modules in MuJoCo: servos follow the plan; latches close, open and break.
 
-Servos get the planned angles and speeds, and beside them the torques that the plan's checker finds
-for the motion. A latch closes where its end is when the plan closes it, unless that is too far
-off. What it bears is read from its constraint. With masses a latch that bears more than it holds
-breaks, and an end on the ground that is pulled, pushed aside or tipped lets go; without masses
-nothing breaks, since the plan does not ask what hardware holds.
+Servos get the planned angles and speeds, with the torques that the plan's checker computes as
+feed-forward. A latch closes where its end is when the plan closes it, unless that is too far off.
+Its load is read from its constraint. With masses, a latch breaks under more than its capacity, and
+an end on the ground detaches when it is pulled, pushed sideways or tipped. Without masses nothing
+breaks, since the plan ignores the capacity of hardware.
 """
 
 from __future__ import annotations
@@ -18,34 +18,40 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.limms.check.contacts import NOBODY, Contact
-from climbplan.limms.check.kinematics import turned
-from climbplan.limms.check.loads import StretchLoads, loads_of_all
+from climbplan.limms.check.kinematics import compute_yaw_rotation
+from climbplan.limms.check.loads import StretchLoads, compute_loads
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.schema.module import JOINTS, ModuleSpec
-from climbplan.limms.simulation.holding import Closed, Order, borne, order_of, too_much
+from climbplan.limms.simulation.holding import (
+    ClosedContact,
+    ContactArrays,
+    build_contact_arrays,
+    compute_contact_wrenches,
+    find_overloads,
+)
 from climbplan.limms.simulation.model import (
     DAMPING,
-    STIFF,
+    STIFFNESS,
     TIME_STEP,
-    Hold,
+    Weld,
     box_name,
     build_mjcf,
+    build_simulated_module,
     end_link,
     link_name,
-    simulated_module,
 )
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.mujoco_loading import load_mujoco
 
-SAMPLE = 20  # steps between samples that are kept
-REACHED = 0.02  # [m] an end further than that from where it is to latch misses
-LOST = 0.15  # [m] the box off its plan that counts as lost
-SMOOTH = 0.01  # [s] over which a load is felt before something breaks
+SAMPLE_STEPS = 20  # steps between recorded samples
+MAX_MISS = 0.02  # [m]; an end further from its anchor does not latch
+MAX_BOX_ERROR = 0.15  # [m]; a box further from its plan is lost
+FILTER_TIME = 0.01  # [s], time constant of the load filter before something breaks
 
 
 @dataclass(frozen=True)
 class Bearing:
-    """What one contact bears while it is closed, planned and simulated (S samples)."""
+    """Loads of one contact while it is closed, planned and simulated (S samples)."""
 
     name: str
     kind: str  # "latch", "ground"
@@ -56,7 +62,7 @@ class Bearing:
 
 @dataclass(frozen=True)
 class Broken:
-    """A contact that did not hold, or did not come about."""
+    """A contact that broke or did not close."""
 
     name: str
     time: float  # [s]
@@ -65,7 +71,7 @@ class Broken:
 
 @dataclass(frozen=True)
 class ModuleRun:
-    """What happened (S samples, up to the end or until a box is lost)."""
+    """The result of a run (S samples, up to the end or the loss of a box)."""
 
     conditions: Conditions
     module: ModuleSpec  # as simulated
@@ -88,40 +94,64 @@ def simulate_modules(
     progress: Callable[[float], None] | None = None,
     watch: Callable[[int, Any, Any], None] | None = None,
 ) -> ModuleRun:
-    """Play a plan. watch: called with number, model and data at every kept sample, for pictures.
+    """Simulate a plan.
 
-    Raises MissingSolver without MuJoCo.
+    Args:
+        plan: The plan.
+        conditions: Physical conditions.
+        progress: Receives the fraction of time simulated.
+        watch: Called with number, model and data at every recorded sample, for pictures.
+
+    Raises:
+        MissingSolver: MuJoCo is not installed.
     """
     mujoco = load_mujoco()
-    module = simulated_module(plan)
-    loads = list(loads_of_all(plan, module))
-    holds = sorted({_hold(plan, c) for each in loads for c in each.contacts if c.kind != "box"})
-    model = mujoco.MjModel.from_xml_string(build_mjcf(plan, module, holds, conditions))
-    world = _World(mujoco, model, mujoco.MjData(model), plan, module, conditions, tuple(holds))
-    return world.play(loads, progress, watch)
+    module = build_simulated_module(plan)
+    loads = list(compute_loads(plan, module))
+    welds = sorted(
+        {
+            _find_weld(plan, c)
+            for stretch_loads in loads
+            for c in stretch_loads.contacts
+            if c.kind != "box"
+        }
+    )
+    model = mujoco.MjModel.from_xml_string(build_mjcf(plan, module, welds, conditions))
+    simulation = _ModuleSimulation(
+        mujoco,
+        model,
+        mujoco.MjData(model),
+        plan=plan,
+        module=module,
+        conditions=conditions,
+        holds=tuple(welds),
+    )
+    return simulation.play(loads, progress, watch)
 
 
-def _hold(plan: LimmsPlan, contact: Contact) -> Hold:
+def _find_weld(plan: LimmsPlan, contact: Contact) -> Weld:
+    """Return the weld of a contact."""
     body, count = "world", len(plan.module_names)
     if contact.other >= count:
         body = box_name(contact.other - count)
     elif contact.other != NOBODY:
         body = link_name(contact.other, end_link(contact.other_end))
-    return Hold(contact.body, contact.end, body)
+    return Weld(contact.body, contact.end, body)
 
 
-class _World:
-    """One model on its way through a plan."""
+class _ModuleSimulation:
+    """The simulation of a plan."""
 
     def __init__(
         self,
         mujoco: ModuleType,
         model: Any,
         data: Any,
+        *,
         plan: LimmsPlan,
         module: ModuleSpec,
         conditions: Conditions,
-        holds: tuple[Hold, ...],
+        holds: tuple[Weld, ...],
     ) -> None:
         self.mujoco, self.model, self.data = mujoco, model, data
         self.plan, self.module, self.conditions, self.holds = plan, module, conditions, holds
@@ -132,9 +162,9 @@ class _World:
         )
         self.root = np.array([model.body_dofadr[self.ends[m, 0]] for m in range(count)])
         joints = [[model.joint(link_name(m, k + 1)) for k in range(JOINTS)] for m in range(count)]
-        self.at = np.array([[joint.qposadr[0] for joint in row] for row in joints])
-        self.closed: dict[Hold, Closed] = {}
-        self.order: Order | None = None  # of what is closed, None where that has changed
+        self.joint_addresses = np.array([[joint.qposadr[0] for joint in row] for row in joints])
+        self.closed: dict[Weld, ClosedContact] = {}
+        self.arrays: ContactArrays | None = None  # of what is closed, None where that has changed
         self.misses: list[float] = []
         self.broken: list[Broken] = []
         self.rows: list[dict[str, Any]] = []
@@ -146,14 +176,15 @@ class _World:
         progress: Callable[[float], None] | None,
         watch: Callable[[int, Any, Any], None] | None,
     ) -> ModuleRun:
-        self._stand(loads[0])
-        whole = float(self.plan.motion.time[-1])
+        """Simulate all stretches."""
+        self._set_initial_state(loads[0])
+        duration = float(self.plan.motion.time[-1])
         lost = False
-        for each in loads:
-            self._switch(each)
-            lost = self._stretch(each, watch)
+        for stretch_loads in loads:
+            self._switch_contacts(stretch_loads)
+            lost = self._run_stretch(stretch_loads, watch)
             if progress is not None:
-                progress(float(each.stretch.time[-1]) / whole)
+                progress(float(stretch_loads.stretch.time[-1]) / duration)
             if lost:
                 break
         stacked = {name: np.array([row[name] for row in self.rows]) for name in self.rows[0]}
@@ -167,8 +198,8 @@ class _World:
             **stacked,
         )
 
-    def _stand(self, first: StretchLoads) -> None:
-        """Everything where the plan begins."""
+    def _set_initial_state(self, first: StretchLoads) -> None:
+        """Set everything to the start of the plan."""
         data = self.data
         for b, body in enumerate(self.boxes):
             box = self.model.jnt_qposadr[self.model.body_jntadr[body]]
@@ -182,148 +213,158 @@ class _World:
             data.qpos[adr : adr + 3] = points.position[0, 0]
             self.mujoco.mju_mat2Quat(quat, points.rotation[0, 0].ravel())
             data.qpos[adr + 3 : adr + 7] = quat
-            data.qpos[self.at[m]] = first.stretch.angles[0, m]
+            data.qpos[self.joint_addresses[m]] = first.stretch.angles[0, m]
         self.mujoco.mj_forward(self.model, data)
 
-    def _switch(self, loads: StretchLoads) -> None:
-        """Open what the plan opens, and close what it closes."""
+    def _switch_contacts(self, loads: StretchLoads) -> None:
+        """Open and close contacts as planned."""
         time = float(loads.stretch.time[0])
-        gone = {broken.name for broken in self.broken}
-        wanted = {_hold(self.plan, c): c for c in loads.contacts if c.kind != "box"}
-        for hold in [hold for hold in self.closed if hold not in wanted]:
+        broken_names = {broken.name for broken in self.broken}
+        planned = {_find_weld(self.plan, c): c for c in loads.contacts if c.kind != "box"}
+        for hold in [hold for hold in self.closed if hold not in planned]:
             self._open(hold)
-        for hold, contact in wanted.items():
-            before = self.closed.get(hold)
-            if before is not None and before.contact.kind == contact.kind:
-                before.contact, self.order = contact, None
-            elif contact.name not in gone:
+        for hold, contact in planned.items():
+            current = self.closed.get(hold)
+            if current is not None and current.contact.kind == contact.kind:
+                current.contact, self.arrays = contact, None
+            elif contact.name not in broken_names:
                 self._close(hold, contact, loads, time)
 
-    def _open(self, hold: Hold) -> None:
-        self.order = None
+    def _open(self, hold: Weld) -> None:
+        """Open a contact."""
+        self.arrays = None
         self.data.eq_active[self.closed.pop(hold).number] = 0
 
-    def _close(self, hold: Hold, contact: Contact, loads: StretchLoads, time: float) -> None:
-        """Weld an end to what it has come to, as it is now."""
+    def _close(self, hold: Weld, contact: Contact, loads: StretchLoads, time: float) -> None:
+        """Weld an end to its body at the current relative pose, unless it is too far off."""
         data, number = self.data, self.holds.index(hold)
         link = int(self.ends[hold.module, hold.end])
-        own = np.array([0.0, 0.0, self.module.link_lengths[-1] if hold.end else 0.0])
-        place = data.xpos[link] + data.xmat[link].reshape(3, 3) @ own
-        other = self.model.body(hold.body).id
-        turn = data.xmat[other].reshape(3, 3)
-        there = turn.T @ (place - data.xpos[other])
+        end_offset = np.array([0.0, 0.0, self.module.link_lengths[-1] if hold.end else 0.0])
+        position = data.xpos[link] + data.xmat[link].reshape(3, 3) @ end_offset
+        body = self.model.body(hold.body).id
+        body_rotation = data.xmat[body].reshape(3, 3)
+        local_position = body_rotation.T @ (position - data.xpos[body])
         goal = contact.place[0]
         count = len(self.plan.module_names)
         if contact.other >= count:
             b = contact.other - count
-            off = goal - loads.stretch.box[0, b]
-            missed = there - turned(-loads.stretch.yaw[0, b]) @ off
+            offset = goal - loads.stretch.box[0, b]
+            miss_vector = local_position - compute_yaw_rotation(-loads.stretch.yaw[0, b]) @ offset
         elif contact.other != NOBODY:
             tip = self.module.link_lengths[-1] if contact.other_end else 0.0
-            missed = there - np.array([0.0, 0.0, tip])
+            miss_vector = local_position - np.array([0.0, 0.0, tip])
         else:
-            missed = place - goal
-        miss = float(np.linalg.norm(missed))
+            miss_vector = position - goal
+        miss = float(np.linalg.norm(miss_vector))
         self.misses.append(miss)
-        if miss > REACHED:
-            words = f"{contact.name} closes {1e3 * miss:.0f} mm off"
-            self.broken.append(Broken(contact.name, time, words))
+        if miss > MAX_MISS:
+            message = f"{contact.name} closes {1e3 * miss:.0f} mm off"
+            self.broken.append(Broken(contact.name, time, message))
             return
         back, relative = np.empty(4), np.empty(4)
-        self.mujoco.mju_negQuat(back, data.xquat[other])
+        self.mujoco.mju_negQuat(back, data.xquat[body])
         self.mujoco.mju_mulQuat(relative, back, data.xquat[link])
-        self.model.eq_data[number, :3] = own
-        self.model.eq_data[number, 3:6] = there
+        self.model.eq_data[number, :3] = end_offset
+        self.model.eq_data[number, 3:6] = local_position
         self.model.eq_data[number, 6:10] = relative
         data.eq_active[number] = 1
-        self.closed[hold] = Closed(contact, number, missed, np.zeros(6))
-        self.order = None
+        self.closed[hold] = ClosedContact(contact, number, miss_vector, np.zeros(6))
+        self.arrays = None
 
-    def _stretch(self, loads: StretchLoads, watch: Callable[[int, Any, Any], None] | None) -> bool:
-        """Steps between two events; whether a box is lost."""
+    def _run_stretch(
+        self, loads: StretchLoads, watch: Callable[[int, Any, Any], None] | None
+    ) -> bool:
+        """Simulate the steps between two events, and return whether a box is lost."""
         stretch, data = loads.stretch, self.data
-        begin, end = float(stretch.time[0]), float(stretch.time[-1])
-        steps = max(int(np.ceil((end - begin) / TIME_STEP - 1e-9)), 1)
-        self.model.opt.timestep = (end - begin) / steps
-        at = begin + (np.arange(steps) + 1) * self.model.opt.timestep
-        angles, rates = _between(stretch.time, stretch.angles, at), stretch.rates
-        rates = _between(stretch.time, rates, at)
-        torque = _between(stretch.time, loads.torque, at)
-        box = _between(stretch.time, stretch.box[:, : len(self.boxes)], at)
-        frames = turned(_between(stretch.time, stretch.yaw[:, : len(self.boxes)], at))
-        places = [_between(stretch.time, c.place, at) for c in loads.contacts]
-        planned = [_between(stretch.time, w, at) for w in loads.wrench]
-        given = angles + (DAMPING * rates + torque) / (STIFF * self.conditions.gain)
+        start, end = float(stretch.time[0]), float(stretch.time[-1])
+        steps = max(int(np.ceil((end - start) / TIME_STEP - 1e-9)), 1)
+        self.model.opt.timestep = (end - start) / steps
+        times = start + (np.arange(steps) + 1) * self.model.opt.timestep
+        angles, rates = _interpolate(stretch.time, stretch.angles, times), stretch.rates
+        rates = _interpolate(stretch.time, rates, times)
+        torque = _interpolate(stretch.time, loads.torque, times)
+        box = _interpolate(stretch.time, stretch.box[:, : len(self.boxes)], times)
+        frames = compute_yaw_rotation(
+            _interpolate(stretch.time, stretch.yaw[:, : len(self.boxes)], times)
+        )
+        places = [_interpolate(stretch.time, c.place, times) for c in loads.contacts]
+        planned = [_interpolate(stretch.time, w, times) for w in loads.wrench]
+        commands = angles + (DAMPING * rates + torque) / (STIFFNESS * self.conditions.gain)
         numbers = {id(contact): k for k, contact in enumerate(loads.contacts)}
-        kept: dict[str, list[tuple[float, Array, Array]]] = {}
+        rows_by_contact: dict[str, list[tuple[float, Array, Array]]] = {}
         lost = False
         for k in range(steps):
-            data.ctrl[:] = given[k].ravel()
+            data.ctrl[:] = commands[k].ravel()
             for closed in self.closed.values():
                 if closed.contact.other == NOBODY:
                     place = places[numbers[id(closed.contact)]][k]
-                    self.model.eq_data[closed.number, 3:6] = place + closed.off
+                    self.model.eq_data[closed.number, 3:6] = place + closed.offset
             self.mujoco.mj_step(self.model, data)
-            order = self._ordered()
-            found = borne(self.model, self.data, order)
-            self._break(order, found, float(at[k]))
-            off = float(np.linalg.norm(data.xpos[self.boxes] - box[k], axis=1).max())
-            lost = not off <= LOST  # NaN as well
-            if k % SAMPLE and k + 1 < steps and not lost:
+            arrays = self._update_arrays()
+            wrenches = compute_contact_wrenches(self.model, self.data, arrays)
+            self._break_overloads(arrays, wrenches, float(times[k]))
+            box_error = float(np.linalg.norm(data.xpos[self.boxes] - box[k], axis=1).max())
+            lost = not box_error <= MAX_BOX_ERROR  # NaN as well
+            if k % SAMPLE_STEPS and k + 1 < steps and not lost:
                 continue
-            for hold, wrench in zip(order.holds, found, strict=True):
+            for hold, wrench in zip(arrays.holds, wrenches, strict=True):
                 if hold in self.closed:
                     contact = self.closed[hold].contact
-                    row = (float(at[k]), planned[numbers[id(contact)]][k], wrench)
-                    kept.setdefault(contact.name, []).append(row)
-            self._keep(float(at[k]), box[k], frames[k], angles[k], torque[k])
+                    row = (float(times[k]), planned[numbers[id(contact)]][k], wrench)
+                    rows_by_contact.setdefault(contact.name, []).append(row)
+            self._record(float(times[k]), box[k], frames[k], angles[k], torque[k])
             if watch is not None:
                 watch(len(self.rows) - 1, self.model, data)
             if lost:
                 break
         kinds = {contact.name: contact.kind for contact in loads.contacts}
-        for name, rows in kept.items():
-            time, one, other = (np.array(values) for values in zip(*rows, strict=True))
-            self.bearings.append(Bearing(name, kinds[name], time, one, other))
+        for name, rows in rows_by_contact.items():
+            time, planned_rows, simulated_rows = (
+                np.array(values) for values in zip(*rows, strict=True)
+            )
+            self.bearings.append(Bearing(name, kinds[name], time, planned_rows, simulated_rows))
         return lost
 
-    def _ordered(self) -> Order:
-        """Arrays of what is closed, made where that has changed."""
-        if self.order is None:
-            self.order = order_of(self.closed, self.root, self.ends, self.module)
-        return self.order
+    def _update_arrays(self) -> ContactArrays:
+        """Return arrays of closed contacts, rebuilt after changes."""
+        if self.arrays is None:
+            self.arrays = build_contact_arrays(self.closed, self.root, self.ends, self.module)
+        return self.arrays
 
-    def _break(self, order: Order, found: Array, time: float) -> None:
-        """Feel the loads, and let go of what bears too much."""
-        order.felt += min(self.model.opt.timestep / SMOOTH, 1.0) * (found - order.felt)
+    def _break_overloads(self, arrays: ContactArrays, wrenches: Array, time: float) -> None:
+        """Filter the loads, and open overloaded contacts."""
+        arrays.filtered += min(self.model.opt.timestep / FILTER_TIME, 1.0) * (
+            wrenches - arrays.filtered
+        )
         if self.plan.massless:
             return
         friction = self.plan.friction * self.conditions.friction
-        for k, words in too_much(order, self.module, friction):
-            hold = order.holds[k]
+        for k, message in find_overloads(arrays, self.module, friction):
+            hold = arrays.holds[k]
             name = self.closed[hold].contact.name
-            self.broken.append(Broken(name, time, f"{name} {words}"))
+            self.broken.append(Broken(name, time, f"{name} {message}"))
             self._open(hold)
 
-    def _keep(self, time: float, box: Array, frames: Array, angles: Array, torque: Array) -> None:
+    def _record(self, time: float, box: Array, frames: Array, angles: Array, torque: Array) -> None:
+        """Record a sample."""
         data = self.data
-        off = data.xmat[self.boxes].reshape(-1, 3, 3) @ np.swapaxes(frames, 1, 2)
-        cosine = np.clip((np.trace(off, axis1=1, axis2=2) - 1) / 2, -1, 1)
+        rotation_error = data.xmat[self.boxes].reshape(-1, 3, 3) @ np.swapaxes(frames, 1, 2)
+        cosine = np.clip((np.trace(rotation_error, axis1=1, axis2=2) - 1) / 2, -1, 1)
         self.rows.append(
             {
                 "time": time,
                 "box": data.xpos[self.boxes].copy(),
                 "planned_box": box,
                 "tilt": np.arccos(cosine),
-                "bend": np.abs(data.qpos[self.at] - angles).max(axis=1),
+                "bend": np.abs(data.qpos[self.joint_addresses] - angles).max(axis=1),
                 "torque": data.actuator_force.reshape(-1, JOINTS).copy(),
                 "planned_torque": torque,
             }
         )
 
 
-def _between(time: Array, values: Array, at: Array) -> Array:
-    """Values (M, ...) at times (n,), straight between samples."""
-    k = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
-    share = ((at - time[k]) / (time[k + 1] - time[k])).reshape(-1, *(1,) * (values.ndim - 1))
-    return np.asarray((1 - share) * values[k] + share * values[k + 1])
+def _interpolate(time: Array, values: Array, times: Array) -> Array:
+    """Return values (M, ...) at times (n,), linear between samples."""
+    k = np.clip(np.searchsorted(time, times, side="right") - 1, 0, len(time) - 2)
+    fraction = ((times - time[k]) / (time[k + 1] - time[k])).reshape(-1, *(1,) * (values.ndim - 1))
+    return np.asarray((1 - fraction) * values[k] + fraction * values[k + 1])

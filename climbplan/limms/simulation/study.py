@@ -1,4 +1,4 @@
-"""A plan of modules simulated and told."""
+"""Simulation of a plan of modules, and its report."""
 
 from __future__ import annotations
 
@@ -13,22 +13,28 @@ from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.simulation.comparison import ModuleComparison, compare_modules
-from climbplan.limms.simulation.figures import loads, way
-from climbplan.limms.simulation.model import STIFF, TIME_STEP, light_share
-from climbplan.limms.simulation.replay import REACHED, ModuleRun, simulate_modules
+from climbplan.limms.simulation.figures import plot_loads, plot_path
+from climbplan.limms.simulation.model import STIFFNESS, TIME_STEP, compute_mass_fraction
+from climbplan.limms.simulation.replay import MAX_MISS, ModuleRun, simulate_modules
 from climbplan.reports.page_parts import Card
-from climbplan.simulation.asked import Asked
+from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.mujoco_loading import load_mujoco
 from climbplan.simulation.pictures import Camera, open_camera
-from climbplan.simulation.report_files import End, Told, conditions_dict, spread, strip
+from climbplan.simulation.report_files import (
+    SimulationEnd,
+    SimulationRecord,
+    convert_conditions,
+    plot_film_strip,
+    summarise_values,
+)
 from climbplan.store.csv_file import SafeWriter
 
 MODEL = (
     "Modules as chains of seven links, a servo in each joint "
-    f"({STIFF:g} N m/rad) that gets planned angles and speeds and the torques that the plan's "
+    f"({STIFFNESS:g} N m/rad) that gets planned angles and speeds and the torques that the plan's "
     "checker finds for them. Ends hold on by constraints, welded where they are when the plan "
-    f"closes them (a miss beyond {1e3 * REACHED:.0f} mm stays open). The box stands on the ground "
+    f"closes them (a miss beyond {1e3 * MAX_MISS:.0f} mm stays open). The box stands on the ground "
     "by contact and friction."
 )
 WITH_MASS = (
@@ -54,7 +60,7 @@ UNITS = {
 
 
 @dataclass(frozen=True)
-class ModulesEnd(End):
+class ModulesEnd(SimulationEnd):
     """How a run of modules ended: the box, and contacts that did not hold."""
 
     @property
@@ -76,7 +82,7 @@ class ModulesEnd(End):
 
 @dataclass(frozen=True)
 class SimulatedModules:
-    """Everything one call of the command found."""
+    """The results of one simulation."""
 
     plan: LimmsPlan
     run: ModuleRun
@@ -86,52 +92,57 @@ class SimulatedModules:
 
 def simulate_module_plan(
     plan: LimmsPlan,
-    asked: Asked,
-    progress: Callable[[str, float], None] = lambda stage, part: None,
+    asked: SimulationRequest,
+    progress: Callable[[str, float], None] = lambda stage, fraction: None,
 ) -> SimulatedModules:
-    """The nominal run.
+    """Simulate the nominal run.
 
-    Raises UsageError for what only climbs and walks have, MissingSolver without MuJoCo.
+    Raises:
+        UsageError: Options that only climbs and walks have.
+        MissingSolver: MuJoCo is not installed.
     """
-    _refuse(plan, asked)
+    _check_request(plan, asked)
     load_mujoco()
     camera: Camera | str = "no pictures asked for"
-    begin = _begins(plan)
+    first_sample = _find_first_sample(plan)
     if asked.pictures:
-        path = _brought(plan)[begin:]
+        path = _find_moving_box(plan)[first_sample:]
         camera = open_camera(path, azimuth=140.0)
         if isinstance(camera, Camera):
             camera.view.distance *= 0.75  # a module is a metre long, not two
-    watch = _shown_from(plan, camera, begin) if isinstance(camera, Camera) else None
+    watch = _build_watcher(plan, camera, first_sample) if isinstance(camera, Camera) else None
     run = simulate_modules(
-        plan, asked.conditions, progress=lambda part: progress("simulate", part), watch=watch
+        plan,
+        asked.conditions,
+        progress=lambda fraction: progress("simulate", fraction),
+        watch=watch,
     )
     if isinstance(camera, Camera):
         camera.close()
     return SimulatedModules(plan, run, compare_modules(run), camera)
 
 
-def _brought(plan: LimmsPlan) -> Array:
-    """Where the box is (T, 3) that moves, or that moved last [m]."""
+def _find_moving_box(plan: LimmsPlan) -> Array:
+    """Return the position (T, 3) of the box that moves, or moved last [m]."""
     position = plan.motion.box_position
     moving = plan.motion.box_mode != 1
-    now = np.where(moving.any(axis=1), moving.argmax(axis=1), -1)
-    last = np.maximum.accumulate(np.where(now >= 0, np.arange(len(now)), 0))
-    which = np.maximum(now[last], 0)
-    path: Array = position[np.arange(len(position)), which]
+    moving_box = np.where(moving.any(axis=1), moving.argmax(axis=1), -1)
+    last = np.maximum.accumulate(np.where(moving_box >= 0, np.arange(len(moving_box)), 0))
+    box = np.maximum(moving_box[last], 0)
+    path: Array = position[np.arange(len(position)), box]
     return path
 
 
-def _begins(plan: LimmsPlan) -> int:
-    """The sample from which pictures are taken: a second before the box moves."""
+def _find_first_sample(plan: LimmsPlan) -> int:
+    """Return the first sample of pictures, one second before the box moves."""
     motion = plan.motion
     moving = np.flatnonzero((motion.box_mode != 1).any(axis=1))
-    begin = float(motion.time[moving[0]]) - 1.0 if len(moving) else 0.0
-    return min(int(np.searchsorted(motion.time, begin)), len(motion.time) - 2)
+    start = float(motion.time[moving[0]]) - 1.0 if len(moving) else 0.0
+    return min(int(np.searchsorted(motion.time, start)), len(motion.time) - 2)
 
 
-def _shown_from(plan: LimmsPlan, camera: Camera, begin: int) -> Callable[[int, Any, Any], None]:
-    """Pictures as even in time as the run's samples allow, numbered as the camera does."""
+def _build_watcher(plan: LimmsPlan, camera: Camera, begin: int) -> Callable[[int, Any, Any], None]:
+    """Return a callback that takes pictures evenly in time, by the numbers of the camera."""
     time = plan.motion.time
     due = list(camera.samples)
 
@@ -144,82 +155,85 @@ def _shown_from(plan: LimmsPlan, camera: Camera, begin: int) -> Callable[[int, A
     return watch
 
 
-def _refuse(plan: LimmsPlan, asked: Asked) -> None:
-    """What modules are not simulated with."""
-    base, given = Conditions(), asked.conditions
-    for flag, there in (
+def _check_request(plan: LimmsPlan, asked: SimulationRequest) -> None:
+    """Raise an error for options that do not apply to modules."""
+    base, conditions = Conditions(), asked.conditions
+    for flag, is_set in (
         ("--runs", asked.runs > 0),
         ("--sweep", bool(asked.sweep_key)),
         ("--worlds", asked.worlds > 0),
-        ("--backlash-deg", given.backlash > 0),
-        ("--random-backlash-deg", asked.most_backlash > 0),
-        ("--limb-mass-share", given.limb_mass_share != base.limb_mass_share),
-        ("--no-limb-weights", not given.limb_weights),
-        ("--armature", (given.armature, given.armature_value) != (1.0, None)),
-        ("--damping", (given.damping, given.damping_value) != (1.0, None)),
-        ("--regulate", given.regulator != base.regulator),
-        ("--speed", given.speed != base.speed),
+        ("--backlash-deg", conditions.backlash > 0),
+        ("--random-backlash-deg", asked.max_backlash > 0),
+        ("--limb-mass-share", conditions.limb_mass_share != base.limb_mass_share),
+        ("--no-limb-weights", not conditions.limb_weights),
+        ("--armature", (conditions.armature, conditions.armature_value) != (1.0, None)),
+        ("--damping", (conditions.damping, conditions.damping_value) != (1.0, None)),
+        ("--regulate", conditions.regulator != base.regulator),
+        ("--speed", conditions.speed != base.speed),
     ):
-        if there:
+        if is_set:
             raise UsageError(f"{flag}: plans of modules are simulated as they are, once")
     for name in ("friction", "payload", "gain"):
-        if not np.isfinite(vars(given)[name]):
-            raise UsageError(f"--{name} {vars(given)[name]}: expected a finite number")
-    least = -0.95 * float(plan.box_mass[: plan.deliveries].min())
-    if given.payload < least:
-        raise UsageError(f"--payload {given.payload:g}: expected at least {least:.3g} kg")
+        if not np.isfinite(vars(conditions)[name]):
+            raise UsageError(f"--{name} {vars(conditions)[name]}: expected a finite number")
+    min_payload = -0.95 * float(plan.box_mass[: plan.deliveries].min())
+    if conditions.payload < min_payload:
+        raise UsageError(
+            f"--payload {conditions.payload:g}: expected at least {min_payload:.3g} kg"
+        )
 
 
-def end_of(found: SimulatedModules) -> End:
-    """How the run ended."""
-    run = found.run
+def describe_end(simulated: SimulatedModules) -> SimulationEnd:
+    """Return how the run ended."""
+    run = simulated.run
     fall = float(run.time[-1]) if run.lost else None
     return ModulesEnd(fall, 0, len(run.broken), allowed=0)
 
 
-def headline(found: SimulatedModules) -> str:
-    """The run in one line."""
-    run, compared = found.run, found.compared
-    off = f"box at most {1e3 * compared.off.max():.1f} mm off, {1e3 * compared.off[-1]:.1f} mm "
-    torque = f"torques at most {compared.torque_off.max():.2g} N m off"
-    words = f"{end_of(found).words}, {off}at the end, {torque}"
+def format_headline(simulated: SimulatedModules) -> str:
+    """Return the run in one line."""
+    run, compared = simulated.run, simulated.compared
+    largest, final = 1e3 * compared.box_error.max(), 1e3 * compared.box_error[-1]
+    box_text = f"box at most {largest:.1f} mm off, {final:.1f} mm "
+    torque = f"torques at most {compared.torque_error.max():.2g} N m off"
+    text = f"{describe_end(simulated).words}, {box_text}at the end, {torque}"
     if run.broken:
-        words += f"; first {run.broken[0].words} at {run.broken[0].time:.2f} s"
-    return words
+        text += f"; first {run.broken[0].words} at {run.broken[0].time:.2f} s"
+    return text
 
 
-def report_dict(found: SimulatedModules) -> dict[str, Any]:
-    """Key figures as JSON-ready values, SI units."""
-    plan, run, compared = found.plan, found.run, found.compared
+def build_report_data(simulated: SimulatedModules) -> dict[str, Any]:
+    """Return key figures as JSON-ready values in SI units."""
+    plan, run, compared = simulated.plan, simulated.run, simulated.compared
     return {
         "name": plan.name,
         "spec_sha256": plan.spec_sha256,
         "simulator": f"MuJoCo {load_mujoco().__version__}",
         "time_step": TIME_STEP,
         "model": MODEL,
-        "masses": _masses(plan),
+        "masses": _describe_masses(plan),
         "judges": JUDGED,
         "massless": plan.massless,
         "module_mass": run.module.mass,
-        "conditions": conditions_dict(run.conditions),
+        "conditions": convert_conditions(run.conditions),
         "fallen": run.lost,
         "fell": run.lost,
         "fall_time": float(run.time[-1]) if run.lost else None,
         "time": float(run.time[-1]),
         "planned_time": float(plan.motion.time[-1]),
-        "path": spread(compared.off),
-        "goal_error": None if run.lost else _missed(found),
-        "tilt": spread(run.tilt),
-        "bend": spread(run.bend),
+        "path": summarise_values(compared.box_error),
+        "goal_error": None if run.lost else _compute_goal_error(simulated),
+        "tilt": summarise_values(run.tilt),
+        "bend": summarise_values(run.bend),
         "torque": {
             "planned": float(np.abs(run.planned_torque).max()),
             "simulated": float(np.abs(run.torque).max()),
             "limit": None if plan.massless else run.module.max_torque,
         },
-        "torque_error": spread(compared.torque_off),
-        "latch_force_error": spread(compared.force_off),
-        "latch_misses": spread(run.misses),
-        "contacts": [dict(vars(borne)) for borne in compared.borne],
+        "torque_error": summarise_values(compared.torque_error),
+        "latch_force_error": summarise_values(compared.force_error),
+        "latch_misses": summarise_values(run.misses),
+        "contacts": [dict(vars(borne)) for borne in compared.contacts],
         "limits": None
         if plan.massless
         else {"force": run.module.max_force, "moment": run.module.latch_moment},
@@ -227,54 +241,61 @@ def report_dict(found: SimulatedModules) -> dict[str, Any]:
         "slips": [],
         "lost_contacts": [{"contact": b.name, "time": b.time} for b in run.broken],
         "runs": [],
-        "pictures": found.camera if isinstance(found.camera, str) else "figures/modules.png",
+        "pictures": simulated.camera
+        if isinstance(simulated.camera, str)
+        else "figures/modules.png",
         "units": UNITS,
     }
 
 
-def _masses(plan: LimmsPlan) -> str:
-    """What modules weigh in the simulation, in words."""
-    return MASSLESS.format(share=f"{100 * light_share(plan):.3g}%") if plan.massless else WITH_MASS
-
-
-def _missed(found: SimulatedModules) -> float:
-    """How far the worst box ends from its goal [m]."""
-    goals = found.plan.goal[: found.plan.deliveries]
-    return float(np.linalg.norm(found.run.box[-1] - goals, axis=1).max())
-
-
-def tell(found: SimulatedModules) -> Told:
-    """What stands in the files of a simulated plan of modules."""
-    plan, run = found.plan, found.run
-    camera = found.camera if isinstance(found.camera, Camera) else None
-    drawn = {"way": way(plan, run), "loads": loads(plan, run)}
-    film = None
-    if camera is not None and camera.pictures:
-        times = plan.motion.time[_begins(plan) :].tolist()
-        drawn["modules"] = strip(camera.strip, times, plan.name)
-        film = camera.film()
-    return Told(
-        title=f"{plan.name}: simulated",
-        headline=headline(found),
-        end=end_of(found),
-        report=report_dict(found),
-        table=_table(found),
-        figures=drawn,
-        film=film,
-        cards=_cards(found),
-        events=[(f"{b.time:.2f} s", b.words) for b in run.broken],
-        notes=(MODEL, _masses(plan), JUDGED),
+def _describe_masses(plan: LimmsPlan) -> str:
+    """Return a note on the masses of modules in the simulation."""
+    return (
+        MASSLESS.format(share=f"{100 * compute_mass_fraction(plan):.3g}%")
+        if plan.massless
+        else WITH_MASS
     )
 
 
-def _cards(found: SimulatedModules) -> list[Card]:
-    run, compared = found.run, found.compared
-    worst = max(compared.borne, key=lambda borne: borne.force, default=None)
+def _compute_goal_error(simulated: SimulatedModules) -> float:
+    """Return the largest final distance of a box from its goal [m]."""
+    goals = simulated.plan.goal[: simulated.plan.deliveries]
+    return float(np.linalg.norm(simulated.run.box[-1] - goals, axis=1).max())
+
+
+def build_report(simulated: SimulatedModules) -> SimulationRecord:
+    """Build the record of a simulated plan of modules."""
+    plan, run = simulated.plan, simulated.run
+    camera = simulated.camera if isinstance(simulated.camera, Camera) else None
+    figures = {"way": plot_path(plan, run), "loads": plot_loads(plan, run)}
+    film = None
+    if camera is not None and camera.pictures:
+        times = plan.motion.time[_find_first_sample(plan) :].tolist()
+        figures["modules"] = plot_film_strip(camera.strip, times, plan.name)
+        film = camera.film()
+    return SimulationRecord(
+        title=f"{plan.name}: simulated",
+        headline=format_headline(simulated),
+        end=describe_end(simulated),
+        report=build_report_data(simulated),
+        table=_build_table(simulated),
+        figures=figures,
+        film=film,
+        cards=_build_cards(simulated),
+        events=[(f"{b.time:.2f} s", b.words) for b in run.broken],
+        notes=(MODEL, _describe_masses(plan), JUDGED),
+    )
+
+
+def _build_cards(simulated: SimulatedModules) -> list[Card]:
+    """Return the cards of the page."""
+    run, compared = simulated.run, simulated.compared
+    worst = max(compared.contacts, key=lambda borne: borne.force, default=None)
     cards = [
-        Card("End", end_of(found).words, f"of {found.plan.motion.time[-1]:.2f} s"),
+        Card("End", describe_end(simulated).words, f"of {simulated.plan.motion.time[-1]:.2f} s"),
         Card(
             "Box",
-            f"{1e3 * compared.off.max():.1f} mm off",
+            f"{1e3 * compared.box_error.max():.1f} mm off",
             f"tilted at most {np.rad2deg(run.tilt.max()):.2f} deg",
         ),
         Card(
@@ -294,18 +315,18 @@ def _cards(found: SimulatedModules) -> list[Card]:
     return cards
 
 
-def _table(found: SimulatedModules) -> str:
-    """One row a closed contact and kept sample."""
+def _build_table(simulated: SimulatedModules) -> str:
+    """Return a table with one row for each closed contact and recorded sample."""
     stream = io.StringIO()
     table = SafeWriter(stream)
     table.writerow(
         ["time_s", "contact", "force_planned_N", "force_N", "moment_planned_Nm", "moment_Nm"]
     )
     rows = []
-    for bearing in found.run.bearings:
+    for bearing in simulated.run.bearings:
         sizes = [
-            np.linalg.norm(values[:, part], axis=1)
-            for part in (slice(0, 3), slice(3, 6))
+            np.linalg.norm(values[:, components], axis=1)
+            for components in (slice(0, 3), slice(3, 6))
             for values in (bearing.planned, bearing.found)
         ]
         for k, time in enumerate(bearing.time):

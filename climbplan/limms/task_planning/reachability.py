@@ -10,15 +10,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.limms.arms.held_branches import (
+from climbplan.limms.arms.branch_choices import (
     APPROACH_MARGIN,
     RANGE_MARGIN,
-    clearance,
-    off_singular,
+    compute_clearance,
+    is_off_singular,
 )
-from climbplan.limms.modules.chain import BRANCHES, in_range
+from climbplan.limms.modules.chain import BRANCHES, range_excess
 from climbplan.limms.modules.contact import gap_to_boxes, link_segments
-from climbplan.limms.modules.limbs import arm, limb_angles, limb_points, root_on_anchor
+from climbplan.limms.modules.limbs import (
+    build_arm,
+    compute_anchor_pose,
+    compute_limb_angles,
+    compute_limb_points,
+)
 from climbplan.limms.scene.bounds import Connection, anchor_wrist, max_chain_span, side_wrist
 from climbplan.limms.scene.limms_scene import Scene
 
@@ -59,7 +64,9 @@ def find_holding_places(
     if (connection, by_first) in cache:
         return cache[connection, by_first].exclude_collisions(scene)
     box_end = 1 if by_first else 0
-    limb = arm(0, connection.side, root_on_anchor(scene, connection.root, 1 - box_end), box_end)
+    limb = build_arm(
+        0, connection.side, compute_anchor_pose(scene, connection.root, 1 - box_end), box_end
+    )
     # Programs keep a larger margin to joint limits where latches close; none closes at the goal
     margin = np.full(len(places), RANGE_MARGIN + APPROACH_MARGIN)
     margin[1] = RANGE_MARGIN
@@ -69,16 +76,16 @@ def find_holding_places(
     box = places[is_near]
     feet = np.broadcast_to(limb.fixed_position, (len(box), 3))
     for number, branch in enumerate(BRANCHES if len(box) else ()):
-        angles, reach_error = limb_angles(scene, limb, box, feet, branch)
+        angles, reach_error = compute_limb_angles(scene, limb, box, feet, branch)
         angles = (angles + np.pi) % (2 * np.pi) - np.pi
-        is_feasible = (reach_error <= 0) & (in_range(scene.module, angles) <= -margin[is_near])
-        is_feasible &= off_singular(scene.module, angles)
+        is_feasible = (reach_error <= 0) & (range_excess(scene.module, angles) <= -margin[is_near])
+        is_feasible &= is_off_singular(scene.module, angles)
         if is_feasible.any():
-            gap = clearance(
+            gap = compute_clearance(
                 scene, [limb], box[is_feasible], feet[is_feasible, None], angles[is_feasible, None]
             )
             is_feasible[is_feasible] = gap >= -1e-6
-            points = limb_points(
+            points = compute_limb_points(
                 scene, limb, box[is_feasible], feet[is_feasible], angles[is_feasible]
             )
             links.append(link_segments(points, scene.module.radius))

@@ -19,9 +19,9 @@ from climbplan.limms.scene.bounds import (
     Connection,
     anchor_wrist,
     check_holding,
+    compute_ground_end_frame,
     is_accessible,
     is_accessible_over_box,
-    is_on_ground,
     is_within_reach,
     joint_distance,
     max_chain_span,
@@ -178,7 +178,8 @@ def _list_arm_actions(scene: Scene, connections: tuple[Connection, ...]) -> list
     if allow_relatch and is_accessible_over_box(scene, connections[0], scene.start_placement):
         actions.append(Action("relatch", connections, wrist_distance))
         if any(
-            a >= 0 and is_on_ground(scene, int(a) - scene.wall_offset) for a in scene.start_anchor
+            a >= 0 and compute_ground_end_frame(scene, int(a) - scene.wall_offset)
+            for a in scene.start_anchor
         ):
             actions.append(
                 Action("relatch", connections, wrist_distance, releases_ground_anchor=True)

@@ -19,7 +19,7 @@ from climbplan.arrays import Array, IntArray
 from climbplan.limms.modules.distances import upright_gap
 from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.scene.actions import Action
-from climbplan.limms.scene.bounds import is_on_ground
+from climbplan.limms.scene.bounds import compute_ground_end_frame
 from climbplan.limms.scene.corridor import CLEARANCE
 from climbplan.limms.scene.limms_scene import Scene, is_at_goal, put_box_first, remove_other_boxes
 from climbplan.limms.scene.placement import centre_of, yaw_of
@@ -171,7 +171,7 @@ class StateSpace:
         immovable = (
             set()
             if relatches
-            else {a for a in self.first_end_anchors if not is_on_ground(self.scene, a)}
+            else {a for a in self.first_end_anchors if not compute_ground_end_frame(self.scene, a)}
         )
         removable = [
             a for a, n in hanging.items() if n == 1 and a not in immovable and a not in reused
@@ -234,7 +234,7 @@ def _build_heuristics(
     ]
     if not any(
         relaxed.end[:, GOAL].any() for relaxed in simple
-    ):  # else throws are no shorter a way
+    ):  # else throws take no fewer subtasks
         simple += [relaxed for relaxed in relaxed_actions if relaxed.action.kind == "throw"]
     without_quadruped = [
         relaxed for relaxed in relaxed_actions if relaxed.action.kind != "quadruped"

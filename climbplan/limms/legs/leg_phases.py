@@ -1,8 +1,8 @@
-"""What a quadruped's program is made of: phases, cuts, and an answer.
+"""Data of a quadruped's program: phases, cuts and solutions.
 
-Modules have no mass and the box does not turn, so that a standing leg's joint angles follow in
-closed form from where the box is over its foot. A program therefore needs no joint angles but those
-of feet in the air: it has the box's path, footholds, forces and durations.
+Modules have no mass and the box does not turn, so the joint angles of a standing leg are closed
+functions of the box relative to its foot. The variables are the path of the box, footholds, forces,
+durations, and joint angles of swing feet only.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from dataclasses import dataclass, field
 
 from climbplan.arrays import Array
 
-SPANS = 4  # of the joint splines of a foot in the air
+SPANS = 4  # of the joint splines of a swing foot
 CONTROLS = SPANS + 2  # their control points
 
 
 @dataclass(frozen=True)
 class LegPhase:
-    """Constant contacts: which feet are in the air, where the box's centre may be."""
+    """A phase of constant contacts: swing feet, and bounds on the centre of the box."""
 
     name: str
-    lower: Array  # (3,) least centre of the box [m]
+    lower: Array  # (3,) lower bound of the centre of the box [m]
     upper: Array  # (3,)
     intervals: int
     shortest: float  # [s]
@@ -30,8 +30,8 @@ class LegPhase:
 
 
 @dataclass(frozen=True)
-class LegTrace:
-    """An answer for one phase at its knots (K + 1); L limbs."""
+class LegTrajectory:
+    """The trajectory of one phase at its knots (K + 1) with L limbs."""
 
     phase: LegPhase
     duration: float  # [s]
@@ -46,14 +46,14 @@ class LegTrace:
 
 @dataclass(frozen=True)
 class LegCut:
-    """A point of a leg that has to stay on one side of a plane at a share of a phase's time.
+    """A cutting plane for a point of a leg at a fraction of a phase's time.
 
-    point: 0 to 7 of the module, but 0 is one radius up from the foot, where its link's axis ends.
-    normal . (point - move * box centre) >= offset.
+    The constraint is normal . (point - move * box centre) >= offset for points 0 to 7 of the
+    module. Point 0 is one radius up from the foot, where the axis of its link ends.
     """
 
     phase: int
-    share: float
+    time_fraction: float
     limb: int
     point: int
     normal: Array  # (3,)
@@ -63,26 +63,26 @@ class LegCut:
 
 @dataclass(frozen=True)
 class BoxCut:
-    """normal . box centre >= offset at a share of a phase's time."""
+    """A cutting plane at a fraction of a phase's time: normal . box centre >= offset."""
 
     phase: int
-    share: float
+    time_fraction: float
     normal: Array  # (3,)
     offset: float  # [m]
 
 
 @dataclass(frozen=True)
 class LegSample:
-    """A share of a phase's time at which a standing leg's ranges and speeds have to hold."""
+    """A fraction of a phase's time at which ranges and speeds of a standing leg must hold."""
 
     phase: int
-    share: float
+    time_fraction: float
     limb: int
 
 
 @dataclass(frozen=True)
-class LegEnds:
-    """What holds at both ends: at rest there, and the first footholds if they are given."""
+class LegBoundary:
+    """Boundary conditions: rest at both ends, and first footholds if given."""
 
     start: Array  # (3,) [m]
     goal: Array  # (3,) [m]

@@ -30,7 +30,7 @@ def test_what_it_sets_by_kind() -> None:
     ).spec
     assert transition.solver.starts == 2
     walk = load_mpc(SPECS / "mpc_recovery.yaml", quick_overrides("mpc", True)).spec
-    assert (walk.solver.qps, walk.library.size) == (150, 6)
+    assert (walk.solver.max_qp_solves, walk.library.size) == (150, 6)
     shelf = load_shelf(SPECS / "bookshelf_five.yaml", quick_overrides("bookshelf", True)).spec
     assert shelf.solver.gap == 0.05
     modules = SPECS / "limms_throw.yaml"

@@ -15,7 +15,7 @@ import yaml
 from climbplan.cli.export import FormatName
 from climbplan.climb.exports.motion import read_motion as climb_motion
 from climbplan.errors import UsageError
-from climbplan.exports.formats import FORMATS, Told, told
+from climbplan.exports.formats import FORMATS, ControllerOptions, adapt_motion
 from climbplan.exports.motion import RobotMotion
 from climbplan.exports.ros_messages import contact_topics
 from climbplan.limms.exports.motion import read_motion as limms_motion
@@ -24,7 +24,7 @@ from climbplan.walking.exports.motion import read_motion as walk_motion
 READERS = {"climb": climb_motion, "modules": limms_motion, "walk": walk_motion}
 
 
-def motion_of(plans: dict[str, Path], kind: str) -> RobotMotion:
+def build_motion(plans: dict[str, Path], kind: str) -> RobotMotion:
     return READERS[kind](plans[kind])
 
 
@@ -51,7 +51,7 @@ def test_mcap(plans: dict[str, Path], tmp_path: Path, kind: str) -> None:
     pytest.importorskip("rosbags")
     pytest.importorskip("mcap")
     read = pytest.importorskip("mcap_ros2.reader")  # decodes by the schemas in the file
-    motion, path = motion_of(plans, kind), tmp_path / "motion.mcap"
+    motion, path = build_motion(plans, kind), tmp_path / "motion.mcap"
     FORMATS["mcap"].write(motion, path)
     count: dict[str, int] = {}
     times: list[int] = []
@@ -100,7 +100,7 @@ def test_bag_of_ros_2(plans: dict[str, Path], tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     import sqlite3
 
-    motion = motion_of(plans, "climb")
+    motion = build_motion(plans, "climb")
     FORMATS["ros2"].write(motion, tmp_path)
     (stored,) = (tmp_path / "bag").glob("*.db3")
     with sqlite3.connect(stored) as connection:
@@ -116,7 +116,7 @@ def test_bag_of_ros_2(plans: dict[str, Path], tmp_path: Path) -> None:
 
 
 def test_controller(plans: dict[str, Path], tmp_path: Path) -> None:
-    motion = told(motion_of(plans, "climb"), Told(rate=10.0, gains="80", feedforward=True))
+    motion = adapt_motion(build_motion(plans, "climb"), ControllerOptions(rate=10.0, gains="80", feedforward=True))
     assert motion.joints is not None
     FORMATS["jtc"].write(motion, tmp_path)
     controllers = (tmp_path / "controllers.yaml").read_text(encoding="utf-8")
@@ -140,7 +140,7 @@ def test_controller(plans: dict[str, Path], tmp_path: Path) -> None:
 
 
 def test_modules_are_controlled_by_position(plans: dict[str, Path], tmp_path: Path) -> None:
-    FORMATS["jtc"].write(motion_of(plans, "modules"), tmp_path)
+    FORMATS["jtc"].write(build_motion(plans, "modules"), tmp_path)
     stored = yaml.safe_load((tmp_path / "controllers.yaml").read_text(encoding="utf-8"))
     own = stored["joint_trajectory_controller"]["ros__parameters"]
     assert own["command_interfaces"] == ["position"]
@@ -149,7 +149,7 @@ def test_modules_are_controlled_by_position(plans: dict[str, Path], tmp_path: Pa
 
 @pytest.mark.parametrize("kind", sorted(READERS))
 def test_tables_and_arrays(plans: dict[str, Path], tmp_path: Path, kind: str) -> None:
-    motion = motion_of(plans, kind)
+    motion = build_motion(plans, kind)
     FORMATS["csv"].write(motion, tmp_path / "motion.csv")
     with (tmp_path / "motion.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
@@ -177,7 +177,7 @@ def test_usd_on_a_full_disk(
         return False
 
     monkeypatch.setattr(Usd.Stage, "Export", export)
-    motion = motion_of(plans, "climb")
+    motion = build_motion(plans, "climb")
     with pytest.raises(UsageError, match=r"motion.usd: cannot be written: the disk may be full"):
         FORMATS["usd"].write(motion, tmp_path / "motion.usd")
     assert not list(tmp_path.iterdir())
@@ -190,7 +190,7 @@ def test_usd(plans: dict[str, Path], tmp_path: Path, kind: str) -> None:
     from pxr import Usd, UsdGeom
 
     assert pxr
-    motion = motion_of(plans, kind)
+    motion = build_motion(plans, kind)
     FORMATS["usd"].write(motion, tmp_path / "motion.usda")
     assert (tmp_path / "motion.usda").read_text(encoding="utf-8").startswith("#usda")
     stage = Usd.Stage.Open(str(tmp_path / "motion.usda"))

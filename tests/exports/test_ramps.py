@@ -13,10 +13,15 @@ from climbplan.cli.app import run
 from climbplan.climb.exports.motion import read_motion as climb_motion
 from climbplan.errors import UsageError
 from climbplan.exports.damping import critical_damping, update_rate
-from climbplan.exports.formats import FORMATS, Told, for_controller, told
+from climbplan.exports.formats import (
+    FORMATS,
+    ControllerOptions,
+    adapt_motion,
+    default_for_trajectory_controller,
+)
 from climbplan.exports.sampling import with_ramps
 from climbplan.exports.sidecar import facts_of
-from climbplan.limms.check.loads import loads_of_all
+from climbplan.limms.check.loads import compute_loads
 from climbplan.limms.exports.motion import GROUND, NO_ANCHOR
 from climbplan.limms.exports.motion import read_motion as limms_motion
 from climbplan.limms.plan.file import read_limms_plan
@@ -26,7 +31,7 @@ from climbplan.walking.exports.motion import read_motion as walk_motion
 
 def test_a_ramp_takes_load_and_gives_it_up(plans: dict[str, Path]) -> None:
     rate, ramp = 200.0, 1.5
-    plan = told(climb_motion(plans["climb"]), Told(rate=rate))
+    plan = adapt_motion(climb_motion(plans["climb"]), ControllerOptions(rate=rate))
     motion = with_ramps(plan, ramp)
     joints, own, contacts = motion.joints, plan.joints, motion.contacts
     assert joints is not None
@@ -55,17 +60,17 @@ def test_a_ramp_takes_load_and_gives_it_up(plans: dict[str, Path]) -> None:
 
 def test_ramps_that_cannot_be(plans: dict[str, Path]) -> None:
     with pytest.raises(UsageError, match="--ramp 100: expected"):
-        told(climb_motion(plans["climb"]), Told(ramp=100.0))
+        adapt_motion(climb_motion(plans["climb"]), ControllerOptions(ramp=100.0))
     for motion in (walk_motion(plans["walk"]), limms_motion(plans["modules"])):
         with pytest.raises(UsageError, match="climbs begin and end pressed"):
-            told(motion, Told(ramp=1.0))
+            adapt_motion(motion, ControllerOptions(ramp=1.0))
 
 
 def test_controllers_on_torques_are_fast_and_damped(plans: dict[str, Path], tmp_path: Path) -> None:
     motion = climb_motion(plans["climb"])
-    how = for_controller(motion, Told(rate=20.0))
+    how = default_for_trajectory_controller(motion, ControllerOptions(rate=20.0))
     assert (how.gravity, how.ramp) == (True, 3.0)
-    FORMATS["jtc"].write(told(motion, how), tmp_path)
+    FORMATS["jtc"].write(adapt_motion(motion, how), tmp_path)
     stored = yaml.safe_load((tmp_path / "controllers.yaml").read_text(encoding="utf-8"))
     assert stored["controller_manager"]["ros__parameters"]["update_rate"] >= 500
     own = stored["joint_trajectory_controller"]["ros__parameters"]
@@ -120,7 +125,7 @@ def test_modules_know_when_to_latch(plans: dict[str, Path]) -> None:
             state[str(event["end"])] = str(event["anchor"]) if closes else "nothing"
         told_here = [latches.name_of(int(anchor)) for anchor in latches.anchor[k]]
         assert told_here == list(state.values())
-    fine = told(motion, Told(rate=100.0)).latches
+    fine = adapt_motion(motion, ControllerOptions(rate=100.0)).latches
     assert fine is not None
     assert set(np.unique(fine.anchor)) <= set(np.unique(latches.anchor)) | {NO_ANCHOR}
 
@@ -129,7 +134,7 @@ def test_torques_of_modules_are_those_that_the_checker_finds(plans: dict[str, Pa
     plan, motion = read_limms_plan(plans["modules"]), limms_motion(plans["modules"])
     assert motion.joints is not None
     module = ModuleSpec.model_validate(plan.module)
-    largest = max(np.abs(loads.torque).max() for loads in loads_of_all(plan, module))
+    largest = max(np.abs(loads.torque).max() for loads in compute_loads(plan, module))
     most = np.abs(motion.joints.torque).max()
     assert 0.5 * largest < most <= largest
     links = facts_of(motion)["module"]["links"]  # type: ignore[index]

@@ -9,7 +9,7 @@ import pytest
 from climbplan.errors import SpecError
 from climbplan.limms.schema.loading import load_limms
 
-GOOD = """\
+TOLERANCES = """\
 kind: limms
 terrain:
   regions:
@@ -18,7 +18,7 @@ terrain:
     - {name: wall, position: [0, 0, 1], normal: [1, 0, 0]}
     - {name: side, position: [0.9, 1, 1], normal: [0, -1, 0]}
 box: {size: [0.2, 0.2, 0.2], mass: 0.3, start: [1.5, 0, 0.1], goal: [1, 0, 1]}
-parked:
+static_boxes:
   - {size: [0.2, 0.2, 0.2], position: [1, 0.5, 0.1]}
 modules:
   - {name: A, stand: [0.5, 0.5, 0]}
@@ -29,9 +29,9 @@ modules:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("stand: [0.5, 0.5, 0]", "stand: [1.5, 0.05, 0]", "is in the box at its start"),
-        ("stand: [0.5, 0.5, 0]", "stand: [1.1, 0.5, 0]", "is in parked box 0"),
-        ("stand: [0.5, 0.5, 0]", "stand: [0.01, 0.5, 0]", "is in what is solid"),
+        ("position: [0.5, 0.5, 0]", "stand: [1.5, 0.05, 0]", "is in the box at its start"),
+        ("position: [0.5, 0.5, 0]", "position: [1.1, 0.5, 0]", "is in parked box 0"),
+        ("position: [0.5, 0.5, 0]", "stand: [0.01, 0.5, 0]", "is in what is solid"),
         ("upper: [2, 1, 2]", "upper: [2, 1, 0.98]", "outside the free space"),
         ("{name: A, stand: [0.5, 0.5, 0]}", "{name: A, anchor: side}", "'B', straight and 0.99 m"),
         ("B, anchor: wall", "B, stand: [0.5, 0.55, 0]", "is in module 'A'"),
@@ -45,9 +45,9 @@ modules:
     ],
 )
 def test_places_that_cannot_be_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:
-    assert old in GOOD
+    assert old in TOLERANCES
     path = tmp_path / "scene.yaml"
-    path.write_text(GOOD.replace(old, new), encoding="utf-8")
+    path.write_text(TOLERANCES.replace(old, new), encoding="utf-8")
     with pytest.raises(SpecError) as caught:
         load_limms(path)
     assert words in str(caught.value)
@@ -55,5 +55,5 @@ def test_places_that_cannot_be_are_named(tmp_path: Path, old: str, new: str, wor
 
 def test_the_good_one_loads(tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
-    path.write_text(GOOD, encoding="utf-8")
+    path.write_text(TOLERANCES, encoding="utf-8")
     assert len(load_limms(path).spec.modules) == 2

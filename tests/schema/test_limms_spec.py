@@ -8,9 +8,9 @@ import pytest
 
 from climbplan.errors import SpecError
 from climbplan.limms.schema.loading import load_limms
-from climbplan.limms.schema.space import solid_blocks
+from climbplan.limms.schema.space import compute_solid_blocks
 
-GOOD = """\
+TOLERANCES = """\
 kind: limms
 terrain:
   regions:
@@ -18,7 +18,7 @@ terrain:
   anchors:
     - {name: wall, position: [0, 0, 1], normal: [1, 0, 0]}
 box: {size: [0.2, 0.2, 0.2], mass: 0.3, start: [1, 0, 0.1], goal: [1, 0, 1]}
-parked:
+static_boxes:
   - {size: [0.2, 0.2, 0.2], position: [1, 0.5, 0.1]}
 modules:
   - {name: A, stand: [0.5, 0.5, 0]}
@@ -35,7 +35,7 @@ def messages(tmp_path: Path, text: str) -> list[str]:
 
 def test_good_one(tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
-    path.write_text(GOOD, encoding="utf-8")
+    path.write_text(TOLERANCES, encoding="utf-8")
     assert load_limms(path).module.name == "LIMMS"
 
 
@@ -61,20 +61,20 @@ def test_good_one(tmp_path: Path) -> None:
 def test_mistakes_have_line_and_key(
     tmp_path: Path, old: str, new: str, line: int, words: str
 ) -> None:
-    assert old in GOOD
-    found = messages(tmp_path, GOOD.replace(old, new))
+    assert old in TOLERANCES
+    found = messages(tmp_path, TOLERANCES.replace(old, new))
     assert any(words in text and f":{line}:" in text for text in found), found
 
 
 def test_all_mistakes_at_once(tmp_path: Path) -> None:
-    text = GOOD.replace("goal: [1, 0, 1]", "goal: [0.05, 0, 1]")
+    text = TOLERANCES.replace("goal: [1, 0, 1]", "goal: [0.05, 0, 1]")
     text = text.replace("stand: [0.5, 0.5, 0]", "stand: [5, 0.5, 0]")
     assert len(messages(tmp_path, text)) == 2
 
 
 def test_solids_fill_what_regions_leave() -> None:
     free = [((0, 0, 0), (1, 1, 1)), ((1, 0, 0.5), (2, 1, 1))]
-    solids = solid_blocks(free)
+    solids = compute_solid_blocks(free)
     whole = 4.0 * 3.0 * 3.0
     solid = sum((b[0] - a[0]) * (b[1] - a[1]) * (b[2] - a[2]) for a, b in solids)
     assert solid == pytest.approx(whole - 1.0 - 0.5)

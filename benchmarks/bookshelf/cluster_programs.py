@@ -63,7 +63,7 @@ def cluster_programs(
     clusters: how many. seconds: limit of one program. Whole programs are solved beside them, one
     for each 20 clusters that were begun.
     """
-    ranking = model.clusters()
+    ranking = model.create_cluster_ranking()
     count = ranking.count
     chosen = np.arange(count)
     if clusters < count:
@@ -89,7 +89,7 @@ def cluster_programs(
                     one.solver,
                     int(cluster),
                     scene,
-                    len(ranking.members(int(cluster))),
+                    len(ranking.list_members(int(cluster))),
                     len(reduction.values),
                     found.record.binaries,
                     found.record.status,

@@ -239,7 +239,7 @@ def _reduced(
     method = model_method(model, case.method, case.judge)
     grid = published_grid(case.judge)
     programs = ReducedPrograms(
-        model.clusters(),
+        model.create_cluster_ranking(),
         grid.partitions,
         grid.squares,
         seconds=method.settings.time_limit,

@@ -30,8 +30,8 @@ from climbplan.bookshelf.scene.shelf_scene import Scene, Shelf
 from climbplan.bookshelf.schema.model import ShelfSolverSpec
 from climbplan.bookshelf.statement.points import theta_of
 from climbplan.errors import UsageError
-from climbplan.learning.clusters import ClusterOptions, solution_columns
-from climbplan.learning.model import FitOptions, ModelKind, StrategyModel, fit
+from climbplan.learning.clusters import ClusterOptions, select_solution_columns
+from climbplan.learning.model import FitOptions, ModelKind, StrategyModel, fit_strategy
 from climbplan.progress import Progress
 
 STORED_BOOKS = 3
@@ -99,7 +99,9 @@ class TrainingScenes:
         least = max(2, min(10, library.size // 40))
         options = FitOptions(kind=kind, seed=seed, clusters=ClusterOptions(least=least))
         context = context_of(self.shelf, "contact", STORED_BOOKS, "gaps")
-        return fit(library, options, self.columns, feature_scale("gaps", STORED_BOOKS), context)
+        return fit_strategy(
+            library, options, self.columns, feature_scale("gaps", STORED_BOOKS), context
+        )
 
 
 def training_scenes(source: Path | None, size: int, seed: int, report: Progress) -> TrainingScenes:
@@ -135,7 +137,7 @@ def training_scenes(source: Path | None, size: int, seed: int, report: Progress)
     report("points of the library", 0.0)
     judge = Judge(STORED_BOOKS, shelf, "contact")
     rows = library_of(judge.program, solved, feature_map("gaps", shelf), middle=middle)
-    columns = solution_columns(judge.program.at(theta_of(solved[0].solved.scene)))
+    columns = select_solution_columns(judge.program.instantiate(theta_of(solved[0].solved.scene)))
     return TrainingScenes(rows, len(solved), columns, shelf, origin)
 
 

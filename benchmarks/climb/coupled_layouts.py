@@ -11,7 +11,7 @@ from climbplan.climb.motion.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.scene.climb_scene import build_scene
 from climbplan.climb.schema.model import ClimbSpec
 from climbplan.errors import NoPlanFound
-from climbplan.instances.patch_layout import random_layout
+from climbplan.instances.patch_layout import generate_layout
 from climbplan.schema.robots.source import load_robot
 
 METHODS = ("micp", "coupled", "coupled-nlp", "coupled-micp")
@@ -34,7 +34,7 @@ def bench_layouts(seed: int, count: int, out: TextIO) -> None:
     for method in METHODS:
         begin = time.perf_counter()
         found = sum(
-            solves(random_layout(np.random.default_rng([seed, k]), method)) for k in range(count)
+            solves(generate_layout(np.random.default_rng([seed, k]), method)) for k in range(count)
         )
         mean = (time.perf_counter() - begin) / count
         print(f"{method:<14}{found:>4} of {count}   {mean:.2f} s each", file=out, flush=True)

@@ -12,12 +12,16 @@ import numpy as np
 
 from benchmarks.climb.literal_solvers import LiteralAnswer, solve_cvxpy, solve_literal
 from climbplan.arrays import Array
-from climbplan.climb.forces.literal import LiteralProblem, literal_problems
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.solving import solve_forces
-from climbplan.climb.forces.statement import ForceStatement, objective_of, state_forces
+from climbplan.climb.forces.statement import (
+    ForceStatement,
+    build_force_statement,
+    compute_objective,
+)
+from climbplan.climb.forces.unreduced import UnreducedProblem, build_unreduced_problems
 from climbplan.errors import LimitReached, MissingSolver
-from climbplan.instances.straight_climb import straight_climb
+from climbplan.instances.straight_climb import build_straight_climb
 
 # Table 5.1 of the dissertation: 96 problems of 61 variables with four-sided pyramids
 PUBLISHED_MS, PUBLISHED_BY = 960.0, "Gurobi, published for an i7-8750H (Table 5.1)"
@@ -36,15 +40,15 @@ def bench_force(seed: int, quick: bool, out: TextIO) -> None:
     Times are medians and include building the problems from the planned instants. quick: fewer
     repeats, and CVXPY on every eighth instant only.
     """
-    climb = straight_climb(seed)
-    statement = state_forces(climb.scene, climb.instants).as_published()
+    climb = build_straight_climb(seed)
+    statement = build_force_statement(climb.scene, climb.instants).as_published()
     facets = climb.scene.spec.force.facets
     count = climb.instants.count
     repeats = 5 if quick else 15
 
     def ours(solver: str) -> Callable[[], Array]:
         def run() -> Array:
-            fresh = state_forces(climb.scene, climb.instants).as_published()
+            fresh = build_force_statement(climb.scene, climb.instants).as_published()
             solved = solve_forces(fresh, solver, facets)
             if len(solved.missing):
                 raise LimitReached(f"{solver} left {len(solved.missing)} instants unsolved")
@@ -82,12 +86,12 @@ def bench_force(seed: int, quick: bool, out: TextIO) -> None:
 
 def _literal(
     statement: ForceStatement,
-    solve: Callable[[LiteralProblem], LiteralAnswer | None],
+    solve: Callable[[UnreducedProblem], LiteralAnswer | None],
     stride: int,
 ) -> Array:
     """Forces by a literal form, NaN for the instants left out or without an answer."""
     force = np.full(statement.arms.shape, np.nan)
-    for k, problem in enumerate(literal_problems(statement)):
+    for k, problem in enumerate(build_unreduced_problems(statement)):
         if k % stride == 0 and (answer := solve(problem)) is not None:
             force[k] = answer.force
     return force
@@ -105,7 +109,7 @@ def _median(run: Callable[[], object], repeats: int) -> float:
 
 def _timed(name: str, run: Callable[[], Array], repeats: int, statement: ForceStatement) -> _Row:
     force = run()  # also warms up
-    return _Row(name, _median(run, repeats), objective_of(statement, force))
+    return _Row(name, _median(run, repeats), compute_objective(statement, force))
 
 
 def _print(rows: list[_Row], count: int, out: TextIO) -> None:

@@ -13,10 +13,10 @@ from typing import TextIO
 
 import numpy as np
 
-from climbplan.instances.free_flyer import free_flyer
+from climbplan.instances.free_flyer import build_free_flyer
 from climbplan.program.instance import Instance
 from climbplan.reformulations.base import Reformulation
-from climbplan.reformulations.disjunctions import BigM, ConvexHull, Disjoined
+from climbplan.reformulations.disjunctions import BigM, ConvexHull, DisjunctiveForm
 from climbplan.solvers.registry import solve
 from climbplan.solvers.result import Answer, SolverResult, judge_answer
 
@@ -27,11 +27,11 @@ _GAP, _LIMIT = 1e-3, 60.0  # relative, [s]
 _TOLERANCE = 1e-5  # of rows
 
 
-def _highs(instance: Instance, by: Reformulation[Disjoined]) -> SolverResult:
+def _highs(instance: Instance, by: Reformulation[DisjunctiveForm]) -> SolverResult:
     form = by.apply(instance)
     found = solve(form.instance, "highs", _GAP, _LIMIT)
     x = None if found.x is None else found.x[: instance.size]
-    picks = None if found.x is None else form.alternatives(found.x)
+    picks = None if found.x is None else form.decode_alternatives(found.x)
     infeasible = found.status == "infeasible"
     answer = Answer(x, found.bound, infeasible, found.nodes, found.time, "highs", found.log, picks)
     return judge_answer(instance, answer, _GAP, _TOLERANCE)
@@ -53,11 +53,11 @@ def run_flyers(seed: int, quick: bool, stream: TextIO) -> None:
     spent: dict[str, list[float]] = {name: [] for name in CONTENDERS}
     proved = dict.fromkeys(CONTENDERS, 0)
     off = dict.fromkeys(CONTENDERS, 0.0)
-    small = free_flyer(np.random.default_rng(seed), 2, 2)
+    small = build_free_flyer(np.random.default_rng(seed), 2, 2)
     for contender in CONTENDERS.values():  # loads and compiles where it has to
         contender(small)
     for number in range(count):
-        instance = free_flyer(np.random.default_rng([seed, number]), STEPS, RECTANGLES)
+        instance = build_free_flyer(np.random.default_rng([seed, number]), STEPS, RECTANGLES)
         own: float | None = None
         for name, contender in CONTENDERS.items():
             if name != _TREE and number >= others:

@@ -15,7 +15,7 @@ from typing import TextIO
 import numpy as np
 
 from benchmarks.engine.flyers import RECTANGLES, STEPS
-from climbplan.instances.free_flyer import free_flyer_problem
+from climbplan.instances.free_flyer import build_free_flyer_problem
 from climbplan.learning.library import Frame, Library
 from climbplan.learning.neighbours import NearestProblems
 from climbplan.program.problem import Problem, Theta
@@ -49,11 +49,11 @@ def run_learned(seed: int, quick: bool, stream: TextIO) -> None:
     scenes, solved, asked = QUICK if quick else (SCENES, SOLVED, ASKED)
     rows = {name: _Row() for name in ("tree, cold", "tree, learned", "learned alone")}
     for scene in range(scenes):
-        problem = free_flyer_problem(np.random.default_rng([seed, scene]), STEPS, RECTANGLES)
+        problem = build_free_flyer_problem(np.random.default_rng([seed, scene]), STEPS, RECTANGLES)
         rng = np.random.default_rng([seed, scene, 1])
         near = NearestProblems.of(_library(problem, rng, solved), "strategies")
         for _ in range(asked):
-            theta = problem.drawn(rng)
+            theta = problem.sample_parameters(rng)
             cold, spent = _cold(problem, theta)
             if cold.objective is None:
                 continue  # proved: nothing is feasible, whatever was learned
@@ -95,7 +95,7 @@ def _cold(problem: Problem, theta: Theta) -> tuple[SolverResult, float]:
 
 def _library(problem: Problem, rng: np.random.Generator, count: int) -> Library:
     """Of the drawn problems those that have a solution."""
-    thetas = [problem.drawn(rng) for _ in range(count)]
+    thetas = [problem.sample_parameters(rng) for _ in range(count)]
     found = [(theta, _cold(problem, theta)[0]) for theta in thetas]
     kept = [(theta, r) for theta, r in found if r.x is not None]
     return Library.of(

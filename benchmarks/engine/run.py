@@ -22,7 +22,7 @@ from benchmarks.engine.learned import run_learned
 from benchmarks.engine.products import run_products
 from benchmarks.engine.remembering import run_remembering
 from benchmarks.engine.ticks import run_ticks
-from climbplan.instances.cart_pole import MOST, PUSHED, walled_cart_pole
+from climbplan.instances.cart_pole import MAX_STATE, PUSHED, build_walled_cart_pole
 from climbplan.methods.envelope_rounds import solve_micp
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.leaf_cover import build_horizon_shift
@@ -86,7 +86,7 @@ def run_engine(seed: int, quick: bool, stream: TextIO) -> None:
 
 
 def _measured(noise: float, seed: int, runs: int, others: int) -> dict[str, _Column]:
-    problem = walled_cart_pole()
+    problem = build_walled_cart_pole()
     blocks = problem.program.blocks
     state = problem.program.variables["state"]
     slow: dict[str, Contender] = {
@@ -123,5 +123,5 @@ def _measured(noise: float, seed: int, runs: int, others: int) -> dict[str, _Col
                     columns[name].add(found, time.process_time() - begin, cold.objective)
             number += 1
             after = problem.values(cold.x)["state"][1]
-            begun = after + noise * rng.normal(size=4) * MOST
+            begun = after + noise * rng.normal(size=4) * MAX_STATE
     return columns

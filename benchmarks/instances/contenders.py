@@ -107,7 +107,7 @@ def _highs(instance: Instance, limit: float) -> SolverResult:
     form = BigM().apply(instance)
     found = solve(form.instance, "highs", GAP, limit)
     x = None if found.x is None else found.x[: instance.size]
-    picks = None if found.x is None else form.alternatives(found.x)
+    picks = None if found.x is None else form.decode_alternatives(found.x)
     infeasible = found.status == "infeasible"
     answer = Answer(x, found.bound, infeasible, found.nodes, found.time, "highs", found.log, picks)
     return judge_answer(instance, answer, GAP, _TOLERANCE)

@@ -18,8 +18,8 @@ import numpy as np
 
 from benchmarks.instances.contenders import CONTENDERS, GAP, Contender, timed
 from climbplan.errors import UsageError
-from climbplan.instances.families import FAMILIES, LEVELS, Named, the_set
-from climbplan.instances.writing import file_point
+from climbplan.instances.families import FAMILIES, LEVELS, NamedInstance, list_instances
+from climbplan.instances.writing import build_file_point
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.method import solve_mixed_integer
 from climbplan.solvers.result import SolverResult, relative_gap
@@ -77,11 +77,11 @@ def bench_instances(
     rows = [] if out is None else _kept(out)
     done = {(r.name, r.contender) for r in rows if (r.seed, r.limit) == (seed, most)}
     warm = False
-    for named in the_set(each):
+    for named in list_instances(each):
         due = [c for c in chosen if (named.name, c.name) not in done]
         if not due:
             continue
-        instance = named.drawn(seed)
+        instance = named.generate(seed)
         for contender in due:
             if not instance.features <= contender.holds:
                 continue
@@ -93,7 +93,7 @@ def bench_instances(
             if out is not None:
                 _keep(out, rows)
                 _solution(out, named, instance, found, rows)
-    asked = {named.name for named in the_set(each)}
+    asked = {named.name for named in list_instances(each)}
     mine = [r for r in rows if (r.seed, r.limit) == (seed, most) and r.name in asked]
     mine = [r for r in mine if r.contender in {c.name for c in chosen}]
     print_table(mine, most, chosen, stream)
@@ -117,11 +117,16 @@ def _compile() -> None:
     """Machine code of the tree is made, or read, before times are taken."""
     for family in FAMILIES:
         if family.name == "cart-poles":
-            solve_mixed_integer(Named(family, "easy", 0).drawn(0), GAP)
+            solve_mixed_integer(NamedInstance(family, "easy", 0).generate(0), GAP)
 
 
 def _row(
-    named: Named, contender: Contender, seed: int, limit: float, found: SolverResult, cpu: float
+    named: NamedInstance,
+    contender: Contender,
+    seed: int,
+    limit: float,
+    found: SolverResult,
+    cpu: float,
 ) -> Row:
     value = np.nan if found.objective is None else found.objective
     return Row(
@@ -252,7 +257,7 @@ def _keep(out: Path, rows: Sequence[Row]) -> None:
 
 
 def _solution(
-    out: Path, named: Named, instance: Instance, found: SolverResult, rows: Sequence[Row]
+    out: Path, named: NamedInstance, instance: Instance, found: SolverResult, rows: Sequence[Row]
 ) -> None:
     """The point, if it is the best so far, for the set's own checker."""
     own = [r for r in rows if (r.name, r.seed) == (named.name, rows[-1].seed)]
@@ -262,7 +267,7 @@ def _solution(
         return
     folder = out / "solutions"
     folder.mkdir(exist_ok=True)
-    point = file_point(instance, found.x, found.assignment)
+    point = build_file_point(instance, found.x, found.assignment)
     text = "".join(f"{name} {value!r}\n" for name, value in point.items())
     _replaced(folder / f"{named.name}.sol", f"# objective {found.objective!r}\n{text}")
 

@@ -27,7 +27,7 @@ class Box:
 
     @property
     def empty(self) -> bool:
-        """Whether bounds cross."""
+        """Return whether bounds cross."""
         return bool((self.lower > self.upper).any())
 
     def classify_rows(self, rows: StatedRows) -> tuple[BoolArray, BoolArray]:

@@ -34,11 +34,7 @@ class Verdict:
 
 
 def check(instance: Instance, certificate: Certificate) -> Verdict:
-    """Check everything that a certificate proves of an instance.
-
-    Raises:
-        UsageError: The statement is beyond what certificates support.
-    """
+    """Check what a certificate proves; raise UsageError for unsupported statements."""
     checker, c = Checker(instance), certificate
     if faults := tuple(checker.find_faults(c)):
         return Verdict(-np.inf, 0.0, faults)
@@ -62,11 +58,7 @@ class Checker:
     """Evaluates multipliers of an instance, leaf by leaf."""
 
     def __init__(self, instance: Instance) -> None:
-        """Tighten the box of the root.
-
-        Raises:
-            UsageError: The statement is beyond what certificates support.
-        """
+        """Tighten the box of the root; raise UsageError for unsupported statements."""
         self.instance, self.rows = instance, build_stated_rows(instance)
         n, size = instance.size, len(self.rows.integer)
         lower, upper = np.zeros(size), np.ones(size)  # of z, while w is open

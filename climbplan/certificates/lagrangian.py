@@ -56,9 +56,7 @@ class Lagrangian:
 def build_lagrangian(
     instance: Instance, rows: StatedRows, box: Box, point: Array | None, y: Array, ball: Array
 ) -> Lagrangian:
-    """Build the Lagrangian of multipliers y of rows and `ball` of balls.
-
-    Without a point the cost is left out."""
+    """Build the Lagrangian of multipliers y and `ball`; without a point the cost is left out."""
     total = Lagrangian(len(rows.integer))
     if point is not None:
         P = sparse.coo_matrix(instance.P)
@@ -84,28 +82,19 @@ def _add_rows(total: Lagrangian, rows: StatedRows, box: Box, y: Array) -> None:
     """Add l'g - l'G v, and - M (1 - z) of rows that hold where z is 1, - M z where it is 0."""
     is_active, is_open = box.classify_rows(rows)
     r = np.flatnonzero((y != 0.0) & (is_active | is_open))  # others are inactive in this box
-    y, b, sign, is_open, is_one = (
-        y[r],
-        rows.binary[r],
-        np.sign(y[r]),
-        is_open[r],
-        rows.value[r] == 1,
-    )
+    y, b, sign = y[r], rows.binary[r], np.sign(y[r])
+    is_open, is_one = is_open[r], rows.value[r] == 1
     side, G = np.where(y > 0.0, rows.lower[r], rows.upper[r]), rows.G[r]
-    row_of_entry = np.repeat(np.arange(len(r)), np.diff(G.indptr))
-    minimum = (sign[row_of_entry] * G.data * np.stack([box.lower, box.upper])[:, G.indices]).min(
-        axis=0
-    )
-    error = bound_error(
-        len(minimum), np.bincount(row_of_entry, np.abs(minimum), len(r)).astype(float)
-    )
+    row = np.repeat(np.arange(len(r)), np.diff(G.indptr))
+    low = (sign[row] * G.data * np.stack([box.lower, box.upper])[:, G.indices]).min(axis=0)
+    error = bound_error(len(low), np.bincount(row, np.abs(low), len(r)).astype(float))
     with np.errstate(invalid="ignore"):  # a missing side, which proves nothing
-        big_m = round_up(round_up(sign * side - np.bincount(row_of_entry, minimum, len(r))) + error)
+        big_m = round_up(round_up(sign * side - np.bincount(row, low, len(r))) + error)
         loss = np.where(is_open, np.abs(y) * np.maximum(big_m, 0.0), 0.0)
         total.add(y * side)
         total.add(-loss[is_one])
         total.add(np.where(is_one, loss, -loss)[is_open], b[is_open])
-        total.add(-y[row_of_entry] * G.data, G.indices)
+        total.add(-y[row] * G.data, G.indices)
     total.weight += float(np.abs(y).sum())
 
 
@@ -114,19 +103,17 @@ def compute_convexity_shift(P: sparse.csc_matrix) -> Array:
     shift = np.maximum(-P.diagonal(), 0.0)
     count, label = connected_components(P, directed=False)
     for k in np.flatnonzero(np.bincount(label, minlength=count) > 1):
-        block_index = np.flatnonzero(label == k)
-        block = P[block_index][:, block_index].toarray()
-        m, top = len(block_index), float(np.abs(block).max())
+        index = np.flatnonzero(label == k)
+        block = P[index][:, index].toarray()
+        m, top = len(index), float(np.abs(block).max())
         lifted = block + _LIFT * m * top * np.eye(m)
         try:
             L = np.linalg.cholesky(lifted)
         except np.linalg.LinAlgError:
-            shift[block_index] = m * top  # more than any eigenvalue
+            shift[index] = m * top  # more than any eigenvalue
             continue
-        error = np.abs(lifted - L @ L.T) + bound_error(
-            m + 2, np.abs(L) @ np.abs(L).T + np.abs(lifted)
-        )
-        shift[block_index] = round_up(
-            _LIFT * m * top + 1.01 * np.maximum(error, error.T).sum(axis=1).max()
-        )
+        size = np.abs(L) @ np.abs(L).T + np.abs(lifted)
+        error = np.abs(lifted - L @ L.T) + bound_error(m + 2, size)
+        norm = np.maximum(error, error.T).sum(axis=1).max()
+        shift[index] = round_up(_LIFT * m * top + 1.01 * norm)
     return shift

@@ -39,46 +39,35 @@ class StatedRows:
 
 
 def build_stated_rows(instance: Instance) -> StatedRows:
-    """Build the rows of an instance.
-
-    Raises:
-        UsageError: The instance has smooth rows, about which nothing is proved.
-    """
+    """Build the rows of an instance; raise UsageError for smooth rows."""
     if instance.smooth is not None:
         raise UsageError(f"{instance.name}: no certificate holds smooth rows")
     n, K = instance.size, instance.products.count
     R = sum(len(choice.alternatives) for choice in instance.choices)
     blocks = []
 
-    def put(A: Any, low: Array, high: Array, b: Any = -1, value: Any = 0, Q: Any = None) -> None:
+    def append(A: Any, low: Array, high: Array, b: Any = -1, value: Any = 0, Q: Any = None) -> None:
         Q = sparse.csr_matrix((len(low), K)) if Q is None else Q
         z = sparse.csr_matrix((len(low), n + R - A.shape[1]))
         b, value = np.broadcast_to(b, len(low)), np.broadcast_to(value, len(low))
         blocks.append((sparse.hstack([A, z, Q]), low, high, b, value))
 
-    implications = instance.implications
-    put(instance.A, instance.row_lower, instance.row_upper, Q=instance.Q)
-    put(
-        implications.A,
-        implications.lower,
-        implications.upper,
-        implications.binary,
-        implications.value,
-        implications.Q,
-    )
+    implied = instance.implications
+    append(instance.A, instance.row_lower, instance.row_upper, Q=instance.Q)
+    append(implied.A, implied.lower, implied.upper, implied.binary, implied.value, implied.Q)
     choice_rows, z = np.zeros((len(instance.choices), n + R)), n
     for choice_row, choice in zip(choice_rows, instance.choices, strict=True):
         for p in choice.alternatives:
             matrix = np.vstack([p.A, p.C])
             shift = matrix @ choice.e
             low, high = np.append(np.full(len(p.b), -np.inf), p.c), np.append(p.b, p.c)
-            put(sparse.csr_matrix(matrix) @ choice.E, low - shift, high - shift, z, 1)
+            append(sparse.csr_matrix(matrix) @ choice.E, low - shift, high - shift, z, 1)
             choice_row[z] = 1.0
             z += 1
-    put(sparse.csr_matrix(choice_rows), np.ones(len(choice_rows)), np.ones(len(choice_rows)))
+    append(sparse.csr_matrix(choice_rows), np.ones(len(choice_rows)), np.ones(len(choice_rows)))
     for balls in instance.balls:
         radius, f = np.repeat(balls.radius, balls.f.shape[1]), balls.f.ravel()
-        put(balls.F, round_down(-radius - f), round_up(radius - f))
+        append(balls.F, round_down(-radius - f), round_up(radius - f))
     G, *columns = zip(*blocks, strict=True)
     lower, upper, binary, value = (np.concatenate(column) for column in columns)
     matrix = sparse.csr_matrix(sparse.vstack(G))

@@ -57,14 +57,19 @@ def fit_strategy(
         )
     target = out if out is not None else Path("outputs", loaded.name)
     with explained(session), OutputDirectory(target, force=force) as directory:
-        from climbplan.learning.fit_run import options_of, stored_model, train, write_verified
+        from climbplan.learning.fit_run import (
+            build_fit_options,
+            build_model_file,
+            train,
+            write_verified,
+        )
         from climbplan.reports.fits.strategy_report import report_dict, write_report
 
         with StageProgress(session) as progress:
             data = _data(problem, loaded, progress)
-            options = options_of(loaded.spec)
+            options = build_fit_options(loaded.spec)
             trained = train(data, options, loaded.spec.data.held_out, progress.report)
-            stored = stored_model(trained, loaded, data)
+            stored = build_model_file(trained, loaded, data)
             stored = write_verified(stored, directory.path / MODEL_FILE)
             progress.report("report", 0.9)
             for line in _summary(stored):

@@ -1,11 +1,11 @@
 """The published cart-pole between soft walls: arXiv 1912.01110, section VI, without terminal set.
 
-A pole on a cart is kept upright by a force on the cart, which is weak, and by pushing the pole's
-tip against one of two walls. A wall gives way like a spring with a damper and never pulls, which
-takes two binaries a wall and step: whether the tip is in the wall, and whether spring and damper
-push. 20 steps, 80 binaries.
+A pole on a cart is kept upright by a weak force on the cart, and by pushing the pole's tip against
+one of two walls. A wall acts as a spring with a damper and never pulls. That takes two binaries for
+each wall and step: whether the tip is in the wall, and whether spring and damper push. With 20
+steps there are 80 binaries.
 
-State (q, theta, v, omega): cart to the right [m], pole to the left [rad], and their rates.
+The state is (q, theta, v, omega): cart to the right [m], pole to the left [rad], and their rates.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from climbplan.program.statement import Program
 HORIZON = 20
 STEP = 0.05  # [s]
 CART, TIP, LENGTH = 1.0, 1.0, 1.0  # [kg], [kg], [m]
-WALL = 0.5  # [m] from the middle
+WALL = 0.5  # distance of a wall from the center [m]
 STIFFNESS, DAMPING = 100.0, 30.0  # [N/m], [N s/m]
 GRAVITY = 10.0  # [m/s^2]
-MOST = np.array([WALL, np.pi / 10, 1.0, 1.0])  # of the state
-MOST_INPUT = 1.0  # [N]
+MAX_STATE = np.array([WALL, np.pi / 10, 1.0, 1.0])  # limits of the state
+MAX_INPUT = 1.0  # limit of the input [N]
 PUSHED = np.array([0.0, 0.0, 1.0, 0.0])  # towards the right wall: where all runs begin
 SIDE = np.array([-1.0, 1.0])  # left wall, right wall
 
@@ -42,18 +42,18 @@ B = STEP * np.array([[0], [0], [1 / CART], [1 / (CART * LENGTH)]])
 E = STEP * np.outer([0, 0, 0, 1 / (TIP * LENGTH)], SIDE)  # a wall pushes back
 
 
-def walled_cart_pole(horizon: int = HORIZON) -> Problem:
-    """Bring the pole upright and the cart to the middle; parameter `start` (4,).
+def build_walled_cart_pole(horizon: int = HORIZON) -> Problem:
+    """Build the problem: move pole and cart to the center, with parameter `start` (4,).
 
-    horizon: steps, 20 as published; four binaries each.
+    `horizon` is the number of steps, 20 as published, with four binaries each.
     """
     p = Program("walled_cart_pole")
     start = p.parameter("start", (4,))
-    x = p.continuous("state", (horizon + 1, 4), -MOST, MOST)
-    u = p.continuous("input", (horizon, 1), -MOST_INPUT, MOST_INPUT, unit="N")
-    # No more than the law gives where the tip is deepest and fastest
-    deepest = MOST[0] + LENGTH * MOST[1] - WALL
-    fastest = MOST[2] + LENGTH * MOST[3]
+    x = p.continuous("state", (horizon + 1, 4), -MAX_STATE, MAX_STATE)
+    u = p.continuous("input", (horizon, 1), -MAX_INPUT, MAX_INPUT, unit="N")
+    # Bounded by the force where the tip is deepest and fastest
+    deepest = MAX_STATE[0] + LENGTH * MAX_STATE[1] - WALL
+    fastest = MAX_STATE[2] + LENGTH * MAX_STATE[3]
     push = p.continuous("push", (horizon, 2), 0.0, STIFFNESS * deepest + DAMPING * fastest, "N")
     inside = p.binary("inside", (horizon, 2))
     pushing = p.binary("pushing", (horizon, 2))

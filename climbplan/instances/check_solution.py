@@ -1,11 +1,11 @@
-"""Read an instance of the set and check a solution of it; needs NumPy, PySCIPOpt and CasADi alone.
+"""Read an instance of the set and check a solution; needs NumPy, PySCIPOpt and CasADi only.
 
     python check_solution.py INSTANCE.mps|INSTANCE.nl SOLUTION.sol
 
-Files are read by a library that did not write them: .mps files are HiGHS's and read by SCIP, .nl
-files are SCIP's and read by CasADi. A solution has one `name value` a line, # begins a comment. An
-.nl file has variables that stand for a square, a product or a row: those that a solution leaves out
-are computed from the one row that defines them.
+Files are read by a library that did not write them: .mps files are written by HiGHS and read by
+SCIP, .nl files are written by SCIP and read by CasADi. A solution has one `name value` on each
+line, # begins a comment. An .nl file has variables for squares, products and rows; those missing in
+a solution are computed from the row that defines them.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _HUGE = 1e19  # SCIP's and the formats' infinity
 
 @dataclass(frozen=True)
 class Model:
-    """minimise objective(v) over lower <= v <= upper, row_lower <= rows(v) <= row_upper."""
+    """Minimise objective(v) subject to lower <= v <= upper, row_lower <= rows(v) <= row_upper."""
 
     names: tuple[str, ...]
     lower: Array
@@ -43,7 +43,7 @@ class Model:
     row_upper: Array
     objective: Callable[[Array], float]
     rows: Callable[[Array], Array]
-    slopes: Callable[[Array], Array] | None  # d rows / d v, dense; None where nothing is defined
+    slopes: Callable[[Array], Array] | None  # dense Jacobian of the rows; None for .mps files
 
 
 @dataclass(frozen=True)
@@ -57,12 +57,16 @@ class Verdict:
 
     @property
     def feasible(self) -> bool:
-        """Whether all are within the tolerance."""
+        """Check whether all violations are within the tolerance."""
         return max(self.rows, self.bounds, self.integrality) <= TOLERANCE
 
 
 def read_instance(path: Path) -> Model:
-    """The model in a file. Raises ValueError for another suffix."""
+    """Read the model in a file.
+
+    Raises:
+        ValueError: The suffix is unknown.
+    """
     if path.suffix == ".mps":
         return _read_mps(path)
     if path.suffix == ".nl":
@@ -71,7 +75,11 @@ def read_instance(path: Path) -> Model:
 
 
 def read_solution(path: Path) -> dict[str, float]:
-    """Values by name. Raises ValueError naming the line that is none."""
+    """Read values by name.
+
+    Raises:
+        ValueError: A line has no name and value.
+    """
     values = {}
     for number, line in enumerate(path.read_text().splitlines(), start=1):
         text = line.partition("#")[0].split()
@@ -86,66 +94,75 @@ def read_solution(path: Path) -> dict[str, float]:
 
 
 def check(model: Model, values: dict[str, float]) -> Verdict:
-    """Judge a solution. Raises ValueError for unknown names, and missing ones no row defines."""
-    place = {name: k for k, name in enumerate(model.names)}
-    unknown = sorted(set(values) - set(place))
+    """Check a solution.
+
+    Raises:
+        ValueError: A name is unknown, or a missing value is not defined by a row.
+    """
+    index = {name: k for k, name in enumerate(model.names)}
+    unknown = sorted(set(values) - set(index))
     if unknown:
         raise ValueError(f"no variable {unknown[0]!r} in the instance")
-    v, known = np.zeros(len(place)), np.zeros(len(place), bool)
+    v, is_known = np.zeros(len(index)), np.zeros(len(index), bool)
     for name, value in values.items():
-        v[place[name]], known[place[name]] = value, True
-    v = _completed(model, v, known)
+        v[index[name]], is_known[index[name]] = value, True
+    v = _complete_values(model, v, is_known)
     row = model.rows(v)
     low, high = model.row_lower, model.row_upper
-    off = np.maximum(_beyond(low, row), _beyond(row, high))
-    outside = np.maximum(_beyond(model.lower, v), _beyond(v, model.upper))
+    row_violation = np.maximum(_compute_violation(low, row), _compute_violation(row, high))
+    bound_violation = np.maximum(
+        _compute_violation(model.lower, v), _compute_violation(v, model.upper)
+    )
     fraction = np.abs(v - np.round(v))[model.integer]
-    worst = [float(part.max(initial=0.0)) for part in (off, outside, fraction)]
+    worst = [
+        float(violation.max(initial=0.0))
+        for violation in (row_violation, bound_violation, fraction)
+    ]
     return Verdict(model.objective(v), *worst)
 
 
-def _beyond(small: Array, large: Array) -> Array:
-    """By how much small <= large fails, relative to 1 and the smaller of both sizes."""
+def _compute_violation(small: Array, large: Array) -> Array:
+    """Return the violation of small <= large, relative to 1 and the smaller of both sizes."""
     with np.errstate(invalid="ignore"):
-        off = np.maximum(small - large, 0.0)
-    return np.asarray(off / np.maximum(1.0, np.minimum(np.abs(small), np.abs(large))))
+        difference = np.maximum(small - large, 0.0)
+    return np.asarray(difference / np.maximum(1.0, np.minimum(np.abs(small), np.abs(large))))
 
 
-def _completed(model: Model, v: Array, known: BoolArray) -> Array:
-    """Values of what is missing: each from a row in which it is the only one that is."""
-    while not known.all():
-        missing = np.flatnonzero(~known)
+def _complete_values(model: Model, v: Array, is_known: BoolArray) -> Array:
+    """Compute missing values, each from a row in which no other one is missing."""
+    while not is_known.all():
+        missing = np.flatnonzero(~is_known)
         if model.slopes is None:
             raise ValueError(f"the solution has no value of {model.names[missing[0]]!r}")
-        at, slope = model.rows(v), model.slopes(v)[:, missing]
-        alone = np.count_nonzero(slope, axis=1) == 1
+        row_value, slope = model.rows(v), model.slopes(v)[:, missing]
+        has_single = np.count_nonzero(slope, axis=1) == 1
         equal = model.row_lower == model.row_upper
-        # Equations define; where there are none, what is least lies on its inequality
-        chosen = np.flatnonzero(alone & equal)
-        if not len(chosen):
-            chosen = np.flatnonzero(alone)
-        if not len(chosen):
+        # Equations define values; without any, a minimal value lies on its inequality
+        rows = np.flatnonzero(has_single & equal)
+        if not len(rows):
+            rows = np.flatnonzero(has_single)
+        if not len(rows):
             raise ValueError(f"the solution has no value of {model.names[missing[0]]!r}")
-        for r in chosen:
+        for r in rows:
             k = int(np.flatnonzero(slope[r])[0])
-            if known[missing[k]]:
+            if is_known[missing[k]]:
                 continue
             end = model.row_upper[r] if np.isfinite(model.row_upper[r]) else model.row_lower[r]
-            v[missing[k]] = (end - at[r]) / slope[r, k]
-            known[missing[k]] = True
+            v[missing[k]] = (end - row_value[r]) / slope[r, k]
+            is_known[missing[k]] = True
     return v
 
 
-def _require_mps(path: Path) -> None:
-    """Raise ValueError for a file on whose rows SCIP's reader of .mps files crashes."""
+def _check_mps(path: Path) -> None:
+    """Raise ValueError for a file with rows on which SCIP's reader of .mps files crashes."""
     section = ""
     for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
-        words = line.partition("$")[0].split()  # a comment begins with $
-        if not words or line.startswith("*"):
+        fields = line.partition("$")[0].split()  # a comment begins with $
+        if not fields or line.startswith("*"):
             continue
         if not line[0].isspace():
-            section = words[0]
-        elif section == "ROWS" and (len(words) != 2 or words[0] not in _ROW_KINDS):
+            section = fields[0]
+        elif section == "ROWS" and (len(fields) != 2 or fields[0] not in _ROW_KINDS):
             raise ValueError(
                 f"{path}:{number}: expected N, L, G or E and a name of a row, got {line[:80]!r}"
             )
@@ -154,9 +171,10 @@ def _require_mps(path: Path) -> None:
 
 
 def _read_mps(path: Path) -> Model:
+    """Read an .mps file with SCIP."""
     import pyscipopt
 
-    _require_mps(path)
+    _check_mps(path)
     scip: Any = pyscipopt.Model()
     scip.hideOutput()
     scip.readProblem(str(path))
@@ -167,14 +185,14 @@ def _read_mps(path: Path) -> Model:
     squares: list[tuple[int, int, float]] = []
     for row in scip.getConss():
         if row.getConshdlrName() == "nonlinear":  # the quadratic cost, which SCIP has as a row
-            products, own, _ = scip.getTermsQuadratic(row)
+            products, squared, _ = scip.getTermsQuadratic(row)
             squares += [(place[a.name], place[b.name], c) for a, b, c in products]
-            squares += [(place[a.name], place[a.name], c) for a, c, _ in own]
+            squares += [(place[a.name], place[a.name], c) for a, c, _ in squared]
             continue
         terms = scip.getValsLinear(row)
         entries += [(len(ends), place[name], value) for name, value in terms.items()]
         ends.append((scip.getLhs(row), scip.getRhs(row)))
-    r, c, value = (np.array(part) for part in zip(*entries, strict=True))
+    r, c, value = (np.array(array) for array in zip(*entries, strict=True))
     cost = np.array([v.getObj() for v in variables])
     offset, count = scip.getObjoffset(), len(ends)
 
@@ -186,19 +204,19 @@ def _read_mps(path: Path) -> Model:
 
     return Model(
         names=tuple(v.name for v in variables),
-        lower=_ended(np.array([v.getLbOriginal() for v in variables])),
-        upper=_ended(np.array([v.getUbOriginal() for v in variables])),
+        lower=_replace_infinite(np.array([v.getLbOriginal() for v in variables])),
+        upper=_replace_infinite(np.array([v.getUbOriginal() for v in variables])),
         integer=np.array([v.vtype() in ("BINARY", "INTEGER") for v in variables]),
-        row_lower=_ended(np.array([low for low, _ in ends])),
-        row_upper=_ended(np.array([high for _, high in ends])),
+        row_lower=_replace_infinite(np.array([low for low, _ in ends])),
+        row_upper=_replace_infinite(np.array([high for _, high in ends])),
         objective=objective,
         rows=rows,
         slopes=None,
     )
 
 
-def _require_nl(path: Path) -> None:
-    """Raise ValueError for a file without the header of .nl in text, on which CasADi never ends."""
+def _check_nl(path: Path) -> None:
+    """Raise ValueError for a file without the text header of .nl, on which CasADi hangs."""
     lines = path.read_bytes().splitlines()[:_HEADER_LINES]
     starts = [line.split(b"#")[0].split() for line in lines]
     is_text = len(lines) == _HEADER_LINES and lines[0].startswith(b"g")
@@ -210,9 +228,10 @@ def _require_nl(path: Path) -> None:
 
 
 def _read_nl(path: Path) -> Model:
+    """Read an .nl file with CasADi."""
     import casadi as ca
 
-    _require_nl(path)
+    _check_nl(path)
     file: Any = ca.NlpBuilder()
     file.import_nl(str(path))
     v = ca.vertcat(*file.x)
@@ -222,24 +241,24 @@ def _read_nl(path: Path) -> Model:
     slopes: Any = ca.Function("J", [v], [ca.jacobian(g, v)])
     return Model(
         names=tuple(path.with_suffix(".col").read_text().split()),
-        lower=_ended(np.array(file.x_lb, float)),
-        upper=_ended(np.array(file.x_ub, float)),
+        lower=_replace_infinite(np.array(file.x_lb, float)),
+        upper=_replace_infinite(np.array(file.x_ub, float)),
         integer=np.array(file.discrete, bool),
-        row_lower=_ended(np.array(file.g_lb, float)),
-        row_upper=_ended(np.array(file.g_ub, float)),
+        row_lower=_replace_infinite(np.array(file.g_lb, float)),
+        row_upper=_replace_infinite(np.array(file.g_ub, float)),
         objective=lambda at: float(f(at)),
         rows=lambda at: np.array(rows(at)).ravel(),
         slopes=lambda at: np.array(slopes(at)),
     )
 
 
-def _ended(bounds: Array) -> Array:
-    """Bounds that mean none as infinite."""
+def _replace_infinite(bounds: Array) -> Array:
+    """Replace huge bounds by infinite ones."""
     return np.where(np.abs(bounds) >= _HUGE, np.copysign(np.inf, bounds), bounds)
 
 
 def main(arguments: list[str]) -> int:
-    """Print value and violations; 0 where the solution is feasible, 1 where not, 2 for misuse."""
+    """Print value and violations; return 0 if the solution is feasible, 1 if not, 2 for misuse."""
     if len(arguments) != 2:
         print(__doc__, file=sys.stderr)
         return 2
@@ -249,7 +268,7 @@ def main(arguments: list[str]) -> int:
     except (OSError, ValueError) as error:
         print(error, file=sys.stderr)
         return 2
-    except Exception as error:  # whatever the libraries trip over in a broken file
+    except Exception as error:  # the libraries raise various exceptions on a broken file
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         print(f"{arguments[0]}: cannot be read: {reason}", file=sys.stderr)
         return 2

@@ -1,6 +1,6 @@
-"""The families of the set, by name: what an instance is drawn from, and how large in each class.
+"""The families of the benchmark set by name: generators, and sizes of each class.
 
-An instance is its family, class and number: the same name is the same problem at the same seed.
+An instance is its family, class and number. The same name is the same problem at the same seed.
 """
 
 from __future__ import annotations
@@ -12,9 +12,18 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from climbplan.instances.climbing import coupled, forces, postures
-from climbplan.instances.free_flyer import free_flyer
-from climbplan.instances.moving import books, cart_poles, modules, walks
+from climbplan.instances.climbing import (
+    build_coupled_instance,
+    build_force_instance,
+    build_posture_instance,
+)
+from climbplan.instances.free_flyer import build_free_flyer
+from climbplan.instances.moving import (
+    build_book_instance,
+    build_cart_pole_instance,
+    build_module_instance,
+    build_walk_instance,
+)
 from climbplan.program.instance import Instance
 
 Level = Literal["easy", "medium", "hard"]
@@ -34,8 +43,8 @@ class Family:
 
 
 @dataclass(frozen=True)
-class Named:
-    """One instance of the set, not yet drawn."""
+class NamedInstance:
+    """One instance of the set that has not been generated."""
 
     family: Family
     level: Level
@@ -43,11 +52,11 @@ class Named:
 
     @property
     def name(self) -> str:
-        """`family-class-number`, of its files and rows."""
+        """Name `family-class-number`, for files and rows."""
         return f"{self.family.name}-{self.level}-{self.number}"
 
-    def drawn(self, seed: int) -> Instance:
-        """The numbers of it."""
+    def generate(self, seed: int) -> Instance:
+        """Generate the instance."""
         size = self.family.sizes[LEVELS.index(self.level)]
         key = zlib.crc32(self.family.name.encode())
         rng = np.random.default_rng([seed, key, LEVELS.index(self.level), self.number])
@@ -55,27 +64,37 @@ class Named:
 
 
 FAMILIES: tuple[Family, ...] = (
-    Family("postures", "toes on patches, body, rotation", (2, 4, 8), "rounds", postures),
-    Family("forces", "compliant contact forces", (1, 8, 48), "instants", forces),
-    Family("coupled", "postures with forces, products", (1, 2, 4), "rounds", coupled),
-    Family("books", "a book into a shelf, products", (2, 3, 5), "stored books", books),
-    Family("walks", "gait and footholds, relaxed", (3, 5, 9), "knots", walks),
-    Family("cart-poles", "a pole between soft walls", (5, 10, 20), "steps", cart_poles),
+    Family(
+        "postures", "toes on patches, body, rotation", (2, 4, 8), "rounds", build_posture_instance
+    ),
+    Family("forces", "compliant contact forces", (1, 8, 48), "instants", build_force_instance),
+    Family(
+        "coupled", "postures with forces, products", (1, 2, 4), "rounds", build_coupled_instance
+    ),
+    Family(
+        "books", "a book into a shelf, products", (2, 3, 5), "stored books", build_book_instance
+    ),
+    Family("walks", "gait and footholds, relaxed", (3, 5, 9), "knots", build_walk_instance),
+    Family(
+        "cart-poles", "a pole between soft walls", (5, 10, 20), "steps", build_cart_pole_instance
+    ),
     Family(
         "free-flyers",
         "a flyer among 8 rectangles",
         (3, 5, 8),
         "steps",
-        lambda rng, size: free_flyer(rng, size, 8),
+        lambda rng, size: build_free_flyer(rng, size, 8),
     ),
-    Family("modules", "who holds box and wall, and when", (4, 6, 8), "intervals", modules),
+    Family(
+        "modules", "who holds box and wall, and when", (4, 6, 8), "intervals", build_module_instance
+    ),
 )
 
 
-def the_set(count: int = COUNT) -> list[Named]:
-    """All instances: `count` of each family and class, family by family."""
+def list_instances(count: int = COUNT) -> list[NamedInstance]:
+    """List all instances: `count` of each family and class, family by family."""
     return [
-        Named(family, level, number)
+        NamedInstance(family, level, number)
         for family in FAMILIES
         for level in LEVELS
         for number in range(count)

@@ -1,4 +1,4 @@
-"""A straight climb between two walls, toes shifted at random: instants of the force problem."""
+"""A straight climb between two walls with randomly shifted toes: instants of the force problem."""
 
 from __future__ import annotations
 
@@ -23,22 +23,23 @@ _DRAWS = 100
 
 @dataclass(frozen=True)
 class StraightClimb:
-    """The instances: a straight climb between two walls."""
+    """The scene and instants of a straight climb between two walls."""
 
     scene: ClimbScene
     instants: Instants
 
 
-def straight_climb(seed: int) -> StraightClimb:
-    """Eight rounds of SiLVIA straight up between walls, toes shifted at random: 96 instants.
+def build_straight_climb(seed: int) -> StraightClimb:
+    """Build eight rounds of SiLVIA straight up between walls with randomly shifted toes.
 
-    Shifts are drawn until every instant is within the limbs' reach and has admissible forces.
+    The climb has 96 instants. Shifts are sampled until every instant is within the limbs' reach and
+    has admissible forces.
     """
     rng = np.random.default_rng(seed)
     for _ in range(_DRAWS):
         try:
-            scene = _shifted_scene(rng)
-            instants = plan_instants(scene, straight_rounds(scene))
+            scene = _build_shifted_scene(rng)
+            instants = plan_instants(scene, interpolate_rounds(scene))
             plan_forces(scene, instants, "clarabel")
         except NoPlanFound:
             continue
@@ -46,7 +47,8 @@ def straight_climb(seed: int) -> StraightClimb:
     raise LimitReached(f"no feasible climb in {_DRAWS} draws of seed {seed}")
 
 
-def _shifted_scene(rng: np.random.Generator) -> ClimbScene:
+def _build_shifted_scene(rng: np.random.Generator) -> ClimbScene:
+    """Build a scene with sampled shifts of the toes."""
     toes = {}
     for name in ("RF", "RM", "RR", "LR", "LM", "LF"):
         side = 1.0 if name[0] == "R" else -1.0
@@ -72,17 +74,17 @@ def _shifted_scene(rng: np.random.Generator) -> ClimbScene:
     return build_scene(spec, load_robot("silvia"))
 
 
-def straight_rounds(scene: ClimbScene) -> Rounds:
-    """Postures evenly between start and goal, without regard to anything else."""
-    share = np.linspace(0.0, 1.0, scene.spec.task.round_count + 1)
+def interpolate_rounds(scene: ClimbScene) -> Rounds:
+    """Interpolate postures evenly between start and goal."""
+    phase = np.linspace(0.0, 1.0, scene.spec.task.round_count + 1)
 
-    def between(start: Array, goal: Array) -> Array:
-        part = share.reshape(-1, *[1] * start.ndim)
-        return np.asarray((1 - part) * start + part * goal)
+    def interpolate(start: Array, goal: Array) -> Array:
+        weight = phase.reshape(-1, *[1] * start.ndim)
+        return np.asarray((1 - weight) * start + weight * goal)
 
     return Rounds(
-        com=between(scene.start.com, scene.goal.com),
-        rpy=between(scene.start.rpy, scene.goal.rpy),
-        toes=between(scene.start.toes, scene.goal.toes),
-        region=np.tile(scene.start.region, (len(share), 1)),
+        com=interpolate(scene.start.com, scene.goal.com),
+        rpy=interpolate(scene.start.rpy, scene.goal.rpy),
+        toes=interpolate(scene.start.toes, scene.goal.toes),
+        region=np.tile(scene.start.region, (len(phase), 1)),
     )

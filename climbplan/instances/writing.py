@@ -1,4 +1,4 @@
-"""The set as a folder: files for any solver, a table, and the script that checks solutions."""
+"""Write the benchmark set as a folder: files for any solver, a table, and the checker script."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
-from climbplan.instances.families import FAMILIES, LEVELS, Named, the_set
+from climbplan.instances.families import FAMILIES, LEVELS, NamedInstance, list_instances
 from climbplan.program.instance import Instance
 from climbplan.progress import Progress
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.solvers.model_file import save_model
 
-KNOWN_SEED = 0  # of the instances whose values come with the package
+KNOWN_SEED = 0  # seed of the instances whose values are shipped with the package
 _ROOM = "climbplan.instances"
 _CHECKER = "check_solution.py"
 _COLUMNS = (
@@ -47,16 +47,16 @@ and CasADi are all it needs. Minimise throughout; all integers are binaries.
 
 @dataclass(frozen=True)
 class KnownValue:
-    """What is known of an instance."""
+    """The best known value and bound of an instance."""
 
-    value: float | None  # of a point that was checked, None if there is none
+    value: float | None  # value of a checked point, None without one
     bound: float
     infeasible: bool
     by: str
 
     @property
     def status(self) -> str:
-        """`optimal` where the bound is within 1e-4 of the value, `open`, or `infeasible`."""
+        """Status `optimal` where the bound is within 1e-4 of the value, `open`, or `infeasible`."""
         if self.infeasible:
             return "infeasible"
         if self.value is None:
@@ -65,8 +65,8 @@ class KnownValue:
         return "optimal" if closed else "open"
 
 
-def known_values() -> dict[str, KnownValue]:
-    """By name, of the instances of seed 0; made by `python -m benchmarks instances`."""
+def read_known_values() -> dict[str, KnownValue]:
+    """Read values by name for the instances of seed 0, made by `python -m benchmarks instances`."""
     text = files(_ROOM).joinpath("known.csv").read_text()
     return {
         row["name"]: KnownValue(
@@ -79,56 +79,59 @@ def known_values() -> dict[str, KnownValue]:
     }
 
 
-def file_name(named: Named, instance: Instance) -> str:
-    """The name of its file: .nl where there are products or cones, .mps elsewhere."""
+def format_file_name(named: NamedInstance, instance: Instance) -> str:
+    """Return the file name of an instance: .nl with products or cones, else .mps."""
     return named.name + (".nl" if {"products", "balls"} & instance.features else ".mps")
 
 
-def file_point(instance: Instance, x: Array, assignment: IntArray | None) -> dict[str, float]:
-    """A point as the file has it: x and the binaries of choices by name."""
-    picks = instance.assignment(x) if assignment is None else assignment
-    parts = [np.asarray(x, float)]
-    for choice, chosen in zip(instance.choices, picks, strict=True):
-        parts.append(np.eye(len(choice.alternatives))[int(chosen)])
-    return {f"x{k}": float(v) for k, v in enumerate(np.concatenate(parts))}
+def build_file_point(instance: Instance, x: Array, assignment: IntArray | None) -> dict[str, float]:
+    """Return a point as in the file: x and the binaries of choices by name."""
+    alternatives = instance.assignment(x) if assignment is None else assignment
+    arrays = [np.asarray(x, float)]
+    for choice, chosen in zip(instance.choices, alternatives, strict=True):
+        arrays.append(np.eye(len(choice.alternatives))[int(chosen)])
+    return {f"x{k}": float(v) for k, v in enumerate(np.concatenate(arrays))}
 
 
 def write_set(folder: Path, seed: int, count: int, report: Progress) -> int:
-    """Write `count` instances of each family and class into an empty folder; how many there are.
+    """Write `count` instances of each family and class into an empty folder; return their number.
 
-    Raises UsageError where a file cannot be written, MissingSolver without PySCIPOpt or pymunk.
+    Raises:
+        UsageError: A file cannot be written.
+        MissingSolver: PySCIPOpt or pymunk is not installed.
     """
-    known = known_values() if seed == KNOWN_SEED else {}
-    chosen = the_set(count)
-    if not chosen:
+    known_value_of = read_known_values() if seed == KNOWN_SEED else {}
+    instances = list_instances(count)
+    if not instances:
         raise UsageError("--count: expected at least 1")
     with (folder / "instances.csv").open("w", newline="") as stream:
         table = csv.writer(stream)
         table.writerow(_COLUMNS)
-        for k, named in enumerate(chosen):
-            instance = named.drawn(seed)
-            name = file_name(named, instance)
+        for k, named in enumerate(instances):
+            instance = named.generate(seed)
+            name = format_file_name(named, instance)
             save_model(instance, folder / name)
-            table.writerow(_line(named, instance, name, known.get(named.name)))
-            report("instances", (k + 1) / len(chosen))
+            table.writerow(_generate_row(named, instance, name, known_value_of.get(named.name)))
+            report("instances", (k + 1) / len(instances))
     (folder / _CHECKER).write_text(files(_ROOM).joinpath(_CHECKER).read_text())
     listed = "\n    ".join(f"{f.name:<12} {f.what}" for f in FAMILIES)
     (folder / "README.md").write_text(_README.format(seed=seed, families=listed))
-    return len(chosen)
+    return len(instances)
 
 
-def _line(
-    named: Named, instance: Instance, name: str, known: KnownValue | None
+def _generate_row(
+    named: NamedInstance, instance: Instance, name: str, known_value: KnownValue | None
 ) -> Iterator[str | int]:
+    """Yield the entries of one row of the table."""
     form = BigM().apply(instance).instance
     family = named.family
     yield from (named.name, name, family.name, named.level)
     yield from (family.sizes[LEVELS.index(named.level)], family.unit)
     yield from (form.size, int(form.integer.sum()), form.A.shape[0])
     yield from (int(form.A.nnz), form.products.count, sum(b.count for b in form.balls))
-    if known is None:
+    if known_value is None:
         yield from ("", "", "unknown", "")
         return
-    yield "" if known.value is None else f"{known.value:.12g}"
-    yield "" if not np.isfinite(known.bound) else f"{known.bound:.12g}"
-    yield from (known.status, known.by)
+    yield "" if known_value.value is None else f"{known_value.value:.12g}"
+    yield "" if not np.isfinite(known_value.bound) else f"{known_value.bound:.12g}"
+    yield from (known_value.status, known_value.by)

@@ -1,10 +1,10 @@
-"""Gradient boosting of a strategy's parts: trees that each correct the sum of those before.
+"""Gradient boosting of a strategy's parts: each tree corrects the sum of the previous ones.
 
-Hundreds of strategies would need as many trees a round. A strategy is therefore taken apart into
-its choices (binaries of which exactly one holds, single binaries, alternatives, labels); each has
-boosted trees of its own, and a strategy is as probable as the product of its choices. Choices
-are thereby taken as independent given the features; strategies nobody has seen are not among the
-candidates.
+Hundreds of strategies would need as many trees in each round. A strategy is therefore decomposed
+into its choices (binaries of which exactly one holds, single binaries, alternatives, labels). Each
+choice has boosted trees, and the probability of a strategy is the product of those of its choices.
+This assumes that choices are independent given the features. Strategies that are not in the library
+are no candidates.
 """
 
 from __future__ import annotations
@@ -16,38 +16,44 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
-from climbplan.learning.quiet_training import quiet_training
-from climbplan.learning.trees import LEAF, Trees, joined
+from climbplan.learning.quiet_training import suppress_expected_warnings
+from climbplan.learning.trees import LEAF, Trees, join_trees
 
 
 @dataclass(frozen=True)
 class Boosting:
-    """H choices with R options together; trees add to the score of one option each."""
+    """H choices with R options together; each tree adds to the score of one option."""
 
     trees: Trees
-    value: Array  # (M,) of leaves
-    option: IntArray  # (T,) to whose score each tree adds
+    value: Array  # (M,) score of leaves
+    option: IntArray  # (T,) option to whose score each tree adds
     baseline: Array  # (R,) scores without trees
     first: IntArray  # (H + 1,) options first[h] to first[h + 1] are those of choice h
     level: IntArray  # (U, H) option that each strategy takes
 
     def probabilities(self, features: Array) -> Array:
-        """Product of the choices' probabilities (U,), scaled to sum to 1, at features (p,)."""
-        leaf = self.trees.leaves(features)
+        """Return normalised products of the choices' probabilities (U,) at features (p,)."""
+        leaf = self.trees.find_leaves(features)
         score = self.baseline + np.bincount(
             self.option, self.value[leaf], minlength=len(self.baseline)
         )
         logarithm = np.empty(len(score))
         for begin, end in zip(self.first[:-1], self.first[1:], strict=True):
-            part = score[begin:end]
-            most = part.max()
-            logarithm[begin:end] = part - most - np.log(np.exp(part - most).sum())
+            choice_score = score[begin:end]
+            max_score = choice_score.max()
+            logarithm[begin:end] = (
+                choice_score - max_score - np.log(np.exp(choice_score - max_score).sum())
+            )
         total = logarithm[self.level].sum(axis=1)
         power = np.exp(total - total.max())
         return np.asarray(power / power.sum())
 
     def require(self, features: int, classes: int) -> None:
-        """Raises UsageError unless the arrays are those of boosted trees for such strategies."""
+        """Check that the arrays are those of boosted trees for such strategies.
+
+        Raises:
+            UsageError: They are not.
+        """
         self.trees.require(features)
         R, H = len(self.baseline), len(self.first) - 1
         if len(self.value) != len(self.trees.feature) or len(self.option) != len(self.trees.root):
@@ -64,33 +70,37 @@ class Boosting:
             raise UsageError("boosting: a strategy takes an option of another choice")
 
 
-def choices_of(library: Library) -> list[IntArray]:
-    """What strategies are made of: for each choice that differs among them its level (U,)."""
+def decompose_strategies(library: Library) -> list[IntArray]:
+    """Decompose strategies into choices: the level (U,) of each choice that differs among them."""
     bits = library.strategies.astype(np.int64)
-    out: list[IntArray] = []
+    columns: list[IntArray] = []
     begin = 0
     while begin < bits.shape[1]:
         running = np.cumsum(bits[:, begin:], axis=1)
-        # The shortest run of binaries of which exactly one holds in every strategy
-        whole = np.flatnonzero((running == 1).all(axis=0))
-        end = begin + int(whole[0]) + 1 if len(whole) else begin + 1
+        # The shortest run of binaries of which exactly one is 1 in every strategy
+        run_ends = np.flatnonzero((running == 1).all(axis=0))
+        end = begin + int(run_ends[0]) + 1 if len(run_ends) else begin + 1
         single = end == begin + 1
-        out.append(bits[:, begin] if single else np.argmax(bits[:, begin:end], axis=1))
+        columns.append(bits[:, begin] if single else np.argmax(bits[:, begin:end], axis=1))
         begin = end
-    out += list(library.strategy_alternatives.T) + list(library.strategy_labels.T)
-    return [column for column in out if len(np.unique(column)) > 1]
+    columns += list(library.strategy_alternatives.T) + list(library.strategy_labels.T)
+    return [column for column in columns if len(np.unique(column)) > 1]
 
 
 def fit_boosting(library: Library, rounds: int, rate: float, leaves: int, seed: int) -> Boosting:
     """Boost trees for each choice of a library's strategies with scikit-learn.
 
-    rounds: trees an option. rate: share of each tree's correction that is taken. leaves: most a
-    tree has.
+    Args:
+        library: Solved problems.
+        rounds: Number of trees for each option.
+        rate: Learning rate.
+        leaves: Largest number of leaves of a tree.
+        seed: Seed of the random numbers.
     """
     from sklearn.ensemble import HistGradientBoostingClassifier
 
-    parts, values, options, baselines, firsts, levels = [], [], [], [], [0], []
-    for column in choices_of(library):
+    tree_arrays, values, options, baselines, firsts, levels = [], [], [], [], [0], []
+    for column in decompose_strategies(library):
         levels_here, level = np.unique(column, return_inverse=True)
         start, count = firsts[-1], len(levels_here)
         booster = HistGradientBoostingClassifier(
@@ -100,7 +110,7 @@ def fit_boosting(library: Library, rounds: int, rate: float, leaves: int, seed: 
             random_state=seed,
             early_stopping=False,
         )
-        with quiet_training():
+        with suppress_expected_warnings():
             booster.fit(library.features, level[library.strategy])
         # scikit-learn has no public access to the trees: these names are tested in the suite.
         raw = np.asarray(booster._baseline_prediction, float).ravel()
@@ -109,7 +119,7 @@ def fit_boosting(library: Library, rounds: int, rate: float, leaves: int, seed: 
             for k, tree in enumerate(round_trees):
                 nodes = tree.nodes
                 leaf = nodes["is_leaf"].astype(bool)
-                parts.append(
+                tree_arrays.append(
                     Trees(
                         root=np.zeros(1, np.int64),
                         feature=np.where(leaf, LEAF, nodes["feature_idx"].astype(np.int64)),
@@ -122,7 +132,7 @@ def fit_boosting(library: Library, rounds: int, rate: float, leaves: int, seed: 
                 options.append(start + k + (count == 2))
         levels.append(start + level)
         firsts.append(start + count)
-    if not parts:
+    if not tree_arrays:
         # One strategy only: a single choice without alternatives
         leaf = np.array([LEAF])
         stump = Trees(np.array([0]), leaf, np.zeros(1), leaf, leaf)
@@ -135,7 +145,7 @@ def fit_boosting(library: Library, rounds: int, rate: float, leaves: int, seed: 
             np.zeros((len(library.strategies), 1), np.int64),
         )
     return Boosting(
-        trees=joined(parts),
+        trees=join_trees(tree_arrays),
         value=np.concatenate(values),
         option=np.array(options, np.int64),
         baseline=np.concatenate(baselines),

@@ -1,4 +1,4 @@
-"""Clusters of solved problems ranked by a classifier, and their strategies, nearest first."""
+"""Rank clusters of solved problems by a classifier, and their strategies by distance."""
 
 from __future__ import annotations
 
@@ -8,65 +8,68 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.learning.library import Library
-from climbplan.learning.ranking import Scorer, checked_features
-from climbplan.learning.strategy import Candidate, candidate_of
+from climbplan.learning.ranking import Scorer, check_features
+from climbplan.learning.strategy import Candidate, build_candidate
 
 
 @dataclass(frozen=True)
 class ClusterRanking:
-    """Which cluster each solved problem is in, and how probable each is for a new one."""
+    """The cluster of each solved problem, and a classifier of clusters for a new one."""
 
     library: Library
-    cluster: IntArray  # (S,) negative: in none
+    cluster: IntArray  # (S,) negative for none
     scorer: Scorer
     scale: Array  # (p,) of the features in distances
 
     @property
     def count(self) -> int:
-        """Clusters."""
+        """Number of clusters."""
         return int(self.cluster.max()) + 1
 
-    def members(self, cluster: int) -> IntArray:
-        """Rows of the library in a cluster."""
+    def list_members(self, cluster: int) -> IntArray:
+        """Return the rows of the library in a cluster."""
         return np.flatnonzero(self.cluster == cluster)
 
-    def ranked(self, features: Array, most: int) -> IntArray:
-        """The likeliest clusters, first the most probable."""
-        wanted = checked_features(features, self.library)
-        probability = self.scorer.probabilities(wanted)
-        return np.argsort(-probability, kind="stable")[:most]
+    def rank(self, features: Array, max_clusters: int) -> IntArray:
+        """Return the likeliest clusters, the most probable first."""
+        query = check_features(features, self.library)
+        probability = self.scorer.probabilities(query)
+        return np.argsort(-probability, kind="stable")[:max_clusters]
 
     def candidates(self, features: Array, most: int) -> list[Candidate]:
-        """Without solving anything: the strategies of the likeliest clusters, nearest first."""
-        found: list[Candidate] = []
-        seen: set[int] = set()
-        for cluster in self.ranked(features, self.count):
-            for row in self.strategies(features, int(cluster)):
+        """Return the strategies of the likeliest clusters, nearest first, without programs."""
+        candidates: list[Candidate] = []
+        strategies: set[int] = set()
+        for cluster in self.rank(features, self.count):
+            for row in self.list_strategies(features, int(cluster)):
                 number = int(self.library.strategy[row])
-                if number not in seen:
-                    seen.add(number)
-                    found.append(candidate_of(self.library, int(row), float(len(found))))
-                if len(found) >= most:
-                    return found
-        return found
+                if number not in strategies:
+                    strategies.add(number)
+                    candidates.append(
+                        build_candidate(self.library, int(row), float(len(candidates)))
+                    )
+                if len(candidates) >= most:
+                    return candidates
+        return candidates
 
-    def strategies(self, features: Array, cluster: int) -> IntArray:
-        """The cluster's nearest row of each of its strategies, nearest first."""
-        rows = self._near(features, self.members(cluster))
+    def list_strategies(self, features: Array, cluster: int) -> IntArray:
+        """Return the cluster's nearest row of each of its strategies, nearest first."""
+        rows = self._sort_by_distance(features, self.list_members(cluster))
         _, first = np.unique(self.library.strategy[rows], return_index=True)
         return np.asarray(rows[np.sort(first)])
 
-    def alike(
+    def find_equal_integers(
         self, features: Array, cluster: int, values: Array, alternatives: IntArray
     ) -> IntArray:
-        """The cluster's rows with these integers, nearest first."""
-        rows = self.members(cluster)
+        """Return the cluster's rows with these integers, nearest first."""
+        rows = self.list_members(cluster)
         integer = self.library.frame.integer
         same = (self.library.points[rows][:, integer] == np.round(values[integer])).all(axis=1)
         same &= (self.library.alternatives[rows] == alternatives).all(axis=1)
-        return self._near(features, rows[same])
+        return self._sort_by_distance(features, rows[same])
 
-    def _near(self, features: Array, rows: IntArray) -> IntArray:
-        apart = (self.library.features[rows] - features) / self.scale
-        order = np.argsort(np.einsum("sp,sp->s", apart, apart), kind="stable")
+    def _sort_by_distance(self, features: Array, rows: IntArray) -> IntArray:
+        """Sort rows by the distance of their features."""
+        difference = (self.library.features[rows] - features) / self.scale
+        order = np.argsort(np.einsum("sp,sp->s", difference, difference), kind="stable")
         return np.asarray(rows[order])

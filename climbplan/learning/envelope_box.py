@@ -1,4 +1,4 @@
-"""One envelope: a box of bilinear factors, and how well a set of them tells terrains apart."""
+"""Envelopes: boxes of bilinear factors."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from climbplan.arrays import Array, BoolArray, IntArray
 
 @dataclass(frozen=True)
 class Envelope:
-    """lower <= (p, f) <= upper of N limbs; McCormick envelopes hold within, eq. (8.26)."""
+    """Box lower <= (p, f) <= upper of N limbs, with McCormick envelopes, eq. (8.26)."""
 
     lower: Array  # (N, d)
     upper: Array  # (N, d)
 
-    def grown(self, share: float) -> Envelope:
-        """The box with every side moved out by a share of its width."""
-        out = share * (self.upper - self.lower)
-        return Envelope(self.lower - out, self.upper + out)
+    def widen(self, fraction: float) -> Envelope:
+        """Return the box with every side moved out by a fraction of its width."""
+        margin = fraction * (self.upper - self.lower)
+        return Envelope(self.lower - margin, self.upper + margin)
 
-    def holds(self, points: Array, slack: float = 1e-9) -> BoolArray:
-        """Which of the points (n, N, d) lie in the box, (n,)."""
+    def contains(self, points: Array, slack: float = 1e-9) -> BoolArray:
+        """Return (n,) which of the points (n, N, d) lie in the box."""
         inside = (points >= self.lower - slack) & (points <= self.upper + slack)
         return np.asarray(inside.all(axis=(1, 2)))
 
@@ -31,21 +31,21 @@ class Envelope:
 EnvelopeSet = tuple[Envelope, ...]
 
 
-# Whether the first stage has a solution on given rows, for each of some sets of envelopes: one (n,)
-# a set. With several envelopes in a set, one of them is enough.
+# Returns for each set of envelopes whether the first stage is feasible on rows (n,). With several
+# envelopes in a set, one of them suffices.
 FirstStageLabels = Callable[[Sequence[EnvelopeSet], IntArray], list[BoolArray]]
 
 
-def stacked(envelopes: EnvelopeSet) -> Envelope:
-    """A set as one array of boxes (E, N, d)."""
+def stack_envelopes(envelopes: EnvelopeSet) -> Envelope:
+    """Stack a set into one array of boxes (E, N, d)."""
     return Envelope(np.stack([e.lower for e in envelopes]), np.stack([e.upper for e in envelopes]))
 
 
-def unstacked(boxes: Envelope) -> EnvelopeSet:
-    """The set that `stacked` was made of."""
+def unstack_envelopes(boxes: Envelope) -> EnvelopeSet:
+    """Return the set of stacked boxes."""
     return tuple(Envelope(a, b) for a, b in zip(boxes.lower, boxes.upper, strict=True))
 
 
-def exterior(points: Array) -> Envelope:
-    """The smallest box that holds points (n, N, d)."""
+def compute_bounding_box(points: Array) -> Envelope:
+    """Return the smallest box that contains points (n, N, d)."""
     return Envelope(points.min(axis=0), points.max(axis=0))

@@ -1,8 +1,8 @@
 """Envelopes by clustering: Algorithm 2 of chapter 5.2.2.1.
 
-A Gaussian mixture finds centres; around each, the largest box without infeasible points (a
-mixed-integer linear program); of the feasible points inside, those that the mixture finds likely;
-their exterior boundary is the envelope.
+A Gaussian mixture gives centers. Around each center the largest box without infeasible points is
+computed by a mixed-integer linear program. The envelope is the bounding box of the feasible points
+in it that are likely under the mixture.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from scipy import sparse
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.errors import LimitReached
-from climbplan.learning.envelope_box import Envelope, exterior
+from climbplan.learning.envelope_box import Envelope, compute_bounding_box
 from climbplan.solvers.highs.mixed_linear import MixedLinearProgram, solve_mixed_linear
 
-_CLOSE = 1e-6  # of a box's span: how far a box ends before an excluded point
+_CLOSE = 1e-6  # distance of a box from an excluded point, relative to its span
 _RIDGE = 1e-4  # of the mixture's covariances, in squared standard deviations
 
 
 @dataclass(frozen=True)
-class Cluster:
-    """One envelope and what it came from."""
+class EnvelopeCluster:
+    """One envelope and its origin."""
 
     envelope: Envelope
     centre: Array  # (N, d)
     boundary: Envelope  # the largest box, before the filter
     boundary_gap: float  # relative, of its program
-    kept: BoolArray  # (n,) feasible points that the exterior boundary is drawn about
+    kept: BoolArray  # (n,) feasible points of which the envelope is the bounding box
 
 
 def fit_clusters(
@@ -39,66 +39,78 @@ def fit_clusters(
     likelihood: float = 0.02,
     seed: int = 0,
     time_limit: float = 20.0,
-) -> tuple[Cluster, ...]:
-    """One cluster for each envelope.
+) -> tuple[EnvelopeCluster, ...]:
+    """Fit one cluster for each envelope.
 
-    feasible: (n, N, d) points; infeasible: (m, N, d). likelihood: quantile of the likelihood of a
-    cluster's points below which they are left out (p_th). time_limit: [s] of each largest box.
+    Args:
+        feasible: (n, N, d) points.
+        infeasible: (m, N, d) points.
+        envelopes: Number of envelopes.
+        likelihood: Quantile of the likelihood of a cluster's points below which they are left out
+            (p_th).
+        seed: Seed of the mixture.
+        time_limit: Time limit of each largest box [s].
     """
     n = len(feasible)
     flat = feasible.reshape(n, -1)
     scale = np.maximum(flat.std(axis=0), 1e-6)
-    middle = flat.mean(axis=0)
-    from sklearn.mixture import GaussianMixture  # a second: envelopes are used without it
+    mean = flat.mean(axis=0)
+    from sklearn.mixture import GaussianMixture  # slow to import, and only needed for fitting
 
     mixture = GaussianMixture(envelopes, random_state=seed, reg_covar=_RIDGE, n_init=3)
-    member = mixture.fit_predict((flat - middle) / scale)
+    member = mixture.fit_predict((flat - mean) / scale)
     clusters = []
     for k in range(envelopes):
-        own = member == k
-        centre = mixture.means_[k] * scale + middle
-        box, gap = largest_box(
-            centre, infeasible.reshape(len(infeasible), -1), flat[own], time_limit
+        is_member = member == k
+        center = mixture.means_[k] * scale + mean
+        box, gap = find_largest_box(
+            center, infeasible.reshape(len(infeasible), -1), flat[is_member], time_limit
         )
         boundary = Envelope(
             box.lower.reshape(feasible.shape[1:]), box.upper.reshape(feasible.shape[1:])
         )
-        inside = own & boundary.holds(feasible)
-        score = mixture.score_samples((flat - middle) / scale)
-        kept = inside & (score >= np.quantile(score[own], likelihood))
-        if not kept.any():
+        inside = is_member & boundary.contains(feasible)
+        score = mixture.score_samples((flat - mean) / scale)
+        is_likely = inside & (score >= np.quantile(score[is_member], likelihood))
+        if not is_likely.any():
             raise LimitReached(f"cluster {k}: no feasible point is left in its largest box")
         clusters.append(
-            Cluster(
-                exterior(feasible[kept]), centre.reshape(feasible.shape[1:]), boundary, gap, kept
+            EnvelopeCluster(
+                compute_bounding_box(feasible[is_likely]),
+                center.reshape(feasible.shape[1:]),
+                boundary,
+                gap,
+                is_likely,
             )
         )
     return tuple(clusters)
 
 
-def largest_box(
-    centre: Array, infeasible: Array, feasible: Array, time_limit: float = 20.0
+def find_largest_box(
+    center: Array, infeasible: Array, feasible: Array, time_limit: float = 20.0
 ) -> tuple[Envelope, float]:
-    """The box about a centre (D,) with the largest sum of relative widths, and the gap proved.
+    """Find the box around a center (D,) with the largest sum of relative widths, and its gap.
 
-    It stays within the exterior boundary of the feasible points (n, D) and holds none of the
-    infeasible ones (m, D): each has an axis on which the box ends before it.
-    Raises LimitReached if no box was found in time.
+    It stays within the bounding box of the feasible points (n, D) and contains none of the
+    infeasible ones (m, D): for each there is an axis on which the box ends before it.
+
+    Raises:
+        LimitReached: No box was found in time.
     """
-    low, high = np.minimum(feasible.min(axis=0), centre), np.maximum(feasible.max(axis=0), centre)
+    low, high = np.minimum(feasible.min(axis=0), center), np.maximum(feasible.max(axis=0), center)
     span = np.maximum(high - low, 1e-9)
-    D = len(centre)
-    within = ((infeasible >= low) & (infeasible <= high)).all(axis=1)
-    points = infeasible[within]
-    point, axis = np.nonzero(points != centre)
+    D = len(center)
+    is_candidate = ((infeasible >= low) & (infeasible <= high)).all(axis=1)
+    points = infeasible[is_candidate]
+    point, axis = np.nonzero(points != center)
     count, binaries = len(points), len(point)
-    # Columns: share of the lower side kept, share of the upper side kept, binaries
-    below = points[point, axis] < centre[axis]
+    # Columns: fraction of the lower side, fraction of the upper side, binaries
+    below = points[point, axis] < center[axis]
     side = np.where(below, axis, D + axis)
-    room = np.where(below, (centre - low)[axis], (high - centre)[axis])
-    distance = np.abs(points[point, axis] - centre[axis])
-    limit = np.clip(distance / np.maximum(room, 1e-12) - _CLOSE, 0.0, 1.0)
-    # kept + (1 - limit) z <= 1
+    side_width = np.where(below, (center - low)[axis], (high - center)[axis])
+    distance = np.abs(points[point, axis] - center[axis])
+    limit = np.clip(distance / np.maximum(side_width, 1e-12) - _CLOSE, 0.0, 1.0)
+    # fraction + (1 - limit) z <= 1
     rows = np.arange(binaries)
     ends = sparse.csr_matrix(
         (
@@ -107,16 +119,16 @@ def largest_box(
         ),
         shape=(binaries, 2 * D + binaries),
     )
-    some = sparse.csr_matrix(
+    one_axis = sparse.csr_matrix(
         (np.ones(binaries), (point, 2 * D + rows)), shape=(count, 2 * D + binaries)
     )
-    widths = np.concatenate([(centre - low) / span, (high - centre) / span])
+    widths = np.concatenate([(center - low) / span, (high - center) / span])
     answer = solve_mixed_linear(
         MixedLinearProgram(
             cost=np.concatenate([-widths, np.zeros(binaries)]),
             lower=np.zeros(2 * D + binaries),
             upper=np.ones(2 * D + binaries),
-            A=sparse.vstack([ends, some]).tocsr(),
+            A=sparse.vstack([ends, one_axis]).tocsr(),
             row_lower=np.concatenate([np.full(binaries, -np.inf), np.ones(count)]),
             row_upper=np.concatenate([np.ones(binaries), np.full(count, np.inf)]),
             integer=np.arange(2 * D + binaries) >= 2 * D,
@@ -125,6 +137,6 @@ def largest_box(
     )
     if answer.x is None:
         raise LimitReached("no box about the centre without infeasible points was found in time")
-    kept = np.clip(answer.x[: 2 * D], 0.0, 1.0)
-    box = Envelope(centre - kept[:D] * (centre - low), centre + kept[D:] * (high - centre))
+    fraction = np.clip(answer.x[: 2 * D], 0.0, 1.0)
+    box = Envelope(center - fraction[:D] * (center - low), center + fraction[D:] * (high - center))
     return box, answer.gap

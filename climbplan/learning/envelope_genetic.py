@@ -1,9 +1,9 @@
 """Envelopes by a genetic algorithm, chapter 5.2.2.2.
 
 A chromosome is the bounds of an envelope; crossover takes each (lower, upper) pair from one parent
-or the other. Fitness: a, the share of infeasible terrains that the first stage calls feasible, is
-to be small while b, the share of feasible ones that it calls infeasible, stays under delta. The
-mutation rate falls over the generations. Several envelopes make one chromosome.
+or the other. The fitness falls with the fraction a of infeasible terrains that the first stage
+classifies as feasible, while the fraction b of feasible ones classified as infeasible stays below
+delta. The mutation rate falls over the generations. Several envelopes form one chromosome.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from climbplan.learning.envelope_box import (
     Envelope,
     EnvelopeSet,
     FirstStageLabels,
-    stacked,
-    unstacked,
+    stack_envelopes,
+    unstack_envelopes,
 )
 
 
 @dataclass(frozen=True)
 class GeneticOptions:
-    """How long and how wildly to search."""
+    """Options of the genetic algorithm."""
 
     population: int = 60
     generations: int = 80
-    terrains: int = 30  # K, that each individual is tested on in a generation
+    terrains: int = 30  # K, number of terrains for each individual in a generation
     delta: float = 0.03  # largest b
-    penalty: float = 5.0  # of b beyond delta
+    penalty: float = 5.0  # weight of b beyond delta
     mutation: tuple[float, float] = (0.3, 0.02)  # rate of the first and the last generation
     step: float = 0.15  # of a mutation, in widths of the hull of all first envelopes
     elite: int = 4
@@ -40,7 +40,7 @@ class GeneticOptions:
 
 @dataclass(frozen=True)
 class GeneticResult:
-    """The best envelopes on all training rows, and how fitness went."""
+    """The best envelopes on all training rows, and the history of the fitness."""
 
     envelopes: EnvelopeSet
     false_feasible: float  # a on all training rows
@@ -50,7 +50,7 @@ class GeneticResult:
     fitness_best: Array  # (generations,)
 
 
-def evolve(
+def run_genetic_search(
     labels: FirstStageLabels,
     feasible: BoolArray,
     first: Sequence[EnvelopeSet],
@@ -60,48 +60,59 @@ def evolve(
 ) -> GeneticResult:
     """Search from some first sets of envelopes, equally many in each, which mutation spreads.
 
-    labels: whether the first stage is feasible with each of some sets on some rows; feasible: (n,)
-    the rows' true labels. The result depends on the seed alone.
+    The result depends on the seed alone.
+
+    Args:
+        labels: Returns whether the first stage is feasible with each of some sets on some rows.
+        feasible: (n,) true labels of the rows.
+        first: First sets of envelopes.
+        options: Options of the algorithm.
+        seed: Seed of the random numbers.
+        report: Progress callback.
     """
     chosen = options or GeneticOptions()
     rng = np.random.default_rng(seed)
-    given = [stacked(envelopes) for envelopes in first]
-    low = np.min([e.lower for e in given], axis=0)
-    high = np.max([e.upper for e in given], axis=0)
+    initial = [stack_envelopes(envelopes) for envelopes in first]
+    low = np.min([e.lower for e in initial], axis=0)
+    high = np.max([e.upper for e in initial], axis=0)
     step = chosen.step * np.maximum(high - low, 1e-9)
-    population = [given[k % len(given)] for k in range(chosen.population)]
+    population = [initial[k % len(initial)] for k in range(chosen.population)]
     population = [
-        e if k < len(given) else _mutated(e, step, 0.5, rng) for k, e in enumerate(population)
+        e if k < len(initial) else _mutate(e, step, 0.5, rng) for k, e in enumerate(population)
     ]
     means, spreads, bests = [], [], []
-    contenders: dict[bytes, Envelope] = {_key(e): e for e in given}
+    contenders: dict[bytes, Envelope] = {_encode_key(e): e for e in initial}
     for generation in range(chosen.generations):
-        rows = _balanced(feasible, chosen.terrains, rng)
-        fitness = np.array([f.fitness for f in _judged(labels, feasible, population, rows, chosen)])
+        rows = _sample_balanced(feasible, chosen.terrains, rng)
+        fitness = np.array(
+            [f.fitness for f in _evaluate_population(labels, feasible, population, rows, chosen)]
+        )
         means.append(fitness.mean())
         spreads.append(fitness.std())
         bests.append(fitness.max())
         order = np.argsort(-fitness, kind="stable")
         best = population[int(order[0])]
         if generation >= chosen.generations - chosen.finalists:
-            contenders[_key(best)] = best
-        share = generation / max(chosen.generations - 1, 1)
-        rate = chosen.mutation[0] * (1 - share) + chosen.mutation[1] * share
-        following = [population[int(k)] for k in order[: chosen.elite]]
-        while len(following) < chosen.population:
-            parents = [population[int(_tournament(fitness, rng))] for _ in range(2)]
-            following.append(_mutated(_crossed(parents[0], parents[1], rng), step, rate, rng))
-        population = following
+            contenders[_encode_key(best)] = best
+        progress = generation / max(chosen.generations - 1, 1)
+        rate = chosen.mutation[0] * (1 - progress) + chosen.mutation[1] * progress
+        next_population = [population[int(k)] for k in order[: chosen.elite]]
+        while len(next_population) < chosen.population:
+            parents = [population[int(_select_by_tournament(fitness, rng))] for _ in range(2)]
+            next_population.append(
+                _mutate(_cross_over(parents[0], parents[1], rng), step, rate, rng)
+            )
+        population = next_population
         if report is not None:
             report((generation + 1) / chosen.generations)
-    # Fitness on K terrains is noisy: the last word is said on all of them
+    # Fitness on K terrains is noisy, so finalists are compared on all of them
     finalists = list(contenders.values())
-    judged = _judged(labels, feasible, finalists, np.arange(len(feasible)), chosen)
-    winner = int(np.argmax([f.fitness for f in judged]))
+    evaluated = _evaluate_population(labels, feasible, finalists, np.arange(len(feasible)), chosen)
+    best_index = int(np.argmax([f.fitness for f in evaluated]))
     return GeneticResult(
-        unstacked(finalists[winner]),
-        judged[winner].a,
-        judged[winner].b,
+        unstack_envelopes(finalists[best_index]),
+        evaluated[best_index].a,
+        evaluated[best_index].b,
         np.array(means),
         np.array(spreads),
         np.array(bests),
@@ -110,49 +121,54 @@ def evolve(
 
 @dataclass(frozen=True)
 class _Fitness:
+    """Fitness of an individual and its error fractions."""
+
     fitness: float
     a: float
     b: float
 
 
-def _judged(
+def _evaluate_population(
     labels: FirstStageLabels,
     feasible: BoolArray,
     population: Sequence[Envelope],
     rows: IntArray,
     options: GeneticOptions,
 ) -> list[_Fitness]:
+    """Evaluate the fitness of a population on rows."""
     truth = feasible[rows]
-    judged = []
-    for called in labels([unstacked(e) for e in population], rows):
-        a = float(called[~truth].mean()) if (~truth).any() else 0.0
-        b = float((~called[truth]).mean()) if truth.any() else 0.0
-        beyond = options.penalty * max(0.0, b - options.delta)
-        judged.append(_Fitness(1.0 - a - b - beyond, a, b))
-    return judged
+    evaluated = []
+    for classified in labels([unstack_envelopes(e) for e in population], rows):
+        a = float(classified[~truth].mean()) if (~truth).any() else 0.0
+        b = float((~classified[truth]).mean()) if truth.any() else 0.0
+        excess = options.penalty * max(0.0, b - options.delta)
+        evaluated.append(_Fitness(1.0 - a - b - excess, a, b))
+    return evaluated
 
 
-def _balanced(feasible: BoolArray, count: int, rng: np.random.Generator) -> IntArray:
-    """As many feasible as infeasible rows."""
-    parts = [np.flatnonzero(feasible), np.flatnonzero(~feasible)]
-    half = [min(len(p), count // 2) for p in parts]
+def _sample_balanced(feasible: BoolArray, count: int, rng: np.random.Generator) -> IntArray:
+    """Sample as many feasible as infeasible rows."""
+    classes = [np.flatnonzero(feasible), np.flatnonzero(~feasible)]
+    half = [min(len(p), count // 2) for p in classes]
     return np.concatenate(
-        [rng.choice(p, h, replace=False) for p, h in zip(parts, half, strict=True)]
+        [rng.choice(p, h, replace=False) for p, h in zip(classes, half, strict=True)]
     )
 
 
-def _tournament(fitness: Array, rng: np.random.Generator) -> int:
+def _select_by_tournament(fitness: Array, rng: np.random.Generator) -> int:
+    """Select an individual by a tournament of three."""
     rivals = rng.integers(len(fitness), size=3)
     return int(rivals[np.argmax(fitness[rivals])])
 
 
-def _crossed(a: Envelope, b: Envelope, rng: np.random.Generator) -> Envelope:
-    """Uniform, by pairs of bounds."""
+def _cross_over(a: Envelope, b: Envelope, rng: np.random.Generator) -> Envelope:
+    """Combine two parents uniformly by pairs of bounds."""
     from_a = rng.random(a.lower.shape) < 0.5
     return Envelope(np.where(from_a, a.lower, b.lower), np.where(from_a, a.upper, b.upper))
 
 
-def _mutated(e: Envelope, step: Array, rate: float, rng: np.random.Generator) -> Envelope:
+def _mutate(e: Envelope, step: Array, rate: float, rng: np.random.Generator) -> Envelope:
+    """Mutate the bounds of an individual."""
     moves = [
         np.where(rng.random(step.shape) < rate, step * rng.normal(size=step.shape), 0.0)
         for _ in range(2)
@@ -161,5 +177,6 @@ def _mutated(e: Envelope, step: Array, rate: float, rng: np.random.Generator) ->
     return Envelope(np.clip(np.minimum(*ends), -1, 1), np.clip(np.maximum(*ends), -1, 1))
 
 
-def _key(e: Envelope) -> bytes:
+def _encode_key(e: Envelope) -> bytes:
+    """Return a key of an individual."""
     return e.lower.tobytes() + e.upper.tobytes()

@@ -1,4 +1,4 @@
-"""Training a strategy as a spec asks for it: hold problems out, measure, then train on all."""
+"""Train a strategy from a spec: evaluate on held-out problems, then train on all."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.learning.clusters import OUTLIER, ClusterOptions
-from climbplan.learning.evaluation import Evaluation, evaluate, held_out
+from climbplan.learning.evaluation import Evaluation, evaluate, select_held_out
 from climbplan.learning.library import Library
-from climbplan.learning.model import FitOptions, StrategyModel, fit
-from climbplan.learning.model_file import ModelFile, marked, read_model, write_model
+from climbplan.learning.model import FitOptions, StrategyModel, fit_strategy
+from climbplan.learning.model_file import ModelFile, mark_verified, read_model, write_model
 from climbplan.progress import Progress
 from climbplan.schema.learning.strategy import StrategySpec
 from climbplan.schema.learning.strategy_loading import LoadedStrategy
 
-_CHECKED_ROWS = 20  # problems whose candidates must be the same after reading a file back
+_CHECKED_ROWS = 20  # problems whose candidates must be equal after reading the file back
 _CHECKED_CANDIDATES = 10
 
 
 @dataclass(frozen=True)
 class TrainingData:
-    """Solved problems and what their kind knows of them."""
+    """Solved problems and the data of their kind."""
 
     library: Library
     group: IntArray  # (S,) rows of equal groups are never on both sides of a split
-    hard: BoolArray  # (S,) problems that are reported apart
-    columns: IntArray  # variables that solutions are clustered by
-    context: Mapping[str, Any]  # that a problem must share to be served
+    hard: BoolArray  # (S,) problems that are reported separately
+    columns: IntArray  # variables by which solutions are clustered
+    context: Mapping[str, Any]  # values that a problem must share
     scale: Array | None = None  # (p,) of features in distances
     hard_means: str = ""
 
 
 @dataclass(frozen=True)
-class Trained:
-    """A model of all rows, and how well one of fewer did on the rows kept from it."""
+class TrainedModel:
+    """A model of all rows, and the evaluation of one of fewer rows on the held-out rows."""
 
     model: StrategyModel
     evaluation: Evaluation | None  # None if nothing was held out
@@ -47,8 +47,8 @@ class Trained:
     seconds: Mapping[str, float] = field(default_factory=dict)
 
 
-def options_of(spec: StrategySpec) -> FitOptions:
-    """Training options as a spec has them."""
+def build_fit_options(spec: StrategySpec) -> FitOptions:
+    """Build training options from a spec."""
     model = spec.model
     return FitOptions(
         kind=model.kind,
@@ -72,31 +72,40 @@ def options_of(spec: StrategySpec) -> FitOptions:
 
 
 def train(
-    data: TrainingData, options: FitOptions, share: float = 0.1, report: Progress | None = None
-) -> Trained:
-    """Measure on a share of the problems, then train on all of them.
+    data: TrainingData,
+    options: FitOptions,
+    held_out_fraction: float = 0.1,
+    report: Progress | None = None,
+) -> TrainedModel:
+    """Evaluate on a fraction of the problems, then train on all of them.
 
-    Raises as `model.fit` does.
+    Raises:
+        UsageError: The library is empty, or no cluster is found.
     """
-    report = report or _silent
+    report = report or _ignore_progress
     begin = time.perf_counter()
-    aside = held_out(data.group, share, options.seed)
+    is_held_out = select_held_out(data.group, held_out_fraction, options.seed)
     evaluation = None
-    if aside.any() and not aside.all():
+    if is_held_out.any() and not is_held_out.all():
         report("measure", 0.0)
-        rest, test = data.library.subset(np.flatnonzero(~aside)), np.flatnonzero(aside)
-        partial = fit(rest, options, data.columns, data.scale)
+        training_rows, test = (
+            data.library.subset(np.flatnonzero(~is_held_out)),
+            np.flatnonzero(is_held_out),
+        )
+        partial = fit_strategy(training_rows, options, data.columns, data.scale)
         evaluation = evaluate(partial, data.library.subset(test), data.hard[test])
     measured = time.perf_counter()
     report("train", 0.5)
-    model = fit(data.library, options, data.columns, data.scale, data.context)
+    model = fit_strategy(data.library, options, data.columns, data.scale, data.context)
     trained = time.perf_counter()
     seconds = {"measure": measured - begin, "train": trained - measured}
-    return Trained(model, evaluation, int(aside.sum()), seconds)
+    return TrainedModel(model, evaluation, int(is_held_out.sum()), seconds)
 
 
-def stored_model(trained: Trained, loaded: LoadedStrategy, data: TrainingData) -> ModelFile:
-    """What goes into the model file."""
+def build_model_file(
+    trained: TrainedModel, loaded: LoadedStrategy, data: TrainingData
+) -> ModelFile:
+    """Build the content of the model file."""
     figures: dict[str, Any] = {
         "rows": trained.model.library.size,
         "groups": len(np.unique(data.group)),
@@ -111,7 +120,7 @@ def stored_model(trained: Trained, loaded: LoadedStrategy, data: TrainingData) -
         figures["cluster_sizes"] = [int(size) for size in sizes]
         figures["outliers"] = trained.model.library.size - len(inside)
     if trained.evaluation is not None:
-        figures["evaluation"] = _plain(trained.evaluation.as_dict())
+        figures["evaluation"] = _replace_nan(trained.evaluation.as_dict())
     return ModelFile(
         model=trained.model,
         name=loaded.name,
@@ -125,32 +134,34 @@ def stored_model(trained: Trained, loaded: LoadedStrategy, data: TrainingData) -
 
 
 def write_verified(stored: ModelFile, path: Path) -> ModelFile:
-    """Write a model, read it back, and mark it verified if its candidates are still the same.
+    """Write a model, read it back, and mark it verified if its candidates are the same.
 
-    Raises UsageError if it cannot be written.
+    Raises:
+        UsageError: The file cannot be written.
     """
     write_model(stored, path)
     library = stored.model.library
-    before, after = stored.model.strategy(), read_model(path).model.strategy()
+    before, after = stored.model.create_strategy(), read_model(path).model.create_strategy()
     rows = np.linspace(0, library.size - 1, min(_CHECKED_ROWS, library.size)).astype(int)
     same = all(
         [c.row for c in before.candidates(library.features[k], _CHECKED_CANDIDATES)]
         == [c.row for c in after.candidates(library.features[k], _CHECKED_CANDIDATES)]
         for k in rows
     )
-    done = marked(stored, same)
+    done = mark_verified(stored, same)
     write_model(done, path)
     return done
 
 
-def _plain(value: Any) -> Any:
-    """Without NaN, which JSON cannot hold."""
+def _replace_nan(value: Any) -> Any:
+    """Replace NaN, which JSON does not support, by None."""
     if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
+        return {key: _replace_nan(entry) for key, entry in value.items()}
     if isinstance(value, list):
-        return [_plain(entry) for entry in value]
+        return [_replace_nan(entry) for entry in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def _silent(stage: str, fraction: float) -> None:
+def _ignore_progress(stage: str, fraction: float) -> None:
+    """Ignore a progress report."""
     pass

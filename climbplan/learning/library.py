@@ -1,9 +1,9 @@
-"""Solved problems of one program: what every learned strategy is made from.
+"""Solved problems of one program, from which every learned strategy is made.
 
-Rows are problems: features, the solution's point, its objective. A strategy is a row of integers,
-chosen alternatives and labels; equal ones are stored once. Labels are what a problem's statement
-leaves to the continuous variables although it is a choice (the slot of an inserted book): points
-that differ in them are different starts for a local method.
+Rows are problems: features, the solution's point, its cost. A strategy is a row of integers, chosen
+alternatives and labels; equal ones are stored once. Labels are discrete properties that a statement
+leaves to the continuous variables (the slot of an inserted book): points that differ in them are
+different starts of a local method.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ _OPTIONS = Layout(("C",), kind="int")
 
 @dataclass(frozen=True)
 class Frame:
-    """What a library and a program must agree on."""
+    """Properties in which a library and a program must agree."""
 
-    name: str  # of the program
-    integer: BoolArray  # (N,) which variables are binaries
-    options: IntArray  # (C,) alternatives of each choice
+    name: str  # name of the program
+    integer: BoolArray  # (N,) mask of binaries
+    options: IntArray  # (C,) number of alternatives of each choice
 
     @classmethod
     def of(cls, program: Program) -> Frame:
-        """The frame of a program."""
+        """Return the frame of a program."""
         blocks = program.blocks
         integer = [np.full(v.lower.size, v.integer) for v in blocks.variables]
         options = [len(a) for c in blocks.choices for a in c.alternatives]
@@ -54,7 +54,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Library:
-    """S solved problems of one program, U different strategies among them."""
+    """S solved problems of one program, with U different strategies."""
 
     frame: Frame
     features: Array  # (S, p)
@@ -65,7 +65,7 @@ class Library:
     strategies: BoolArray  # (U, B) values of the binaries
     strategy_alternatives: IntArray  # (U, C)
     strategy_labels: IntArray  # (U, L)
-    strategy: IntArray  # (S,) which one each problem has
+    strategy: IntArray  # (S,) strategy of each problem
 
     @classmethod
     def of(
@@ -77,12 +77,19 @@ class Library:
         alternatives: IntArray | None = None,
         labels: IntArray | None = None,
     ) -> Library:
-        """Put solved problems together; strategies are numbered in order of appearance.
+        """Build a library; strategies are numbered in order of appearance.
 
-        features: (S, p). points: (S, N). objective: (S,). alternatives: (S, C), may be left out
-        without choices. labels: (S, L), none if left out. Raises UsageError for shapes that do not
-        fit, numbers that are not finite, binaries off 0 and 1 by more than 1e-3 and alternatives
-        that there are not.
+        Args:
+            frame: Frame of the program.
+            features: (S, p).
+            points: (S, N) solutions.
+            objective: (S,) costs.
+            alternatives: (S, C), may be missing without choices.
+            labels: (S, L), none by default.
+
+        Raises:
+            UsageError: Shapes do not fit, numbers are not finite, binaries differ from 0 and 1 by
+                more than 1e-3, or an alternative does not exist.
         """
         X = np.array(points, float)
         F, f = np.asarray(features, float), np.asarray(objective, float)
@@ -90,15 +97,15 @@ class Library:
         chosen = np.zeros((len(X), 0), np.int64) if alternatives is None else alternatives
         chosen = np.asarray(chosen, np.int64)
         tags = np.zeros((len(X), 0), np.int64) if labels is None else np.asarray(labels, np.int64)
-        fits = X.ndim == F.ndim == tags.ndim == 2 and f.shape == (len(X),)
-        fits = fits and len(F) == len(tags) == len(X)
-        if not fits or X.shape[1] != len(frame.integer) or chosen.shape != (len(X), C):
+        is_consistent = X.ndim == F.ndim == tags.ndim == 2 and f.shape == (len(X),)
+        is_consistent = is_consistent and len(F) == len(tags) == len(X)
+        if not is_consistent or X.shape[1] != len(frame.integer) or chosen.shape != (len(X), C):
             raise UsageError(
                 f"library of {frame.name!r}: features {F.shape}, points {X.shape}, objective "
                 f"{f.shape}, alternatives {chosen.shape} and labels {tags.shape} do not fit "
                 f"{len(frame.integer)} variables and {C} choices"
             )
-        if not all(np.isfinite(part).all() for part in (X, F, f)):
+        if not all(np.isfinite(array).all() for array in (X, F, f)):
             raise UsageError(f"library of {frame.name!r}: a number is not finite")
         bits = X[:, frame.integer]
         if (np.abs(bits - np.round(bits)) > 1e-3).any() or ((bits < -0.5) | (bits > 1.5)).any():
@@ -107,8 +114,8 @@ class Library:
             raise UsageError(f"library of {frame.name!r}: an alternative that there is not")
         X[:, frame.integer] = np.round(bits)
         key = np.hstack([np.round(bits).astype(np.int64), chosen, tags])
-        unique, where, strategy = np.unique(key, axis=0, return_index=True, return_inverse=True)
-        order = np.argsort(where, kind="stable")
+        unique, first_row, strategy = np.unique(key, axis=0, return_index=True, return_inverse=True)
+        order = np.argsort(first_row, kind="stable")
         rank = np.empty(len(order), np.int64)
         rank[order] = np.arange(len(order))
         unique = unique[order]
@@ -128,11 +135,11 @@ class Library:
 
     @property
     def size(self) -> int:
-        """S."""
+        """Number of problems S."""
         return len(self.features)
 
     def subset(self, rows: IntArray) -> Library:
-        """The library of some of the problems."""
+        """Return the library of some of the problems."""
         return Library.of(
             self.frame,
             self.features[rows],
@@ -143,14 +150,18 @@ class Library:
         )
 
     def require(self, program: Program, feature_count: int | None = None) -> None:
-        """Raises UsageError if this is a library of another program or of other features."""
-        wanted = Frame.of(program)
-        same = np.array_equal(wanted.integer, self.frame.integer)
-        same = same and np.array_equal(wanted.options, self.frame.options)
-        if not same or wanted.name != self.frame.name:
+        """Check that this is a library of a program and of some number of features.
+
+        Raises:
+            UsageError: It is not.
+        """
+        expected = Frame.of(program)
+        is_same = np.array_equal(expected.integer, self.frame.integer)
+        is_same = is_same and np.array_equal(expected.options, self.frame.options)
+        if not is_same or expected.name != self.frame.name:
             raise UsageError(
                 f"a library of {self.frame.name!r} ({len(self.frame.integer)} variables) does not "
-                f"serve {wanted.name!r} ({len(wanted.integer)} variables)"
+                f"serve {expected.name!r} ({len(expected.integer)} variables)"
             )
         if feature_count is not None and self.features.shape[1] != feature_count:
             raise UsageError(
@@ -159,7 +170,11 @@ class Library:
 
 
 def write_library(library: Library, path: Path) -> None:
-    """Write a library; raises UsageError if the file cannot be written."""
+    """Write a library.
+
+    Raises:
+        UsageError: The file cannot be written.
+    """
     with new_store(path) as file:
         write_text(file, "format", FORMAT)
         file.attrs["format_version"] = FORMAT_VERSION
@@ -176,8 +191,9 @@ def write_library(library: Library, path: Path) -> None:
 def read_library(path: Path) -> Library:
     """Read a library; nothing in it is executed.
 
-    Raises PlanFileError for a file that is missing, damaged, of another kind, or whose numbers
-    cannot be those of solved problems.
+    Raises:
+        PlanFileError: The file is missing, damaged, of another kind, or its numbers cannot be those
+            of solved problems.
     """
     with opened_store(path) as file:
         reader = Reader(path, file)

@@ -1,4 +1,4 @@
-"""A trained strategy: solved problems, a classifier of plain arrays, and what it was made for."""
+"""A trained strategy: solved problems, a classifier of plain arrays, and its context."""
 
 from __future__ import annotations
 
@@ -12,7 +12,12 @@ from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.boosting import Boosting, fit_boosting
 from climbplan.learning.cluster_ranking import ClusterRanking
-from climbplan.learning.clusters import OUTLIER, ClusterOptions, clustered, solution_vectors
+from climbplan.learning.clusters import (
+    OUTLIER,
+    ClusterOptions,
+    build_solution_vectors,
+    cluster_solutions,
+)
 from climbplan.learning.forest import Forest, fit_forest
 from climbplan.learning.library import Library
 from climbplan.learning.neighbours import NearestProblems
@@ -26,7 +31,7 @@ MODEL_KINDS: tuple[ModelKind, ...] = get_args(ModelKind)
 
 @dataclass(frozen=True)
 class FitOptions:
-    """What is trained and how; what a kind does not use it ignores."""
+    """Options of training; options that a kind does not use are ignored."""
 
     kind: ModelKind = "forest"
     trees: int = 150
@@ -45,7 +50,7 @@ class FitOptions:
 class StrategyModel:
     """One trained strategy.
 
-    context: plain values that a problem must share to be served (shelf, meaning, features).
+    The context has plain values that a problem must share (shelf, meaning, features).
     """
 
     kind: ModelKind
@@ -55,24 +60,28 @@ class StrategyModel:
     cluster: IntArray | None  # (S,) of reduce
     context: Mapping[str, Any] = field(default_factory=dict)
 
-    def strategy(self) -> Strategy:
-        """The trained strategy behind the one interface."""
+    def create_strategy(self) -> Strategy:
+        """Create the strategy of the model."""
         if self.kind == "knn":
             return NearestProblems(self.library, self.scale, "mixed")
         if self.kind == "reduce":
-            return self.clusters()
+            return self.create_cluster_ranking()
         if self.classifier is None:
             raise UsageError(f"a model of kind {self.kind!r} needs a classifier")
         return RankedStrategies(self.library, self.classifier, self.scale)
 
-    def clusters(self) -> ClusterRanking:
-        """The clusters of a model of kind `reduce`."""
+    def create_cluster_ranking(self) -> ClusterRanking:
+        """Create the ranking of clusters of a model of kind `reduce`."""
         if self.cluster is None or self.classifier is None:
             raise UsageError(f"a model of kind {self.kind!r} has no clusters")
         return ClusterRanking(self.library, self.cluster, self.classifier, self.scale)
 
     def require(self) -> None:
-        """Raises UsageError unless classifier, clusters and library fit one another."""
+        """Check that classifier, clusters and library fit one another.
+
+        Raises:
+            UsageError: They do not.
+        """
         library, p = self.library, self.library.features.shape[1]
         if not library.size:
             raise UsageError("a model without solved problems")
@@ -93,7 +102,7 @@ class StrategyModel:
             self.classifier.require(p, classes)
 
 
-def fit(
+def fit_strategy(
     library: Library,
     options: FitOptions,
     columns: IntArray,
@@ -102,14 +111,20 @@ def fit(
 ) -> StrategyModel:
     """Train a strategy on solved problems; the same rows and seed give the same model.
 
-    columns: variables that solutions are clustered by (`solution_columns`). scale: (p,) of the
-    features in distances; their standard deviations if left out. Raises UsageError for an empty
-    library, and if no cluster is found.
+    Args:
+        library: Solved problems.
+        options: Options of training.
+        columns: Variables by which solutions are clustered (`select_solution_columns`).
+        scale: (p,) scale of features in distances, by default their standard deviations.
+        context: Plain values that a problem must share.
+
+    Raises:
+        UsageError: The library is empty, or no cluster is found.
     """
     if not library.size:
         raise UsageError("a strategy needs at least one solved problem")
     deviation = library.features.std(axis=0)
-    own = np.where(deviation > 1e-12, deviation, 1.0) if scale is None else scale
+    feature_scale = np.where(deviation > 1e-12, deviation, 1.0) if scale is None else scale
     kind, seed, U = options.kind, options.seed, len(library.strategies)
     features, labels = library.features, library.strategy
     classifier: Forest | Network | Boosting | None = None
@@ -121,16 +136,18 @@ def fit(
     elif kind == "boosting":
         classifier = fit_boosting(library, options.rounds, options.rate, options.leaves, seed)
     elif kind == "reduce":
-        cluster = clustered(solution_vectors(library, columns), options.clusters, seed)
-        inside = cluster != OUTLIER
+        cluster = cluster_solutions(
+            build_solution_vectors(library, columns), options.clusters, seed
+        )
+        is_clustered = cluster != OUTLIER
         classifier = fit_forest(
-            features[inside],
-            cluster[inside],
+            features[is_clustered],
+            cluster[is_clustered],
             int(cluster.max()) + 1,
             options.cluster_trees,
             options.depth,
             seed,
         )
-    model = StrategyModel(kind, library, own, classifier, cluster, dict(context or {}))
+    model = StrategyModel(kind, library, feature_scale, classifier, cluster, dict(context or {}))
     model.require()
     return model

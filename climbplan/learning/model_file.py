@@ -86,7 +86,7 @@ _OF_KIND = {
 
 @dataclass(frozen=True, kw_only=True)
 class ModelFile(Origin):
-    """A trained strategy and where it comes from; verified: read back, it says the same."""
+    """A trained strategy and its origin; verified if it was read back with equal candidates."""
 
     model: StrategyModel
     title: str = ""
@@ -95,7 +95,11 @@ class ModelFile(Origin):
 
 
 def write_model(stored: ModelFile, path: Path) -> None:
-    """Write a model; the file appears whole or not at all. Raises UsageError if it cannot."""
+    """Write a model; the file appears completely or not at all.
+
+    Raises:
+        UsageError: The file cannot be written.
+    """
     model = stored.model
     library, frame = model.library, model.library.frame
     with new_store(path) as file:
@@ -123,21 +127,22 @@ def write_model(stored: ModelFile, path: Path) -> None:
             _write_classifier(file, model.classifier)
 
 
-def marked(stored: ModelFile, verified: bool) -> ModelFile:
-    """The same with the outcome of its verification."""
+def mark_verified(stored: ModelFile, verified: bool) -> ModelFile:
+    """Return the same file with the outcome of its verification."""
     return replace(stored, verified=verified)
 
 
 def read_model(path: Path) -> ModelFile:
-    """The model in a file; only numbers and texts are read, nothing in it is ever run.
+    """Read the model in a file; only numbers and texts are read, nothing in it is executed.
 
-    Raises PlanFileError for a file that is missing, damaged, of another kind, holds anything that
-    no model has, or whose numbers cannot be those of a trained strategy.
+    Raises:
+        PlanFileError: The file is missing, damaged, of another kind, has foreign members, or its
+            numbers cannot be those of a trained strategy.
     """
     with opened_store(path) as file:
         reader = Reader(path, file)
         try:
-            stored = _read(reader)
+            stored = _read_model_file(reader)
             if reader.not_finite:
                 names = ", ".join(reader.not_finite)
                 raise reader.refuse(f"{names} holds numbers that are not finite")
@@ -150,6 +155,7 @@ def read_model(path: Path) -> ModelFile:
 
 
 def _write_classifier(file: h5py.File, classifier: Forest | Network | Boosting) -> None:
+    """Write the arrays of a classifier."""
     arrays: dict[str, Any] = dict(vars(classifier))
     if isinstance(classifier, Network):
         name = "network"
@@ -164,12 +170,13 @@ def _write_classifier(file: h5py.File, classifier: Forest | Network | Boosting) 
         group.attrs["classes"] = classifier.classes
 
 
-def _read(reader: Reader) -> ModelFile:
+def _read_model_file(reader: Reader) -> ModelFile:
+    """Read all members."""
     require_other(reader, FORMAT_VERSION, FORMAT, "a model of `climbplan fit-strategy`")
-    word = reader.text("", "kind")
-    kind = next((known for known in MODEL_KINDS if known == word), None)
+    kind_text = reader.text("", "kind")
+    kind = next((known for known in MODEL_KINDS if known == kind_text), None)
     if kind is None:
-        raise reader.refuse(f"kind {word!r}, expected one of {', '.join(MODEL_KINDS)}")
+        raise reader.refuse(f"kind {kind_text!r}, expected one of {', '.join(MODEL_KINDS)}")
     part = _OF_KIND[kind]
     _require_members(reader, kind, part)
     frame = Frame(
@@ -186,7 +193,7 @@ def _read(reader: Reader) -> ModelFile:
         kind=kind,
         library=Library.of(frame, **arrays),
         scale=reader.array("scale", _SCALE),
-        classifier=_classifier(reader, part) if part else None,
+        classifier=_read_classifier(reader, part) if part else None,
         cluster=reader.array("cluster", _CLUSTER) if kind == "reduce" else None,
         context=context,
     )
@@ -199,33 +206,36 @@ def _read(reader: Reader) -> ModelFile:
     )
 
 
-def _require_members(reader: Reader, kind: str, part: str) -> None:
-    """A model holds its own arrays and nothing besides."""
-    known: dict[str, set[str]] = {
-        "": {"library", "scale", *([part] if part else [])},
+def _require_members(reader: Reader, kind: str, classifier_group: str) -> None:
+    """Check that a model has its own arrays and nothing else."""
+    expected: dict[str, set[str]] = {
+        "": {"library", "scale", *([classifier_group] if classifier_group else [])},
         "library": {*_LIBRARY, *_FRAME},
     }
     if kind == "reduce":
-        known[""].add("cluster")
-    if part:
-        known[part] = set(_CLASSIFIERS[part])
-    for holder, names in known.items():
+        expected[""].add("cluster")
+    if classifier_group:
+        expected[classifier_group] = set(_CLASSIFIERS[classifier_group])
+    for holder, names in expected.items():
         group = reader.group(holder) if holder else reader.root
-        foreign = sorted(set(group) - names)
-        if foreign:
-            where = f"{holder}/{foreign[0]}" if holder else foreign[0]
+        unexpected = sorted(set(group) - names)
+        if unexpected:
+            where = f"{holder}/{unexpected[0]}" if holder else unexpected[0]
             raise reader.refuse(f"holds {where!r}, which no model of kind {kind!r} has")
 
 
-def _classifier(reader: Reader, part: str) -> Forest | Network | Boosting:
-    found = reader.datasets(part, _CLASSIFIERS[part])
-    if part == "network":
-        return Network(**found)
-    trees = Trees(**{name: found.pop(name) for name in _TREES})
-    ends = found["first"] if part == "forest" else found["choice"]
-    wanted = len(trees.feature) + 1 if part == "forest" else found["level"].shape[1] + 1
-    if len(ends) != wanted:
-        raise reader.refuse(f"{part}: {len(ends)} ends of ranges, expected {wanted}")
-    if part == "forest":
-        return Forest(trees, **found, classes=reader.integer("forest", "classes"))
-    return Boosting(trees, first=found.pop("choice"), **found)
+def _read_classifier(reader: Reader, classifier_group: str) -> Forest | Network | Boosting:
+    """Read the arrays of a classifier."""
+    arrays = reader.datasets(classifier_group, _CLASSIFIERS[classifier_group])
+    if classifier_group == "network":
+        return Network(**arrays)
+    trees = Trees(**{name: arrays.pop(name) for name in _TREES})
+    ends = arrays["first"] if classifier_group == "forest" else arrays["choice"]
+    expected = (
+        len(trees.feature) + 1 if classifier_group == "forest" else arrays["level"].shape[1] + 1
+    )
+    if len(ends) != expected:
+        raise reader.refuse(f"{classifier_group}: {len(ends)} ends of ranges, expected {expected}")
+    if classifier_group == "forest":
+        return Forest(trees, **arrays, classes=reader.integer("forest", "classes"))
+    return Boosting(trees, first=arrays.pop("choice"), **arrays)

@@ -1,8 +1,9 @@
 """k nearest neighbours, as published and on solved problems themselves.
 
-Published: each strategy is the centroid of the features of the problems that it solved, distances
-on raw features. Ours: distances to the problems on standardised features, so that millimetres do
-not outweigh radians, and their points as starts. Equal distances are ordered by row.
+In the published method each strategy is the centroid of the features of its problems, with
+distances on raw features. Here distances are to the problems on standardised features, so that
+millimetres do not outweigh radians, and their points are starts. Equal distances are ordered by
+row.
 """
 
 from __future__ import annotations
@@ -15,15 +16,16 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
-from climbplan.learning.ranking import checked_features
-from climbplan.learning.strategy import Candidate, candidate_of
+from climbplan.learning.ranking import check_features
+from climbplan.learning.strategy import Candidate, build_candidate
 
 Order = Literal["points", "strategies", "mixed"]
 
 
-def _standard_deviation(features: Array) -> Array:
+def _compute_scale(features: Array) -> Array:
+    """Return the standard deviation of features."""
     deviation = features.std(axis=0)
-    # A constant feature tells nothing, but a new problem that differs in it is farther away.
+    # A constant feature has scale 1: a new problem that differs in it is farther away.
     return np.where(deviation > 1e-12, deviation, 1.0)
 
 
@@ -31,8 +33,9 @@ def _standard_deviation(features: Array) -> Array:
 class NearestProblems:
     """The solved problems nearest to a new one.
 
-    order: `points` in order of distance, the same integers from several starts; `strategies` only
-    the nearest of each strategy; `mixed` the nearest of each strategy first, then further starts.
+    Order `points` is by distance, with the same integers from several starts; `strategies` is the
+    nearest of each strategy only; `mixed` is the nearest of each strategy first, then further
+    starts.
     """
 
     library: Library
@@ -41,24 +44,30 @@ class NearestProblems:
 
     @classmethod
     def of(cls, library: Library, order: Order = "points") -> NearestProblems:
-        """Raises UsageError for a library without problems."""
+        """Build from a library.
+
+        Raises:
+            UsageError: The library is empty.
+        """
         if not library.size:
             raise UsageError("nearest neighbours need a library with at least one solved problem")
-        return cls(library, _standard_deviation(library.features), order)
+        return cls(library, _compute_scale(library.features), order)
 
     def candidates(self, features: Array, most: int) -> list[Candidate]:
-        """Nearest first."""
-        wanted = checked_features(features, self.library)
-        apart = (self.library.features - wanted) / self.scale
-        distance = np.sqrt(np.einsum("sp,sp->s", apart, apart))
-        near: IntArray = np.argsort(distance, kind="stable")
+        """Return candidates, nearest first."""
+        query = check_features(features, self.library)
+        difference = (self.library.features - query) / self.scale
+        distance = np.sqrt(np.einsum("sp,sp->s", difference, difference))
+        by_distance: IntArray = np.argsort(distance, kind="stable")
         if self.order != "points":
-            _, first = np.unique(self.library.strategy[near], return_index=True)
+            _, first = np.unique(self.library.strategy[by_distance], return_index=True)
             leading = np.sort(first)[:most]
-            rest = np.setdiff1d(np.arange(min(len(near), 2 * most)), leading)
-            places = leading if self.order == "strategies" else np.concatenate([leading, rest])
-            near = near[places]
-        return [candidate_of(self.library, int(s), float(distance[s])) for s in near[:most]]
+            further = np.setdiff1d(np.arange(min(len(by_distance), 2 * most)), leading)
+            selected = leading if self.order == "strategies" else np.concatenate([leading, further])
+            by_distance = by_distance[selected]
+        return [
+            build_candidate(self.library, int(s), float(distance[s])) for s in by_distance[:most]
+        ]
 
 
 @dataclass(frozen=True)
@@ -70,7 +79,11 @@ class NearestCentroids:
 
     @classmethod
     def of(cls, library: Library) -> NearestCentroids:
-        """Raises UsageError for a library without problems."""
+        """Build from a library.
+
+        Raises:
+            UsageError: The library is empty.
+        """
         if not library.size:
             raise UsageError("nearest neighbours need a library with at least one solved problem")
         count = np.bincount(library.strategy)
@@ -79,12 +92,12 @@ class NearestCentroids:
         return cls(library, total / count[:, None])
 
     def candidates(self, features: Array, most: int) -> list[Candidate]:
-        """Each strategy once, from the point of its problem that is nearest."""
-        wanted = checked_features(features, self.library)
-        distance = np.linalg.norm(self.centroid - wanted, axis=1)
-        own = np.linalg.norm(self.library.features - wanted, axis=1)
-        out = []
+        """Return each strategy once, from its nearest problem's point."""
+        query = check_features(features, self.library)
+        distance = np.linalg.norm(self.centroid - query, axis=1)
+        problem_distance = np.linalg.norm(self.library.features - query, axis=1)
+        candidates = []
         for u in np.argsort(distance, kind="stable")[:most]:
-            row = int(np.argmin(np.where(self.library.strategy == u, own, np.inf)))
-            out.append(candidate_of(self.library, row, float(distance[u])))
-        return out
+            row = int(np.argmin(np.where(self.library.strategy == u, problem_distance, np.inf)))
+            candidates.append(build_candidate(self.library, row, float(distance[u])))
+        return candidates

@@ -1,7 +1,7 @@
 """A neural network with a softmax over strategies (CoCo: Cauligi et al. 2022, section 8.1.3.3).
 
-Published: one hidden layer of 10,000 rectified units for 17 features. Two layers of 128 rank
-strategies as well at a hundredth of the weights.
+The published network has one hidden layer of 10,000 rectified units for 17 features. Two layers of
+128 units rank strategies as well with a hundredth of the weights.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
-from climbplan.learning.quiet_training import quiet_training
+from climbplan.learning.quiet_training import suppress_expected_warnings
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Network:
         return out
 
     def probabilities(self, features: Array) -> Array:
-        """Softmax over the classes at features (p,)."""
+        """Return the softmax over the classes at features (p,)."""
         value = (features - self.mean) / self.scale
         for k, (matrix, bias) in enumerate(self._layers):
             value = (np.maximum(value, 0.0) if k else value) @ matrix + bias
@@ -46,7 +46,11 @@ class Network:
         return np.asarray(power / power.sum())
 
     def require(self, features: int, classes: int) -> None:
-        """Raises UsageError unless the arrays are those of such a network."""
+        """Check that the arrays are those of such a network.
+
+        Raises:
+            UsageError: They are not.
+        """
         sizes = [int(size) for size in self.sizes]  # exact: products of hostile sizes are large
         if len(sizes) < 2 or min(sizes) < 1:
             raise UsageError(f"network: layers of sizes {sizes}")
@@ -75,18 +79,23 @@ def fit_network(
     epochs: int,
     seed: int,
 ) -> Network:
-    """Train with Adam on cross-entropy by scikit-learn; the same rows and seed give the same.
+    """Train with Adam on cross-entropy; the same rows and seed give the same network.
 
-    features: (S, p). labels: (S,) below `classes`. hidden: units of each hidden layer. epochs:
-    passes over the data at most.
+    Args:
+        features: (S, p).
+        labels: (S,) classes below `classes`.
+        classes: Number of classes.
+        hidden: Units of each hidden layer.
+        epochs: Largest number of passes over the data.
+        seed: Seed of the random numbers.
     """
     mean, deviation = features.mean(axis=0), features.std(axis=0)
     scale = np.where(deviation > 1e-12, deviation, 1.0)
-    known = np.unique(labels)
-    if len(known) == 1:
-        # Nothing to tell apart; scikit-learn would make a single unit of it.
+    present = np.unique(labels)
+    if len(present) == 1:
+        # scikit-learn would build a single unit for one class
         bias = np.full(classes, -math.inf)
-        bias[known] = 0.0
+        bias[present] = 0.0
         sizes = np.array([features.shape[1], classes])
         return Network(sizes, np.zeros(sizes.prod()), np.maximum(bias, -50.0), mean, scale)
     from sklearn.neural_network import MLPClassifier
@@ -99,17 +108,17 @@ def fit_network(
         max_iter=epochs,
         random_state=seed,
     )
-    with quiet_training():
+    with suppress_expected_warnings():
         trainer.fit((features - mean) / scale, labels)
     matrices, biases = list(trainer.coefs_), list(trainer.intercepts_)
-    if len(known) == 2:
+    if len(present) == 2:
         # One logistic unit, as two classes of a softmax
         matrices[-1] = np.hstack([np.zeros_like(matrices[-1]), matrices[-1]])
         biases[-1] = np.concatenate([np.zeros(1), biases[-1]])
-    whole = np.zeros((matrices[-1].shape[0], classes))
+    full_matrix = np.zeros((matrices[-1].shape[0], classes))
     offset = np.full(classes, -50.0)  # of classes without rows: as good as impossible
-    whole[:, known], offset[known] = matrices[-1], biases[-1]
-    matrices[-1], biases[-1] = whole, offset
+    full_matrix[:, present], offset[present] = matrices[-1], biases[-1]
+    matrices[-1], biases[-1] = full_matrix, offset
     return Network(
         sizes=np.array([features.shape[1], *(m.shape[1] for m in matrices)], np.int64),
         weight=np.concatenate([m.ravel() for m in matrices]),

@@ -1,4 +1,4 @@
-"""Training without warnings that tell nothing here."""
+"""Train without warnings that are expected here."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-# Many strategies for few rows are what integer programs give; epochs are a budget, not a promise.
+# Integer programs give many strategies for few rows, and the number of epochs is a budget.
 _EXPECTED = (
     "The number of unique classes is greater than",
     "The least populated class in y has only",
@@ -15,8 +15,8 @@ _EXPECTED = (
 
 
 @contextmanager
-def quiet_training() -> Iterator[None]:
-    """Silence what scikit-learn says of data that is as it has to be."""
+def suppress_expected_warnings() -> Iterator[None]:
+    """Suppress scikit-learn's warnings about data and budgets that are intended."""
     with warnings.catch_warnings():
         for message in _EXPECTED:
             warnings.filterwarnings("ignore", message=message)

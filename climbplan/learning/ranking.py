@@ -10,42 +10,46 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
-from climbplan.learning.strategy import Candidate, candidate_of
+from climbplan.learning.strategy import Candidate, build_candidate
 
 
 class Scorer(Protocol):
     """A classifier that was trained: forest, network or boosted trees."""
 
     def probabilities(self, features: Array) -> Array:
-        """How probable each class is at features (p,); sums to 1."""
+        """Return the probability of each class at features (p,); they sum to 1."""
 
 
 @dataclass(frozen=True)
 class RankedStrategies:
-    """Strategies of a library by probability; where it is equal (zero, mostly) by distance."""
+    """Strategies of a library by probability; equal ones (mostly zero) by distance."""
 
     library: Library
     scorer: Scorer
     scale: Array  # (p,) of the features in distances
 
     def candidates(self, features: Array, most: int) -> list[Candidate]:
-        """Most probable first, each from the point of its nearest problem."""
-        wanted = checked_features(features, self.library)
-        apart = (self.library.features - wanted) / self.scale
-        distance = np.einsum("sp,sp->s", apart, apart)
-        near = np.argsort(distance, kind="stable")
-        _, first = np.unique(self.library.strategy[near], return_index=True)
-        rows = near[first]  # (U,) nearest problem of each strategy
-        probability = self.scorer.probabilities(wanted)
+        """Return the most probable strategies, each from the point of its nearest problem."""
+        query = check_features(features, self.library)
+        difference = (self.library.features - query) / self.scale
+        distance = np.einsum("sp,sp->s", difference, difference)
+        by_distance = np.argsort(distance, kind="stable")
+        _, nearest = np.unique(self.library.strategy[by_distance], return_index=True)
+        rows = by_distance[nearest]  # (U,) nearest problem of each strategy
+        probability = self.scorer.probabilities(query)
         order = np.lexsort((distance[rows], -probability))[:most]
-        return [candidate_of(self.library, int(rows[u]), -float(probability[u])) for u in order]
+        return [build_candidate(self.library, int(rows[u]), -float(probability[u])) for u in order]
 
 
-def checked_features(features: Array, library: Library) -> Array:
-    """The features (p,) of a new problem; raises UsageError if they do not fit the library."""
-    given = np.asarray(features, float)
-    if given.shape != library.features.shape[1:] or not np.isfinite(given).all():
+def check_features(features: Array, library: Library) -> Array:
+    """Return the features (p,) of a new problem.
+
+    Raises:
+        UsageError: They do not fit the library.
+    """
+    query = np.asarray(features, float)
+    if query.shape != library.features.shape[1:] or not np.isfinite(query).all():
         raise UsageError(
-            f"{library.features.shape[1]} finite features expected, got shape {given.shape}"
+            f"{library.features.shape[1]} finite features expected, got shape {query.shape}"
         )
-    return given
+    return query

@@ -1,4 +1,4 @@
-"""The one interface of learned strategies: features of a problem -> candidates, best first."""
+"""Interface of learned strategies: features of a problem -> candidates, best first."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from climbplan.learning.library import Library
 
 @dataclass(frozen=True)
 class Candidate:
-    """Integers to try, and where to start from."""
+    """Integers to try, and a start."""
 
-    values: Array  # (N,) of which only the binaries are read
+    values: Array  # (N,) point of which only the binaries are read
     alternatives: IntArray  # (C,)
     start: Array  # (N,)
-    number: int = -1  # of the strategy in the library it comes from
-    row: int = -1  # of the solved problem whose point is the start
-    score: float = 0.0  # distance, minus probability, cost: less is better
+    number: int = -1  # strategy in the library from which it comes
+    row: int = -1  # solved problem whose point is the start
+    score: float = 0.0  # distance, negative probability, or cost: smaller is better
 
 
 class Strategy(Protocol):
-    """What nearest neighbours, forests, networks and clusters offer."""
+    """Interface of nearest neighbours, forests, networks and clusters."""
 
     def candidates(self, features: Array, most: int) -> list[Candidate]:
-        """At most `most` candidates for a problem with the given features (p,), best first."""
+        """Return at most `most` candidates for a problem with features (p,), best first."""
 
 
-def candidate_of(library: Library, row: int, score: float) -> Candidate:
-    """The integers and the point of one solved problem."""
+def build_candidate(library: Library, row: int, score: float) -> Candidate:
+    """Build the candidate with the integers and the point of one solved problem."""
     return Candidate(
         values=library.points[row],
         alternatives=library.alternatives[row],

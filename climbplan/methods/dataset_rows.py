@@ -1,7 +1,7 @@
-"""Instances of a stated program as rows of a dataset: sampled, solved, and read back as a library.
+"""Rows of a dataset from a stated program: sampled, solved, and read back as a library.
 
-integers: the integer variables, then the chosen alternative of each choice. solution: x (N) and
-assignment (C).
+The column `integers` has the integer variables, then the chosen alternative of each choice. The
+column `solution` has x (N) and assignment (C).
 """
 
 from __future__ import annotations
@@ -26,10 +26,14 @@ KIND = "program"
 
 
 class ProgramRows:
-    """Draws parameters by the problem's own sampler and solves at them by one method."""
+    """Samples parameters with the problem's own sampler and solves them by one method."""
 
     def __init__(self, problem: Problem, method: Method, settings: MethodSettings) -> None:
-        """Raises StatementError for a problem without a sampler."""
+        """Prepare the columns.
+
+        Raises:
+            StatementError: The problem has no sampler.
+        """
         if problem.sample is None:
             problem.sample_parameters(np.random.default_rng(0))  # raises StatementError
         self._problem, self._method, self._settings = problem, method, settings
@@ -39,40 +43,46 @@ class ProgramRows:
 
     @property
     def frame(self) -> DatasetFrame:
-        """Parameters and variables of the statement."""
+        """Columns of parameters and variables."""
         return self._frame
 
     def draw(self, rng: np.random.Generator) -> dict[str, Array]:
-        """Parameters by block."""
+        """Sample parameters by block."""
         return self._problem.sample_parameters(rng)
 
-    def parameters(self, drawn: Mapping[str, Array]) -> Array:
-        """One after the other."""
-        return self._problem.program.theta(drawn)
+    def parameters(self, theta: Mapping[str, Array]) -> Array:
+        """Concatenate parameters."""
+        return self._problem.program.theta(theta)
 
-    def solve(self, drawn: Mapping[str, Array]) -> RowAnswer:
-        """The answer that the statement itself has judged."""
-        done = solve_instance(self._problem, drawn, self._method, self._settings, self._shared)
-        found = done.result
-        word = f"{done.winner}" if found.x is not None else next(iter(found.log[-1:]), "")
-        if found.x is None or found.assignment is None or found.objective is None:
-            status = "limit" if found.status in ("optimal", "feasible") else found.status
-            return RowAnswer(status, word, bound=_convert_bound(found.bound), time=done.time)
-        binaries = np.round(found.x[self._integer])
-        integers = np.concatenate([binaries, found.assignment]).astype(np.int64)
+    def solve(self, theta: Mapping[str, Array]) -> RowAnswer:
+        """Solve at sampled parameters; the statement itself has judged the answer."""
+        method_result = solve_instance(
+            self._problem, theta, self._method, self._settings, self._shared
+        )
+        result = method_result.result
+        message = (
+            f"{method_result.winner}" if result.x is not None else next(iter(result.log[-1:]), "")
+        )
+        if result.x is None or result.assignment is None or result.objective is None:
+            status = "limit" if result.status in ("optimal", "feasible") else result.status
+            return RowAnswer(
+                status, message, bound=_convert_bound(result.bound), time=method_result.time
+            )
+        binaries = np.round(result.x[self._integer])
+        integers = np.concatenate([binaries, result.assignment]).astype(np.int64)
         return RowAnswer(
-            status=found.status,
-            message=word,
-            solution={"x": found.x, "assignment": np.asarray(found.assignment, np.int64)},
+            status=result.status,
+            message=message,
+            solution={"x": result.x, "assignment": np.asarray(result.assignment, np.int64)},
             integers=integers,
-            objective=found.objective,
-            bound=_convert_bound(found.bound),
-            time=done.time,
+            objective=result.objective,
+            bound=_convert_bound(result.bound),
+            time=method_result.time,
         )
 
 
 def build_frame(problem: Problem) -> DatasetFrame:
-    """What rows of a problem share: the columns of its parameters and variables."""
+    """Build the columns of parameters and variables that rows of a problem share."""
     layouts = Layouts.of(problem.program)
     integer = Frame.of(problem.program).integer
     names = [
@@ -107,14 +117,15 @@ def build_frame(problem: Problem) -> DatasetFrame:
 
 
 def mask_integer_variables(problem: Problem) -> BoolArray:
-    """Which variables (N,) the column `integers` holds first."""
+    """Return the mask (N,) of variables that the column `integers` has first."""
     return Frame.of(problem.program).integer
 
 
 def build_library(problem: Problem, data: Dataset) -> Library:
-    """The answered rows of a dataset as a library, features computed anew.
+    """Build a library from the answered rows of a dataset, with features computed again.
 
-    Raises UsageError for another problem's dataset, or one without any answer.
+    Raises:
+        UsageError: The dataset belongs to another problem, or has no answer.
     """
     expected = build_frame(problem)
     if data.frame != expected:
@@ -122,30 +133,31 @@ def build_library(problem: Problem, data: Dataset) -> Library:
             f"made for problem {data.frame.problem!r}, which has other variables or parameters "
             f"than {problem.name!r}"
         )
-    found = np.flatnonzero(data.feasible)
-    if not len(found):
+    answered = np.flatnonzero(data.feasible)
+    if not len(answered):
         raise UsageError(f"none of its {data.count} rows has an answer")
-    features = [problem.feature_vector(problem.split(data.parameters[row])) for row in found]
+    features = [problem.feature_vector(problem.split(data.parameters[row])) for row in answered]
     return Library.of(
         Frame.of(problem.program),
         np.array(features),
-        data.solution["x"][found],
-        data.objective[found],
-        data.solution["assignment"][found],
+        data.solution["x"][answered],
+        data.objective[answered],
+        data.solution["assignment"][answered],
     )
 
 
 def _format_index(k: int, shape: tuple[int, ...]) -> str:
-    """Where entry k of a block stands: "[2, 0]"; nothing of a single number."""
+    """Format the index of entry k of a block as "[2, 0]"; empty for a single number."""
     if not shape:
         return ""
     return f"[{', '.join(str(int(i)) for i in np.unravel_index(k, shape))}]"
 
 
 def _convert_to_json(block: dict[str, object]) -> dict[str, object]:
-    """With lists where JSON has no tuples."""
+    """Replace tuples by lists for JSON."""
     return {key: list(v) if isinstance(v, tuple) else v for key, v in block.items()}
 
 
 def _convert_bound(bound: float) -> float:
+    """Return a bound with -infinity instead of NaN."""
     return -math.inf if math.isnan(bound) else float(bound)

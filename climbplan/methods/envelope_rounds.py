@@ -21,12 +21,12 @@ from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.strategy import Candidate
 from climbplan.methods.pinning import candidate_at, solve_candidate
-from climbplan.program.box import Box, propagated_box
+from climbplan.program.box import Box, propagate_box
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem
 from climbplan.reformulations.disjunctions import BigM, ConvexHull
 from climbplan.reformulations.grids import Encoding, Partition, pieces, uniform
-from climbplan.reformulations.mccormick import Enveloped, EnvelopeForm, McCormick
+from climbplan.reformulations.mccormick import EnvelopedInstance, EnvelopeForm, McCormick
 from climbplan.solvers.ipopt.mpcc import STRAIGHT, solve_mpcc
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import Answer, SolverResult, judge_answer, relative_gap
@@ -95,15 +95,15 @@ def solve_micp(
             log.append("time limit")
             break
         restricted = instance if best is None else restrict_to_cost(instance, best)
-        box = _widen_box(propagated_box(restricted))
+        box = _widen_box(propagate_box(restricted))
         if (box.lower > box.upper).any():
             is_infeasible = True
             log.append(f"round {round_index + 1}: no point within the bounds")
             break
         if form is None:
-            relaxed = _relaxed(problem, restricted, box, options, round_index)
+            relaxed = _build_relaxation(problem, restricted, box, options, round_index)
         else:
-            relaxed = _disjoined(form.at(replace(instance, smooth=None)), options)
+            relaxed = _apply_disjunctions(form.at(replace(instance, smooth=None)), options)
         time_left = time_limit - (time.perf_counter() - begin)
         if time_left <= 0:
             log.append(f"round {round_index + 1}: the time was over when its program was made")
@@ -116,7 +116,7 @@ def solve_micp(
         log.append(f"round {round_index + 1}: {result.status}, bound {result.bound:.6g}")
         if result.x is None:
             break
-        guess = relaxed.candidate(instance, result.x)
+        guess = relaxed.extract_candidate(instance, result.x)
         polished_point = _polish(instance, guess, gap, time_limit - (time.perf_counter() - begin))
         if polished_point is not None and (
             best is None or _read_cost(polished_point) < _read_cost(best)
@@ -148,22 +148,22 @@ def solve_micp(
 
 
 @dataclass(frozen=True)
-class _Relaxed:
+class _RelaxedProgram:
     """A mixed-integer convex instance, and the columns of its choices."""
 
     instance: Instance
     relaxation: bool
     alternatives: tuple[IntArray, ...]  # columns of the binaries of each choice
 
-    def candidate(self, source: Instance, x: Array) -> Candidate:
+    def extract_candidate(self, source: Instance, x: Array) -> Candidate:
         """Return the candidate of a solution."""
         chosen = [int(np.argmax(x[group])) for group in self.alternatives]
         return candidate_at(x[: source.size].copy(), np.array(chosen, np.int64))
 
 
-def _relaxed(
+def _build_relaxation(
     problem: Problem, instance: Instance, box: Box, options: EnvelopeOptions, number: int
-) -> _Relaxed:
+) -> _RelaxedProgram:
     # Envelopes and big-M constants depend on the bounds, so these are tightened.
     """Build the relaxation of one round."""
     tight = replace(
@@ -175,14 +175,14 @@ def _relaxed(
     tight, partitions = replace(tight, smooth=None), tuple[Partition, ...]()
     if instance.products.count:
         partitions = build_default_partitions(problem, instance, box, options.pieces, 2**number)
-    return _disjoined(McCormick(partitions, options.encoding).apply(tight), options)
+    return _apply_disjunctions(McCormick(partitions, options.encoding).apply(tight), options)
 
 
-def _disjoined(enveloped: Enveloped, options: EnvelopeOptions) -> _Relaxed:
+def _apply_disjunctions(enveloped: EnvelopedInstance, options: EnvelopeOptions) -> _RelaxedProgram:
     """Replace implications and choices by rows with binaries."""
     disjunctions = BigM() if options.disjunctions == "big-m" else ConvexHull()
     disjoined = disjunctions.apply(enveloped.instance)
-    return _Relaxed(disjoined.instance, enveloped.relaxation, disjoined.binaries)
+    return _RelaxedProgram(disjoined.instance, enveloped.relaxation, disjoined.binaries)
 
 
 def build_default_partitions(
@@ -254,7 +254,7 @@ def restrict_to_cost(instance: Instance, incumbent: SolverResult) -> Instance:
     the incumbent's cost minus the smallest value of the rest.
     """
     cost = factor_cost(instance)
-    box = propagated_box(instance)
+    box = propagate_box(instance)
     slope = sparse.csr_matrix(cost.slope[None])
     slope.eliminate_zeros()
     min_rest = cost.constant + float(box.interval(slope).lower[0])
@@ -301,8 +301,8 @@ def _solve_relaxation(
 ) -> SolverResult:
     """Solve the relaxation with a named solver."""
     if solver not in MICP_SOLVERS:
-        known = ", ".join(MICP_SOLVERS)
-        raise UsageError(f"method {NAME!r}: no solver {solver!r}, expected one of {known}")
+        names = ", ".join(MICP_SOLVERS)
+        raise UsageError(f"method {NAME!r}: no solver {solver!r}, expected one of {names}")
     return require(MICP_SOLVERS[solver]).load()(instance, gap=gap, time_limit=time_limit)
 
 

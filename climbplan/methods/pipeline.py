@@ -70,7 +70,7 @@ class PipelineResult:
 
     @property
     def solved(self) -> bool:
-        """Whether a checked answer was found."""
+        """Return whether a checked answer was found."""
         return self.x is not None
 
 

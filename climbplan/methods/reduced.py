@@ -21,8 +21,8 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.program.instance import Instance
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.envelopes import Squares
-from climbplan.reformulations.extension import Extension, RowStack, extended
-from climbplan.reformulations.grids import Partition, code
+from climbplan.reformulations.extension import Extension, RowStack, extend_instance
+from climbplan.reformulations.grids import Partition, build_code
 from climbplan.reformulations.mccormick import EnvelopeForm, McCormick
 
 MARGIN = 0.05  # margin around the solutions in a piece, as a fraction of its width
@@ -69,7 +69,7 @@ class Reduction:
     @property
     def binary_count(self) -> int:
         """Number of binaries of the reduced program."""
-        pieces = sum(p.binary_count("log2") for p in self.partitions)
+        pieces = sum(p.count_binaries("log2") for p in self.partitions)
         return pieces + (len(self.values) - 1).bit_length()
 
     def build_form(self, instance: Instance) -> ReducedForm:
@@ -91,7 +91,7 @@ class Reduction:
 
 def _restrict_to_points(partition: Partition, points: Array, room: float) -> Partition:
     """Return the pieces in which points (S, N) lie, tightened to these points."""
-    piece = np.array([partition.piece(x) for x in points], np.int64)
+    piece = np.array([partition.find_piece(x) for x in points], np.int64)
     occupied, piece_of_point = np.unique(piece, return_inverse=True)
     lower, upper = partition.lower[occupied], partition.upper[occupied]
     if math.isfinite(room):
@@ -152,7 +152,7 @@ class ReducedForm:
         for c, group in enumerate(groups):
             blocks.append(np.eye(len(group))[reduction.alternatives[:, c]])
         table = np.hstack(blocks)  # (K, columns)
-        codes = code(K)
+        codes = build_code(K)
         bits = codes.shape[1]
         weight = np.arange(flat.size, flat.size + K)
         bit = np.arange(flat.size + K, flat.size + K + bits)
@@ -179,4 +179,4 @@ class ReducedForm:
             rows.lower,
             rows.upper,
         )
-        return extended(replace(flat, integer=integer), extension)
+        return extend_instance(replace(flat, integer=integer), extension)

@@ -18,7 +18,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.learning.cluster_ranking import ClusterRanking
-from climbplan.learning.strategy import Candidate, candidate_of
+from climbplan.learning.strategy import Candidate, build_candidate
 from climbplan.methods.envelope_rounds import MICP_SOLVERS
 from climbplan.methods.reduced import MARGIN, ReducedForm, Reduction
 from climbplan.program.instance import Instance
@@ -80,7 +80,7 @@ class ReducedPrograms:
 
     def build_reduction(self, cluster: int) -> Reduction:
         """Build the reduction of the integers to a cluster."""
-        rows, library = self.ranking.members(cluster), self.ranking.library
+        rows, library = self.ranking.list_members(cluster), self.ranking.library
         return Reduction.of(
             self.partitions,
             library.points[rows],
@@ -112,7 +112,7 @@ class ReducedPrograms:
             done: Returns whether further clusters are needless.
         """
         begin = time.perf_counter()
-        for k, cluster in enumerate(self.ranking.ranked(features, num_clusters + num_further)):
+        for k, cluster in enumerate(self.ranking.rank(features, num_clusters + num_further)):
             time_left = min(self.seconds, time_limit - (time.perf_counter() - begin))
             if time_left <= 0 or (k >= num_clusters and (done is None or done())):
                 return
@@ -128,12 +128,14 @@ class ReducedPrograms:
         if optimum.candidate is not None:
             yield optimum.candidate
             x, alternatives = optimum.candidate.values, optimum.candidate.alternatives
-            for row in self.ranking.alike(features, cluster, x, alternatives)[:_STARTS]:
+            for row in self.ranking.find_equal_integers(features, cluster, x, alternatives)[
+                :_STARTS
+            ]:
                 used_rows.add(int(row))
-                yield candidate_of(library, int(row), optimum.candidate.score)
-        for row in self.ranking.strategies(features, cluster)[: self.others]:
+                yield build_candidate(library, int(row), optimum.candidate.score)
+        for row in self.ranking.list_strategies(features, cluster)[: self.others]:
             if int(row) not in used_rows:
-                yield candidate_of(library, int(row), np.inf)
+                yield build_candidate(library, int(row), np.inf)
 
     def solve_cluster(self, instance: Instance, cluster: int, seconds: float) -> ClusterOptimum:
         """Solve the reduced program of a cluster at an instance."""

@@ -1,4 +1,4 @@
-"""Solving the instances that a program spec asks for, into one plan."""
+"""Solve the instances of a program spec, into one plan."""
 
 from __future__ import annotations
 
@@ -33,18 +33,20 @@ class SolvedRows:
 
 
 def generate_thetas(problem: Problem, loaded: LoadedProgram) -> tuple[dict[str, Array], ...]:
-    """The parameters that a spec asks for, drawn or written out.
+    """Return the parameters of a spec, sampled or written out.
 
-    Raises SpecError for written ones that do not fit, StatementError for what the sampler does.
+    Raises:
+        SpecError: Written parameters do not fit.
+        StatementError: The sampler is wrong.
     """
     spec = loaded.spec
     if spec.sample is not None:
         rng = np.random.default_rng(spec.seed)
         return tuple(problem.sample_parameters(rng) for _ in range(spec.sample.count))
     thetas, mistakes = [], []
-    for k, given in enumerate(spec.thetas):
+    for k, blocks in enumerate(spec.thetas):
         try:
-            thetas.append(problem.numbers({name: np.array(v) for name, v in given.items()}))
+            thetas.append(problem.numbers({name: np.array(v) for name, v in blocks.items()}))
         except StatementError:
             raise
         except (UsageError, ValueError) as error:  # ValueError: ragged lists
@@ -58,7 +60,7 @@ def generate_thetas(problem: Problem, loaded: LoadedProgram) -> tuple[dict[str, 
 def build_settings(
     solver: ProgramSolverSpec, library: Library | None, model: StrategyModel | None = None
 ) -> MethodSettings:
-    """A method's settings as a spec has them."""
+    """Build a method's settings from a spec."""
     shape = solver.envelopes
     return MethodSettings(
         solver=solver.solver,
@@ -86,12 +88,19 @@ def solve_spec(
     shift: int | None = None,
     certificate: bool = False,
 ) -> SolvedRows:
-    """Solve every instance of a spec; rows without an answer are kept as such.
+    """Solve every instance of a spec; rows without an answer are kept without one.
 
-    shift: rows are one sequence, each helped by the one before, with a horizon that recedes by so
-    many steps a row; None for rows that have nothing to do with each other.
-    certificate: whether results come with a proof of their bounds.
-    Raises as `thetas_of`, `library_of` and `solve_instance` do.
+    Args:
+        problem: The problem.
+        loaded: The spec.
+        report: Progress callback.
+        shift: Steps by which the horizon recedes from row to row, each warm-started by the last;
+            None for independent rows.
+        certificate: Whether results come with a proof of their bounds.
+
+    Raises:
+        SpecError: Written parameters do not fit.
+        UsageError: A file or setting does not fit the problem.
     """
     solver = loaded.spec.solver
     thetas = generate_thetas(problem, loaded)
@@ -101,12 +110,12 @@ def solve_spec(
     sequence = None
     if shift is not None:
         sequence = ProblemSequence(problem, settings, solver.method)
-    results, kept = [], SharedCache()
+    results, shared = [], SharedCache()
     for k, theta in enumerate(thetas):
         if report is not None:
             report("solve", k / len(thetas))
         if sequence is None:
-            results.append(solve_instance(problem, theta, solver.method, settings, kept))
+            results.append(solve_instance(problem, theta, solver.method, settings, shared))
         else:
             results.append(sequence.solve(theta, (shift or 0) if k else 0))
     return SolvedRows(_build_plan(problem, loaded, thetas, results), tuple(results))
@@ -118,6 +127,7 @@ def _build_plan(
     thetas: Sequence[Theta],
     results: Sequence[MethodResult],
 ) -> ProgramPlan:
+    """Build the plan of solved rows."""
     answers = [r.result for r in results]
     size, choices = len(answers), _count_choices(problem)
     width = int(sum(v.lower.size for v in problem.program.variables.values()))
@@ -156,4 +166,5 @@ def _build_plan(
 
 
 def _count_choices(problem: Problem) -> int:
+    """Return the number of choices of a problem."""
     return int(problem.program.counts()["choices"])

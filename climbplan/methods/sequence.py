@@ -36,15 +36,13 @@ class ProblemSequence:
         settings: MethodSettings | None = None,
         method: Method = "branch-and-bound",
     ) -> None:
-        """Begin without a warm start.
-
-        `method` is one of `SEQUENCE_METHODS`, or `auto` for the first."""
+        """Begin without a warm start; `auto` is the first of `SEQUENCE_METHODS`."""
         self.problem = problem
         self.settings = settings or MethodSettings()
         self.method: Method = SEQUENCE_METHODS[0] if method == "auto" else method
         if self.method not in SEQUENCE_METHODS:
-            known = " or ".join(SEQUENCE_METHODS)
-            raise UsageError(f"a sequence is solved by method {known}, got {method!r}")
+            names = " or ".join(SEQUENCE_METHODS)
+            raise UsageError(f"a sequence is solved by method {names}, got {method!r}")
         work = self.settings.work
         if work is not None and work < 1:
             raise UsageError(f"work: expected 1 dual step or more, got {work}")
@@ -74,7 +72,7 @@ class ProblemSequence:
         instance = self.problem.instance(theta)
         memory = self._memory
         if memory is None:
-            memory = self._memory = self._made_for(instance)
+            memory = self._memory = self._create_solver(instance)
         task = Task(self.problem, theta, instance, self.settings, begin, SharedCache())
         blocks = self.problem.program.blocks
 
@@ -99,7 +97,7 @@ class ProblemSequence:
         """Begin the next tree with its root."""
         self._memory = None
 
-    def _made_for(
+    def _create_solver(
         self, instance: Instance
     ) -> WarmStartedTree | WarmStartedSpatialTree | WarmStartedBenders:
         """Create the warm-started solver for a statement."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.learning.clusters import solution_columns
+from climbplan.learning.clusters import select_solution_columns
 from climbplan.learning.fit_run import TrainingData
 from climbplan.learning.library import Frame, Library
 from climbplan.learning.model import StrategyModel
@@ -94,7 +94,7 @@ def read_training_data(problem: Problem, loaded: LoadedStrategy) -> TrainingData
         library=merged,
         group=rows,
         hard=np.zeros(merged.size, bool),
-        columns=solution_columns(instance),
+        columns=select_solution_columns(instance),
         context={"problem": problem.name, "features": merged.features.shape[1]},
     )
 

@@ -1,7 +1,7 @@
-"""Every method for any stated problem, by name.
+"""Methods for stated problems, by name.
 
-`solve_instance` is the one way in: a problem, its parameters and a method's name go in, a result
-comes out that the exact statement has judged, with the candidate or variant that won.
+`solve_instance` takes a problem, its parameters and a method's name. It returns a result that the
+exact statement has judged, with the candidate or variant from which it came.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _MAX_PRODUCTS = 50  # largest number of products for which `auto` selects the bu
 
 @dataclass(frozen=True)
 class MethodResult:
-    """An answer that the statement itself has judged, and how it was found."""
+    """An answer that the statement itself has judged, and its origin."""
 
     result: SolverResult
     method: Method
@@ -67,79 +67,96 @@ def solve_instance(
 ) -> MethodResult:
     """Solve a problem at one theta by a method's name.
 
-    kept: the same for all instances of one problem, method and settings, so that what they share
-    is built once.
-
     No answer is returned that violates a row of the statement by more than the tolerance, or that
-    the problem's own checker refuses. Raises
-    UsageError for parameters that do not fit, an unknown method or solver, a missing library, and
-    missing bounds that the method needs; StatementError for what the statement itself does wrong;
-    MissingSolver for a solver that is not installed.
+    the problem's own checker rejects.
+
+    Args:
+        problem: The problem.
+        theta: Its parameters by block.
+        method: Name of the method.
+        settings: Settings of the method.
+        kept: Cache for all instances of one problem, method and settings.
+
+    Raises:
+        UsageError: Parameters do not fit, a method or solver is unknown, a library is missing, or
+            bounds are missing that the method needs.
+        StatementError: The statement itself is wrong.
+        MissingSolver: A solver is not installed.
     """
     if method not in METHODS:
         raise UsageError(f"unknown method {method!r}: expected one of {', '.join(METHODS)}")
     settings = settings or MethodSettings()
     instance = problem.instance(theta)
-    chosen = method == "auto"
+    is_automatic = method == "auto"
     if method == "auto":
         method = _select_method(instance, settings)
     if settings.certificate and method != "branch-and-bound":
         raise UsageError(f"a certificate is made by method branch-and-bound, not by {method!r}")
     begin = time.perf_counter()
     task = Task(problem, theta, instance, settings, begin, kept or SharedCache())
-    if chosen and method == "branch-and-bound":
+    if is_automatic and method == "branch-and-bound":
         outcome, method = _solve_by_tree_or_micp(task)
     else:
         outcome = _METHODS[method](task)
     if method in LEARNED and outcome.result.x is None and settings.fallback is not None:
         outcome = _solve_by_fallback(task, method, settings.fallback, outcome)
     result = outcome.result if outcome.checked else task.apply_own_check(outcome.result)
-    spent = time.perf_counter() - begin
+    duration = time.perf_counter() - begin
     return MethodResult(
-        replace(result, time=spent),
+        replace(result, time=duration),
         method,
         outcome.winner,
         outcome.tried,
         outcome.fates,
-        spent,
+        duration,
         outcome.certificate,
     )
 
 
 def _select_method(instance: Instance, settings: MethodSettings) -> Method:
-    """The own tree where it holds the statement and no other solver is asked for, else `micp`.
+    """Select the built-in tree where it supports the statement and no other solver is required.
 
-    `micp`, too, for more products than the tree, whose matrices are dense, is fast with.
+    `micp` is selected for more products than the tree, whose matrices are dense, solves fast.
     """
-    own = instance.features <= require("branch-and-bound").accepts and settings.solver is None
-    own = own and instance.products.count <= _MAX_PRODUCTS
-    return "branch-and-bound" if own else "micp"
+    uses_tree = instance.features <= require("branch-and-bound").accepts and settings.solver is None
+    uses_tree = uses_tree and instance.products.count <= _MAX_PRODUCTS
+    return "branch-and-bound" if uses_tree else "micp"
 
 
 def _solve_by_tree_or_micp(task: Task) -> tuple[Outcome, Method]:
-    """The own tree; `micp` where nothing bounds a direction that costs nothing, nor the answer."""
-    own = None
+    """Solve by the built-in tree, or by `micp` where a direction without cost is unbounded."""
+    tree_outcome = None
     try:
-        own = solve_by_tree(task)
+        tree_outcome = solve_by_tree(task)
     except Unbounded:
         if task.settings.certificate:
             raise
-    if own is not None and (task.settings.certificate or not np.isneginf(own.result.bound)):
-        return own, "branch-and-bound"
-    other = solve_by_envelopes(task)
-    if own is not None and other.result.x is None and own.result.x is not None:
-        return own, "branch-and-bound"
-    return other, "micp"
+    if tree_outcome is not None and (
+        task.settings.certificate or not np.isneginf(tree_outcome.result.bound)
+    ):
+        return tree_outcome, "branch-and-bound"
+    micp_outcome = solve_by_envelopes(task)
+    if (
+        tree_outcome is not None
+        and micp_outcome.result.x is None
+        and tree_outcome.result.x is not None
+    ):
+        return tree_outcome, "branch-and-bound"
+    return micp_outcome, "micp"
 
 
 def _solve_by_fallback(task: Task, method: Method, fallback: Method, outcome: Outcome) -> Outcome:
-    """Another method, where no candidate of a learned one holds."""
+    """Solve by another method, where no candidate of a learned one is feasible."""
     if fallback == method:
         raise UsageError(f"method {method!r} cannot be its own fallback")
-    after = _METHODS[fallback](replace(task, settings=replace(task.settings, solver=None)))
-    fates = (*outcome.fates, *after.fates)
-    tried = outcome.tried + after.tried
-    return Outcome(after.result, f"fallback {fallback}", tried, fates, after.checked)
+    fallback_outcome = _METHODS[fallback](
+        replace(task, settings=replace(task.settings, solver=None))
+    )
+    fates = (*outcome.fates, *fallback_outcome.fates)
+    tried = outcome.tried + fallback_outcome.tried
+    return Outcome(
+        fallback_outcome.result, f"fallback {fallback}", tried, fates, fallback_outcome.checked
+    )
 
 
 _METHODS: dict[str, Callable[[Task], Outcome]] = {

@@ -114,7 +114,7 @@ class Task:
 
     @property
     def is_late(self) -> bool:
-        """Whether the time is over."""
+        """Return whether the time is over."""
         return time.perf_counter() - self.begin > self.settings.time_limit
 
     def compute_guess(self) -> Array | None:
@@ -171,7 +171,7 @@ class Task:
         if self.settings.strategy is not None:
             return self.settings.strategy
         if self.settings.model is not None and method != "mpcc":
-            return self._check_model(self.settings.model, method).strategy()
+            return self._check_model(self.settings.model, method).create_strategy()
         if library is None:
             raise UsageError(
                 f"method {method!r} needs solved problems: give a library (a plan file of "
@@ -193,7 +193,7 @@ class Task:
         """Return the clusters of the model of `reduce`."""
         if self.settings.model is None:
             raise UsageError("method 'reduce' needs a trained model")
-        return self._check_model(self.settings.model, "reduce").clusters()
+        return self._check_model(self.settings.model, "reduce").create_cluster_ranking()
 
 
 @dataclass(frozen=True)
@@ -230,8 +230,8 @@ def solve_candidates(
     settings, solver = task.settings, task.settings.solver
     chosen = next((name for name in PINNED_SOLVERS if name == solver), None)
     if solver is not None and chosen is None:
-        known = ", ".join(PINNED_SOLVERS)
-        raise UsageError(f"pinned integers: no solver {solver!r}, expected one of {known}")
+        names = ", ".join(PINNED_SOLVERS)
+        raise UsageError(f"pinned integers: no solver {solver!r}, expected one of {names}")
     options = replace(
         settings.pinned,
         local=chosen or settings.pinned.local,

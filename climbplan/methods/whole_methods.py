@@ -15,7 +15,7 @@ from climbplan.methods.envelope_rounds import (
 )
 from climbplan.methods.pinning import candidate_at, solve_candidate
 from climbplan.methods.task import Method, Outcome, Task, format_origin, select_best
-from climbplan.program.box import propagated_box
+from climbplan.program.box import propagate_box
 from climbplan.program.instance import Instance
 from climbplan.reformulations.base import Reformulated
 from climbplan.reformulations.complementarity import Complementarity
@@ -132,9 +132,9 @@ def solve_by_complementarity(task: Task) -> Outcome:
     if start == "knn":
         neighbours = task.find_neighbours("mpcc")
         for k, c in enumerate(neighbours):
-            found = _solve_homotopy(task, c.start, c.alternatives, STRAIGHT, how.forms[0])
-            tried.append((format_origin(k, c), found))
-            if settings.pinned.stop == "first" and found.x is not None:
+            answer = _solve_homotopy(task, c.start, c.alternatives, STRAIGHT, how.forms[0])
+            tried.append((format_origin(k, c), answer))
+            if settings.pinned.stop == "first" and answer.x is not None:
                 break
         if all(result.x is None for _, result in tried) and how.homotopy != STRAIGHT:
             first = neighbours[0]
@@ -182,8 +182,8 @@ def solve_by_admm(task: Task) -> Outcome:
     settings = task.settings
     solver = settings.solver or "highs"
     if solver not in MICP_SOLVERS:
-        known = ", ".join(MICP_SOLVERS)
-        raise UsageError(f"method 'admm': no solver {solver!r}, expected one of {known}")
+        names = ", ".join(MICP_SOLVERS)
+        raise UsageError(f"method 'admm': no solver {solver!r}, expected one of {names}")
     solve = require(MICP_SOLVERS[solver]).load()
 
     def mixed_integer(block: Instance) -> Array | None:
@@ -196,7 +196,7 @@ def solve_by_admm(task: Task) -> Outcome:
     def relax(instance: Instance) -> Reformulated:
         grid, pieces = settings.envelopes.grid, settings.envelopes.pieces
         if grid is None:
-            box = propagated_box(instance)
+            box = propagate_box(instance)
             grid = McCormick(build_default_partitions(task.problem, instance, box, pieces))
         return grid.apply(instance)
 

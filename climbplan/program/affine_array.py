@@ -1,6 +1,6 @@
-"""Arrays of affine expressions with numbers for coefficients, where no parameter enters.
+"""Arrays of affine expressions with numeric coefficients, for blocks without parameters.
 
-Written like the arrays of scalars that a program's variables are, but stated in milliseconds:
+They are written like the arrays of scalars of a program's variables, but stated in milliseconds:
 every operation is one on sparse matrices instead of one on each scalar.
 """
 
@@ -19,7 +19,7 @@ from climbplan.arrays import Array
 
 @dataclass(frozen=True)
 class Quadratic:
-    """1/2 x'Px + q'x + constant."""
+    """Quadratic function 1/2 x'Px + q'x + constant."""
 
     P: sparse.csr_matrix  # (n, n)
     q: Array  # (n,)
@@ -30,10 +30,10 @@ class Quadratic:
 
 
 class AffineArray:
-    """Entries matrix[index] x + constant[index], of the shape of `index`.
+    """Array with entries matrix[index] x + constant[index], of the shape of `index`.
 
-    matrix: (p, n). Numbers may stand on either side of +, - and *, and on the right of @; of
-    NumPy's functions there are concatenate, stack, diff and broadcast_to.
+    The matrix is (p, n). Numbers may be on either side of +, - and *, and on the right of @.
+    NumPy's concatenate, stack, diff and broadcast_to are supported.
     """
 
     __array_ufunc__ = None  # leaves `numbers - this` to the operators below
@@ -43,29 +43,29 @@ class AffineArray:
 
     @classmethod
     def variables(cls, start: int, shape: tuple[int, ...], count: int) -> AffineArray:
-        """A block of variables that begins at `start` among `count`."""
+        """Return a block of variables that begins at `start` among `count`."""
         size = int(np.prod(shape))
-        place = (np.arange(size), start + np.arange(size))
-        matrix = sparse.csr_matrix((np.ones(size), place), shape=(size, count))
+        positions = (np.arange(size), start + np.arange(size))
+        matrix = sparse.csr_matrix((np.ones(size), positions), shape=(size, count))
         return cls(matrix, np.zeros(size), np.arange(size).reshape(shape))
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """As of any array."""
+        """Shape of the array."""
         return self._index.shape
 
     @property
     def coefficients(self) -> sparse.csr_matrix:
-        """(size, n), entries in C order."""
+        """Coefficients (size, n), entries in C order."""
         return self._matrix[self._index.ravel()]
 
     @property
     def constants(self) -> Array:
-        """(size,)."""
+        """Constants (size,)."""
         return self._constant[self._index.ravel()]
 
     def ravel(self) -> AffineArray:
-        """All entries in one row."""
+        """Return all entries in one row."""
         return AffineArray(self._matrix, self._constant, self._index.ravel())
 
     def __len__(self) -> int:
@@ -75,30 +75,30 @@ class AffineArray:
         return AffineArray(self._matrix, self._constant, np.asarray(self._index[key]))
 
     def __add__(self, other: Any) -> AffineArray:
-        return self._sum(other, 1.0)
+        return self._add(other, 1.0)
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> AffineArray:
-        return self._sum(other, -1.0)
+        return self._add(other, -1.0)
 
     def __rsub__(self, other: Any) -> AffineArray:
-        return (-1.0 * self)._sum(other, 1.0)
+        return (-1.0 * self)._add(other, 1.0)
 
     def __mul__(self, factor: ArrayLike) -> AffineArray:
         index, factors = np.broadcast_arrays(self._index, np.asarray(factor, np.float64))
         flat, weight = index.ravel(), factors.ravel()
         matrix = sparse.diags(weight).tocsr() @ self._matrix[flat]
-        return _fresh(matrix, weight * self._constant[flat], index.shape)
+        return _create_array(matrix, weight * self._constant[flat], index.shape)
 
     __rmul__ = __mul__
 
     def __matmul__(self, numbers: Array) -> AffineArray:
-        """Product along the last axis with a matrix of numbers (d, k)."""
+        """Multiply along the last axis by a matrix of numbers (d, k)."""
         return self.along(numbers)
 
     def along(self, matrices: Array) -> AffineArray:
-        """Products (..., k) of the vectors (..., d) with matrices (..., d, k), broadcast."""
+        """Return products (..., k) of the vectors (..., d) with matrices (..., d, k), broadcast."""
         d, k = matrices.shape[-2:]
         shape = np.broadcast_shapes(self.shape[:-1], matrices.shape[:-2])
         index = np.broadcast_to(self._index[..., None, :], (*shape, k, d)).ravel()
@@ -107,10 +107,10 @@ class AffineArray:
         mixing = sparse.csr_matrix(
             (weight, index, d * np.arange(count + 1)), shape=(count, self._matrix.shape[0])
         )
-        return _fresh(mixing @ self._matrix, mixing @ self._constant, (*shape, k))
+        return _create_array(mixing @ self._matrix, mixing @ self._constant, (*shape, k))
 
     def sum_of_squares(self) -> Quadratic:
-        """Sum of the squares of all entries."""
+        """Return the sum of the squares of all entries."""
         M, c = self.coefficients, self.constants
         return Quadratic((2.0 * (M.T @ M)).tocsr(), 2.0 * (M.T @ c), float(c @ c))
 
@@ -118,46 +118,51 @@ class AffineArray:
         self, function: Any, types: Any, arguments: Sequence[Any], options: dict[str, Any]
     ) -> Any:
         if function is np.concatenate or function is np.stack:
-            return _joined(function, *arguments, **options)
+            return _join(function, *arguments, **options)
         if function is np.diff:
             axis = options.get("axis", -1)
             ahead = np.take(self._index, np.arange(1, self.shape[axis]), axis)
             behind = np.take(self._index, np.arange(self.shape[axis] - 1), axis)
-            return self._at(ahead) - self._at(behind)
+            return self._index_entries(ahead) - self._index_entries(behind)
         if function is np.broadcast_to:
-            return self._at(np.broadcast_to(self._index, arguments[1]))
+            return self._index_entries(np.broadcast_to(self._index, arguments[1]))
         return NotImplemented
 
-    def _at(self, index: NDArray[np.intp]) -> AffineArray:
+    def _index_entries(self, index: NDArray[np.intp]) -> AffineArray:
+        """Return the entries of an index."""
         return AffineArray(self._matrix, self._constant, index)
 
-    def _sum(self, other: Any, sign: float) -> AffineArray:
-        if not isinstance(other, AffineArray):
-            index, numbers = np.broadcast_arrays(self._index, np.asarray(other, np.float64))
+    def _add(self, operand: Any, sign: float) -> AffineArray:
+        """Add or subtract numbers or another array."""
+        if not isinstance(operand, AffineArray):
+            index, numbers = np.broadcast_arrays(self._index, np.asarray(operand, np.float64))
             flat = index.ravel()
             constant = self._constant[flat] + sign * numbers.ravel()
-            return _fresh(self._matrix[flat], constant, index.shape)
-        mine, theirs = np.broadcast_arrays(self._index, other._index)
-        one, two = mine.ravel(), theirs.ravel()
-        matrix = self._matrix[one] + sign * other._matrix[two]
-        return _fresh(matrix, self._constant[one] + sign * other._constant[two], mine.shape)
+            return _create_array(self._matrix[flat], constant, index.shape)
+        own_index, other_index = np.broadcast_arrays(self._index, operand._index)
+        own_flat, other_flat = own_index.ravel(), other_index.ravel()
+        matrix = self._matrix[own_flat] + sign * operand._matrix[other_flat]
+        return _create_array(
+            matrix, self._constant[own_flat] + sign * operand._constant[other_flat], own_index.shape
+        )
 
 
-def _fresh(matrix: Any, constant: Array, shape: tuple[int, ...]) -> AffineArray:
+def _create_array(matrix: Any, constant: Array, shape: tuple[int, ...]) -> AffineArray:
+    """Create an array of the rows of a matrix."""
     index = np.arange(len(constant)).reshape(shape)
     return AffineArray(sparse.csr_matrix(matrix), constant, index)
 
 
-def _joined(function: Any, parts: Sequence[Any], axis: int = 0) -> AffineArray:
-    """Concatenated or stacked; parts may be numbers."""
-    width = next(p._matrix.shape[1] for p in parts if isinstance(p, AffineArray))
+def _join(function: Any, arrays: Sequence[Any], axis: int = 0) -> AffineArray:
+    """Concatenate or stack arrays; entries may be numbers."""
+    width = next(p._matrix.shape[1] for p in arrays if isinstance(p, AffineArray))
     matrices, constants, indices = [], [], []
     count = 0
-    for part in parts:
-        if isinstance(part, AffineArray):
-            matrix, constant, index = part._matrix, part._constant, part._index
+    for array in arrays:
+        if isinstance(array, AffineArray):
+            matrix, constant, index = array._matrix, array._constant, array._index
         else:
-            numbers = np.asarray(part, np.float64)
+            numbers = np.asarray(array, np.float64)
             matrix = sparse.csr_matrix((numbers.size, width))
             constant = numbers.ravel()
             index = np.arange(numbers.size).reshape(numbers.shape)
@@ -165,5 +170,5 @@ def _joined(function: Any, parts: Sequence[Any], axis: int = 0) -> AffineArray:
         constants.append(constant)
         indices.append(index + count)
         count += len(constant)
-    whole = sparse.vstack(matrices).tocsr()
-    return AffineArray(whole, np.concatenate(constants), function(indices, axis=axis))
+    stacked = sparse.vstack(matrices).tocsr()
+    return AffineArray(stacked, np.concatenate(constants), function(indices, axis=axis))

@@ -1,4 +1,4 @@
-"""The named blocks a program is made of, as stated."""
+"""The named blocks of a program, as stated."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class ImplicationBlock:
-    """binary == value implies lower <= expression <= upper."""
+    """Rows for which binary == value implies lower <= expression <= upper."""
 
     name: str
     shape: tuple[int, ...]
@@ -46,7 +46,7 @@ class ImplicationBlock:
 
 @dataclass(frozen=True)
 class RowBlock:
-    """lower <= expression <= upper."""
+    """Rows lower <= expression <= upper."""
 
     name: str
     shape: tuple[int, ...]
@@ -58,7 +58,7 @@ class RowBlock:
 
 @dataclass(frozen=True)
 class SmoothBlock:
-    """lower <= expression <= upper, where the expression is any smooth function."""
+    """Rows lower <= expression <= upper, where the expression is any smooth function."""
 
     name: str
     shape: tuple[int, ...]
@@ -70,7 +70,7 @@ class SmoothBlock:
 
 @dataclass(frozen=True)
 class BallBlock:
-    """|| rows of expression || <= radius."""
+    """Constraints || rows of expression || <= radius."""
 
     name: str
     shape: tuple[int, ...]
@@ -82,6 +82,8 @@ class BallBlock:
 
 @dataclass(frozen=True)
 class ChoiceBlock:
+    """Points, each of which lies in one of its alternatives."""
+
     name: str
     shape: tuple[int, ...]  # of the choices
     expression: Sequence[Any] | AffineArray

@@ -1,4 +1,4 @@
-"""Boxes around the feasible set by interval propagation, products of two variables included."""
+"""Boxes around the feasible set by interval propagation, with products of two variables."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _INTEGRALITY = 1e-6
 
 @dataclass(frozen=True)
 class Box:
-    """Bounds that hold for every feasible x and for its products."""
+    """Bounds of every feasible x and of its products."""
 
     lower: Array  # (n,)
     upper: Array  # (n,)
@@ -30,46 +30,48 @@ class Box:
 
     @property
     def middle(self) -> Array:
-        """The centre, 0 where the box is open (n,)."""
+        """Center, 0 where the box is open (n,)."""
         closed = np.isfinite(self.lower) & np.isfinite(self.upper)
         low, high = np.where(closed, self.lower, 0.0), np.where(closed, self.upper, 0.0)
         return 0.5 * (low + high)
 
     def interval(self, A: sparse.csr_matrix, Q: sparse.csr_matrix | None = None) -> Range:
-        """Range of A x + Q w over the box, infinite where something in it is."""
-        least, most = _interval(A, self.lower, self.upper)
+        """Return the range of A x + Q w over the box, infinite where an entry is open."""
+        minimum, maximum = _compute_interval(A, self.lower, self.upper)
         if Q is not None and Q.nnz:
-            low, high = _interval(Q, self.products.lower, self.products.upper)
-            least, most = least + low, most + high
-        return Range(least, most)
+            low, high = _compute_interval(Q, self.products.lower, self.products.upper)
+            minimum, maximum = minimum + low, maximum + high
+        return Range(minimum, maximum)
 
 
-def product_range(low: Array, high: Array, first: IntArray, second: IntArray) -> Range:
-    """Range of x[first] x[second] over low <= x <= high; squares are not negative."""
+def compute_product_range(low: Array, high: Array, first: IntArray, second: IntArray) -> Range:
+    """Return the range of x[first] x[second] over low <= x <= high; squares are nonnegative."""
     ends = np.stack(
         [
-            _times(a[first], b[second])
+            _multiply_ends(a[first], b[second])
             for a, b in ((low, low), (low, high), (high, low), (high, high))
         ]
     )
-    least, most = ends.min(axis=0), ends.max(axis=0)
+    minimum, maximum = ends.min(axis=0), ends.max(axis=0)
     crosses = (low[first] <= 0) & (high[first] >= 0)
-    nearest = np.minimum(_times(low[first], low[first]), _times(high[first], high[first]))
+    nearest = np.minimum(
+        _multiply_ends(low[first], low[first]), _multiply_ends(high[first], high[first])
+    )
     square = first == second
-    return Range(np.where(square, np.where(crosses, 0.0, nearest), least), most)
+    return Range(np.where(square, np.where(crosses, 0.0, nearest), minimum), maximum)
 
 
 @dataclass(frozen=True)
 class Hulls:
-    """lower <= rows x <= upper for every alternative of every choice."""
+    """Rows lower <= rows x <= upper for every alternative of every choice."""
 
     rows: sparse.csr_matrix  # (m, n)
     lower: Array  # (m,)
     upper: Array  # (m,)
 
 
-def vertex_hulls(instance: Instance) -> Hulls:
-    """Boxes around the vertices of choices all of whose alternatives have them."""
+def build_vertex_hulls(instance: Instance) -> Hulls:
+    """Build boxes around the vertices of choices whose alternatives all have vertices."""
     rows = [sparse.csr_matrix((0, instance.size))]
     lower, upper = [np.zeros(0)], [np.zeros(0)]
     for choice in instance.choices:
@@ -82,12 +84,11 @@ def vertex_hulls(instance: Instance) -> Hulls:
     return Hulls(sparse.vstack(rows).tocsr(), np.concatenate(lower), np.concatenate(upper))
 
 
-def propagated_box(instance: Instance, hulls: Hulls | None = None) -> Box:
-    """The variable bounds, tightened through rows, balls and hulls of choices.
+def propagate_box(instance: Instance, hulls: Hulls | None = None) -> Box:
+    """Tighten the variable bounds through rows, balls and hulls of choices.
 
-    hulls: those of the vertices if left out.
-    Binaries are rounded inwards. A variable that nothing bounds keeps an infinite bound. An
-    instance without a feasible point may give crossed bounds.
+    Binaries are rounded inwards. A variable without bounds keeps an infinite bound. An instance
+    without a feasible point may give crossed bounds. `hulls` are those of the vertices by default.
     """
     n, products = instance.size, instance.products
     empty = sparse.csr_matrix
@@ -98,19 +99,19 @@ def propagated_box(instance: Instance, hulls: Hulls | None = None) -> Box:
         rows.append(balls.F)
         lower.append(-radius - balls.f.ravel())
         upper.append(radius - balls.f.ravel())
-    around = vertex_hulls(instance) if hulls is None else hulls
-    rows.append(around.rows)
-    lower.append(around.lower)
-    upper.append(around.upper)
-    Q += [empty((part.shape[0], products.count)) for part in rows[1:]]
-    whole = sparse.hstack([sparse.vstack(rows), sparse.vstack(Q)]).tocsr()
-    return _propagate(whole, np.concatenate(lower), np.concatenate(upper), instance, n)
+    choice_hulls = build_vertex_hulls(instance) if hulls is None else hulls
+    rows.append(choice_hulls.rows)
+    lower.append(choice_hulls.lower)
+    upper.append(choice_hulls.upper)
+    Q += [empty((block.shape[0], products.count)) for block in rows[1:]]
+    all_rows = sparse.hstack([sparse.vstack(rows), sparse.vstack(Q)]).tocsr()
+    return _propagate_rounds(all_rows, np.concatenate(lower), np.concatenate(upper), instance, n)
 
 
-def _propagate(
+def _propagate_rounds(
     rows: sparse.csr_matrix, row_lower: Array, row_upper: Array, instance: Instance, n: int
 ) -> Box:
-    """Rounds over rows of variables and products, whose bounds follow from each other."""
+    """Propagate over rows of variables and products, whose bounds follow from each other."""
     propagation = RowPropagation(rows, row_lower, row_upper)
     count = instance.products.count
     first, second = instance.products.first, instance.products.second
@@ -118,28 +119,29 @@ def _propagate(
     high = np.concatenate([instance.upper, np.full(count, np.inf)])
     integer = np.flatnonzero(instance.integer)
     for _ in range(_ROUNDS):
-        implied = product_range(low[:n], high[:n], first, second)
+        implied = compute_product_range(low[:n], high[:n], first, second)
         low[n:] = np.maximum(low[n:], implied.lower)
         high[n:] = np.minimum(high[n:], implied.upper)
-        before = Range(low, high)
-        after = propagation.tightened(before)
-        low, high = after.lower, after.upper
+        previous = Range(low, high)
+        tightened = propagation.tighten(previous)
+        low, high = tightened.lower, tightened.upper
         low[integer] = np.ceil(low[integer] - _INTEGRALITY)
         high[integer] = np.floor(high[integer] + _INTEGRALITY)
-        if not before.moved_to(after) or (low > high).any():
+        if not previous.has_progressed(tightened) or (low > high).any():
             break
-    implied = product_range(low[:n], high[:n], first, second)
+    implied = compute_product_range(low[:n], high[:n], first, second)
     products = Range(np.maximum(low[n:], implied.lower), np.minimum(high[n:], implied.upper))
     return Box(low[:n], high[:n], products)
 
 
-def _times(a: Array, b: Array) -> Array:
-    """a b with 0 times infinity equal to 0, as interval ends need it."""
+def _multiply_ends(a: Array, b: Array) -> Array:
+    """Return a b with 0 times infinity equal to 0, as interval ends need it."""
     with np.errstate(invalid="ignore"):
         return np.where((a == 0) | (b == 0), 0.0, a * b)
 
 
-def _interval(rows: sparse.csr_matrix, low: Array, high: Array) -> tuple[Array, Array]:
+def _compute_interval(rows: sparse.csr_matrix, low: Array, high: Array) -> tuple[Array, Array]:
+    """Return the range of rows over a box."""
     positive, negative = rows.maximum(0), rows.minimum(0)
     positive.eliminate_zeros()
     negative.eliminate_zeros()

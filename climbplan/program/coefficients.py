@@ -28,19 +28,20 @@ class Affine:
     indices: NDArray[np.int32]
     rows: int
     columns: int
-    matrix: sparse.csr_matrix | None = None  # where no parameter enters the slopes
+    matrix: sparse.csr_matrix | None = None  # if the slopes do not depend on parameters
 
     def at(self, theta: Array) -> tuple[sparse.csr_matrix, Array]:
-        """Matrix (rows, n), the same object each time where it can be, and constants (rows,)."""
-        matrix = self._at(theta) if self.matrix is None else self.matrix
+        """Return the matrix (rows, n) and constants (rows,); a cached matrix stays one object."""
+        matrix = self._compute_matrix(theta) if self.matrix is None else self.matrix
         return matrix, np.array(self.offsets(theta)).ravel()
 
-    def kept(self, theta: Array) -> Affine:
-        """The same with its matrix made once; theta: any, as no parameter enters the slopes."""
-        return replace(self, matrix=self._at(theta))
+    def cache_matrix(self, theta: Array) -> Affine:
+        """Return the same with its matrix computed once, for slopes that do not depend on theta."""
+        return replace(self, matrix=self._compute_matrix(theta))
 
-    def _at(self, theta: Array) -> sparse.csr_matrix:
+    def _compute_matrix(self, theta: Array) -> sparse.csr_matrix:
         # CasADi stores columns; its transpose read as compressed rows is the matrix itself.
+        """Compute the matrix at theta."""
         values = np.array(self.slopes(theta)).ravel()
         return sparse.csr_matrix(
             (values, self.indices, self.indptr), shape=(self.rows, self.columns)
@@ -49,45 +50,47 @@ class Affine:
 
 @dataclass(frozen=True)
 class FixedAffine:
-    """Coefficients that no parameter enters."""
+    """Coefficients that do not depend on parameters."""
 
     matrix: sparse.csr_matrix  # (rows, n)
     constants: Array  # (rows,)
 
     @classmethod
     def of(cls, expression: AffineArray, columns: int) -> FixedAffine:
-        """columns: n, with variables that were stated later."""
+        """Build from an expression; `columns` is n, with variables that were stated later."""
         M = expression.coefficients
         wide = sparse.csr_matrix((M.data, M.indices, M.indptr), shape=(M.shape[0], columns))
         return cls(wide, expression.constants)
 
     @property
     def columns(self) -> int:
-        """n."""
+        """Number of variables n."""
         return int(self.matrix.shape[1])
 
     def at(self, theta: Array) -> tuple[sparse.csr_matrix, Array]:
-        """Matrix (rows, n) and constants (rows,), whatever theta."""
+        """Return the matrix (rows, n) and constants (rows,) for any theta."""
         return self.matrix, self.constants
 
 
 @dataclass(frozen=True)
 class JoinedAffine:
-    """Rows of several kinds, in the order in which they were stated."""
+    """Rows of several kinds, in the order of statement."""
 
     parts: tuple[Affine | FixedAffine, ...]
-    order: IntArray  # row of the parts, one after another, that stands at each place
+    order: IntArray  # for each row its index among the concatenated rows of the parts
     columns: int
-    _last: list[Any] = field(default_factory=list)  # matrices of the parts, and what they made
+    _last: list[Any] = field(default_factory=list)  # matrices of the parts and their stack
 
     def at(self, theta: Array) -> tuple[sparse.csr_matrix, Array]:
-        """Matrix (rows, n), the same object while those of its parts are, and constants (rows,)."""
-        found = [part.at(theta) for part in self.parts]
-        parts = [m for m, _ in found]
-        same = self._last and all(a is b for a, b in zip(parts, self._last[0], strict=True))
-        if not same:
-            self._last[:] = [parts, sparse.vstack(parts).tocsr()[self.order]]
-        return self._last[1], np.concatenate([c for _, c in found])[self.order]
+        """Return the matrix (rows, n), one object while those of its parts are, and constants."""
+        coefficients = [coefficient_part.at(theta) for coefficient_part in self.parts]
+        matrices = [m for m, _ in coefficients]
+        is_unchanged = self._last and all(
+            a is b for a, b in zip(matrices, self._last[0], strict=True)
+        )
+        if not is_unchanged:
+            self._last[:] = [matrices, sparse.vstack(matrices).tocsr()[self.order]]
+        return self._last[1], np.concatenate([c for _, c in coefficients])[self.order]
 
 
 @dataclass(frozen=True)
@@ -100,81 +103,94 @@ class Bilinear:
     product_pair: Pairs  # of each product term
     rows: int
 
-    def products_at(self, theta: Array, position: dict[tuple[int, int], int]) -> sparse.csr_matrix:
-        """Matrix (rows, K) over the products numbered by `position`."""
+    def compute_products(
+        self, theta: Array, position: dict[tuple[int, int], int]
+    ) -> sparse.csr_matrix:
+        """Return the matrix (rows, K) over the products numbered by `position`."""
         shape = (self.rows, len(position))
         if not self.product_pair:
-            return _nothing(*shape)
+            return _empty_matrix(*shape)
         values = np.array(self.product_function(theta)).ravel()
         column = [position[pair] for pair in self.product_pair]
         return sparse.csr_matrix((values, (self.product_row, column)), shape=shape)
 
 
 @lru_cache(maxsize=64)
-def _nothing(rows: int, columns: int) -> sparse.csr_matrix:
+def _empty_matrix(rows: int, columns: int) -> sparse.csr_matrix:
+    """Return a matrix without entries."""
     return sparse.csr_matrix((rows, columns))
 
 
-def enters(theta: Any, numbers: Any) -> bool:
-    """Whether parameters enter some numbers, which need be no symbols at all."""
+def depends_on_parameters(theta: Any, numbers: Any) -> bool:
+    """Return whether numbers, which need not be symbols, depend on parameters."""
     return isinstance(numbers, ca.SX) and bool(ca.depends_on(numbers, theta))
 
 
-def affine_coefficients(
+def extract_affine(
     name: str,
     expression: Sequence[Any] | AffineArray,
     x_symbols: Sequence[Any],
     theta_symbols: Sequence[Any],
 ) -> Affine | FixedAffine | JoinedAffine:
-    """Raises ValueError if an expression is not affine in the variables."""
+    """Extract the coefficients of affine expressions.
+
+    Raises:
+        ValueError: An expression is not affine in the variables.
+    """
     if isinstance(expression, AffineArray):
         return FixedAffine.of(expression, len(x_symbols))
-    bilinear = bilinear_coefficients(name, expression, x_symbols, theta_symbols)
+    bilinear = extract_bilinear(name, expression, x_symbols, theta_symbols)
     if bilinear.product_pair:
         raise ValueError(f"{name} is not affine in the variables")
     return bilinear.affine
 
 
-def joined_coefficients(
+def extract_joined(
     name: str,
     expressions: Sequence[Sequence[Any] | AffineArray],
     x_symbols: Sequence[Any],
     theta_symbols: Sequence[Any],
 ) -> Bilinear:
-    """Coefficients of several blocks, of scalars or with numbers, one after another."""
+    """Extract coefficients of several blocks, of scalars or with numbers, one after another."""
     stated = [e for block in expressions if not isinstance(block, AffineArray) for e in block]
-    bilinear = bilinear_coefficients(name, stated, x_symbols, theta_symbols)
+    bilinear = extract_bilinear(name, stated, x_symbols, theta_symbols)
     fixed = [block for block in expressions if isinstance(block, AffineArray)]
     if not fixed:
         return bilinear
     n = len(x_symbols)
-    row, own, other = 0, 0, len(stated)
+    row, num_scalar, num_fixed = 0, 0, len(stated)
     order: list[IntArray] = []
-    place = np.zeros(len(stated), np.int64)  # row of each stated scalar
+    row_of_scalar = np.zeros(len(stated), np.int64)  # row of each stated scalar
     for block in expressions:
-        here = row + np.arange(len(block))
+        rows = row + np.arange(len(block))
         if isinstance(block, AffineArray):
-            order.append(other + np.arange(len(block)))
-            other += len(block)
+            order.append(num_fixed + np.arange(len(block)))
+            num_fixed += len(block)
         else:
-            order.append(own + np.arange(len(block)))
-            place[own : own + len(block)] = here
-            own += len(block)
+            order.append(num_scalar + np.arange(len(block)))
+            row_of_scalar[num_scalar : num_scalar + len(block)] = rows
+            num_scalar += len(block)
         row += len(block)
     assert not isinstance(bilinear.affine, JoinedAffine)
-    parts: tuple[Affine | FixedAffine, ...] = (
+    coefficient_parts: tuple[Affine | FixedAffine, ...] = (
         bilinear.affine,
         *(FixedAffine.of(block, n) for block in fixed),
     )
-    joined = JoinedAffine(parts, np.concatenate(order), n)
-    at = place[bilinear.product_row] if len(bilinear.product_row) else bilinear.product_row
-    return Bilinear(joined, bilinear.product_function, at, bilinear.product_pair, row)
+    joined = JoinedAffine(coefficient_parts, np.concatenate(order), n)
+    product_row = (
+        row_of_scalar[bilinear.product_row] if len(bilinear.product_row) else bilinear.product_row
+    )
+    return Bilinear(joined, bilinear.product_function, product_row, bilinear.product_pair, row)
 
 
-def bilinear_coefficients(
+def extract_bilinear(
     name: str, expression: Sequence[Any], x_symbols: Sequence[Any], theta_symbols: Sequence[Any]
 ) -> Bilinear:
-    """Raises ValueError if an expression is more than quadratic in the variables."""
+    """Extract the coefficients of bilinear expressions.
+
+    Raises:
+        ValueError: An expression is more than quadratic in the variables.
+    """
     x, theta = ca.vertcat(*x_symbols), ca.vertcat(*theta_symbols)
     zero = ca.DM.zeros(x.shape)
     stacked = ca.vertcat(*expression) if expression else ca.SX(0, 1)
@@ -194,11 +210,11 @@ def bilinear_coefficients(
         curvature: Any = second.nonzeros()
         if ca.depends_on(ca.vertcat(*curvature), x):
             raise ValueError(f"{name} is not affine or bilinear in the variables")
-        at, other = (np.array(index) for index in second.sparsity().get_triplet())
+        slope_index, variable = (np.array(index) for index in second.sparsity().get_triplet())
         for k in range(len(curvature)):
-            i, j = int(indices[at[k]]), int(other[k])
+            i, j = int(indices[slope_index[k]]), int(variable[k])
             if i <= j:  # the entry (j, i) is the same product again
-                row.append(int(row_of[at[k]]))
+                row.append(int(row_of[slope_index[k]]))
                 pairs.append((i, j))
                 coefficients.append(curvature[k] / 2 if i == j else curvature[k])
     linear = ca.substitute(slopes, x, zero)
@@ -211,7 +227,7 @@ def bilinear_coefficients(
         len(expression),
         len(x_symbols),
     )
-    if not enters(theta, linear):
-        affine = affine.kept(np.zeros(theta.shape[0]))
+    if not depends_on_parameters(theta, linear):
+        affine = affine.cache_matrix(np.zeros(theta.shape[0]))
     product = ca.Function("products", [theta], [ca.vertcat(*coefficients)])
     return Bilinear(affine, product, np.array(row, np.int64), pairs, len(expression))

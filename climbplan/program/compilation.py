@@ -19,9 +19,9 @@ from climbplan.program.coefficients import (
     Bilinear,
     FixedAffine,
     JoinedAffine,
-    affine_coefficients,
-    enters,
-    joined_coefficients,
+    depends_on_parameters,
+    extract_affine,
+    extract_joined,
 )
 from climbplan.program.instance import Balls, Choice, Implications, Instance, Products
 from climbplan.program.smooth import Smooth, SmoothForm
@@ -29,31 +29,31 @@ from climbplan.program.smooth import Smooth, SmoothForm
 
 @dataclass(frozen=True)
 class CompiledProgram:
-    """All coefficients as functions of theta, with the blocks they belong to."""
+    """All coefficients as functions of theta, with the blocks to which they belong."""
 
     name: str
     blocks: Blocks
     rows: Bilinear
     implications: Bilinear
-    binaries: IntArray  # of the implications
+    binaries: IntArray  # binary of each implication row
     balls: tuple[Affine | FixedAffine | JoinedAffine, ...]
-    choices: tuple[Affine | FixedAffine | JoinedAffine, ...]  # one a block; rows of all its points
+    choices: tuple[Affine | FixedAffine | JoinedAffine, ...]  # by block; rows of all its points
     products: dict[tuple[int, int], int]  # pair -> number of the product
     cost: Any  # theta -> (q, constant)
     curvature: Any  # theta -> nonzeros of P
     P_indptr: NDArray[np.int32]
     P_indices: NDArray[np.int32]
-    numeric: tuple[Quadratic, ...]  # cost terms that no parameter enters
+    numeric: tuple[Quadratic, ...]  # cost terms without parameters
     smooth: SmoothForm | None
-    P: sparse.csc_matrix | None = None  # where no parameter enters it
+    P: sparse.csc_matrix | None = None  # if it does not depend on parameters
 
     @property
     def product_count(self) -> int:
-        """Different products of two variables in rows and implications."""
+        """Number of different products of two variables in rows and implications."""
         return len(self.products)
 
     def instance(self, theta: Array) -> Instance:
-        """The numbers at theta."""
+        """Return the numbers at theta."""
         blocks = self.blocks
         A, constants = self.rows.affine.at(theta)
         balls = []
@@ -64,8 +64,8 @@ class CompiledProgram:
         for group, affine in zip(blocks.choices, self.choices, strict=True):
             E, e = affine.at(theta)
             for k, alternatives in enumerate(group.alternatives):
-                here = slice(k * group.dimension, (k + 1) * group.dimension)
-                choices.append(Choice(f"{group.name}[{k}]", E[here], e[here], alternatives))
+                span = slice(k * group.dimension, (k + 1) * group.dimension)
+                choices.append(Choice(f"{group.name}[{k}]", E[span], e[span], alternatives))
         gradient, at_zero = self.cost(theta)
         q, constant = np.array(gradient).ravel(), float(at_zero)
         for term in self.numeric:
@@ -75,7 +75,7 @@ class CompiledProgram:
         integer = [np.full(v.lower.size, v.integer) for v in blocks.variables]
         return Instance(
             name=self.name,
-            P=self._curvature(theta) if self.P is None else self.P,
+            P=self._compute_curvature(theta) if self.P is None else self.P,
             q=q,
             constant=constant,
             lower=_stack([v.lower for v in blocks.variables]),
@@ -87,37 +87,40 @@ class CompiledProgram:
             choices=tuple(choices),
             integer=np.concatenate([np.zeros(0, bool), *integer]),
             products=Products(pairs[:, 0], pairs[:, 1]),
-            Q=self.rows.products_at(theta, self.products),
-            implications=self._implications(theta),
-            smooth=self._smooth_rows(theta),
+            Q=self.rows.compute_products(theta, self.products),
+            implications=self._build_implications(theta),
+            smooth=self._build_smooth_rows(theta),
         )
 
-    def kept(self, theta: Array) -> CompiledProgram:
-        """The same with P made once; theta: any, as no parameter enters it."""
-        return replace(self, P=self._curvature(theta))
+    def cache_curvature(self, theta: Array) -> CompiledProgram:
+        """Return the same with P computed once; theta is arbitrary, as P does not depend on it."""
+        return replace(self, P=self._compute_curvature(theta))
 
-    def _curvature(self, theta: Array) -> sparse.csc_matrix:
+    def _compute_curvature(self, theta: Array) -> sparse.csc_matrix:
+        """Compute P at theta."""
         n = self.rows.affine.columns
         values = np.array(self.curvature(theta)).ravel()
         P = sparse.csc_matrix((values, self.P_indices, self.P_indptr), shape=(n, n))
         for term in self.numeric:
-            P = P + _widened(term.P, n).tocsc()
+            P = P + _widen(term.P, n).tocsc()
         P.sort_indices()
         return P
 
-    def _smooth_rows(self, theta: Array) -> Smooth | None:
+    def _build_smooth_rows(self, theta: Array) -> Smooth | None:
+        """Build the smooth rows at theta."""
         if self.smooth is None:
             return None
         lower = _stack([b.lower for b in self.blocks.smooth])
         return Smooth(self.smooth, theta, lower, _stack([b.upper for b in self.blocks.smooth]))
 
-    def _implications(self, theta: Array) -> Implications:
+    def _build_implications(self, theta: Array) -> Implications:
+        """Build the implications at theta."""
         A, constants = self.implications.affine.at(theta)
         blocks = self.blocks.implications
         value = [np.full(len(b.expression), b.value) for b in blocks]
         return Implications(
             A=A,
-            Q=self.implications.products_at(theta, self.products),
+            Q=self.implications.compute_products(theta, self.products),
             lower=_stack([b.lower for b in blocks]) - constants,
             upper=_stack([b.upper for b in blocks]) - constants,
             binary=self.binaries,
@@ -125,12 +128,13 @@ class CompiledProgram:
         )
 
 
-def _stack(parts: Sequence[Array]) -> Array:
-    return np.concatenate([np.zeros(0), *(np.ravel(p) for p in parts)])
+def _stack(arrays: Sequence[Array]) -> Array:
+    """Concatenate flattened arrays."""
+    return np.concatenate([np.zeros(0), *(np.ravel(p) for p in arrays)])
 
 
-def _widened(matrix: sparse.csr_matrix, n: int) -> sparse.csr_matrix:
-    """The same entries among n variables."""
+def _widen(matrix: sparse.csr_matrix, n: int) -> sparse.csr_matrix:
+    """Return the same entries among n variables."""
     extra = np.full(n - matrix.shape[0], matrix.indptr[-1], matrix.indptr.dtype)
     indptr = np.concatenate([matrix.indptr, extra])
     return sparse.csr_matrix((matrix.data, matrix.indices, indptr), shape=(n, n))
@@ -144,27 +148,35 @@ def compile_program(
     x_symbols: Sequence[Any],
     theta_symbols: Sequence[Any],
 ) -> CompiledProgram:
-    """Extract coefficients.
+    """Extract the coefficients of a program.
 
-    cost: of scalars; numeric: further terms, whose coefficients are numbers already.
-    Raises ValueError if rows or implications are more than bilinear, balls or choices not affine,
-    the cost not quadratic, or an implication does not hang on a single stated binary.
+    Args:
+        name: Name of the program.
+        blocks: Its blocks.
+        cost: Cost of scalars.
+        numeric: Cost terms with numeric coefficients.
+        x_symbols: Variables.
+        theta_symbols: Parameters.
+
+    Raises:
+        ValueError: Rows or implications are more than bilinear, balls or choices not affine, the
+            cost not quadratic, or the condition of an implication is not a single stated binary.
     """
     x, theta = ca.vertcat(*x_symbols), ca.vertcat(*theta_symbols)
     zero = ca.DM.zeros(x.shape)
 
     def bilinear(label: str, expressions: Sequence[Sequence[Any] | AffineArray]) -> Bilinear:
-        return joined_coefficients(f"{name}: {label}", expressions, x_symbols, theta_symbols)
+        return extract_joined(f"{name}: {label}", expressions, x_symbols, theta_symbols)
 
     def affine(
         label: str, expression: Sequence[Any] | AffineArray
     ) -> Affine | FixedAffine | JoinedAffine:
-        return affine_coefficients(f"{name}: {label}", expression, x_symbols, theta_symbols)
+        return extract_affine(f"{name}: {label}", expression, x_symbols, theta_symbols)
 
     rows = bilinear("a row block", [b.expression for b in blocks.rows])
-    implied = bilinear("an implication", [b.expression for b in blocks.implications])
+    implications = bilinear("an implication", [b.expression for b in blocks.implications])
     products: dict[tuple[int, int], int] = {}
-    for pair in (*rows.product_pair, *implied.product_pair):
+    for pair in (*rows.product_pair, *implications.product_pair):
         products.setdefault(pair, len(products))
 
     hessian, gradient = ca.hessian(cost, x)
@@ -173,12 +185,12 @@ def compile_program(
     if ca.depends_on(nonzeros, x):
         raise ValueError(f"{name}: the cost is not quadratic in the variables")
     offsets = [ca.substitute(gradient, x, zero), ca.substitute(cost, x, zero)]
-    made = CompiledProgram(
+    program = CompiledProgram(
         name=name,
         blocks=blocks,
         rows=rows,
-        implications=implied,
-        binaries=_binaries(name, blocks, x_symbols, theta_symbols),
+        implications=implications,
+        binaries=_find_binaries(name, blocks, x_symbols, theta_symbols),
         balls=tuple(affine(b.name, b.expression) for b in blocks.balls),
         choices=tuple(affine(b.name, b.expression) for b in blocks.choices),
         products=products,
@@ -189,17 +201,21 @@ def compile_program(
         numeric=tuple(numeric),
         smooth=SmoothForm.of(blocks.smooth, x_symbols, theta_symbols),
     )
-    return made if enters(theta, nonzeros) else made.kept(np.zeros(theta.shape[0]))
+    return (
+        program
+        if depends_on_parameters(theta, nonzeros)
+        else program.cache_curvature(np.zeros(theta.shape[0]))
+    )
 
 
-def _binaries(
+def _find_binaries(
     name: str, blocks: Blocks, x_symbols: Sequence[Any], theta_symbols: Sequence[Any]
 ) -> IntArray:
-    """Index of the binary that each implication row hangs on."""
+    """Return the index of the binary of each implication row."""
     stated = [e for b in blocks.implications for e in b.binary]
     if not stated:
         return np.zeros(0, np.int64)
-    matrix, _ = affine_coefficients(f"{name}: a condition", stated, x_symbols, theta_symbols).at(
+    matrix, _ = extract_affine(f"{name}: a condition", stated, x_symbols, theta_symbols).at(
         np.zeros(len(theta_symbols))
     )
     integer = np.concatenate([np.full(v.lower.size, v.integer) for v in blocks.variables])

@@ -1,4 +1,4 @@
-"""The numbers of a program at one parameter value: what solvers read."""
+"""The numbers of a program at one parameter value, which solvers read."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ class Balls:
 
     @property
     def count(self) -> int:
-        """K."""
+        """Number of balls K."""
         return len(self.radius)
 
     def vectors(self, x: Array) -> Array:
-        """F_k x + f_k, (K, d)."""
+        """Return F_k x + f_k, (K, d)."""
         return (self.F @ x).reshape(self.f.shape) + self.f
 
     def excess(self, x: Array) -> Array:
-        """|| F_k x + f_k || - radius_k, (K,): positive where violated."""
+        """Return || F_k x + f_k || - radius_k, (K,), positive where violated."""
         return np.linalg.norm(self.vectors(x), axis=1) - self.radius
 
 
 @dataclass(frozen=True)
 class Choice:
-    """y = E x + e lies in at least one of the alternatives; one binary each."""
+    """Disjunction: y = E x + e lies in at least one of the alternatives, with one binary each."""
 
     name: str
     E: sparse.csr_matrix  # (d, n)
@@ -44,11 +44,11 @@ class Choice:
     alternatives: tuple[Polytope, ...]
 
     def point(self, x: Array) -> Array:
-        """y (d,)."""
+        """Return y (d,)."""
         return np.asarray(self.E @ x + self.e)
 
     def violations(self, x: Array) -> Array:
-        """Violation of each alternative at x, (R,)."""
+        """Return the violation of each alternative at x, (R,)."""
         y = self.point(x)
         return np.array([p.violation(y) for p in self.alternatives])
 
@@ -62,11 +62,11 @@ class Products:
 
     @property
     def count(self) -> int:
-        """K."""
+        """Number of products K."""
         return len(self.first)
 
     def values(self, x: Array) -> Array:
-        """w (K,) at x."""
+        """Return w (K,) at x."""
         return np.asarray(x[self.first] * x[self.second])
 
 
@@ -86,15 +86,15 @@ class Implications:
 
     @property
     def count(self) -> int:
-        """m."""
+        """Number of rows m."""
         return len(self.lower)
 
     def active(self, x: Array) -> BoolArray:
-        """Which rows must hold at x, binaries rounded."""
+        """Return the mask of rows that must hold at x, with binaries rounded."""
         return np.asarray((x[self.binary] > 0.5) == self.value)
 
     def violations(self, x: Array, w: Array) -> Array:
-        """By how much each row fails, (m,), zero where it need not hold."""
+        """Return the violation of each row, (m,), zero where it need not hold."""
         row = self.A @ x + self.Q @ w
         outside = np.maximum(np.maximum(self.lower - row, row - self.upper), 0.0)
         return np.where(self.active(x), outside, 0.0)
@@ -102,9 +102,9 @@ class Implications:
 
 @dataclass(frozen=True)
 class Instance:
-    """minimise 1/2 x'Px + q'x + constant over bounds, rows, balls, choices and implications.
+    """Minimise 1/2 x'Px + q'x + constant over bounds, rows, balls, choices and implications.
 
-    Rows and implications may hold products w of two variables; `integer` variables are binaries.
+    Rows and implications may contain products w of two variables; `integer` variables are binaries.
     """
 
     name: str
@@ -126,7 +126,7 @@ class Instance:
 
     @property
     def features(self) -> frozenset[str]:
-        """What a solver must be able to hold beside a convex quadratic program over rows."""
+        """Features that a solver must support beyond convex quadratic programs over rows."""
         present = {
             "balls": any(b.count for b in self.balls),
             "choices": bool(self.choices),
@@ -135,28 +135,28 @@ class Instance:
             "products": bool(self.products.count),
             "smooth": self.smooth is not None,
         }
-        return frozenset(name for name, there in present.items() if there)
+        return frozenset(name for name, is_present in present.items() if is_present)
 
     @property
     def size(self) -> int:
-        """n, continuous variables."""
+        """Number of variables n."""
         return len(self.q)
 
     @property
     def binary_count(self) -> int:
-        """Stated binaries and one for each alternative of each choice."""
+        """Number of stated binaries and of alternatives of all choices."""
         return int(self.integer.sum()) + sum(len(c.alternatives) for c in self.choices)
 
     def objective(self, x: Array) -> float:
-        """Exact objective at x."""
+        """Return the exact cost at x."""
         return float(0.5 * x @ (self.P @ x) + self.q @ x + self.constant)
 
     def assignment(self, x: Array) -> IntArray:
-        """Least violated alternative of each choice at x."""
+        """Return the least violated alternative of each choice at x."""
         return np.array([int(np.argmin(c.violations(x))) for c in self.choices], np.int64)
 
     def violation(self, x: Array, assignment: IntArray | None = None) -> float:
-        """Largest violation of any constraint at x (0 if feasible)."""
+        """Return the largest violation of any constraint at x (0 if feasible)."""
         chosen = self.assignment(x) if assignment is None else assignment
         worst = [0.0, float((self.lower - x).max()), float((x - self.upper).max())]
         w = self.products.values(x)

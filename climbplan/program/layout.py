@@ -1,4 +1,4 @@
-"""Named matrices behind one another in a vector: how compiled programs lay their numbers out."""
+"""Layout of named matrices in one vector, for the parameters of compiled programs."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from climbplan.arrays import Array
 
 @dataclass(frozen=True)
 class Layout:
-    """Named matrices, each in column-major order, as CasADi has them."""
+    """Named matrices one after the other, each in column-major order as in CasADi."""
 
     shapes: tuple[tuple[str, tuple[int, int]], ...]
 
     @classmethod
     def of(cls, shapes: Mapping[str, tuple[int, int]]) -> Self:
-        """One matrix after another."""
+        """Lay out one matrix after another."""
         return cls(tuple(shapes.items()))
 
     @property
@@ -30,38 +30,44 @@ class Layout:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """In order."""
+        """Names in order."""
         return tuple(name for name, _ in self.shapes)
 
-    def place(self, wanted: str) -> slice:
-        """Where a matrix is in the vector; raises KeyError for an unknown one."""
-        at = 0
+    def place(self, requested: str) -> slice:
+        """Return the slice of a matrix in the vector.
+
+        Raises:
+            KeyError: The name is unknown.
+        """
+        begin = 0
         for name, (rows, columns) in self.shapes:
-            if name == wanted:
-                return slice(at, at + rows * columns)
-            at += rows * columns
-        raise KeyError(wanted)
+            if name == requested:
+                return slice(begin, begin + rows * columns)
+            begin += rows * columns
+        raise KeyError(requested)
 
     def symbols(self) -> dict[str, Any]:
-        """Fresh CasADi symbols."""
+        """Create CasADi symbols."""
         return {name: ca.SX.sym(name, *shape) for name, shape in self.shapes}
 
     def split(self, vector: Any) -> dict[str, Any]:
-        """The matrices in a vector of symbols."""
+        """Return the matrices in a vector of symbols."""
         return {name: ca.reshape(vector[self.place(name)], *shape) for name, shape in self.shapes}
 
     def pack(self, values: Mapping[str, Array]) -> Array:
-        """Vectors (..., size) of arrays (..., *shape), or of any that broadcast to these."""
+        """Return vectors (..., size) of arrays that broadcast to (..., *shape)."""
         batch = np.broadcast_shapes(*(np.shape(values[name])[:-2] for name in self.names))
         full = (np.broadcast_to(values[name], (*batch, *shape)) for name, shape in self.shapes)
-        columns = [np.swapaxes(part, -1, -2).reshape(*batch, -1) for part in full]
+        columns = [np.swapaxes(array, -1, -2).reshape(*batch, -1) for array in full]
         return np.concatenate(columns, axis=-1)
 
     def unpack(self, vectors: Array) -> dict[str, Array]:
-        """Arrays (..., *shape) from vectors (..., size)."""
-        parts, at = {}, 0
+        """Return arrays (..., *shape) from vectors (..., size)."""
+        matrices, begin = {}, 0
         for name, (rows, columns) in self.shapes:
-            piece = vectors[..., at : at + rows * columns]
-            parts[name] = np.swapaxes(piece.reshape(*piece.shape[:-1], columns, rows), -1, -2)
-            at += rows * columns
-        return parts
+            entries = vectors[..., begin : begin + rows * columns]
+            matrices[name] = np.swapaxes(
+                entries.reshape(*entries.shape[:-1], columns, rows), -1, -2
+            )
+            begin += rows * columns
+        return matrices

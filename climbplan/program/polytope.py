@@ -11,7 +11,7 @@ from climbplan.arrays import Array
 
 @dataclass(frozen=True)
 class Polytope:
-    """{y in R^d : A y <= b, C y = c}, possibly unbounded."""
+    """The set {y in R^d : A y <= b, C y = c}, possibly unbounded."""
 
     name: str
     A: Array  # (m, d)
@@ -22,17 +22,17 @@ class Polytope:
 
     @classmethod
     def halfspaces(cls, name: str, A: Array, b: Array) -> Polytope:
-        """{y : A y <= b}."""
+        """Return {y : A y <= b}."""
         d = A.shape[1]
         return cls(name, A, b, np.zeros((0, d)), np.zeros(0))
 
     @property
     def dimension(self) -> int:
-        """d."""
+        """Dimension d."""
         return int(self.A.shape[1])
 
     def violation(self, y: Array) -> float:
-        """Largest violated row at y (d,), 0 if y is inside. Unit of the rows."""
+        """Return the largest violation of a row at y (d,), 0 if y is inside."""
         worst = 0.0
         if len(self.b):
             worst = max(worst, float((self.A @ y - self.b).max()))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from climbplan.arrays import Array
+from climbplan.deprecation import RenamedAttribute
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 from climbplan.program.residuals import BlockResidual
@@ -70,14 +71,10 @@ class Problem:
             self._check_partition(block, cut)
 
     def instance(self, theta: Theta) -> Instance:
-        """The numbers at theta.
-
-        Raises UsageError for parameters that do not fit, StatementError for expressions that no
-        method here can hold.
-        """
+        """Return the instance at theta."""
         self.numbers(theta)
         try:
-            instance = self.program.at(theta)
+            instance = self.program.instantiate(theta)
         except (ValueError, TypeError, RuntimeError) as error:  # RuntimeError: CasADi's only one
             raise StatementError(f"problem {self.name!r}: {error}") from error
         if not np.isfinite([*instance.q, *instance.P.data, instance.constant]).all():
@@ -98,20 +95,22 @@ class Problem:
 
     def split(self, vector: Array) -> dict[str, Array]:
         """Parameters by block from one vector (p,), as `Program.theta` lays them out."""
-        out, at = {}, 0
+        out, begin = {}, 0
         for name, shape in self.program.parameters.items():
             size = int(np.prod(shape, dtype=int))
-            out[name] = np.asarray(vector[at : at + size], float).reshape(shape)
-            at += size
-        if at != len(vector):
-            raise UsageError(f"problem {self.name!r}: {at} parameters expected, got {len(vector)}")
+            out[name] = np.asarray(vector[begin : begin + size], float).reshape(shape)
+            begin += size
+        if begin != len(vector):
+            raise UsageError(
+                f"problem {self.name!r}: {begin} parameters expected, got {len(vector)}"
+            )
         return out
 
-    def drawn(self, rng: np.random.Generator) -> dict[str, Array]:
-        """Parameters of the problem's own sampler; raises StatementError without one."""
+    def sample_parameters(self, rng: np.random.Generator) -> dict[str, Array]:
+        """Draw parameters by the problem's own sampler; raises StatementError without one."""
         if self.sample is None:
             raise StatementError(f"problem {self.name!r} has no sampler: `sample` is not given")
-        theta = self._own("sample", self.sample, rng)
+        theta = self._call_statement("sample", self.sample, rng)
         if not isinstance(theta, Mapping):
             kind = type(theta).__name__
             raise StatementError(
@@ -124,12 +123,16 @@ class Problem:
         except UsageError as error:
             raise StatementError(f"{error} (from `sample`)") from error
 
+    drawn = RenamedAttribute("sample_parameters")
+
     def feature_vector(self, theta: Theta) -> Array:
         """(d,) finite numbers; the parameters one after the other if nothing else is stated."""
         if self.features is None:
             return self.program.theta(self.numbers(theta))
         try:
-            vector = np.asarray(self._own("features", self.features, theta), float).ravel()
+            vector = np.asarray(
+                self._call_statement("features", self.features, theta), float
+            ).ravel()
         except (ValueError, TypeError) as error:
             raise StatementError(f"problem {self.name!r}: `features`: {error}") from error
         if not np.isfinite(vector).all():
@@ -140,21 +143,21 @@ class Problem:
         """The stated guess (n,), entries of `otherwise` (n,) where it says nothing."""
         if self.start is None:
             return None
-        guess = self._own("start", self.start, theta)
+        guess = self._call_statement("start", self.start, theta)
         if not isinstance(guess, Mapping):
             kind = type(guess).__name__
             raise StatementError(
                 f"problem {self.name!r}: `start` must return a mapping, got {kind}"
             )
         x = otherwise.copy()
-        for block, given in guess.items():
+        for block, values in guess.items():
             variable = self.program.variables.get(block)
             if variable is None:
-                known = ", ".join(self.program.variables)
+                names = ", ".join(self.program.variables)
                 raise StatementError(
-                    f"problem {self.name!r}: `start` names {block!r}, its variables are {known}"
+                    f"problem {self.name!r}: `start` names {block!r}, its variables are {names}"
                 )
-            value = np.asarray(given, float)
+            value = np.asarray(values, float)
             if value.shape != variable.shape or not np.isfinite(value).all():
                 raise StatementError(
                     f"problem {self.name!r}: `start` of {block!r}: finite numbers of shape "
@@ -168,15 +171,18 @@ class Problem:
         return {name: self.program.value(name, x) for name in self.program.variables}
 
     def own_residuals(self, theta: Theta, x: Array) -> tuple[BlockResidual, ...]:
-        """What the problem's own checker says of a point (n,), as `own.NAME`; none without one.
+        """Return the residuals of the problem's own checker at a point (n,), as `own.NAME`.
 
-        Raises StatementError where it does not return numbers by name.
+        There are none without a checker.
+
+        Raises:
+            StatementError: The checker does not return numbers by name.
         """
         if self.check is None:
             return ()
-        found = self._own("check", self.check, theta, self.values(x))
+        residuals = self._call_statement("check", self.check, theta, self.values(x))
         try:
-            worst = {str(name): float(value) for name, value in found.items()}
+            worst = {str(name): float(value) for name, value in residuals.items()}
         except (AttributeError, TypeError, ValueError) as error:
             raise StatementError(
                 f"problem {self.name!r}: `check` must return a number by name: {error}"
@@ -186,8 +192,8 @@ class Problem:
             for name, value in worst.items()
         )
 
-    def _own(self, role: str, function: Callable[..., Any], *arguments: Any) -> Any:
-        """What a function of the statement returns; its exceptions are named."""
+    def _call_statement(self, role: str, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a function of the statement, and name its exceptions."""
         try:
             return function(*arguments)
         except (Exception, SystemExit) as error:  # not ours: whatever it raises is its message

@@ -1,4 +1,4 @@
-"""What the exact check of a program reports, block by block."""
+"""Results of the exact check of a program, block by block."""
 
 from __future__ import annotations
 
@@ -34,112 +34,124 @@ class CheckReport:
     objective: float
 
     def worst(self) -> BlockResidual:
-        """The block with the largest residual."""
+        """Return the block with the largest residual."""
         return max(self.blocks, key=lambda b: b.residual)
 
     def __getitem__(self, name: str) -> BlockResidual:
-        """The block of a name, at its worst; raises KeyError, which says what names there are."""
-        found = [block for block in self.blocks if block.name == name]
-        if not found:
+        """Return the block of a name at its worst; raises KeyError with the known names."""
+        blocks = [block for block in self.blocks if block.name == name]
+        if not blocks:
             raise KeyError(f"no block {name!r}: {', '.join(sorted({b.name for b in self.blocks}))}")
-        return max(found, key=lambda block: block.residual)
+        return max(blocks, key=lambda block: block.residual)
 
     def __str__(self) -> str:
         return "\n".join(map(str, self.blocks))
 
     def passed(self, tolerance: float) -> bool:
-        """Whether no block is violated by more than the tolerance."""
+        """Return whether no block is violated by more than the tolerance."""
         return all(b.residual <= tolerance for b in self.blocks)
 
 
 def check_blocks(
     blocks: Blocks, instance: Instance, x: Array, assignment: IntArray | None = None
 ) -> CheckReport:
-    """Residual of every block of the statement that an instance was made of, at x (n,).
+    """Compute the residual of every block of the statement at x (n,).
 
-    assignment: chosen alternative of each choice in order of statement; the least violated one
-    if left out.
+    Args:
+        blocks: Blocks of the statement.
+        instance: Instance of the statement.
+        x: (n,) point.
+        assignment: Chosen alternative of each choice in order of statement, the least violated if
+            missing.
     """
     chosen = instance.assignment(x) if assignment is None else assignment
-    found = (
-        *_bounds(blocks, x),
-        *_rows(blocks, instance, x),
-        *_balls(blocks, instance, x),
-        *_implications(blocks, instance, x),
-        *_choices(blocks, instance, x, chosen),
-        *_smooth(blocks, instance, x),
+    residuals = (
+        *_check_bounds(blocks, x),
+        *_check_rows(blocks, instance, x),
+        *_check_balls(blocks, instance, x),
+        *_check_implications(blocks, instance, x),
+        *_check_choices(blocks, instance, x, chosen),
+        *_check_smooth(blocks, instance, x),
     )
-    return CheckReport(found, instance.objective(x))
+    return CheckReport(residuals, instance.objective(x))
 
 
-def _bounds(blocks: Blocks, x: Array) -> Iterator[BlockResidual]:
+def _check_bounds(blocks: Blocks, x: Array) -> Iterator[BlockResidual]:
+    """Yield residuals of bounds and integrality."""
     for v in blocks.variables:
         values = x[v.start : v.stop].reshape(v.shape)
-        yield worst_entry(f"bounds.{v.name}", outside(values, v.lower, v.upper), v.unit)
+        yield find_worst_entry(
+            f"bounds.{v.name}", compute_violation(values, v.lower, v.upper), v.unit
+        )
         if v.integer:
             fraction = np.abs(values - np.round(values))
-            yield worst_entry(f"integrality.{v.name}", fraction, v.unit)
+            yield find_worst_entry(f"integrality.{v.name}", fraction, v.unit)
 
 
-def _rows(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
+def _check_rows(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
+    """Yield residuals of row blocks."""
     row = instance.A @ x + instance.Q @ instance.products.values(x)
     start = 0
     for rows in blocks.rows:
-        here = slice(start, start + len(rows.expression))
-        start = here.stop
-        off = outside(row[here], instance.row_lower[here], instance.row_upper[here])
-        yield worst_entry(rows.name, off.reshape(rows.shape), rows.unit)
+        span = slice(start, start + len(rows.expression))
+        start = span.stop
+        violation = compute_violation(row[span], instance.row_lower[span], instance.row_upper[span])
+        yield find_worst_entry(rows.name, violation.reshape(rows.shape), rows.unit)
 
 
-def _balls(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
+def _check_balls(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
+    """Yield residuals of ball blocks."""
     for block, balls in zip(blocks.balls, instance.balls, strict=True):
         excess = np.maximum(balls.excess(x), 0.0).reshape(block.shape)
-        yield worst_entry(block.name, excess, block.unit)
+        yield find_worst_entry(block.name, excess, block.unit)
 
 
-def _implications(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
-    failed = instance.implications.violations(x, instance.products.values(x))
+def _check_implications(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
+    """Yield residuals of implications."""
+    violation = instance.implications.violations(x, instance.products.values(x))
     start = 0
-    for implied in blocks.implications:
-        here = slice(start, start + len(implied.expression))
-        start = here.stop
-        yield worst_entry(implied.name, failed[here].reshape(implied.shape), implied.unit)
+    for block in blocks.implications:
+        span = slice(start, start + len(block.expression))
+        start = span.stop
+        yield find_worst_entry(block.name, violation[span].reshape(block.shape), block.unit)
 
 
-def _choices(
+def _check_choices(
     blocks: Blocks, instance: Instance, x: Array, chosen: IntArray
 ) -> Iterator[BlockResidual]:
+    """Yield residuals of choices."""
     start = 0
     for group in blocks.choices:
-        here = slice(start, start + len(group.alternatives))
-        start = here.stop
+        span = slice(start, start + len(group.alternatives))
+        start = span.stop
         violation = np.array(
             [
                 c.alternatives[k].violation(c.point(x))
-                for c, k in zip(instance.choices[here], chosen[here], strict=True)
+                for c, k in zip(instance.choices[span], chosen[span], strict=True)
             ]
         )
-        yield worst_entry(group.name, violation.reshape(group.shape), group.unit)
+        yield find_worst_entry(group.name, violation.reshape(group.shape), group.unit)
 
 
-def _smooth(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
+def _check_smooth(blocks: Blocks, instance: Instance, x: Array) -> Iterator[BlockResidual]:
+    """Yield residuals of smooth blocks."""
     if instance.smooth is None:
         return
-    outside = instance.smooth.outside(x)
+    violation = instance.smooth.outside(x)
     start = 0
     for block in blocks.smooth:
-        here = slice(start, start + len(block.expression))
-        start = here.stop
-        yield worst_entry(block.name, outside[here].reshape(block.shape), block.unit)
+        span = slice(start, start + len(block.expression))
+        start = span.stop
+        yield find_worst_entry(block.name, violation[span].reshape(block.shape), block.unit)
 
 
-def outside(value: Array, lower: Array, upper: Array) -> Array:
-    """How far values are below their lower or above their upper ends, 0 within."""
+def compute_violation(value: Array, lower: Array, upper: Array) -> Array:
+    """Return how far values are below their lower or above their upper ends, 0 within."""
     return np.maximum(np.maximum(lower - value, value - upper), 0.0)
 
 
-def worst_entry(name: str, residual: Array, unit: str) -> BlockResidual:
-    """The largest residual of a block, of any shape, and where it is."""
+def find_worst_entry(name: str, residual: Array, unit: str) -> BlockResidual:
+    """Return the largest residual of a block of any shape, and its index."""
     if residual.size == 0:
         return BlockResidual(name, 0.0, unit, ())
     flat = int(np.argmax(residual))
@@ -149,15 +161,18 @@ def worst_entry(name: str, residual: Array, unit: str) -> BlockResidual:
 
 @dataclass(frozen=True)
 class RowNames:
-    """Which block each of m rows belongs to."""
+    """Block of each of m rows."""
 
     names: tuple[str, ...]  # in the order in which blocks were begun
     units: tuple[str, ...]
     block: NDArray[np.int32]  # (m,)
 
-    def residuals(self, off: Array) -> tuple[BlockResidual, ...]:
-        """Worst of each block, of what rows (m,) are off by; the index counts the block's rows."""
+    def residuals(self, violation: Array) -> tuple[BlockResidual, ...]:
+        """Return the worst violation of each block from those of rows (m,).
+
+        The index counts the block's rows.
+        """
         return tuple(
-            worst_entry(name, off[self.block == number], unit)
+            find_worst_entry(name, violation[self.block == number], unit)
             for number, (name, unit) in enumerate(zip(self.names, self.units, strict=True))
         )

@@ -1,4 +1,4 @@
-"""Interval propagation over linear rows: each row bounds each of its variables."""
+"""Interval propagation over linear rows: each row bounds each of its variables (FBBT)."""
 
 from __future__ import annotations
 
@@ -10,32 +10,33 @@ from scipy import sparse
 
 from climbplan.arrays import Array
 
-_PROGRESS = 1e-3  # a round that moves no bound by more than this share is the last
-_WEAK = 1e-7  # entries below this share of a row's largest bound no variable
+_PROGRESS = 1e-3  # a round that moves no bound by more than this fraction is the last
+_WEAK = 1e-7  # entries below this fraction of a row's largest entry bound no variable
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class Range:
-    """lower <= value <= upper, elementwise."""
+    """Elementwise range lower <= value <= upper."""
 
     lower: Array
     upper: Array
 
-    def moved_to(self, other: Range) -> bool:
-        """Whether the bounds of `other` are closer by a share that is worth another round."""
-        opened = np.isinf(self.lower) & np.isfinite(other.lower)
-        opened |= np.isinf(self.upper) & np.isfinite(other.upper)
+    def has_progressed(self, tightened: Range) -> bool:
+        """Return whether the bounds of `other` are tighter by enough for another round."""
+        is_bounded_now = np.isinf(self.lower) & np.isfinite(tightened.lower)
+        is_bounded_now |= np.isinf(self.upper) & np.isfinite(tightened.upper)
         with np.errstate(invalid="ignore"):
-            closer = np.maximum(other.lower - self.lower, self.upper - other.upper)
-        width = np.maximum(other.upper - other.lower, _ROUNDING)
-        return bool((opened | (np.nan_to_num(closer, nan=0.0) > _PROGRESS * width)).any())
+            closer = np.maximum(tightened.lower - self.lower, self.upper - tightened.upper)
+        width = np.maximum(tightened.upper - tightened.lower, _ROUNDING)
+        return bool((is_bounded_now | (np.nan_to_num(closer, nan=0.0) > _PROGRESS * width)).any())
 
 
 class RowPropagation:
-    """row_lower <= rows x <= row_upper, ready for many rounds."""
+    """Rows row_lower <= rows x <= row_upper, prepared for many rounds."""
 
     def __init__(self, rows: sparse.csr_matrix, row_lower: Array, row_upper: Array) -> None:
+        """Prepare entries."""
         rows.eliminate_zeros()
         entry = rows.tocoo()
         self._row, self._column, self._value = entry.row, entry.col, entry.data
@@ -43,28 +44,28 @@ class RowPropagation:
         self._lower, self._upper = row_lower[entry.row], row_upper[entry.row]
         largest = np.zeros(self._count)
         np.maximum.at(largest, entry.row, np.abs(entry.data))
-        # Division by a weak entry would only amplify rounding.
+        # Division by a weak entry would only amplify rounding errors
         self._strong = np.abs(entry.data) > _WEAK * largest[entry.row]
 
-    def tightened(self, bounds: Range) -> Range:
-        """Every variable bounded by every row, given the bounds of the row's other variables."""
+    def tighten(self, bounds: Range) -> Range:
+        """Tighten every variable by every row, given the bounds of the row's other variables."""
         i, j, a, strong = self._row, self._column, self._value, self._strong
         low, high = bounds.lower, bounds.upper
-        # A row's parts without an entry's own bound what is left for the entry.
-        rest_low = _rest(np.where(a > 0, a * low[j], a * high[j]), i, self._count)
-        rest_high = _rest(np.where(a > 0, a * high[j], a * low[j]), i, self._count)
-        one, other = (self._lower - rest_high) / a, (self._upper - rest_low) / a
+        # The activity of a row's other entries bounds each entry
+        rest_min = _sum_others(np.where(a > 0, a * low[j], a * high[j]), i, self._count)
+        rest_max = _sum_others(np.where(a > 0, a * high[j], a * low[j]), i, self._count)
+        first_end, second_end = (self._lower - rest_max) / a, (self._upper - rest_min) / a
         new_low, new_high = low.copy(), high.copy()
-        np.maximum.at(new_low, j[strong], np.minimum(one, other)[strong] - _ROUNDING)
-        np.minimum.at(new_high, j[strong], np.maximum(one, other)[strong] + _ROUNDING)
+        np.maximum.at(new_low, j[strong], np.minimum(first_end, second_end)[strong] - _ROUNDING)
+        np.minimum.at(new_high, j[strong], np.maximum(first_end, second_end)[strong] + _ROUNDING)
         return Range(new_low, new_high)
 
 
-def _rest(part: Array, row: NDArray[np.intp], count: int) -> Array:
-    """Sum of a row's parts without each entry's own; infinite if another part is."""
-    infinite = np.isinf(part)
-    total = np.bincount(row, np.where(infinite, 0.0, part), count)[row]
-    others = np.bincount(row, infinite, count)[row] - infinite
-    sign = np.sign(np.bincount(row, np.where(infinite, np.sign(part), 0.0), count)[row])
-    rest = total - np.where(infinite, 0.0, part)
-    return np.where(others > 0, np.where(sign < 0, -np.inf, np.inf), rest)
+def _sum_others(value: Array, row: NDArray[np.intp], count: int) -> Array:
+    """Return the sum of a row's other entries for each entry; infinite if another one is."""
+    infinite = np.isinf(value)
+    total = np.bincount(row, np.where(infinite, 0.0, value), count)[row]
+    num_infinite = np.bincount(row, infinite, count)[row] - infinite
+    sign = np.sign(np.bincount(row, np.where(infinite, np.sign(value), 0.0), count)[row])
+    other_sum = total - np.where(infinite, 0.0, value)
+    return np.where(num_infinite > 0, np.where(sign < 0, -np.inf, np.inf), other_sum)

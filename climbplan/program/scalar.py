@@ -1,7 +1,7 @@
-"""Scalars of a stated program, which NumPy takes for numbers.
+"""Scalars of a stated program, which NumPy treats as numbers.
 
-A CasADi scalar times an array of NumPy is a matrix of CasADi. A `Scalar` times an array is an array
-of scalars, of the shape that NumPy's rules of broadcasting give it.
+A CasADi scalar times a NumPy array is a CasADi matrix. A `Scalar` times an array is an array of
+scalars, of the shape that NumPy's broadcasting gives.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ _OPERATORS = (
 
 
 class Scalar(ca.SX):
-    """One variable, one parameter, or an expression of them: CasADi's scalar, and NumPy's."""
+    """A variable, a parameter, or an expression of them, for CasADi and NumPy."""
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
         """Apply a function of NumPy entry by entry, as for arrays of scalars."""
         if len(inputs) == 1 or any(isinstance(value, np.ndarray) for value in inputs):
-            boxed = [_boxed(value) if isinstance(value, ca.SX) else value for value in inputs]
+            boxed = [_wrap_scalar(value) if isinstance(value, ca.SX) else value for value in inputs]
             return getattr(ufunc, method)(*boxed, **options)
         return as_scalar(super().__array_ufunc__(ufunc, method, *inputs, **options))
 
@@ -74,12 +74,12 @@ def entries_of(owner: str, expression: Any) -> NDArray[np.object_]:
     if isinstance(expression, ca.SX):
         rows, columns = expression.shape
         if (rows, columns) == (1, 1):
-            return _boxed(expression)
+            return _wrap_scalar(expression)
         dense = scalars(ca.densify(expression.T).elements())  # CasADi goes column by column
         return dense if columns == 1 else dense.reshape(rows, columns)
     if isinstance(expression, list | tuple):
-        expression = _from_lists(owner, expression)
-    array = expression if isinstance(expression, np.ndarray) else _boxed(expression)
+        expression = _stack_lists(owner, expression)
+    array = expression if isinstance(expression, np.ndarray) else _wrap_scalar(expression)
     for index, entry in np.ndenumerate(array):
         if isinstance(entry, ca.SX) and entry.numel() != 1:
             rows, columns = entry.shape
@@ -90,26 +90,31 @@ def entries_of(owner: str, expression: Any) -> NDArray[np.object_]:
     return array
 
 
-def _from_lists(owner: str, values: list[Any] | tuple[Any, ...]) -> NDArray[np.object_]:
-    parts = [entries_of(owner, value) for value in values]
-    shapes = {part.shape for part in parts}
+def _stack_lists(owner: str, values: list[Any] | tuple[Any, ...]) -> NDArray[np.object_]:
+    """Stack nested lists of scalars."""
+    arrays = [entries_of(owner, value) for value in values]
+    shapes = {array.shape for array in arrays}
     if len(shapes) > 1:
-        found = ", ".join(map(str, sorted(shapes)))
-        raise ValueError(f"{owner}: entries of one shape expected in a list, got shapes {found}")
-    return np.stack(parts) if parts else np.empty(0, dtype=object)
+        shape_list = ", ".join(map(str, sorted(shapes)))
+        raise ValueError(
+            f"{owner}: entries of one shape expected in a list, got shapes {shape_list}"
+        )
+    return np.stack(arrays) if arrays else np.empty(0, dtype=object)
 
 
-def _boxed(value: Any) -> NDArray[np.object_]:
-    """An array of no dimensions with a value in it."""
+def _wrap_scalar(value: Any) -> NDArray[np.object_]:
+    """Return an array of no dimensions with a value in it."""
     box = np.empty((), dtype=object)
     box[()] = value
     return box
 
 
-def _operator(function: Callable[[Any, Any], Any], ufunc: Any, swapped: bool) -> Callable[..., Any]:
-    """An operator that leaves arrays to NumPy, and returns a `Scalar` for scalars.
+def _create_operator(
+    function: Callable[[Any, Any], Any], ufunc: Any, swapped: bool
+) -> Callable[..., Any]:
+    """Create an operator that leaves arrays to NumPy, and returns a `Scalar` for scalars.
 
-    swapped: whether the scalar is the second operand.
+    `swapped` means that the scalar is the second operand.
     """
 
     def apply(self: Scalar, other: Any) -> Any:
@@ -121,19 +126,20 @@ def _operator(function: Callable[[Any, Any], Any], ufunc: Any, swapped: bool) ->
     return apply
 
 
-def _function(name: str) -> Callable[..., Any]:
-    own = getattr(ca.SX, name)
+def _create_function(name: str) -> Callable[..., Any]:
+    """Create a function of one scalar."""
+    casadi_function = getattr(ca.SX, name)
 
     def apply(self: Scalar) -> Any:
-        return as_scalar(own(self))
+        return as_scalar(casadi_function(self))
 
     return apply
 
 
 for _name, _own, _ufunc in _OPERATORS:
-    setattr(Scalar, f"__{_name}__", _operator(_own, _ufunc, swapped=False))
-    setattr(Scalar, f"__i{_name}__", _operator(_own, _ufunc, swapped=False))
-    setattr(Scalar, f"__r{_name}__", _operator(_own, _ufunc, swapped=True))
-setattr(Scalar, "arctan2", _operator(ca.atan2, np.arctan2, swapped=False))  # noqa: B010
+    setattr(Scalar, f"__{_name}__", _create_operator(_own, _ufunc, swapped=False))
+    setattr(Scalar, f"__i{_name}__", _create_operator(_own, _ufunc, swapped=False))
+    setattr(Scalar, f"__r{_name}__", _create_operator(_own, _ufunc, swapped=True))
+setattr(Scalar, "arctan2", _create_operator(ca.atan2, np.arctan2, swapped=False))  # noqa: B010
 for _name in _FUNCTIONS:
-    setattr(Scalar, _name, _function(_name))
+    setattr(Scalar, _name, _create_function(_name))

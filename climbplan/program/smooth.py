@@ -1,7 +1,7 @@
 """Smooth blocks: rows that are neither affine nor products, such as rotations and kinematics.
 
 A statement adds them by name (`Program.smooth`), as expressions or as one CasADi function mapped
-over knots. Methods that hold them differentiate one function of (x, theta) for all blocks.
+over knots. Methods that support them differentiate one function of (x, theta) for all blocks.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from climbplan.program.scalar import scalars
 
 @dataclass(frozen=True, eq=False)
 class SmoothForm:
-    """All smooth blocks of a program as one function; shared by its instances."""
+    """All smooth blocks of a program as one function, shared by its instances."""
 
     function: Any  # ca.Function (x (n,), theta (p,)) -> (m,)
     size: int  # n, variables of the statement
@@ -30,7 +30,7 @@ class SmoothForm:
     def of(
         cls, blocks: Sequence[SmoothBlock], x_symbols: Sequence[Any], theta_symbols: Sequence[Any]
     ) -> SmoothForm | None:
-        """The form of a program's blocks, None without any."""
+        """Build the form of a program's blocks, None without any."""
         if not blocks:
             return None
         x, theta = ca.vertcat(*x_symbols), ca.vertcat(*theta_symbols)
@@ -41,9 +41,9 @@ class SmoothForm:
 
 @dataclass(frozen=True, eq=False)
 class Smooth:
-    """lower <= g(x; theta) <= upper at one theta.
+    """Rows lower <= g(x; theta) <= upper at one theta.
 
-    x may have more variables behind those of the statement, as reformulations add them.
+    x may have more variables after those of the statement, as reformulations add them.
     """
 
     form: SmoothForm
@@ -53,26 +53,30 @@ class Smooth:
 
     @property
     def count(self) -> int:
-        """m."""
+        """Number of rows m."""
         return self.form.count
 
     def values(self, x: Array) -> Array:
-        """g (m,) at x."""
+        """Return g (m,) at x."""
         return np.array(self.form.function(x[: self.form.size], self.theta)).ravel()
 
     def outside(self, x: Array) -> Array:
-        """By how much each row fails (m,); infinite where g is not a number."""
+        """Return the violation of each row (m,); infinite where g is not a number."""
         value = self.values(x)
-        off = np.maximum(np.maximum(self.lower - value, value - self.upper), 0.0)
-        return np.where(np.isnan(value), np.inf, off)
+        violation = np.maximum(np.maximum(self.lower - value, value - self.upper), 0.0)
+        return np.where(np.isnan(value), np.inf, violation)
 
 
 def over_knots(function: Any, arguments: Sequence[Any]) -> Any:
-    """(K, m) scalars: a CasADi function at each of K knots.
+    """Return (K, m) scalars: a CasADi function at each of K knots.
 
-    function: of vectors, returns one vector (m,). arguments: an array for each of its inputs, of
-    shape (K, d), or (d,) where it is the same at all knots. Raises ValueError for shapes that do
-    not fit.
+    Args:
+        function: Function of vectors that returns one vector (m,).
+        arguments: An array for each of its inputs, of shape (K, d), or (d,) where it is the same at
+            all knots.
+
+    Raises:
+        ValueError: Shapes do not fit.
     """
     stacked = [np.asarray(argument, dtype=object) for argument in arguments]
     if function.n_in() != len(stacked) or function.n_out() != 1:
@@ -92,6 +96,6 @@ def over_knots(function: Any, arguments: Sequence[Any]) -> Any:
             )
     rows = []
     for k in range(next(iter(counts), 1)):
-        here = [ca.vertcat(*(a[k] if a.ndim == 2 else a)) for a in stacked]
-        rows.append(scalars(function(*here).elements()))
+        columns = [ca.vertcat(*(a[k] if a.ndim == 2 else a)) for a in stacked]
+        rows.append(scalars(function(*columns).elements()))
     return np.stack(rows)

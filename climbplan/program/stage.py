@@ -1,4 +1,4 @@
-"""Rows and costs by name, and one knot of a trajectory as a function of them."""
+"""Named rows and costs, and one knot of a trajectory as a function of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from climbplan.arrays import Array
 
 @dataclass(frozen=True)
 class Rows:
-    """Some rows of a block, behind those that were stated before."""
+    """Some rows of a block, after those that were stated earlier."""
 
     name: str
     unit: str
@@ -40,7 +40,7 @@ class NamedRows:
         upper: ArrayLike = np.inf,
         unit: str = "",
     ) -> None:
-        """lower <= expression <= upper, elementwise; the expression may have no entry."""
+        """Add lower <= expression <= upper, elementwise; the expression may be empty."""
         column = ca.vec(expression)
         shape = (column.numel(),)
         low = np.broadcast_to(np.asarray(lower, float), shape)
@@ -49,7 +49,7 @@ class NamedRows:
         self._expressions.append(column)
 
     def equal(self, name: str, expression: Any, unit: str = "") -> None:
-        """expression == 0, elementwise."""
+        """Add expression == 0, elementwise."""
         self.between(name, expression, 0.0, 0.0, unit)
 
     def minimise(self, name: str, term: Any) -> None:
@@ -57,27 +57,27 @@ class NamedRows:
         self._costs[name] = self._costs.get(name, self._symbols(0)) + term
 
     def sizes(self) -> dict[str, int]:
-        """Rows of every block."""
-        found: dict[str, int] = {}
+        """Return the number of rows of every block."""
+        sizes: dict[str, int] = {}
         for rows in self._rows:
-            found[rows.name] = found.get(rows.name, 0) + len(rows.lower)
-        return found
+            sizes[rows.name] = sizes.get(rows.name, 0) + len(rows.lower)
+        return sizes
 
 
 class Stage(NamedRows):
-    """One knot's rows and costs, stated once and called at each knot: `Trajectory.add`.
+    """One knot's rows and costs, stated once and called at each knot by `Trajectory.add`.
 
-    A function of columns. Every row and cost has a name.
+    A stage is a function of columns. Every row and cost has a name.
     """
 
     def __init__(self, name: str, inputs: Mapping[str, Any]) -> None:
-        """inputs: symbols (`ca.SX`) of any shape, by name; taken in this order."""
+        """Begin with input symbols (`ca.SX`) of any shape, by name and in this order."""
         super().__init__(ca.SX)
         self.name = name
         self.inputs = tuple(inputs)
         self._inputs = [ca.vec(symbol) for symbol in inputs.values()]
 
     def function(self) -> Any:
-        """ca.Function: columns -> (rows (m,), costs (c,))."""
+        """Return the ca.Function: columns -> (rows (m,), costs (c,))."""
         outputs = [ca.vertcat(*self._expressions), ca.vertcat(*self._costs.values())]
         return ca.Function(self.name, self._inputs, [ca.densify(out) for out in outputs])

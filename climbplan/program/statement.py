@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from climbplan.arrays import Array, IntArray
+from climbplan.deprecation import RenamedAttribute
 from climbplan.program.affine_array import AffineArray, Quadratic
 from climbplan.program.blocks import (
     BallBlock,
@@ -106,7 +107,7 @@ class Program:
         unit: str = "",
     ) -> Expression:
         """A block of continuous variables with bounds, as an array of scalars."""
-        self._fresh(name, self.variables)
+        self._check_new(name, self.variables)
         low, high = bounds_of(f"{self.name}: variable {name!r}", lower, upper, shape)
         self.variables[name] = Variable(name, shape, len(self._x), low, high, unit)
         return self._symbols(name, shape, self._x)
@@ -114,9 +115,11 @@ class Program:
     def __repr__(self) -> str:
         groups = (self._rows, self._balls, self._choices, self._implications, self._smooth)
         names = dict.fromkeys(block.name for group in groups for block in group)
-        return f"<Program {self.name!r}: variables {self._listed()}; blocks {', '.join(names)}>"
+        listed = self._list_variables()
+        return f"<Program {self.name!r}: variables {listed}; blocks {', '.join(names)}>"
 
-    def _listed(self) -> str:
+    def _list_variables(self) -> str:
+        """Return the names of variables."""
         return ", ".join(self.variables)
 
     def affine(self, name: str) -> AffineArray:
@@ -127,20 +130,22 @@ class Program:
         KeyError for a name that is not stated.
         """
         if name not in self.variables:
-            raise KeyError(f"{self.name} states no {name!r}, its variables are {self._listed()}")
+            raise KeyError(
+                f"{self.name} states no {name!r}, its variables are {self._list_variables()}"
+            )
         variable = self.variables[name]
         return AffineArray.variables(variable.start, variable.shape, len(self._x))
 
     def binary(self, name: str, shape: tuple[int, ...]) -> Expression:
         """A block of variables that are 0 or 1, as an array of scalars."""
-        self._fresh(name, self.variables)
+        self._check_new(name, self.variables)
         low, high = np.zeros(shape), np.ones(shape)
         self.variables[name] = Variable(name, shape, len(self._x), low, high, "", integer=True)
         return self._symbols(name, shape, self._x)
 
     def parameter(self, name: str, shape: tuple[int, ...]) -> Expression:
         """A block of parameters theta, as an array of scalars."""
-        self._fresh(name, self.parameters)
+        self._check_new(name, self.parameters)
         self.parameters[name] = shape
         return self._symbols(name, shape, self._theta)
 
@@ -161,7 +166,7 @@ class Program:
         entries = self._entries(name, expression)
         shape = entries.shape
         low, high = bounds_of(f"{self.name}: block {name!r}", lower, upper, shape)
-        self._rows.append(RowBlock(name, shape, _listed(entries), low.ravel(), high.ravel(), unit))
+        self._rows.append(RowBlock(name, shape, _flatten(entries), low.ravel(), high.ravel(), unit))
         self._compiled = None
 
     def equal(self, name: str, expression: Expression, unit: str = "") -> None:
@@ -235,7 +240,7 @@ class Program:
         *shape, dimension = entries.shape
         numbers = np.asarray(radius, float)
         radii = broadcast(f"{self.name}: block {name!r}: radius", numbers, tuple(shape)).ravel()
-        block = BallBlock(name, tuple(shape), _listed(entries), dimension, radii, unit)
+        block = BallBlock(name, tuple(shape), _flatten(entries), dimension, radii, unit)
         self._balls.append(block)
         self._compiled = None
 
@@ -252,7 +257,7 @@ class Program:
         block = ChoiceBlock(
             name,
             tuple(shape),
-            _listed(entries),
+            _flatten(entries),
             dimension,
             tuple(tuple(group) for group in alternatives),
             unit,
@@ -267,7 +272,7 @@ class Program:
 
         Raises ValueError if the term is not one scalar.
         """
-        self._fresh(name, self._costs)
+        self._check_new(name, self._costs)
         if not isinstance(term, Quadratic):
             entries = self._entries(name, term)
             if isinstance(entries, AffineArray) or entries.shape not in ((), (1,)):
@@ -281,22 +286,24 @@ class Program:
 
     # ---- numbers
 
-    def at(self, theta: Mapping[str, ArrayLike] | None = None) -> Instance:
-        """The instance at parameter values; rebuilds nothing but numbers after the first call."""
+    def instantiate(self, theta: Mapping[str, ArrayLike] | None = None) -> Instance:
+        """Return the instance at parameter values; later calls only rebuild numbers."""
         return self._compile().instance(self.theta(theta))
+
+    at = RenamedAttribute("instantiate")
 
     def theta(self, values: Mapping[str, ArrayLike] | None = None) -> Array:
         """Parameter values as one vector; raises ValueError for missing, unknown or misshapen."""
-        given = dict(values or {})
-        if set(given) != set(self.parameters):
-            raise ValueError(f"parameters {sorted(self.parameters)} expected, got {sorted(given)}")
-        parts = []
+        blocks = dict(values or {})
+        if set(blocks) != set(self.parameters):
+            raise ValueError(f"parameters {sorted(self.parameters)} expected, got {sorted(blocks)}")
+        arrays = []
         for name, shape in self.parameters.items():
-            part = np.asarray(given[name], float)
-            if part.shape != shape:
-                raise ValueError(f"parameter {name}: shape {shape} expected, got {part.shape}")
-            parts.append(part.ravel())
-        return np.concatenate(parts) if parts else np.zeros(0)
+            array = np.asarray(blocks[name], float)
+            if array.shape != shape:
+                raise ValueError(f"parameter {name}: shape {shape} expected, got {array.shape}")
+            arrays.append(array.ravel())
+        return np.concatenate(arrays) if arrays else np.zeros(0)
 
     def value(self, name: str, x: Array) -> Array:
         """The values of one variable block in a solution vector."""
@@ -326,11 +333,11 @@ class Program:
 
     def counts(self) -> dict[str, Any]:
         """Sizes in all and by block name."""
-        binaries = _counted((b.name, sum(map(len, b.alternatives))) for b in self._choices)
-        rows = _counted((b.name, len(b.expression)) for b in self._rows)
-        balls = _counted((b.name, len(b.radius)) for b in self._balls)
-        implied = _counted((b.name, len(b.expression)) for b in self._implications)
-        smooth = _counted((b.name, len(b.expression)) for b in self._smooth)
+        binaries = _count_entries((b.name, sum(map(len, b.alternatives))) for b in self._choices)
+        rows = _count_entries((b.name, len(b.expression)) for b in self._rows)
+        balls = _count_entries((b.name, len(b.radius)) for b in self._balls)
+        implied = _count_entries((b.name, len(b.expression)) for b in self._implications)
+        smooth = _count_entries((b.name, len(b.expression)) for b in self._smooth)
         stated = sum(v.lower.size for v in self.variables.values() if v.integer)
         return {
             "continuous": len(self._x) - stated,
@@ -355,11 +362,12 @@ class Program:
         assignment: chosen alternative of each choice in order of statement; the least violated one
         if left out.
         """
-        return check_blocks(self.blocks, self.at(theta), x, assignment)
+        return check_blocks(self.blocks, self.instantiate(theta), x, assignment)
 
     # ---- internals
 
     def _compile(self) -> CompiledProgram:
+        """Compile the program once."""
         if self._compiled is None:
             numeric = [c for c in self._costs.values() if isinstance(c, Quadratic)]
             stated = [c for c in self._costs.values() if not isinstance(c, Quadratic)]
@@ -375,25 +383,27 @@ class Program:
             return expression
         return entries_of(f"{self.name}: {name!r}", expression)
 
-    def _fresh(self, name: str, taken: Mapping[str, Any]) -> None:
-        if name in taken:
+    def _check_new(self, name: str, existing: Mapping[str, Any]) -> None:
+        """Raise ValueError for a name that is used already, and discard the compiled program."""
+        if name in existing:
             raise ValueError(f"{self.name}: {name!r} is stated twice")
         self._compiled = None
 
     @staticmethod
-    def _symbols(name: str, shape: tuple[int, ...], into: list[Any]) -> Expression:
+    def _symbols(name: str, shape: tuple[int, ...], target: list[Any]) -> Expression:
+        """Create symbols of a block and append them."""
         block = scalars(ca.SX.sym(name, math.prod(shape)).elements())
-        into.extend(block)
+        target.extend(block)
         return block.reshape(shape)
 
 
-def _listed(entries: Any) -> Any:
-    """All entries in one row."""
+def _flatten(entries: Any) -> Any:
+    """Return all entries in one row."""
     return entries.ravel() if isinstance(entries, AffineArray) else list(entries.ravel())
 
 
-def _counted(blocks: Iterable[tuple[str, int]]) -> Counter[str]:
-    """Sizes by name, added up where a name is used again."""
+def _count_entries(blocks: Iterable[tuple[str, int]]) -> Counter[str]:
+    """Sum sizes by name."""
     sizes: Counter[str] = Counter()
     for name, size in blocks:
         sizes[name] += size

@@ -17,18 +17,25 @@ from numpy.typing import ArrayLike
 
 from climbplan.arrays import Array, IntArray
 from climbplan.program.layout import Layout
-from climbplan.program.residuals import BlockResidual, RowNames, outside
+from climbplan.program.residuals import BlockResidual, RowNames, compute_violation
 from climbplan.program.stage import NamedRows, Stage
 from climbplan.program.statement import Program
 
 
-def _places(name: str, names: list[str], sizes: list[int]) -> IntArray:
-    """(K, d) where the K pieces of a name are; KeyError without any, ValueError if they differ."""
+def _find_positions(name: str, names: list[str], sizes: list[int]) -> IntArray:
+    """Return positions (K, d) of the K pieces of a name.
+
+    Raises:
+        KeyError: There are none.
+        ValueError: The pieces have different sizes.
+    """
     ends = np.cumsum(sizes)
-    found = [np.arange(e - d, e) for n, d, e in zip(names, sizes, ends, strict=True) if n == name]
-    if not found:
+    positions = [
+        np.arange(e - d, e) for n, d, e in zip(names, sizes, ends, strict=True) if n == name
+    ]
+    if not positions:
         raise KeyError(name)
-    return np.stack(found)
+    return np.stack(positions)
 
 
 class Trajectory(NamedRows):
@@ -85,77 +92,84 @@ class Trajectory(NamedRows):
         return symbol
 
     def add(self, stage: Stage, *arguments: Any, **named: Any) -> None:
-        """A stage at K knots: its rows knot after knot, its costs summed.
+        """Add a stage at K knots: its rows knot after knot, its costs summed.
 
-        arguments: a matrix (d, K) for each input of the stage, one column a knot; or (d, 1) where
-        it is the same at all knots. named: those of the inputs behind them, by name. Raises
-        ValueError where they are not the inputs of the stage.
+        Args:
+            stage: The stage.
+            arguments: A matrix (d, K) for each input, one column a knot, or (d, 1) where it is the
+                same at all knots.
+            named: Further inputs by name.
+
+        Raises:
+            ValueError: The arguments are not the inputs of the stage.
         """
-        rest = stage.inputs[len(arguments) :]
-        if set(rest) != set(named) or len(arguments) + len(rest) != len(stage.inputs):
+        named_inputs = stage.inputs[len(arguments) :]
+        if set(named_inputs) != set(named) or len(arguments) + len(named_inputs) != len(
+            stage.inputs
+        ):
             raise ValueError(f"{stage.name} takes {', '.join(stage.inputs)}")
-        columns = (*arguments, *(named[name] for name in rest))
-        given = [ca.MX(a) if self._symbols is ca.MX else a for a in columns]
-        knots = max(argument.size2() for argument in given)
+        columns = (*arguments, *(named[name] for name in named_inputs))
+        matrices = [ca.MX(a) if self._symbols is ca.MX else a for a in columns]
+        knots = max(argument.size2() for argument in matrices)
         function = stage.function()
         if knots > 1:
-            wide = [a if a.size2() == knots else ca.repmat(a, 1, knots) for a in given]
+            wide = [a if a.size2() == knots else ca.repmat(a, 1, knots) for a in matrices]
             rows, costs = function.map(knots)(*wide)
         else:
-            rows, costs = function(*given)
+            rows, costs = function(*matrices)
         self._expressions.append(ca.vec(rows))
         self._rows += stage._rows * knots
         for name, term in zip(stage._costs, ca.vertsplit(ca.sum2(costs)), strict=True):
             self.minimise(name, term)
 
     def relax(self, eps: float) -> None:
-        """How far binaries are from 0 and 1, z (1 - z) <= eps, eq. (7.4): rows behind all others.
+        """Relax binaries by z (1 - z) <= eps, eq. (7.4), with rows after all others.
 
-        For a local method. Called once, when everything is stated.
+        It is for a local method, and called once when everything is stated.
         """
-        whole = [z for z, binary in zip(self._x.values(), self._binary, strict=True) if binary]
-        z = ca.vertcat(*whole)
+        binaries = [z for z, binary in zip(self._x.values(), self._binary, strict=True) if binary]
+        z = ca.vertcat(*binaries)
         self.between("integers.whole", z * (1 - z), upper=eps)
 
     @property
     def x(self) -> Any:
-        """(N,) all variables, in the order in which they were stated."""
+        """All variables (N,), in the order of statement."""
         return ca.vertcat(*self._x.values())
 
     @property
     def p(self) -> Any:
-        """(P,) all parameters, in the order in which they were stated."""
+        """All parameters (P,), in the order of statement."""
         if not self._p:
             return self._symbols.sym("p", 0)
         return ca.vertcat(*(ca.vec(symbol) for symbol in self._p.values()))
 
     def theta(self, values: Mapping[str, ArrayLike]) -> Array:
-        """(P,) from numbers of every parameter, each of its shape."""
+        """Return (P,) from numbers of every parameter, each of its shape."""
         shapes = {name: symbol.shape for name, symbol in self._p.items()}
         return Layout.of(shapes).pack({name: np.asarray(v, float) for name, v in values.items()})
 
     @property
     def rows(self) -> Any:
-        """(M,) all rows, in the order in which they were stated."""
+        """All rows (M,), in the order of statement."""
         return ca.vertcat(*self._expressions)
 
     @property
     def cost(self) -> Any:
-        """The sum of all costs."""
+        """Sum of all costs."""
         return sum(self._costs.values(), self._symbols(0))
 
     @property
     def start(self) -> Array:
-        """(N,)."""
+        """Start of the variables (N,)."""
         return np.concatenate([np.zeros(0), *self._start])
 
     def guess(self) -> dict[str, Array]:
-        """The stated starts by variable, for `Problem(start=lambda theta: ...)`."""
+        """Return the stated starts by variable, for `Problem(start=lambda theta: ...)`."""
         return dict(zip(self._x, self._start, strict=True))
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Of the variables, (N,) each."""
+        """Bounds of the variables, (N,) each."""
         return (
             np.concatenate([np.zeros(0), *self._lower]),
             np.concatenate([np.zeros(0), *self._upper]),
@@ -163,24 +177,27 @@ class Trajectory(NamedRows):
 
     @property
     def row_bounds(self) -> tuple[Array, Array]:
-        """Of the rows, (M,) each."""
+        """Bounds of the rows, (M,) each."""
         return (
             np.concatenate([np.zeros(0), *(rows.lower for rows in self._rows)]),
             np.concatenate([np.zeros(0), *(rows.upper for rows in self._rows)]),
         )
 
     def place(self, name: str) -> IntArray:
-        """(K, d) where the variables that were stated by a name are in x: K times d of them."""
-        return _places(name, self._named, [len(part) for part in self._start])
+        """Return positions (K, d) in x of the variables that were stated K times by a name."""
+        return _find_positions(name, self._named, [len(array) for array in self._start])
 
     def block(self, name: str) -> IntArray:
-        """(K, m) where the rows of a block are: K times m of them."""
-        return _places(name, [r.name for r in self._rows], [len(r.lower) for r in self._rows])
+        """Return positions (K, m) of the rows of a block."""
+        return _find_positions(
+            name, [r.name for r in self._rows], [len(r.lower) for r in self._rows]
+        )
 
     def point(self, values: Mapping[str, ArrayLike]) -> Array:
-        """x (N,) of values of all variables by name, each broadcast to its (K, d).
+        """Return x (N,) of values of all variables by name, each broadcast to its (K, d).
 
-        Raises KeyError for a name that is unknown or left out.
+        Raises:
+            KeyError: A name is unknown or missing.
         """
         x = self.start
         for name in dict.fromkeys((*self._named, *values)):
@@ -192,24 +209,28 @@ class Trajectory(NamedRows):
         given: Mapping[str, tuple[ArrayLike, ArrayLike]],
         held: Mapping[str, ArrayLike] | None = None,
     ) -> tuple[Array, Array]:
-        """Bounds of the rows (M,) each: as stated, but for the blocks that are given by name.
+        """Return bounds of the rows (M,) each, with those of some blocks replaced.
 
-        given: bounds, each broadcast to (K, m), K times m rows of a block. held: where rows of a
-        block hold, likewise; the others are open. Raises KeyError for an unknown block.
+        Args:
+            given: Bounds by block, each broadcast to (K, m) of its K times m rows.
+            held: Masks by block of active rows; the others are open.
+
+        Raises:
+            KeyError: A block is unknown.
         """
         lower, upper = self.row_bounds
         for name, (low, high) in given.items():
-            at = self.block(name)
-            lower[at], upper[at] = low, high
+            rows = self.block(name)
+            lower[rows], upper[rows] = low, high
         for name, mask in (held or {}).items():
-            at = self.block(name)
-            loose = at[~np.broadcast_to(np.asarray(mask, bool), at.shape)]
+            rows = self.block(name)
+            loose = rows[~np.broadcast_to(np.asarray(mask, bool), rows.shape)]
             lower[loose], upper[loose] = -np.inf, np.inf
         return lower, upper
 
     @property
     def names(self) -> RowNames:
-        """Of the blocks, and the one of each row."""
+        """Names of the blocks, and the block of each row."""
         units: dict[str, str] = {}
         for rows in self._rows:
             units.setdefault(rows.name, rows.unit)
@@ -221,24 +242,27 @@ class Trajectory(NamedRows):
     def residuals(
         self, rows: Array, bounds: tuple[Array, Array] | None = None
     ) -> tuple[BlockResidual, ...]:
-        """Worst violation of every block at values of the rows (M,); which of its rows it is.
+        """Return the worst violation of every block at values of the rows (M,).
 
-        bounds: of the rows (M,) each, where they are other ones than stated.
+        `bounds` replaces the stated bounds of the rows.
         """
         lower, upper = self.row_bounds if bounds is None else bounds
-        off = np.where(np.isnan(rows), np.inf, outside(rows, lower, upper))
-        return self.names.residuals(off)
+        violation = np.where(np.isnan(rows), np.inf, compute_violation(rows, lower, upper))
+        return self.names.residuals(violation)
 
     def program(
         self,
         row_bounds: tuple[Array, Array] | None = None,
         bounds: tuple[Array, Array] | None = None,
     ) -> Program:
-        """The same program by scalars, as every method of the table takes it.
+        """Return the same program in scalars, for methods other than IPOPT.
 
-        Rows that are affine in the variables are stated as such, the others as smooth ones;
-        binaries as binaries. Costs have to be quadratic. row_bounds: as for `residuals`; bounds: of
-        the variables (N,) each, where they are other ones than stated. Starts are `guess`.
+        Rows that are affine in the variables are stated as such, the others as smooth ones, and
+        binaries as binaries. Costs have to be quadratic. Starts are `guess`.
+
+        Args:
+            row_bounds: Bounds of the rows (M,) each, by default the stated ones.
+            bounds: Bounds of the variables (N,) each, by default the stated ones.
         """
         program = Program(self.name)
         x, p = [], []
@@ -256,7 +280,9 @@ class Trajectory(NamedRows):
         )
         if self._symbols is ca.MX:
             function = function.expand()
-        columns = [ca.vertcat(*np.concatenate(parts)) if parts else ca.SX(0, 1) for parts in (x, p)]
+        columns = [
+            ca.vertcat(*np.concatenate(arrays)) if arrays else ca.SX(0, 1) for arrays in (x, p)
+        ]
         rows, costs = (ca.densify(out) for out in function(*columns))
         curved = np.array(ca.which_depends(rows, columns[0], 2, True), bool)
         entries = np.array(rows.elements(), dtype=object)
@@ -264,9 +290,9 @@ class Trajectory(NamedRows):
         named = self.names
         for number, (name, unit) in enumerate(zip(named.names, named.units, strict=True)):
             for state, kind in ((program.between, ~curved), (program.smooth, curved)):
-                some = np.flatnonzero((named.block == number) & kind)
-                if len(some):
-                    state(name, entries[some], lower[some], upper[some], unit)
+                selected = np.flatnonzero((named.block == number) & kind)
+                if len(selected):
+                    state(name, entries[selected], lower[selected], upper[selected], unit)
         for name, term in zip(self._costs, costs.elements(), strict=True):
             program.minimise(name, term)
         return program

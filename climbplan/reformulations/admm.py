@@ -1,8 +1,9 @@
 """The ADMM split of chapter 6.4: a mixed-integer block and a nonlinear block in consensus.
 
-The mixed-integer block keeps everything of the program but the exact products, for which it has
-envelopes; the nonlinear block keeps the smooth rows and those with products, exact, and takes the
-integers as the other block chose them. Each pulls its variables to those of the other, eq. (6.12).
+The mixed-integer block keeps the whole program except the exact products, for which it has
+envelopes. The nonlinear block keeps the smooth rows and those with products, exactly, with the
+integers fixed by the other block. Each block is attracted to the variables of the other, eq.
+(6.12).
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from scipy import sparse
 from climbplan.arrays import Array, IntArray
 from climbplan.program.instance import Instance
 from climbplan.reformulations.base import Reformulated, Reformulation
-from climbplan.reformulations.extension import Extension, extended
+from climbplan.reformulations.extension import Extension, extend_instance
 from climbplan.reformulations.mccormick import McCormick
-from climbplan.reformulations.nlp_form import Bounds, Consensus, Manner, NlpForm, nlp_form
+from climbplan.reformulations.nlp_form import Bounds, Consensus, NlpForm, NlpOptions, build_nlp_form
 
 Norm = Literal["l1", "l2"]
 Relaxation = Callable[[Instance], Reformulated]
@@ -32,19 +33,25 @@ class SplitInstance:
     instance: Instance
     relaxed: Reformulated  # without products; its first variables are the instance's
     form: NlpForm  # of the nonlinear block
-    span: Array  # (n,) of the variables' bounds, 1 where there are none: unit of residuals
+    span: Array  # (n,) width of the variables' bounds, 1 without bounds: unit of residuals
 
-    def mixed_integer(
+    def build_mixed_integer_block(
         self, consensus: Consensus, norm: Norm = "l2", pinned: Array | None = None
     ) -> Instance:
-        """The block of eq. (6.12a).
+        """Build the block of eq. (6.12a).
 
-        norm: l2 adds weight (x - target)^2 to the cost; l1 adds weight |x - target| by one more
-        variable each, which keeps a linear program linear. pinned: integers kept (n,).
+        Args:
+            consensus: Weights and target.
+            norm: l2 adds weight (x - target)^2 to the cost; l1 adds weight |x - target| with one
+                more variable each, which keeps a linear program linear.
+            pinned: (n,) point whose integers are fixed.
         """
-        block, extra = self.relaxed.instance, self.relaxed.instance.size - self.instance.size
-        weight = np.concatenate([consensus.weight, np.zeros(extra)])
-        target = np.concatenate([consensus.target, np.zeros(extra)])
+        block, num_auxiliary = (
+            self.relaxed.instance,
+            self.relaxed.instance.size - self.instance.size,
+        )
+        weight = np.concatenate([consensus.weight, np.zeros(num_auxiliary)])
+        target = np.concatenate([consensus.target, np.zeros(num_auxiliary)])
         block = replace(
             block,
             P=sparse.csc_matrix(consensus.share * block.P),
@@ -63,11 +70,11 @@ class SplitInstance:
                 q=block.q - 2 * weight * target,
                 constant=block.constant + float(weight @ target**2),
             )
-        pulled = np.flatnonzero(weight)
-        count = len(pulled)
-        unit = sparse.identity(block.size, format="csr")[pulled]
+        weighted = np.flatnonzero(weight)
+        count = len(weighted)
+        unit = sparse.identity(block.size, format="csr")[weighted]
         distance = sparse.identity(count, format="csr")
-        wide = extended(
+        extended_block = extend_instance(
             block,
             Extension(
                 np.full(count, -np.inf),
@@ -75,33 +82,37 @@ class SplitInstance:
                 np.zeros(count, bool),
                 # distance >= x - target and distance >= target - x
                 sparse.bmat([[-unit, distance], [unit, distance]]).tocsr(),
-                np.concatenate([-target[pulled], target[pulled]]),
+                np.concatenate([-target[weighted], target[weighted]]),
                 np.full(2 * count, np.inf),
             ),
         )
-        return replace(wide, q=np.concatenate([block.q, weight[pulled]]))
+        return replace(extended_block, q=np.concatenate([block.q, weight[weighted]]))
 
     def invert(self, x: Array) -> Array:
-        """The statement's variables in a point (n',) of the mixed-integer block."""
+        """Return the statement's variables in a point (n',) of the mixed-integer block."""
         return self.relaxed.invert(x)
 
-    def nonlinear_bounds(self, integers: Array, assignment: IntArray) -> Bounds:
-        """Bounds of the block of eq. (6.12b) with the other block's integers."""
-        return self.form.pinned_bounds(self.instance, integers, assignment)
+    def compute_nonlinear_bounds(self, integers: Array, assignment: IntArray) -> Bounds:
+        """Return bounds of the block of eq. (6.12b) with the other block's integers."""
+        return self.form.compute_fixed_bounds(self.instance, integers, assignment)
 
 
 @dataclass(frozen=True)
 class AdmmSplit(Reformulation[SplitInstance]):
-    """relax: envelopes of an instance's products, one piece each if left out."""
+    """A split of instances; `relax` builds the envelopes of products, one piece by default."""
 
     relax: Relaxation = McCormick(unbounded="open").apply
 
     def apply(self, instance: Instance) -> SplitInstance:
-        """Raises UsageError as `relax` does."""
+        """Build both blocks.
+
+        Raises:
+            UsageError: `relax` does not accept the instance.
+        """
         span = instance.upper - instance.lower
         return SplitInstance(
             instance=instance,
             relaxed=self.relax(replace(instance, smooth=None)),
-            form=nlp_form(instance, Manner("pinned", only_products=True)),
+            form=build_nlp_form(instance, NlpOptions("pinned", only_products=True)),
             span=np.where(np.isfinite(span) & (span > 0), span, 1.0),
         )

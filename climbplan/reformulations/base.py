@@ -1,4 +1,4 @@
-"""What every reformulation offers: it says what it accepts, applies itself, and inverts."""
+"""Interface of reformulations, which map instances to forms and invert their solutions."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from climbplan.program.instance import Instance
 
 
 class Form(Protocol):
-    """What an instance became."""
+    """The result of a reformulation."""
 
     def invert(self, x: Array) -> Array:
-        """The statement's variables (n,) in a solution of the form."""
+        """Return the statement's variables (n,) in a solution of the form."""
 
 
 @dataclass(frozen=True)
 class Reformulated:
-    """An instance whose first variables are those of the one it came from."""
+    """An instance whose first variables are those of the original instance."""
 
     instance: Instance
-    original_size: int  # variables of the statement; the rest are auxiliary
-    relaxation: bool  # its optimal value bounds the original's from below
+    original_size: int  # number of variables of the statement; the rest are auxiliary
+    relaxation: bool  # whether its optimal value bounds the original's from below
 
     def invert(self, x: Array) -> Array:
-        """The statement's variables in a solution (n',) of the reformulated instance."""
+        """Return the statement's variables in a solution (n',) of the reformulated instance."""
         return x[: self.original_size].copy()
 
 
@@ -35,14 +35,18 @@ F = TypeVar("F", bound=Form, covariant=True)
 
 
 class Reformulation(ABC, Generic[F]):
-    """A way from an instance to a form that other methods solve, and back."""
+    """A map from an instance to a form that other methods solve, and back."""
 
     @abstractmethod
     def apply(self, instance: Instance) -> F:
-        """The form; raises UsageError, in words, for an instance that is not accepted."""
+        """Build the form of an instance.
+
+        Raises:
+            UsageError: The instance is not accepted.
+        """
 
     def accepts(self, instance: Instance) -> bool:
-        """Whether `apply` has a form for the instance."""
+        """Return whether `apply` has a form for the instance."""
         try:
             self.apply(instance)
         except UsageError:

@@ -1,7 +1,7 @@
-"""Rows that hold only where an indicator has a value: implications and alternatives of choices.
+"""Indicator rows: implications, and alternatives of choices.
 
 An alternative of a choice is the implication "d = 1 => its rows", with one indicator d for each
-alternative. So both go the same way through every reformulation.
+alternative. All reformulations therefore treat both in the same way.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from scipy import sparse
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import UsageError
-from climbplan.program.box import propagated_box
+from climbplan.program.box import propagate_box
 from climbplan.program.instance import Instance
 
 
 @dataclass(frozen=True)
-class ConditionalRows:
-    """v[indicator_i] = value_i implies lower_i <= A_i x + Q_i w <= upper_i.
+class IndicatorRows:
+    """Rows for which v[indicator_i] = value_i implies lower_i <= A_i x + Q_i w <= upper_i.
 
-    v = (x, d): the instance's variables and one indicator for each alternative of each choice.
+    Here v = (x, d) are the variables and one indicator for each alternative of each choice.
     """
 
     A: sparse.csr_matrix  # (m, n)
@@ -31,26 +31,26 @@ class ConditionalRows:
     indicator: IntArray  # (m,)
     value: BoolArray  # (m,)
 
-    def active(self, v: Array) -> BoolArray:
-        """Which rows must hold at v, indicators rounded."""
+    def find_active(self, v: Array) -> BoolArray:
+        """Return the mask of rows that must hold at v, with indicators rounded."""
         return np.asarray((v[self.indicator] > 0.5) == self.value)
 
 
 @dataclass(frozen=True)
-class Excess:
-    """How far conditional rows can leave their bounds where they need not hold: tight big-M."""
+class BigMConstants:
+    """Tight big-M constants: largest violations of indicator rows where they need not hold."""
 
-    below: Array  # (m,) lower - least value, at least 0
-    above: Array  # (m,) largest value - upper, at least 0
+    below: Array  # (m,) lower - minimum, at least 0
+    above: Array  # (m,) maximum - upper, at least 0
 
 
-def conditional_rows(instance: Instance) -> ConditionalRows:
-    """Implications first, then the alternatives of all choices in order."""
+def build_indicator_rows(instance: Instance) -> IndicatorRows:
+    """Build the rows of implications, then those of the alternatives of all choices."""
     n, K = instance.size, instance.products.count
-    implied = instance.implications
-    A, lower, upper = [implied.A], [implied.lower], [implied.upper]
-    indicator: list[IntArray] = [implied.binary]
-    at = n
+    implications = instance.implications
+    A, lower, upper = [implications.A], [implications.lower], [implications.upper]
+    indicator: list[IntArray] = [implications.binary]
+    column = n
     for choice in instance.choices:
         for polytope in choice.alternatives:
             rows = np.vstack([polytope.A, polytope.C])
@@ -59,43 +59,44 @@ def conditional_rows(instance: Instance) -> ConditionalRows:
             open_below = np.arange(len(rows)) < len(polytope.b)
             lower.append(np.where(open_below, -np.inf, bound))
             upper.append(bound)
-            indicator.append(np.full(len(rows), at, np.int64))
-            at += 1
+            indicator.append(np.full(len(rows), column, np.int64))
+            column += 1
     stacked = sparse.vstack(A).tocsr()
-    extra = stacked.shape[0] - implied.count
-    return ConditionalRows(
-        A=canonical(stacked),
-        Q=canonical(sparse.vstack([implied.Q, sparse.csr_matrix((extra, K))]).tocsr()),
+    extra = stacked.shape[0] - implications.count
+    return IndicatorRows(
+        A=canonicalise(stacked),
+        Q=canonicalise(sparse.vstack([implications.Q, sparse.csr_matrix((extra, K))]).tocsr()),
         lower=np.concatenate(lower),
         upper=np.concatenate(upper),
         indicator=np.concatenate(indicator),
-        value=np.concatenate([implied.value, np.ones(extra, bool)]),
+        value=np.concatenate([implications.value, np.ones(extra, bool)]),
     )
 
 
-def excess(instance: Instance, rows: ConditionalRows) -> Excess:
-    """Big-M of every row over the propagated box, products included.
+def compute_big_m(instance: Instance, rows: IndicatorRows) -> BigMConstants:
+    """Compute the big-M of every row over the propagated box, products included.
 
-    Raises UsageError where a bound that is needed is missing.
+    Raises:
+        UsageError: A bound that is needed is missing.
     """
-    reach = propagated_box(instance).interval(rows.A, rows.Q)
+    reach = propagate_box(instance).interval(rows.A, rows.Q)
     with np.errstate(invalid="ignore"):  # infinite bound of a row without bounds on its value
         below = np.maximum(rows.lower - reach.lower, 0.0)
         above = np.maximum(reach.upper - rows.upper, 0.0)
-    wanted = np.isfinite(rows.lower) & ~np.isfinite(below)
-    wanted |= np.isfinite(rows.upper) & ~np.isfinite(above)
-    if wanted.any():
+    is_missing = np.isfinite(rows.lower) & ~np.isfinite(below)
+    is_missing |= np.isfinite(rows.upper) & ~np.isfinite(above)
+    if is_missing.any():
         raise UsageError(
             f"{instance.name}: big-M needs bounds on all variables of implications and choices "
-            f"({int(wanted.sum())} rows lack them)"
+            f"({int(is_missing.sum())} rows lack them)"
         )
-    return Excess(
+    return BigMConstants(
         np.where(np.isfinite(rows.lower), below, 0.0), np.where(np.isfinite(rows.upper), above, 0.0)
     )
 
 
-def canonical(matrix: sparse.csr_matrix) -> sparse.csr_matrix:
-    """The same matrix with sorted indices and no duplicates; explicit zeros are kept."""
-    out = sparse.csr_matrix(matrix, copy=True)
-    out.sum_duplicates()
-    return out
+def canonicalise(matrix: sparse.csr_matrix) -> sparse.csr_matrix:
+    """Return the same matrix with sorted indices and no duplicates; explicit zeros are kept."""
+    result = sparse.csr_matrix(matrix, copy=True)
+    result.sum_duplicates()
+    return result

@@ -1,4 +1,4 @@
-"""Adding variables and rows to an instance: what all reformulations end with."""
+"""Append variables and rows to an instance, the last step of all reformulations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from climbplan.program.instance import Balls, Choice, Implications, Instance
 
 @dataclass
 class RowStack:
-    """Rows of triplets, gathered block by block: lower <= sum of entries <= upper."""
+    """Rows of triplets, collected block by block: lower <= sum of entries <= upper."""
 
     count: int = 0
     _row: list[Array] = field(default_factory=list)
@@ -31,9 +31,9 @@ class RowStack:
         lower: ArrayLike,
         upper: ArrayLike,
     ) -> None:
-        """Append rows; entries are (row, column, value), broadcast; rows count from here."""
+        """Append rows; entries are (row, column, value), broadcast, with rows counted from here."""
         for entry in entries:
-            row, column, value = (np.ravel(part) for part in np.broadcast_arrays(*entry))
+            row, column, value = (np.ravel(array) for array in np.broadcast_arrays(*entry))
             self._row.append(row + self.count)
             self._column.append(column)
             self._value.append(value)
@@ -42,27 +42,30 @@ class RowStack:
         self.count += rows
 
     def matrix(self, columns: int) -> sparse.csr_matrix:
-        """All rows (m, columns)."""
+        """Return all rows (m, columns)."""
         if not self._row:
             return sparse.csr_matrix((self.count, columns))
-        place = (np.concatenate(self._row).astype(int), np.concatenate(self._column).astype(int))
+        positions = (
+            np.concatenate(self._row).astype(int),
+            np.concatenate(self._column).astype(int),
+        )
         value = np.concatenate(self._value).astype(float)
-        return sparse.csr_matrix((value, place), shape=(self.count, columns))
+        return sparse.csr_matrix((value, positions), shape=(self.count, columns))
 
     @property
     def lower(self) -> Array:
-        """(m,)."""
+        """Lower bounds (m,)."""
         return np.concatenate([np.zeros(0), *self._lower])
 
     @property
     def upper(self) -> Array:
-        """(m,)."""
+        """Upper bounds (m,)."""
         return np.concatenate([np.zeros(0), *self._upper])
 
 
 @dataclass(frozen=True)
 class Extension:
-    """Variables behind those of an instance, and rows over both."""
+    """Variables after those of an instance, and rows over both."""
 
     lower: Array  # (k,)
     upper: Array  # (k,)
@@ -73,8 +76,8 @@ class Extension:
     Q: sparse.csr_matrix | None = None  # (m, K) products in the new rows
 
 
-def extended(instance: Instance, extension: Extension) -> Instance:
-    """The instance with the variables and rows of the extension, everything else kept."""
+def extend_instance(instance: Instance, extension: Extension) -> Instance:
+    """Return the instance with the variables and rows of the extension."""
     k, m = len(extension.lower), extension.A.shape[0]
     n, K = instance.size, instance.products.count
     Q = sparse.csr_matrix((m, K)) if extension.Q is None else extension.Q
@@ -87,27 +90,27 @@ def extended(instance: Instance, extension: Extension) -> Instance:
         lower=np.concatenate([instance.lower, extension.lower]),
         upper=np.concatenate([instance.upper, extension.upper]),
         integer=np.concatenate([instance.integer, extension.integer]),
-        A=sparse.vstack([widened(instance.A, k), extension.A]).tocsr(),
+        A=sparse.vstack([append_columns(instance.A, k), extension.A]).tocsr(),
         row_lower=np.concatenate([instance.row_lower, extension.row_lower]),
         row_upper=np.concatenate([instance.row_upper, extension.row_upper]),
         Q=sparse.vstack([instance.Q, Q]).tocsr(),
-        balls=tuple(Balls(widened(b.F, k), b.f, b.radius) for b in instance.balls),
+        balls=tuple(Balls(append_columns(b.F, k), b.f, b.radius) for b in instance.balls),
         choices=tuple(
-            Choice(c.name, widened(c.E, k), c.e, c.alternatives) for c in instance.choices
+            Choice(c.name, append_columns(c.E, k), c.e, c.alternatives) for c in instance.choices
         ),
-        implications=replace(instance.implications, A=widened(instance.implications.A, k)),
+        implications=replace(instance.implications, A=append_columns(instance.implications.A, k)),
     )
 
 
-def widened(rows: sparse.csr_matrix, k: int) -> sparse.csr_matrix:
-    """Rows with k empty columns behind them."""
+def append_columns(rows: sparse.csr_matrix, k: int) -> sparse.csr_matrix:
+    """Return the rows with k empty columns appended."""
     rows = sparse.csr_matrix(rows)
     shape = (rows.shape[0], rows.shape[1] + k)
     return sparse.csr_matrix((rows.data, rows.indices, rows.indptr), shape=shape)
 
 
-def no_implications(n: int, K: int) -> Implications:
-    """No implications over n variables and K products."""
+def create_no_implications(n: int, K: int) -> Implications:
+    """Return no implications over n variables and K products."""
     return Implications(
         A=sparse.csr_matrix((0, n)),
         Q=sparse.csr_matrix((0, K)),

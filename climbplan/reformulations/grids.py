@@ -1,7 +1,7 @@
 """Partitions of variables into pieces: intervals that may be disconnected or overlap.
 
-A partition has one set of binaries, shared by all products that its variables are part of. It may
-hold several variables (the cosine and sine of one angle): its pieces are then boxes.
+A partition has one set of binaries, shared by all products in which its variables occur. It may
+have several variables (the cosine and sine of one angle); its pieces are then boxes.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from climbplan.errors import UsageError
 from climbplan.program.blocks import Variable
 
 Encoding = Literal["unary", "log2"]
-_TOUCHING = 1e-9  # relative: pieces that end where the next begins leave no gap
+_TOUCHING = 1e-9  # relative gap below which pieces are adjacent
 
 
 @dataclass(frozen=True)
 class Partition:
     """N pieces of d variables; piece i is the box lower[i] <= x[variables] <= upper[i].
 
-    covering: the caller vouches that every feasible point lies in a piece, where the pieces do not
-    cover the variables' bounds (the arc of a unit circle in cosine and sine).
+    `covering` asserts that every feasible point lies in a piece even if the pieces do not cover the
+    variables' bounds (the arc of a unit circle in cosine and sine).
     """
 
     variables: IntArray  # (d,)
@@ -47,23 +47,23 @@ class Partition:
 
     @property
     def count(self) -> int:
-        """N."""
+        """Number of pieces N."""
         return len(self.lower)
 
-    def binary_count(self, encoding: Encoding) -> int:
-        """Binaries that choose the piece: N, or the least number whose codes suffice."""
+    def count_binaries(self, encoding: Encoding) -> int:
+        """Return the number of binaries that select the piece."""
         if self.count == 1:
             return 0
         return self.count if encoding == "unary" else (self.count - 1).bit_length()
 
-    def piece(self, x: Array) -> int:
-        """The piece that x (n,) is deepest in, or nearest to if it is in none."""
+    def find_piece(self, x: Array) -> int:
+        """Return the piece in which x (n,) lies deepest, or the nearest one."""
         y = x[self.variables]
-        outside = np.maximum(self.lower - y, y - self.upper)
-        return int(np.argmin(outside.max(axis=1)))
+        violation = np.maximum(self.lower - y, y - self.upper)
+        return int(np.argmin(violation.max(axis=1)))
 
     def covers(self, low: Array, high: Array) -> bool:
-        """Whether every point of low <= x[variables] <= high lies in some piece."""
+        """Return whether every point of low <= x[variables] <= high lies in some piece."""
         if self.covering:
             return True
         if not (np.isfinite(low) & np.isfinite(high)).all():
@@ -84,7 +84,7 @@ class Partition:
 
 
 def pieces(knots: ArrayLike, overlap: float = 0.0) -> Array:
-    """Intervals (N, 2) between increasing knots, each widened by the overlap at both ends."""
+    """Return intervals (N, 2) between increasing knots, widened by the overlap at both ends."""
     ends = np.asarray(knots, float)
     if ends.ndim != 1 or len(ends) < 2 or (np.diff(ends) <= 0).any():
         raise UsageError("knots must be at least two increasing numbers")
@@ -92,12 +92,12 @@ def pieces(knots: ArrayLike, overlap: float = 0.0) -> Array:
 
 
 def uniform(lower: float, upper: float, count: int, overlap: float = 0.0) -> Array:
-    """`count` equal pieces (count, 2) of an interval."""
+    """Return `count` equal pieces (count, 2) of an interval."""
     return pieces(np.linspace(lower, upper, count + 1), overlap)
 
 
 def each(variable: Variable | Sequence[int], intervals: ArrayLike) -> tuple[Partition, ...]:
-    """A partition of its own, with the same intervals (N, 2), for every entry of a block."""
+    """Return a partition with the same intervals (N, 2) for every entry of a block."""
     if isinstance(variable, Variable):
         variable = range(variable.start, variable.stop)
     ends = np.asarray(intervals, float).reshape(-1, 2)
@@ -107,18 +107,18 @@ def each(variable: Variable | Sequence[int], intervals: ArrayLike) -> tuple[Part
 def together(
     variables: Sequence[int], lower: ArrayLike, upper: ArrayLike, covering: bool = False
 ) -> Partition:
-    """One partition of several variables into boxes (N, d)."""
+    """Return one partition of several variables into boxes (N, d)."""
     index = np.asarray(variables, np.int64)
     return Partition(index, np.asarray(lower, float), np.asarray(upper, float), covering)
 
 
 def by_variable(grids: Mapping[int, ArrayLike]) -> tuple[Partition, ...]:
-    """A partition for each variable index with its intervals (N, 2)."""
+    """Return a partition for each variable index with its intervals (N, 2)."""
     return tuple(p for index, ends in grids.items() for p in each([index], ends))
 
 
-def code(count: int) -> Array:
-    """Codes (N, ceil(log2 N)) of the pieces; the codes left over belong to no piece."""
+def build_code(count: int) -> Array:
+    """Return codes (N, ceil(log2 N)) of the pieces; the remaining codes belong to no piece."""
     bits = (count - 1).bit_length() if count > 1 else 0
     return np.array([[(i >> b) & 1 for b in range(bits)] for i in range(count)], float).reshape(
         count, bits

@@ -1,10 +1,10 @@
 """Products of two variables as mixed-integer linear rows, sections 7.2.2 and 8.1.2.
 
 Each product w = x y becomes a variable. Where x or y has a partition, (x, y, w) is a convex
-combination of the vertices of the envelopes of all cells, eqs. (8.12), (8.13); the weights of a
-cell add up to the weight delta of its piece, which all products of a variable share. One binary a
-piece: delta is binary. log2 N: sum of code_l(i) delta_i = z_l, which implies eq. (8.13c), has one
-row a bit instead of one a piece, and leaves unused codes without a solution. The pieces may lie
+combination of the vertices of the envelopes of all cells, eqs. (8.12), (8.13). The weights of a
+cell sum to the weight delta of its piece, which all products of a variable share. In unary encoding
+delta is binary. In log2 encoding sum of code_l(i) delta_i = z_l implies eq. (8.13c); it has one row
+for each bit instead of one for each piece, and unused codes have no solution. The pieces may lie
 anywhere. Without a partition, the envelope on the variables' bounds is four rows, eq. (8.26).
 """
 
@@ -23,18 +23,18 @@ from climbplan.reformulations.base import Reformulated, Reformulation
 from climbplan.reformulations.envelopes import (
     Corners,
     Squares,
-    product_corners,
-    product_weights,
-    square_corners,
-    square_weights,
+    compute_product_corners,
+    compute_product_weights,
+    compute_square_corners,
+    compute_square_weights,
 )
-from climbplan.reformulations.extension import Extension, RowStack, extended
-from climbplan.reformulations.grids import Encoding, Partition, by_variable, code
+from climbplan.reformulations.extension import Extension, RowStack, extend_instance
+from climbplan.reformulations.grids import Encoding, Partition, build_code, by_variable
 from climbplan.reformulations.product_rows import (
     Unbounded,
-    factor_bounds,
-    linear_in_products,
-    plain_rows,
+    append_envelope_rows,
+    compute_factor_bounds,
+    linearise_products,
 )
 
 
@@ -61,7 +61,7 @@ class _Cells:
 
 
 @dataclass(frozen=True)
-class Enveloped(Reformulated):
+class EnvelopedInstance(Reformulated):
     """An instance without products: x, w, deltas and bits of each partition, then all weights."""
 
     partitions: tuple[Partition, ...]
@@ -70,53 +70,62 @@ class Enveloped(Reformulated):
     cells: tuple[_Cells, ...]
     products: Products
 
-    def pieces(self, x: Array) -> IntArray:
-        """The piece of each partition that a point (n,) falls in, or is nearest to."""
-        return np.array([p.piece(x) for p in self.partitions], np.int64)
+    def find_pieces(self, x: Array) -> IntArray:
+        """Return the piece of each partition in which a point (n,) lies, or the nearest one."""
+        return np.array([p.find_piece(x) for p in self.partitions], np.int64)
 
-    def integers(self, x: Array, pieces: IntArray | None = None) -> Array:
-        """A vector (n',) to pin: the integers of x and those that choose the pieces."""
-        chosen = self.pieces(x) if pieces is None else pieces
-        out = np.zeros(self.instance.size)
-        out[: self.original_size] = x
-        out[self.original_size : self.original_size + self.products.count] = self.products.values(x)
+    def build_integers(self, x: Array, pieces: IntArray | None = None) -> Array:
+        """Return a vector (n',) to fix: the integers of x and those that select the pieces."""
+        chosen = self.find_pieces(x) if pieces is None else pieces
+        point = np.zeros(self.instance.size)
+        point[: self.original_size] = x
+        point[self.original_size : self.original_size + self.products.count] = self.products.values(
+            x
+        )
         for partition, delta, bits, i in zip(
             self.partitions, self.weights, self.bits, chosen, strict=True
         ):
-            out[delta[i]] = 1.0
-            out[bits] = code(partition.count)[i] if len(bits) else 0.0
-        return out
+            point[delta[i]] = 1.0
+            point[bits] = build_code(partition.count)[i] if len(bits) else 0.0
+        return point
 
     def lift(self, x: Array) -> Array:
-        """The point (n',) of the relaxation that stands for x (n,), with w the exact products.
+        """Return the point (n',) of the relaxation for x (n,), with w the exact products.
 
-        It satisfies all rows that were added if x lies in a piece of every partition (with secants,
-        squares are off by the chord's sag).
+        It satisfies all added rows if x lies in a piece of every partition. With secants, squares
+        are off by the distance of the chord.
         """
-        out = self.integers(x)
-        chosen = self.pieces(x)
+        point = self.build_integers(x)
+        chosen = self.find_pieces(x)
         for cell in self.cells:
             i, j = self.products.first[cell.product], self.products.second[cell.product]
-            held = np.ones(len(cell.ix), bool)
+            is_selected = np.ones(len(cell.ix), bool)
             for factor, number in ((cell.x, cell.ix), (cell.y, cell.iy)):
                 if factor.partition >= 0:
-                    held &= number == chosen[factor.partition]
-            at = int(np.flatnonzero(held)[0])
-            here = Corners(*(part[at : at + 1] for part in _parts(cell.corners)))
-            share = (
-                square_weights(here, x[[i]]) if i == j else product_weights(here, x[[i]], x[[j]])
+                    is_selected &= number == chosen[factor.partition]
+            cell_index = int(np.flatnonzero(is_selected)[0])
+            corners = Corners(
+                *(array[cell_index : cell_index + 1] for array in _split_corners(cell.corners))
             )
-            V = share.shape[1]
-            out[cell.first_weight + at * V + np.arange(V)] = share[0]
-        return out
+            weights = (
+                compute_square_weights(corners, x[[i]])
+                if i == j
+                else compute_product_weights(corners, x[[i]], x[[j]])
+            )
+            V = weights.shape[1]
+            point[cell.first_weight + cell_index * V + np.arange(V)] = weights[0]
+        return point
 
 
 @dataclass(frozen=True)
-class McCormick(Reformulation[Enveloped]):
+class McCormick(Reformulation[EnvelopedInstance]):
     """Piecewise envelopes on partitions.
 
-    encoding: `unary` (one binary a piece) or `log2`. squares: `envelope` (tangents and chord) or
-    `secant` (the published chord: no relaxation).
+    Attributes:
+        partitions: Grids of factors.
+        encoding: `unary` (one binary for each piece) or `log2`.
+        squares: `envelope` (tangents and chord) or `secant` (the published chord, no relaxation).
+        unbounded: `refuse`, or `open` to leave out planes that need a missing bound.
     """
 
     partitions: tuple[Partition, ...] = ()
@@ -131,7 +140,7 @@ class McCormick(Reformulation[Enveloped]):
         encoding: Encoding = "unary",
         squares: Squares = "envelope",
     ) -> McCormick:
-        """Intervals (N, 2) by variable index."""
+        """Build from intervals (N, 2) by variable index."""
         return cls(by_variable(grids), encoding, squares)
 
     def __post_init__(self) -> None:
@@ -140,20 +149,30 @@ class McCormick(Reformulation[Enveloped]):
             raise UsageError("a variable stands in two partitions")
 
     def accepts(self, instance: Instance) -> bool:
-        """Instances that have the partitions' variables, and bounds on every other factor."""
+        """Accept instances with the partitions' variables, and bounds on every other factor."""
         inside = all((p.variables < instance.size).all() for p in self.partitions)
         return inside and super().accepts(instance)
 
-    def apply(self, instance: Instance) -> Enveloped:
-        """Raises UsageError if a factor has neither a partition nor bounds."""
+    def apply(self, instance: Instance) -> EnvelopedInstance:
+        """Replace the products of an instance.
+
+        Raises:
+            UsageError: A factor has neither a partition nor bounds.
+        """
         return self.form(instance).at(instance)
 
     def form(self, instance: Instance, is_late: Callable[[], bool] = lambda: False) -> EnvelopeForm:
-        """Everything that does not depend on the instance's rows, to be used for many instances.
+        """Build everything that does not depend on the instance's rows, for many instances.
 
-        is_late: whether the time is over. Raises LimitReached once it is.
+        Args:
+            instance: The instance.
+            is_late: Returns whether the time limit is reached.
+
+        Raises:
+            UsageError: A factor has neither a partition nor bounds.
+            LimitReached: The time limit is reached.
         """
-        box = factor_bounds(instance, self.partitions, self.unbounded)
+        box = compute_factor_bounds(instance, self.partitions, self.unbounded)
         low, high = box.lower, box.upper
         n, K = instance.size, instance.products.count
         rows = RowStack()
@@ -161,44 +180,46 @@ class McCormick(Reformulation[Enveloped]):
         deltas, bits = [], []
         column = n + K
         for partition in self.partitions:
-            N, count = partition.count, partition.binary_count(self.encoding)
+            N, count = partition.count, partition.count_binaries(self.encoding)
             delta = np.arange(column, column + N)
-            extra = count if self.encoding == "log2" else 0
-            z = np.arange(column + N, column + N + extra)
-            column += N + extra
-            lower.append(np.zeros(N + extra))
-            upper.append(np.ones(N + extra))
+            num_bits = count if self.encoding == "log2" else 0
+            z = np.arange(column + N, column + N + num_bits)
+            column += N + num_bits
+            lower.append(np.zeros(N + num_bits))
+            upper.append(np.ones(N + num_bits))
             unary = self.encoding == "unary" and count > 0
-            integer.append(np.concatenate([np.full(N, unary), np.ones(extra, bool)]))
+            integer.append(np.concatenate([np.full(N, unary), np.ones(num_bits, bool)]))
             rows.add(1, [(0, delta, 1.0)], 1.0, 1.0)
-            if extra:
-                bit, i = np.nonzero(code(N).T)
-                rows.add(extra, [(bit, delta[i], 1.0), (np.arange(extra), z, -1.0)], 0.0, 0.0)
+            if num_bits:
+                bit, i = np.nonzero(build_code(N).T)
+                rows.add(num_bits, [(bit, delta[i], 1.0), (np.arange(num_bits), z, -1.0)], 0.0, 0.0)
             for k, variable in enumerate(partition.variables):
                 # The variable lies in its piece, whether products hold it there or not.
-                at = [(0, variable, 1.0)]
-                rows.add(1, [*at, (0, delta, -partition.lower[:, k])], 0.0, np.inf)
-                rows.add(1, [*at, (0, delta, -partition.upper[:, k])], -np.inf, 0.0)
+                variable_entry = [(0, variable, 1.0)]
+                rows.add(1, [*variable_entry, (0, delta, -partition.lower[:, k])], 0.0, np.inf)
+                rows.add(1, [*variable_entry, (0, delta, -partition.upper[:, k])], -np.inf, 0.0)
             deltas.append(delta)
             bits.append(z)
         cells = []
-        plain = []
-        places = self._places()
+        without_partition = []
+        places = self._locate_variables()
         for product in range(K):
             if is_late():
                 raise LimitReached("the time was over before the envelopes were made")
-            found = self._cells(instance.products, product, places, low, high, column)
-            if found is None:
-                plain.append(product)
+            product_cells = self._build_cells(instance.products, product, places, low, high, column)
+            if product_cells is None:
+                without_partition.append(product)
                 continue
-            _weight_rows(rows, found, instance.products, n, deltas)
-            size = found.corners.x.size
+            _append_weight_rows(rows, product_cells, instance.products, n, deltas)
+            size = product_cells.corners.x.size
             lower.append(np.zeros(size))
             upper.append(np.ones(size))
             integer.append(np.zeros(size, bool))
             column += size
-            cells.append(found)
-        plain_rows(rows, instance.products, np.array(plain, int), box, n, self.squares)
+            cells.append(product_cells)
+        append_envelope_rows(
+            rows, instance.products, np.array(without_partition, int), box, n, self.squares
+        )
         extension = Extension(
             np.concatenate([np.zeros(0), *lower]),
             np.concatenate([np.zeros(0), *upper]),
@@ -223,7 +244,7 @@ class McCormick(Reformulation[Enveloped]):
             relaxation=covering and exact_squares,
         )
 
-    def _places(self) -> dict[int, tuple[int, int]]:
+    def _locate_variables(self) -> dict[int, tuple[int, int]]:
         """Return the partition of each variable that has one, and its column there."""
         return {
             int(variable): (p, k)
@@ -231,7 +252,7 @@ class McCormick(Reformulation[Enveloped]):
             for k, variable in enumerate(partition.variables)
         }
 
-    def _cells(
+    def _build_cells(
         self,
         products: Products,
         product: int,
@@ -240,29 +261,30 @@ class McCormick(Reformulation[Enveloped]):
         high: Array,
         column: int,
     ) -> _Cells | None:
-        """The cells of one product, None if neither factor has a partition."""
+        """Build the cells of one product, None if neither factor has a partition."""
         i, j = int(products.first[product]), int(products.second[product])
-        x, y = (self._factor(variable, places, low, high) for variable in (i, j))
+        x, y = (self._build_factor(variable, places, low, high) for variable in (i, j))
         if x.partition < 0 and y.partition < 0:
             return None
         if x.partition == y.partition:
             ix = iy = np.arange(len(x.lower))
         else:
             ix, iy = (
-                part.ravel()
-                for part in np.meshgrid(
+                array.ravel()
+                for array in np.meshgrid(
                     np.arange(len(x.lower)), np.arange(len(y.lower)), indexing="ij"
                 )
             )
         if i == j:
-            corners = square_corners(x.lower, x.upper, self.squares)
+            corners = compute_square_corners(x.lower, x.upper, self.squares)
         else:
-            corners = product_corners(x.lower[ix], x.upper[ix], y.lower[iy], y.upper[iy])
+            corners = compute_product_corners(x.lower[ix], x.upper[ix], y.lower[iy], y.upper[iy])
         return _Cells(product, column, corners, x, y, ix, iy)
 
-    def _factor(
+    def _build_factor(
         self, variable: int, places: dict[int, tuple[int, int]], low: Array, high: Array
     ) -> _Factor:
+        """Return the ranges of one factor."""
         if variable not in places:
             return _Factor(-1, low[[variable]], high[[variable]])
         p, k = places[variable]
@@ -272,7 +294,7 @@ class McCormick(Reformulation[Enveloped]):
 
 @dataclass(frozen=True)
 class EnvelopeForm:
-    """The variables and rows that take the place of products, for instances with the same ones."""
+    """The variables and rows that replace products, for instances with the same products."""
 
     partitions: tuple[Partition, ...]
     weights: tuple[IntArray, ...]
@@ -282,11 +304,11 @@ class EnvelopeForm:
     extension: Extension
     relaxation: bool
 
-    def at(self, instance: Instance) -> Enveloped:
-        """The instance with its products replaced; its bounds must be those of the form's."""
-        linear = linear_in_products(instance)
-        return Enveloped(
-            extended(linear, self.extension),
+    def at(self, instance: Instance) -> EnvelopedInstance:
+        """Return the instance with its products replaced; its bounds must be those of the form."""
+        linear = linearise_products(instance)
+        return EnvelopedInstance(
+            extend_instance(linear, self.extension),
             instance.size,
             self.relaxation,
             self.partitions,
@@ -297,14 +319,15 @@ class EnvelopeForm:
         )
 
 
-def _parts(corners: Corners) -> tuple[Array, Array, Array]:
+def _split_corners(corners: Corners) -> tuple[Array, Array, Array]:
+    """Return the coordinates of corners."""
     return corners.x, corners.y, corners.w
 
 
-def _weight_rows(
+def _append_weight_rows(
     rows: RowStack, cells: _Cells, products: Products, n: int, deltas: list[IntArray]
 ) -> None:
-    """(x, y, w) = sum of weights times corners; weights of a piece's cells add up to its delta."""
+    """Append (x, y, w) = sum of weights times corners, and the sums of weights."""
     i, j = products.first[cells.product], products.second[cells.product]
     N, V = cells.corners.x.shape
     weight = cells.first_weight + np.arange(N * V)

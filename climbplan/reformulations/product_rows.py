@@ -1,4 +1,4 @@
-"""Products as variables of their own, and the plain envelope rows that hold them on a box."""
+"""Products as variables of their own, and the envelope rows that bound them on a box."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from scipy import sparse
 
 from climbplan.arrays import IntArray
 from climbplan.errors import UsageError
-from climbplan.program.box import propagated_box
+from climbplan.program.box import propagate_box
 from climbplan.program.instance import Instance, Products
 from climbplan.program.row_propagation import Range
-from climbplan.reformulations.envelopes import Squares, halfspaces
-from climbplan.reformulations.extension import Extension, RowStack, extended
+from climbplan.reformulations.envelopes import Squares, build_halfspaces
+from climbplan.reformulations.extension import Extension, RowStack, extend_instance
 from climbplan.reformulations.grids import Partition
 
 
-def linear_in_products(instance: Instance) -> Instance:
-    """The instance with a variable for each product behind its own, and nothing that ties them."""
+def linearise_products(instance: Instance) -> Instance:
+    """Return the instance with a variable for each product after its own, without w = x y."""
     n, K = instance.size, instance.products.count
-    implied = instance.implications
-    none = np.zeros(0, np.int64)
-    bare = replace(
+    implications = instance.implications
+    no_index = np.zeros(0, np.int64)
+    without_products = replace(
         instance,
-        products=Products(none, none),
+        products=Products(no_index, no_index),
         Q=sparse.csr_matrix((instance.A.shape[0], 0)),
-        implications=replace(implied, Q=sparse.csr_matrix((implied.count, 0))),
+        implications=replace(implications, Q=sparse.csr_matrix((implications.count, 0))),
     )
-    free = Extension(
+    product_variables = Extension(
         np.where(instance.products.first == instance.products.second, 0.0, -np.inf),
         np.full(K, np.inf),
         np.zeros(K, bool),
@@ -37,25 +37,29 @@ def linear_in_products(instance: Instance) -> Instance:
         np.zeros(0),
         np.zeros(0),
     )
-    wide = extended(bare, free)
+    extended_instance = extend_instance(without_products, product_variables)
     lift = sparse.hstack([sparse.csr_matrix((K, n)), sparse.identity(K)]).tocsr()
     return replace(
-        wide,
-        A=(wide.A + instance.Q @ lift).tocsr(),
-        implications=replace(wide.implications, A=(wide.implications.A + implied.Q @ lift).tocsr()),
+        extended_instance,
+        A=(extended_instance.A + instance.Q @ lift).tocsr(),
+        implications=replace(
+            extended_instance.implications,
+            A=(extended_instance.implications.A + implications.Q @ lift).tocsr(),
+        ),
     )
 
 
 Unbounded = Literal["refuse", "open"]
-"""What becomes of factors that nothing bounds."""
+"""Treatment of factors without bounds."""
 
 
-def factor_bounds(
+def compute_factor_bounds(
     instance: Instance, partitions: tuple[Partition, ...], unbounded: Unbounded = "refuse"
 ) -> Range:
-    """Stated bounds of all variables, propagated ones where a factor without partition has none.
+    """Return bounds of all variables; propagated where a factor has neither bounds nor pieces.
 
-    Raises UsageError if a factor of a product has neither, unless it may be open.
+    Raises:
+        UsageError: A factor of a product has no bounds, unless it may be open.
     """
     products = instance.products
     low, high = instance.lower.copy(), instance.upper.copy()
@@ -65,18 +69,18 @@ def factor_bounds(
     factors = np.unique(np.concatenate([products.first, products.second]))
     missing = factors[~(np.isfinite(low[factors]) & np.isfinite(high[factors]))]
     if len(missing):
-        box = propagated_box(instance)
+        box = propagate_box(instance)
         low[missing], high[missing] = box.lower[missing], box.upper[missing]
-        still = missing[~(np.isfinite(low[missing]) & np.isfinite(high[missing]))]
-        if len(still) and unbounded == "refuse":
+        unbounded_factors = missing[~(np.isfinite(low[missing]) & np.isfinite(high[missing]))]
+        if len(unbounded_factors) and unbounded == "refuse":
             raise UsageError(
-                f"{instance.name}: variable {still[0]} is a factor of a product and has neither "
-                "bounds nor a grid"
+                f"{instance.name}: variable {unbounded_factors[0]} is a factor of a product and "
+                "has neither bounds nor a grid"
             )
     return Range(low, high)
 
 
-def plain_rows(
+def append_envelope_rows(
     rows: RowStack,
     products: Products,
     which: IntArray,
@@ -84,18 +88,20 @@ def plain_rows(
     n: int,
     squares: Squares,
 ) -> None:
-    """Eq. (8.26) for the products numbered by `which`; planes without a bound are left out."""
+    """Append eq. (8.26) for the products `which`; planes without a bound are left out."""
     if not len(which):
         return
     i, j = products.first[which], products.second[which]
     with np.errstate(invalid="ignore"):  # zero times an open end
-        planes = halfspaces(box.lower[i], box.upper[i], box.lower[j], box.upper[j], i == j, squares)
-    kept = np.isfinite(planes.a) & np.isfinite(planes.b) & np.isfinite(planes.d)
-    product = np.broadcast_to(np.arange(len(which))[:, None], kept.shape)[kept]
-    at = np.arange(len(product))
+        planes = build_halfspaces(
+            box.lower[i], box.upper[i], box.lower[j], box.upper[j], i == j, squares
+        )
+    is_finite = np.isfinite(planes.a) & np.isfinite(planes.b) & np.isfinite(planes.d)
+    product = np.broadcast_to(np.arange(len(which))[:, None], is_finite.shape)[is_finite]
+    row = np.arange(len(product))
     entries = [
-        (at, i[product], planes.a[kept]),
-        (at, j[product], planes.b[kept]),
-        (at, n + which[product], planes.c[kept]),
+        (row, i[product], planes.a[is_finite]),
+        (row, j[product], planes.b[is_finite]),
+        (row, n + which[product], planes.c[is_finite]),
     ]
-    rows.add(len(at), entries, -np.inf, planes.d[kept])
+    rows.add(len(row), entries, -np.inf, planes.d[is_finite])

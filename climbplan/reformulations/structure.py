@@ -1,4 +1,4 @@
-"""All of an instance that is not a number: what compiled programs are built from and shared by."""
+"""Structure of an instance without its numbers, which compiled programs share."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from scipy import sparse
 from climbplan.arrays import IntArray
 from climbplan.program.instance import Instance
 from climbplan.program.smooth import SmoothForm
-from climbplan.reformulations.conditional_rows import canonical, conditional_rows
+from climbplan.reformulations.conditional_rows import build_indicator_rows, canonicalise
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """Sparsity of a matrix, hashable."""
+    """Hashable sparsity of a matrix."""
 
     shape: tuple[int, int]
     indptr: tuple[int, ...]
@@ -25,23 +25,23 @@ class Pattern:
 
     @classmethod
     def of(cls, matrix: sparse.csr_matrix) -> Pattern:
-        """The pattern of a canonical matrix."""
+        """Return the pattern of a canonical matrix."""
         return cls(matrix.shape, tuple(matrix.indptr.tolist()), tuple(matrix.indices.tolist()))
 
-    def filled(self, values: Any) -> Any:
-        """The CasADi matrix with these nonzeros, row by row."""
+    def fill(self, values: Any) -> Any:
+        """Return the CasADi matrix with these nonzeros, row by row."""
         rows, columns = self.shape
         transposed = ca.Sparsity(columns, rows, list(self.indptr), list(self.indices))
         return ca.SX(transposed, values).T
 
-    def nonempty(self) -> IntArray:
-        """Rows with at least one entry."""
+    def list_nonempty_rows(self) -> IntArray:
+        """Return the rows with at least one entry."""
         return np.flatnonzero(np.diff(self.indptr))
 
 
 @dataclass(frozen=True)
 class Structure:
-    """All of an instance that is not a number."""
+    """The structure of an instance without its numbers."""
 
     size: int
     P: Pattern
@@ -55,24 +55,24 @@ class Structure:
     conditional_Q: Pattern
     indicator: tuple[int, ...]
     value: tuple[bool, ...]
-    bounded: tuple[tuple[bool, bool, bool], ...]  # conditional rows: below, above, equal
+    bounded: tuple[tuple[bool, bool, bool], ...]  # indicator rows: below, above, equal
     integer: tuple[int, ...]
     smooth: SmoothForm | None = None
 
     @classmethod
     def of(cls, instance: Instance) -> Structure:
-        """The structure of an instance."""
-        rows = conditional_rows(instance)
+        """Return the structure of an instance."""
+        rows = build_indicator_rows(instance)
         equal = rows.lower == rows.upper
         ends = (np.isfinite(rows.lower) & ~equal, np.isfinite(rows.upper) & ~equal, equal)
         return cls(
             size=instance.size,
-            P=Pattern.of(canonical(instance.P.tocsr())),
-            A=Pattern.of(canonical(instance.A)),
-            Q=Pattern.of(canonical(instance.Q)),
+            P=Pattern.of(canonicalise(instance.P.tocsr())),
+            A=Pattern.of(canonicalise(instance.A)),
+            Q=Pattern.of(canonicalise(instance.Q)),
             first=tuple(instance.products.first.tolist()),
             second=tuple(instance.products.second.tolist()),
-            balls=tuple((Pattern.of(canonical(b.F)), b.f.shape[1]) for b in instance.balls),
+            balls=tuple((Pattern.of(canonicalise(b.F)), b.f.shape[1]) for b in instance.balls),
             choices=tuple(len(c.alternatives) for c in instance.choices),
             conditional_A=Pattern.of(rows.A),
             conditional_Q=Pattern.of(rows.Q),

@@ -16,29 +16,34 @@ from climbplan.scan.raw import RawScan, ScanError
 CLOUDS = (".pcd", ".ply", ".xyz", ".txt", ".pts", ".npy", ".las", ".laz")
 
 
-def cloud(points: Array, normals: Array | None = None) -> RawScan:
-    """Points (P, 3) without triangles."""
+def build_cloud(points: Array, normals: Array | None = None) -> RawScan:
+    """Return points (P, 3) without triangles."""
     none = np.zeros((0, 3), np.int64)
     return RawScan(points, none, np.zeros(0, np.int64), normals=normals)
 
 
 def read_cloud(path: Path) -> RawScan:
-    """Points of a file, and their normals where it has them; raises ScanError."""
+    """Read the points of a file, and their normals where it has them.
+
+    Raises:
+        ScanError: The file is no cloud.
+        MissingSolver: laspy is not installed.
+    """
     suffix = path.suffix.lower()
     if suffix == ".pcd":
-        return cloud(*read_pcd(path))
+        return build_cloud(*read_pcd(path))
     if suffix in (".las", ".laz"):
-        return cloud(_read_las(path))
+        return build_cloud(_read_las(path))
     if suffix == ".npy":
-        return _columns(path, read_array(path))
+        return _build_from_columns(path, read_array(path))
     if suffix == ".ply":
         from climbplan.scan.meshes import read_mesh
 
-        return cloud(read_mesh(path).vertices)
+        return build_cloud(read_mesh(path).vertices)
     with reading(path, "a list of points, x y z a line", ScanError), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of files without data, which are refused below
         data = np.loadtxt(path, comments=("#", "//"), ndmin=2, max_rows=50_000_000)
-    return _columns(path, data)
+    return _build_from_columns(path, data)
 
 
 def read_array(path: Path) -> Array:
@@ -51,8 +56,8 @@ def read_array(path: Path) -> Array:
         return np.array(data, float)
 
 
-def _columns(path: Path, data: Array) -> RawScan:
-    """x, y, z, and normals where there are six columns of which three are of unit length."""
+def _build_from_columns(path: Path, data: Array) -> RawScan:
+    """Return x, y, z, and normals where there are six columns of which three are unit vectors."""
     if data.ndim != 2 or data.shape[1] < 3:
         hint = "; for a height map give `cell`" if data.ndim == 2 else ""
         raise ScanError(f"{path}: expected points in rows of x, y, z, got {data.shape}{hint}")
@@ -66,10 +71,11 @@ def _columns(path: Path, data: Array) -> RawScan:
         lengths = np.linalg.norm(data[:, 3:], axis=1)
         if len(lengths) and np.abs(lengths - 1).max() < 1e-2:
             normals = data[:, 3:]
-    return cloud(data[:, :3], normals)
+    return build_cloud(data[:, :3], normals)
 
 
 def _read_las(path: Path) -> Array:
+    """Read the points of a LAS file."""
     try:
         import laspy
     except ImportError as error:

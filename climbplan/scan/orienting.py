@@ -1,4 +1,4 @@
-"""Surfaces turned to face free space, as seen from a place that is free."""
+"""Orientation of surfaces towards free space, as seen from a place that is free."""
 
 from __future__ import annotations
 
@@ -7,49 +7,55 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.scan.cleaning import components, ordered
+from climbplan.scan.cleaning import find_components, merge_corners
 from climbplan.scan.raw import RawScan
 
-_INSIDE = 0.5  # share of all directions in which a closed surface is seen from within
-_SHEET = 0.5  # share of its area by which a surface faces one way, if it is a sheet
+_INSIDE_RATIO = 0.5  # of the solid angle that a closed surface fills, seen from inside
+_SHEET_RATIO = 0.5  # vector area over area of a sheet
 
 
-def facing(raw: RawScan, place: Array) -> RawScan:
-    """Every connected surface with its front to free space, which `place` (3,) belongs to.
+def orient_to_free_space(raw: RawScan, place: Array) -> RawScan:
+    """Orient every connected surface with its front to free space.
 
-    A sheet turns its front to the place; a body its outside, unless the place is within it.
+    A sheet turns its front to the place; a body its outside, unless the place is inside.
+
+    Args:
+        raw: The surface.
+        place: A point (3,) in free space [m].
     """
     if not len(raw.triangles):
         return raw
-    surface = components(raw.triangles)
+    surface = find_components(raw.triangles)
     corners = raw.corners
     doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(doubled, axis=1) / 2
 
-    def summed(values: Array) -> Array:
+    def sum_by_surface(values: Array) -> Array:
         return np.asarray(np.bincount(surface, weights=values), float)
 
-    seen = summed(_solid_angles(corners - place)) / (4 * np.pi)  # > 0: backs
-    vector = np.column_stack([summed(doubled[:, k]) for k in range(3)]) / 2
-    total = summed(area)
-    sheet = np.linalg.norm(vector, axis=1) > _SHEET * total
+    solid_angle = sum_by_surface(_compute_solid_angles(corners - place)) / (4 * np.pi)  # > 0: backs
+    vector = np.column_stack([sum_by_surface(doubled[:, k]) for k in range(3)]) / 2
+    total = sum_by_surface(area)
+    sheet = np.linalg.norm(vector, axis=1) > _SHEET_RATIO * total
     middles = corners.mean(axis=1)
-    centre = np.column_stack([summed(area * middles[:, k]) for k in range(3)]) / total[:, None]
-    volume = summed(((middles - centre[surface]) * doubled).sum(axis=1))
-    within = np.abs(seen) > _INSIDE
-    wrong = np.where(sheet | within, seen > 0, volume < 0)
-    if not wrong.any():
+    centre = (
+        np.column_stack([sum_by_surface(area * middles[:, k]) for k in range(3)]) / total[:, None]
+    )
+    volume = sum_by_surface(((middles - centre[surface]) * doubled).sum(axis=1))
+    is_inside = np.abs(solid_angle) > _INSIDE_RATIO
+    is_flipped = np.where(sheet | is_inside, solid_angle > 0, volume < 0)
+    if not is_flipped.any():
         return raw
-    turn = wrong[surface]
-    triangles = np.where(turn[:, None], raw.triangles[:, ::-1], raw.triangles)
-    noun = "surface" if wrong.sum() == 1 else "surfaces"
-    return ordered(replace(raw, triangles=triangles)).noted(
-        f"{int(wrong.sum())} {noun} of {int(turn.sum())} triangles turned to face free space"
+    flip = is_flipped[surface]
+    triangles = np.where(flip[:, None], raw.triangles[:, ::-1], raw.triangles)
+    noun = "surface" if is_flipped.sum() == 1 else "surfaces"
+    return merge_corners(replace(raw, triangles=triangles)).add_notes(
+        f"{int(is_flipped.sum())} {noun} of {int(flip.sum())} triangles turned to face free space"
     )
 
 
-def _solid_angles(corners: Array) -> Array:
-    """(T,) solid angles of triangles (T, 3, 3) from the origin, positive from behind.
+def _compute_solid_angles(corners: Array) -> Array:
+    """Return the signed solid angles of triangles (T, 3, 3) from the origin, positive from behind.
 
     A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983).
     """

@@ -122,7 +122,7 @@ def solve_admm(
             break
         time_begin = time.monotonic()
         frozen = options.freeze_after is not None and number >= options.freeze_after
-        block = split.mixed_integer(
+        block = split.build_mixed_integer_block(
             _build_consensus(split, weight, nonlinear_point, dual, options.share),
             options.norm,
             integers if frozen else None,
@@ -197,8 +197,8 @@ def _solve_nonlinear(
     split: SplitInstance, var1: Array, chosen: IntArray, consensus: Consensus, deadline: float
 ) -> Array:
     """Return the nearest point to var1 + dual at which the products hold."""
-    numbers = split.form.numbers(split.instance, consensus)
-    bounds = split.nonlinear_bounds(var1, chosen)
+    numbers = split.form.build_parameters(split.instance, consensus)
+    bounds = split.compute_nonlinear_bounds(var1, chosen)
     return solve_nlp(split.form, numbers, bounds, var1, deadline, ITERATIONS).v
 
 

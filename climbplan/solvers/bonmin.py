@@ -21,7 +21,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.program.instance import Instance
-from climbplan.reformulations.nlp_form import Manner, nlp_form
+from climbplan.reformulations.nlp_form import NlpOptions, build_nlp_form
 from climbplan.solvers.ipopt.instances import TOLERANCE, compute_box_center, solve_fixed_integers
 from climbplan.solvers.result import Answer, SolverResult, judge_answer
 
@@ -51,8 +51,8 @@ def solve_bonmin(
     """
     begin = time.monotonic()
     deadline = begin + time_limit
-    form = nlp_form(instance, Manner("big-m"))
-    bounds = form.relaxed_bounds(instance, eps=1.0)  # integrality is Bonmin's own
+    form = build_nlp_form(instance, NlpOptions("big-m"))
+    bounds = form.compute_relaxed_bounds(instance, eps=1.0)  # integrality is Bonmin's own
     nlp_start = compute_box_center(instance) if start is None else start
     num_extra = form.size - instance.size
     integer = np.zeros(form.size, bool)
@@ -62,7 +62,7 @@ def solve_bonmin(
         ca.Function("program", [form.v, form.p], [form.f, form.g]).save(str(folder / _PROGRAM))
         np.savez(
             folder / _NUMBERS,
-            p=form.numbers(instance),
+            p=form.build_parameters(instance),
             integer=integer,
             start=np.concatenate([nlp_start, np.full(num_extra, 0.5)]),
             lower=bounds.lower,

@@ -60,12 +60,13 @@ def create_compiler(
     code directory, the user's cache directory. Without any, each process compiles.
 
     Args:
-        room: Folder of the functions.
+        folder: Folder of the functions.
         sources: Globs of its files that have compiled functions, or constants of these.
         generated_from: Hash of `generated.hash_sources`, for statements elsewhere that they call.
-        borrows: Whether functions with a leading underscore neither allocate nor return arrays.
+        borrows_references: Whether functions with a leading underscore neither allocate nor return
+            arrays.
             Reference counts of their arguments, which are atomic and slow, are then omitted.
-        lets_go: Whether functions release the GIL, so that other threads can stop them.
+        releases_gil: Whether functions release the GIL, so that other threads can stop them.
     """
 
     def compiled(function: Function) -> Function:

@@ -16,7 +16,7 @@ from scipy import sparse
 
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.program.box import Box, propagated_box
+from climbplan.program.box import Box, propagate_box
 from climbplan.program.instance import Instance
 from climbplan.solvers.separable_cost import SeparableCost, factor_cost
 from climbplan.solvers.tree.choice_hulls import build_choice_hulls
@@ -57,7 +57,7 @@ def build_mixed_integer_form(instance: Instance) -> MixedIntegerForm:
             f"{instance.name}: {1e-6 * entries:.0f} million entries of binaries are more than this "
             "solver is given: use branch-and-bound, which needs none"
         )
-    box = propagated_box(instance, build_choice_hulls(instance, tables))
+    box = propagate_box(instance, build_choice_hulls(instance, tables))
     rows = [
         row for c, table in enumerate(tables) for row in _build_choice_rows(instance, c, table, box)
     ]

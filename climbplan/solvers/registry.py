@@ -57,7 +57,7 @@ class Backend:
 
     @property
     def available(self) -> bool:
-        """Whether it is installed; nothing is imported and no licence is used."""
+        """Return whether it is installed; nothing is imported and no licence is used."""
         return find_spec(self.module) is not None
 
     @property

@@ -128,7 +128,7 @@ def _solve_relaxation(instance: Instance, chosen: IntArray) -> _SlackSolution:
         x = solver.solve(form.instance).x
         if x is None:
             break
-        slacks = form.of_choices(x)
+        slacks = form.split_slacks(x)
         num_vanishing = sum(
             bool(choice_slacks.min() <= _SLACK_TOLERANCE) for choice_slacks in slacks
         )
@@ -137,7 +137,7 @@ def _solve_relaxation(instance: Instance, chosen: IntArray) -> _SlackSolution:
         num_fixed.append(num_vanishing)
         if num_vanishing == len(choices) or num_vanishing < max(num_fixed):
             break
-        form = form.weighted(x, _WEIGHT_REGULARISATION)
+        form = form.reweight(x, _WEIGHT_REGULARISATION)
     return _SlackSolution(best, tuple(num_fixed))
 
 

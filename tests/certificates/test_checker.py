@@ -16,7 +16,7 @@ import climbplan
 import climbplan.certificates
 from climbplan.certificates.checker import check
 from climbplan.errors import UsageError
-from climbplan.instances.cart_pole import walled_cart_pole
+from climbplan.instances.cart_pole import build_walled_cart_pole
 from climbplan.program import Polytope, Program
 from climbplan.solvers.mixed_integer import certification, method
 from climbplan.solvers.mixed_integer.method import WarmStartedTree
@@ -57,7 +57,7 @@ def test_many_random_programs_are_proved(seed: int) -> None:
 
 @pytest.mark.parametrize("scale", [1.0, 0.4])
 def test_published_cart_pole(scale: float) -> None:
-    problem = walled_cart_pole()
+    problem = build_walled_cart_pole()
     instance = problem.instance({"start": scale * np.array([0.02, -0.1, 0.2, 0.3])})
     found, certificate = proved(instance, 1e-3)
     assert found.objective is not None
@@ -67,7 +67,7 @@ def test_published_cart_pole(scale: float) -> None:
 
 def test_two_solves_in_a_row_are_proved_each() -> None:
     """A tree that begins with the leaves of the last one."""
-    problem = walled_cart_pole()
+    problem = build_walled_cart_pole()
     tree = WarmStartedTree(1e-3, 1e-6, proves=True)
     for angle in (-0.1, -0.09):
         instance = problem.instance({"start": np.array([0.02, angle, 0.2, 0.3])})
@@ -78,7 +78,7 @@ def test_two_solves_in_a_row_are_proved_each() -> None:
 
 
 def test_a_search_that_stops_early_proves_what_it_has() -> None:
-    problem = walled_cart_pole()
+    problem = build_walled_cart_pole()
     instance = problem.instance({"start": np.array([0.1, 0.05, 0.1, -0.3])})
     tree = WarmStartedTree(1e-6, 1e-6, proves=True)
     found = tree.solve(instance, 60.0, nodes=4)
@@ -93,7 +93,7 @@ def test_a_search_that_stops_early_proves_what_it_has() -> None:
 def test_a_certificate_that_may_take_no_time_tells_what_leaves_have(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    problem = walled_cart_pole()
+    problem = build_walled_cart_pole()
     instance = problem.instance({"start": np.array([0.1, 0.05, 0.1, -0.3])})
     again: list[int] = []
 

@@ -16,7 +16,7 @@ from PIL import Image, TiffImagePlugin
 
 import climbplan
 from climbplan.cli.app import run
-from climbplan.learning.model import FitOptions, fit
+from climbplan.learning.model import FitOptions, fit_strategy
 from climbplan.learning.model_file import write_model
 
 PACKAGE = Path(climbplan.__file__).parent
@@ -73,7 +73,9 @@ def made_sources(folder: Path) -> None:
     shutil.copy(next((PACKAGE / "robots" / "grippers").glob("*.json")), folder / "gripper.json")
     shutil.copy(PACKAGE / "climb" / "envelopes" / "fitted" / "wall3.h5", folder / "envelopes.h5")
     options = FitOptions(kind="forest", trees=5, depth=6, cluster_trees=5)
-    write_model(stored_model(fit(made_up(80), options, np.array([0, 1]))), folder / "model.h5")
+    write_model(
+        stored_model(fit_strategy(made_up(80), options, np.array([0, 1]))), folder / "model.h5"
+    )
     (folder / "hop.py").write_text(_STATEMENT)
     (folder / "hop.yaml").write_text(_SPEC)
     command = ["solve", str(folder / "hop.yaml"), "--problem", f"{folder / 'hop.py'}:problem", "-q"]

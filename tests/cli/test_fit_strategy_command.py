@@ -13,7 +13,7 @@ from command_line import RunCommand
 from climbplan.bookshelf.methods.training import shelf_data
 from climbplan.bookshelf.scene.scene_file import read_scenes, write_scenes
 from climbplan.bookshelf.scene.shelf_scene import Scenes
-from climbplan.learning.fit_run import options_of, stored_model, train, write_verified
+from climbplan.learning.fit_run import build_fit_options, build_model_file, train, write_verified
 from climbplan.learning.model import MODEL_KINDS
 from climbplan.schema.learning.strategy_loading import load_strategy
 
@@ -32,9 +32,9 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     loaded = load_strategy(STRATEGY, [*SMALL[1::2], "data.held_out=0"])
     data = shelf_data(loaded)
     for kind in MODEL_KINDS:
-        options = replace(options_of(loaded.spec), kind=kind)
+        options = replace(build_fit_options(loaded.spec), kind=kind)
         made[kind] = folder / f"{kind}.h5"
-        write_verified(stored_model(train(data, options, 0.0), loaded, data), made[kind])
+        write_verified(build_model_file(train(data, options, 0.0), loaded, data), made[kind])
     return made
 
 
@@ -95,7 +95,7 @@ def test_without_fallback_nothing_else_answers(
 ) -> None:
     loaded = load_strategy(STRATEGY, ["data.size=1", "data.mirror=false", "model.kind=knn"])
     data = shelf_data(loaded)
-    stored = stored_model(train(data, options_of(loaded.spec), 0.0), loaded, data)
+    stored = build_model_file(train(data, build_fit_options(loaded.spec), 0.0), loaded, data)
     write_verified(stored, Path("one.h5"))
     given = ("--set", "solver.model.file=one.h5", "--method", "knn")
     given += ("--set", "solver.refinements=0")  # envelopes alone seldom hold

@@ -12,7 +12,7 @@ from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.model import ClimbSpec
-from climbplan.instances.straight_climb import straight_rounds
+from climbplan.instances.straight_climb import interpolate_rounds
 from climbplan.schema.robots.robot import RobotSpec
 from climbplan.schema.robots.source import load_robot
 
@@ -71,7 +71,7 @@ def demo_scene() -> ClimbScene:
 
 @pytest.fixture(scope="session")
 def demo_rounds(demo_scene: ClimbScene) -> Rounds:
-    return straight_rounds(demo_scene)
+    return interpolate_rounds(demo_scene)
 
 
 @pytest.fixture(scope="session")

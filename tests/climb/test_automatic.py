@@ -13,12 +13,12 @@ import yaml
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
-from climbplan.climb.planner.automatic import Refused
+from climbplan.climb.planner.automatic import NoTrialSucceeded
 from climbplan.climb.planner.planner import plan_by_method, plan_climb
-from climbplan.climb.planner.trials import first_trial, further_trials
+from climbplan.climb.planner.trials import generate_further_trials, select_first_trial
 from climbplan.climb.scene.climb_scene import build_scene
 from climbplan.climb.schema.loading import LoadedClimb, load_climb
-from climbplan.errors import Infeasible, NotProved, ReachFailure
+from climbplan.errors import Infeasible, ReachFailure, Unresolved
 
 # Two stairs of 50 mm as boxes, which are obstacles to limbs and places for toes at once
 STAIRS = """
@@ -77,7 +77,7 @@ def test_stairs_as_boxes_are_planned(tmp_path: Path) -> None:
 
 
 def test_no_method_calls_its_own_restriction_a_proof(tmp_path: Path) -> None:
-    with pytest.raises(NotProved) as caught:
+    with pytest.raises(Unresolved) as caught:
         plan_climb(loaded(tmp_path, STAIRS, *TOO_FEW))
     assert caught.value.exit_code == 4
     assert "not proved: method micp has rotations and knees linearised" in str(caught.value)
@@ -86,7 +86,7 @@ def test_no_method_calls_its_own_restriction_a_proof(tmp_path: Path) -> None:
 def test_a_named_remedy_works(tmp_path: Path) -> None:
     """Too few rounds at the default steps: not proved, and the rounds that are enough are found."""
     spec = loaded(tmp_path, SHAFT, "task.goal.com=[0, 0, 0.4]")
-    with pytest.raises(Refused) as caught:
+    with pytest.raises(NoTrialSucceeded) as caught:
         plan_climb(spec)
     text = str(caught.value)
     assert caught.value.exit_code == 4
@@ -117,7 +117,7 @@ def test_stated_steps_make_it_a_proof(tmp_path: Path) -> None:
 def test_the_limit_is_kept(tmp_path: Path) -> None:
     spec = loaded(tmp_path, STAIRS, "solver.time_limit=4", "task.goal.com=[0, 0.9, 0.28]")
     begin = time.monotonic()
-    with pytest.raises(NotProved):
+    with pytest.raises(Unresolved):
         plan_climb(spec)
     assert time.monotonic() - begin < 10.0  # twice, and a second for a loaded machine
 
@@ -126,30 +126,32 @@ def test_only_what_the_spec_leaves_open_is_chosen(tmp_path: Path) -> None:
     open_spec = loaded(tmp_path, SHAFT)
     error = ReachFailure("RF", "coxa 5 deg past its bound")
     scene = build_scene(open_spec.spec, open_spec.robot)
-    keys = {c.key for t in further_trials(scene, error) for c in t.choices}
-    assert keys == {"trajectory.lift", "task.gait", "task.goal.rotation_tolerance_deg"}
+    keys = {c.key for t in generate_further_trials(scene, error) for c in t.choices}
+    assert keys == {"trajectory.swing_clearance", "task.gait", "task.goal.rotation_tolerance_deg"}
     stated = open_spec.with_overrides(
         [
-            "trajectory.lift=0.05",
+            "trajectory.swing_clearance=0.05",
             "task.gait=[RF, RM, RR, LR, LM, LF]",
             "task.goal.rpy_deg=[0, 0, 0]",
         ]
     )
     scene = build_scene(stated.spec, stated.robot)
-    trials = list(further_trials(scene, error))
+    trials = list(generate_further_trials(scene, error))
     assert all(not trial.choices for trial in trials)
     assert [trial.method for trial in trials] == ["nlp", "coupled"]
 
 
 def test_a_choice_is_part_of_the_stored_spec(tmp_path: Path) -> None:
     """A front limb at the edge of its coxa's range: lifted by 50 mm it leaves it, by less not."""
-    from climbplan.climb.planner.automatic import prepared
+    from climbplan.climb.planner.automatic import apply_choices
 
     spec = loaded(tmp_path, SHAFT)
     scene = build_scene(spec.spec, spec.robot)
-    trials = further_trials(scene, ReachFailure("RF", "coxa 5 deg past its bound"))
-    lower = next(t for t in trials if t.choices and t.choices[0].key == "trajectory.lift")
-    plan = plan_climb(prepared(spec, lower))
+    trials = generate_further_trials(scene, ReachFailure("RF", "coxa 5 deg past its bound"))
+    lower = next(
+        t for t in trials if t.choices and t.choices[0].key == "trajectory.swing_clearance"
+    )
+    plan = plan_climb(apply_choices(spec, lower))
     assert yaml.safe_load(plan.spec_text)["trajectory"] == {"lift": 0.03}
     path = tmp_path / "plan.h5"
     write_climb(plan, path)
@@ -158,7 +160,7 @@ def test_a_choice_is_part_of_the_stored_spec(tmp_path: Path) -> None:
 
 def test_curved_terrain_goes_to_the_exact_method(tmp_path: Path) -> None:
     tube = load_climb(Path("specs/climb_tube.yaml"), ["solver.method=auto"])
-    assert first_trial(build_scene(tube.spec, tube.robot)).method == "nlp"
+    assert select_first_trial(build_scene(tube.spec, tube.robot)).method == "nlp"
 
 
 def test_a_plan_that_fails_its_verification_is_kept(
@@ -180,7 +182,7 @@ def test_a_plan_that_fails_its_verification_is_kept(
 def test_a_closest_sequence_is_not_always_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = "climbplan.solvers.elastic.least_violations"
+    module = "climbplan.solvers.elastic.minimise_violations"
     monkeypatch.setattr(module, lambda *_: None)
-    with pytest.raises(NotProved, match="no posture sequence found under the given bounds"):
+    with pytest.raises(Unresolved, match="no posture sequence found under the given bounds"):
         plan_climb(loaded(tmp_path, STAIRS, *TOO_FEW))

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.climb import force as benchmark_force
 from benchmarks.climb.force import bench_force
 from climbplan.errors import MissingSolver
-from climbplan.instances.straight_climb import straight_climb
+from climbplan.instances.straight_climb import build_straight_climb
 
 
 def test_quick_comparison_prints_ratios_and_agreement() -> None:
@@ -40,9 +40,9 @@ def test_missing_cvxpy_is_said_and_left_out(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_instances_follow_the_seed() -> None:
     one, same, other = (
-        straight_climb(3).instants,
-        straight_climb(3).instants,
-        straight_climb(4).instants,
+        build_straight_climb(3).instants,
+        build_straight_climb(3).instants,
+        build_straight_climb(4).instants,
     )
     assert one.count == 96
     np.testing.assert_array_equal(one.toes, same.toes)

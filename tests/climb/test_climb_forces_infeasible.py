@@ -19,7 +19,7 @@ from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import Unresolved
-from climbplan.instances.straight_climb import straight_rounds
+from climbplan.instances.straight_climb import interpolate_rounds
 from climbplan.schema.robots.robot import RobotSpec
 from climbplan.verification.check import LIMITS
 
@@ -30,7 +30,7 @@ NUMBER = r"([0-9.]+)"
 
 def refused(scene: ClimbScene, instants: Instants | None = None) -> Unresolved:
     if instants is None:
-        instants = plan_instants(scene, straight_rounds(scene))
+        instants = plan_instants(scene, interpolate_rounds(scene))
     with pytest.raises(Unresolved) as caught:
         plan_forces(scene, instants)
     return caught.value
@@ -50,7 +50,7 @@ def amount(text: str, pattern: str) -> float:
 
 def holds(scene: ClimbScene, rows: list[int] | None = None) -> bool:
     """Whether all instants (or some) have admissible forces."""
-    instants = plan_instants(scene, straight_rounds(scene))
+    instants = plan_instants(scene, interpolate_rounds(scene))
     missing = solve_forces(build_force_statement(scene, instants), "daqp", 16).missing
     return not len(missing if rows is None else np.intersect1d(missing, rows))
 
@@ -162,7 +162,7 @@ def test_a_pulled_robot_has_no_remedy(demo_climb: SceneMaker) -> None:
     """Blown off a wall, contacts would have to pull; on a wall alone, nothing presses."""
     for wind, kind in ((50.0, "push-only contact at"), (0.0, "friction at")):
         scene = demo_climb(**{"task.external_wrench": {"force": (wind, 0.0, 0.0)}})
-        instants = plan_instants(scene, straight_rounds(scene))
+        instants = plan_instants(scene, interpolate_rounds(scene))
         one_wall = np.broadcast_to([1.0, 0.0, 0.0], instants.normal.shape)
         error = refused(scene, replace(instants, normal=one_wall))
         (only,) = error.conflicts[0].constraints
@@ -172,7 +172,7 @@ def test_a_pulled_robot_has_no_remedy(demo_climb: SceneMaker) -> None:
 
 def test_conflicts_are_irreducible(demo_climb: SceneMaker) -> None:
     scene = demo_climb(**{"terrain.friction": 0.4})
-    statement = build_force_statement(scene, plan_instants(scene, straight_rounds(scene)))
+    statement = build_force_statement(scene, plan_instants(scene, interpolate_rounds(scene)))
     seen = 0
     for k in solve_forces(statement, "clarabel", 16).missing[:6]:
         cones = build_instant_cones(statement, int(k))
@@ -192,7 +192,7 @@ def test_conflicts_are_irreducible(demo_climb: SceneMaker) -> None:
 
 def test_mixed_friction_is_scaled(demo_climb: SceneMaker) -> None:
     scene = demo_climb()
-    instants = plan_instants(scene, straight_rounds(scene))
+    instants = plan_instants(scene, interpolate_rounds(scene))
     mu = np.where(instants.region == 0, 0.5, 0.4)
     error = refused(scene, replace(instants, mu=mu))
     factor = amount(str(error).splitlines()[0], "friction coefficients # times as high")
@@ -209,7 +209,7 @@ def three_limbs(braced_robot: RobotMaker, demo_climb: SceneMaker) -> tuple[Climb
     scene = demo_climb(
         braced_robot(3), **{"task.rounds": 1, "task.goal": {"com": (0.0, 0.0, 0.05)}}
     )
-    return scene, plan_instants(scene, straight_rounds(scene))
+    return scene, plan_instants(scene, interpolate_rounds(scene))
 
 
 def test_two_contacts_cannot_balance(braced_robot: RobotMaker, demo_climb: SceneMaker) -> None:

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from climbplan.learning.envelope_box import Envelope, EnvelopeSet, exterior
-from climbplan.learning.envelope_clustering import fit_clusters, largest_box
-from climbplan.learning.envelope_genetic import GeneticOptions, evolve
+from climbplan.learning.envelope_box import Envelope, EnvelopeSet, compute_bounding_box
+from climbplan.learning.envelope_clustering import find_largest_box, fit_clusters
+from climbplan.learning.envelope_genetic import GeneticOptions, run_genetic_search
 
 
 def _enumerated(centre: np.ndarray, bad: np.ndarray, good: np.ndarray) -> float:
@@ -34,7 +34,7 @@ def test_largest_box_is_the_enumerated_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     good, bad = rng.uniform(-1, 1, (30, 3)), rng.uniform(-1, 1, (6, 3))
     centre = rng.uniform(-0.3, 0.3, 3)
-    box, gap = largest_box(centre, bad, good)
+    box, gap = find_largest_box(centre, bad, good)
     span = np.maximum(good.max(0), centre) - np.minimum(good.min(0), centre)
     assert gap <= 1e-3
     assert ((box.upper - box.lower) / span).sum() == pytest.approx(
@@ -53,9 +53,9 @@ def test_two_clusters_are_told_apart() -> None:
     centres = sorted(float(c.centre[0, 0]) for c in found)
     assert centres == pytest.approx([-0.6, 0.5], abs=0.03)
     for cluster in found:
-        assert not cluster.envelope.holds(bad).any()
+        assert not cluster.envelope.contains(bad).any()
         assert cluster.kept.sum() >= 70
-        assert cluster.envelope.holds(good)[cluster.kept].all()
+        assert cluster.envelope.contains(good)[cluster.kept].all()
 
 
 def _disc_labels(sets: Sequence[EnvelopeSet], rows: np.ndarray) -> list[np.ndarray]:
@@ -72,11 +72,11 @@ def test_genetic_search_finds_the_interval() -> None:
     feasible[6:13] = True
     first = [(Envelope(np.array([[0.0]]), np.array([[1.0]])),)]
     options = GeneticOptions(population=20, generations=25, terrains=14)
-    found = evolve(_disc_labels, feasible, first, options, seed=3)
+    found = run_genetic_search(_disc_labels, feasible, first, options, seed=3)
     assert found.false_infeasible <= options.delta
     assert found.false_feasible <= 2 / 13
     assert found.fitness_best[-1] > found.fitness_best[0]
-    again = evolve(_disc_labels, feasible, first, options, seed=3)
+    again = run_genetic_search(_disc_labels, feasible, first, options, seed=3)
     np.testing.assert_array_equal(found.envelopes[0].lower, again.envelopes[0].lower)
 
 
@@ -86,7 +86,7 @@ def test_genetic_search_of_two_boxes() -> None:
     feasible[[2, 3, 4, 14, 15, 16]] = True
     boxes = [Envelope(np.array([[a]]), np.array([[b]])) for a, b in ((0.0, 0.5), (0.5, 1.0))]
     options = GeneticOptions(population=20, generations=25, terrains=14)
-    found = evolve(_disc_labels, feasible, [tuple(boxes)], options, seed=1)
+    found = run_genetic_search(_disc_labels, feasible, [tuple(boxes)], options, seed=1)
     assert len(found.envelopes) == 2
     assert found.false_infeasible <= options.delta
     assert found.false_feasible <= 4 / 14  # each box may touch its neighbours
@@ -94,7 +94,7 @@ def test_genetic_search_of_two_boxes() -> None:
 
 def test_exterior_is_tight() -> None:
     points = np.random.default_rng(2).normal(size=(10, 2, 3))
-    box = exterior(points)
-    assert box.holds(points).all()
+    box = compute_bounding_box(points)
+    assert box.contains(points).all()
     for axis in np.ndindex(2, 3):
         assert (points[(slice(None), *axis)] == box.lower[axis]).any()

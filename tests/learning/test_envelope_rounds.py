@@ -15,7 +15,7 @@ from climbplan.methods.envelope_rounds import (
 )
 from climbplan.methods.table import solve_instance
 from climbplan.program import Problem, Program
-from climbplan.program.box import propagated_box
+from climbplan.program.box import propagate_box
 
 
 def products() -> Program:
@@ -33,7 +33,7 @@ def products() -> Program:
 def test_one_grid_for_every_product_and_shared_factors_first() -> None:
     problem = Problem("products", products())
     instance = problem.instance({})
-    grids = build_default_partitions(problem, instance, propagated_box(instance), 5)
+    grids = build_default_partitions(problem, instance, propagate_box(instance), 5)
     names = [format_variable_name(problem, int(grid.variables[0])) for grid in grids]
     assert names == ["x[0]", "y[0]"] or names == ["x[0]", "y[1]"]
     assert all(grid.count == 5 for grid in grids)
@@ -42,7 +42,7 @@ def test_one_grid_for_every_product_and_shared_factors_first() -> None:
 def test_the_problem_chooses_first_and_rounds_make_it_finer() -> None:
     problem = Problem("products", products(), partitions={"y": [-2.0, 0.0, 3.0], "x": 2})
     instance = problem.instance({})
-    grids = build_default_partitions(problem, instance, propagated_box(instance), 5, finer=2)
+    grids = build_default_partitions(problem, instance, propagate_box(instance), 5, finer=2)
     by_name = {format_variable_name(problem, int(g.variables[0])): g for g in grids}
     assert set(by_name) == {"x[0]", "x[1]", "x[2]", "y[0]", "y[1]"}
     assert by_name["x[0]"].count == 4
@@ -70,7 +70,7 @@ def test_cost_rows_keep_everything_cheaper(seed: int) -> None:
             assert within.all()
     assert cheaper > 0
     assert len(cut.row_lower) > len(instance.row_lower)
-    before, after = propagated_box(instance), propagated_box(cut)
+    before, after = propagate_box(instance), propagate_box(cut)
     assert (after.upper - after.lower).sum() < (before.upper - before.lower).sum()
 
 

@@ -11,9 +11,9 @@ from own_problems import enumerated, impossible, islands_problem
 
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.learning.clusters import solution_columns
+from climbplan.learning.clusters import select_solution_columns
 from climbplan.learning.library import Frame, Library
-from climbplan.learning.model import FitOptions, ModelKind, fit
+from climbplan.learning.model import FitOptions, ModelKind, fit_strategy
 from climbplan.learning.neighbours import NearestProblems, Order
 from climbplan.learning.strategy import Candidate
 from climbplan.methods.conflicts import find_conflicting_blocks
@@ -58,8 +58,8 @@ def test_answers_pass_the_check(method: Method, bilinear: bool) -> None:
         options = FitOptions(
             kind=cast("ModelKind", method), trees=10, cluster_trees=10, hidden=(8,), rounds=5
         )
-        columns = solution_columns(problem.instance({"goal": np.zeros(2)}))
-        settings = replace(settings, model=fit(solved, options, columns))
+        columns = select_solution_columns(problem.instance({"goal": np.zeros(2)}))
+        settings = replace(settings, model=fit_strategy(solved, options, columns))
     near = 0
     seeds = SEEDS if method != "minlp-bonmin" else range(1)
     for seed in seeds:

@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 
 from climbplan.errors import UsageError
-from climbplan.learning.clusters import OUTLIER, ClusterOptions, clustered, solution_columns
+from climbplan.learning.clusters import (
+    OUTLIER,
+    ClusterOptions,
+    cluster_solutions,
+    select_solution_columns,
+)
 from climbplan.learning.library import Frame, Library
-from climbplan.learning.model import FitOptions, fit
+from climbplan.learning.model import FitOptions, fit_strategy
 from climbplan.methods.pinning import candidate_at, solve_candidate
 from climbplan.methods.reduced import Reduction
 from climbplan.methods.reduced_programs import ClusterSolve, ReducedPrograms
@@ -82,7 +87,7 @@ def test_binaries_are_the_logarithm_of_what_occurs(library: Library) -> None:
     reduction = _reduction(library, rows)
     expected = 0
     for partition in PARTITIONS:
-        used = {partition.piece(x) for x in library.points[rows]}
+        used = {partition.find_piece(x) for x in library.points[rows]}
         expected += int(np.ceil(np.log2(len(used))))
     ways = len(np.unique(library.points[rows][:, 2:], axis=0))
     expected += int(np.ceil(np.log2(ways)))
@@ -138,7 +143,7 @@ def test_pieces_shrink_to_the_solutions_in_them(library: Library) -> None:
 def test_other_strategies_of_the_cluster_follow_its_program(library: Library) -> None:
     instance = PROGRAM.instantiate({"goal": library.features[0]})
     options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
-    ranking = fit(library, options, solution_columns(instance)).clusters()
+    ranking = fit_strategy(library, options, select_solution_columns(instance)).clusters()
     goal = library.features[0]
     cluster = int(ranking.ranked(goal, 1)[0])
     nearest = ranking.strategies(goal, cluster)
@@ -166,7 +171,7 @@ def test_a_cluster_whose_program_has_no_point_still_offers_its_strategies(
 ) -> None:
     options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
     instance = PROGRAM.instantiate({"goal": library.features[0]})
-    ranking = fit(library, options, solution_columns(instance)).clusters()
+    ranking = fit_strategy(library, options, select_solution_columns(instance)).clusters()
     nowhere = replace(instance, lower=np.where(instance.integer, instance.lower, 3.9))
     solves: list[ClusterSolve] = []
     programs = ReducedPrograms(ranking, PARTITIONS, report=solves.append)
@@ -190,7 +195,7 @@ def test_integers_of_other_clusters_are_out_of_reach(library: Library) -> None:
 def test_online_the_likeliest_cluster_is_solved_and_made_exact(library: Library) -> None:
     instance = PROGRAM.instantiate({"goal": library.features[0]})
     options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
-    model = fit(library, options, solution_columns(instance))
+    model = fit_strategy(library, options, select_solution_columns(instance))
     ranking = model.clusters()
     assert ranking.count >= 2
     solves: list[ClusterSolve] = []
@@ -211,7 +216,7 @@ def test_online_the_likeliest_cluster_is_solved_and_made_exact(library: Library)
 def test_further_clusters_only_until_done(library: Library) -> None:
     instance = PROGRAM.instantiate({"goal": library.features[0]})
     options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
-    ranking = fit(library, options, solution_columns(instance)).clusters()
+    ranking = fit_strategy(library, options, select_solution_columns(instance)).clusters()
     for done, expected in ((True, 1), (False, 2)):
         solves: list[ClusterSolve] = []
         programs = ReducedPrograms(ranking, PARTITIONS, report=solves.append)
@@ -221,8 +226,8 @@ def test_further_clusters_only_until_done(library: Library) -> None:
 
 
 def test_an_unknown_solver_is_refused(library: Library) -> None:
-    columns = solution_columns(PROGRAM.instantiate({"goal": np.ones(2)}))
-    model = fit(library, FitOptions(kind="reduce", cluster_trees=5), columns)
+    columns = select_solution_columns(PROGRAM.instantiate({"goal": np.ones(2)}))
+    model = fit_strategy(library, FitOptions(kind="reduce", cluster_trees=5), columns)
     with pytest.raises(UsageError, match="no solver 'daqp'"):
         ReducedPrograms(model.clusters(), PARTITIONS, solver="daqp")
 
@@ -239,7 +244,7 @@ def _blobs() -> np.ndarray:
 def test_every_method_finds_separate_clusters_largest_first(method: str) -> None:
     vectors = _blobs()[:-1]
     options = ClusterOptions(method=method, least=5, distance=1.0, count=3)  # type: ignore[arg-type]
-    label = clustered(vectors, options, 0)
+    label = cluster_solutions(vectors, options, 0)
     assert [len(set(label[a:b])) for a, b in ((0, 30), (30, 50), (50, 62))] == [1, 1, 1]
     assert [int(label[k]) for k in (0, 30, 50)] == [0, 1, 2]
 
@@ -248,7 +253,7 @@ def test_outliers_join_the_nearest_cluster_or_are_dropped() -> None:
     vectors = _blobs()
     for outliers, expected in (("drop", OUTLIER), ("nearest", 1)):
         options = ClusterOptions("dbscan", 5, 1.0, outliers=outliers)  # type: ignore[arg-type]
-        label = clustered(vectors, options, 0)
+        label = cluster_solutions(vectors, options, 0)
         assert label[-1] == expected or (outliers == "nearest" and label[-1] in (1, 2))
 
 
@@ -256,13 +261,13 @@ def test_clusters_are_numbered_by_size_with_the_outliers_that_joined() -> None:
     far = np.array([[30.0, 30.0]])
     lone = np.array([[0.0, 30.0 + 3 * k] for k in range(12)])  # nearest to the third blob
     vectors = np.vstack([_blobs()[:-1], lone, far])
-    label = clustered(vectors, ClusterOptions("dbscan", 5, 1.0), 0)
+    label = cluster_solutions(vectors, ClusterOptions("dbscan", 5, 1.0), 0)
     assert (np.diff(np.bincount(label)) <= 0).all()
     assert label[50] == 1  # it has become larger than the second
 
 
 def test_without_clusters() -> None:
     vectors = 10.0 * np.eye(12)
-    assert set(clustered(vectors, ClusterOptions("dbscan", 3, 0.5), 0)) == {0}
+    assert set(cluster_solutions(vectors, ClusterOptions("dbscan", 3, 0.5), 0)) == {0}
     with pytest.raises(UsageError, match="no cluster of 3"):
-        clustered(vectors, ClusterOptions("dbscan", 3, 0.5, outliers="drop"), 0)
+        cluster_solutions(vectors, ClusterOptions("dbscan", 3, 0.5, outliers="drop"), 0)

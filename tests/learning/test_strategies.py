@@ -12,14 +12,14 @@ from sklearn.neural_network import MLPClassifier
 
 from climbplan.errors import UsageError
 from climbplan.learning import forest
-from climbplan.learning.boosting import choices_of, fit_boosting
-from climbplan.learning.evaluation import evaluate, held_out
+from climbplan.learning.boosting import decompose_strategies, fit_boosting
+from climbplan.learning.evaluation import evaluate, select_held_out
 from climbplan.learning.forest import fit_forest
 from climbplan.learning.library import Library
-from climbplan.learning.model import MODEL_KINDS, FitOptions, ModelKind, StrategyModel, fit
+from climbplan.learning.model import MODEL_KINDS, FitOptions, ModelKind, StrategyModel, fit_strategy
 from climbplan.learning.model_file import read_model, write_model
 from climbplan.learning.network import fit_network
-from climbplan.learning.quiet_training import quiet_training
+from climbplan.learning.quiet_training import suppress_expected_warnings
 from climbplan.learning.ranking import RankedStrategies
 from climbplan.learning.trees import LEAF, Trees
 
@@ -31,7 +31,7 @@ COLUMNS = np.array([0, 1])
 
 def _fit(kind: ModelKind, library: Library | None = None, seed: int = 0) -> StrategyModel:
     options = FitOptions(**{**vars(SMALL), "kind": kind, "seed": seed})
-    return fit(library or made_up(), options, COLUMNS)
+    return fit_strategy(library or made_up(), options, COLUMNS)
 
 
 def _fresh(count: int = 50) -> np.ndarray:
@@ -57,7 +57,7 @@ def test_network_agrees_with_its_trainer() -> None:
     theirs = MLPClassifier(
         (16,), batch_size=64, learning_rate_init=1e-3, alpha=1e-4, max_iter=30, random_state=3
     )
-    with quiet_training():
+    with suppress_expected_warnings():
         theirs.fit(scaled, library.strategy)
     for x in _fresh():
         z = (x - library.features.mean(0)) / library.features.std(0)
@@ -68,7 +68,7 @@ def test_boosting_agrees_with_its_trainer_choice_by_choice() -> None:
     library = made_up()
     ours = fit_boosting(library, 15, 0.1, 8, 3)
     expected = np.ones((50, len(library.strategies)))
-    columns = choices_of(library)
+    columns = decompose_strategies(library)
     assert [len(np.unique(c)) for c in columns] == [3, 2, 2, 2]  # one-of groups are found
     for column in columns:
         names, level = np.unique(column, return_inverse=True)
@@ -90,7 +90,7 @@ def test_same_seed_same_model_and_file(kind: ModelKind, tmp_path: Path) -> None:
     assert read.kind == kind
     for x in _fresh(10):
         ranked = [
-            [(c.number, c.row, c.score) for c in model.strategy().candidates(x, 12)]
+            [(c.number, c.row, c.score) for c in model.create_strategy().candidates(x, 12)]
             for model in (first, second, read)
         ]
         assert ranked[0] == ranked[1] == ranked[2]
@@ -146,16 +146,16 @@ def test_one_strategy_alone(kind: ModelKind, tmp_path: Path) -> None:
     library = made_up()
     one = library.subset(np.flatnonzero(library.strategy == 0))
     write_model(stored_model(_fit(kind, one)), tmp_path / "model.h5")
-    found = read_model(tmp_path / "model.h5").model.strategy().candidates(np.zeros(3), 5)
+    found = read_model(tmp_path / "model.h5").model.create_strategy().candidates(np.zeros(3), 5)
     assert found[0].number == 0
 
 
 def test_split_keeps_groups_together() -> None:
     groups = np.repeat(np.arange(20), 2)
-    aside = held_out(groups, 0.25, 4)
+    aside = select_held_out(groups, 0.25, 4)
     assert aside.sum() == 10
     assert (aside[::2] == aside[1::2]).all()
-    assert (aside == held_out(groups, 0.25, 4)).all()
+    assert (aside == select_held_out(groups, 0.25, 4)).all()
 
 
 def test_calibration_counts_every_problem_once() -> None:

@@ -13,7 +13,7 @@ import pytest
 from learned_rows import made_up, stored_model
 
 from climbplan.errors import PlanFileError
-from climbplan.learning.model import FitOptions, ModelKind, fit
+from climbplan.learning.model import FitOptions, ModelKind, fit_strategy
 from climbplan.learning.model_file import read_model, write_model
 
 Damage = Callable[[h5py.File], None]
@@ -26,7 +26,7 @@ _OPTIONS = {
 @pytest.fixture
 def stored(tmp_path: Path) -> Callable[[ModelKind], Path]:
     def write(kind: ModelKind) -> Path:
-        model = fit(made_up(80), FitOptions(kind=kind, **_OPTIONS), np.array([0, 1]))
+        model = fit_strategy(made_up(80), FitOptions(kind=kind, **_OPTIONS), np.array([0, 1]))
         path = tmp_path / f"{kind}.h5"
         write_model(stored_model(model), path)
         return path
@@ -173,4 +173,4 @@ def test_random_damage_never_gets_through_as_a_bug(stored: Callable[[ModelKind],
             model = read_model(path).model
         except PlanFileError:
             continue
-        model.strategy().candidates(np.zeros(3), 3)
+        model.create_strategy().candidates(np.zeros(3), 3)

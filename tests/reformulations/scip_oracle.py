@@ -9,7 +9,7 @@ import pyscipopt
 
 from climbplan.arrays import Array
 from climbplan.program import Instance
-from climbplan.reformulations.conditional_rows import conditional_rows, excess
+from climbplan.reformulations.conditional_rows import build_indicator_rows, compute_big_m
 
 
 def scip_optimum(instance: Instance, time_limit: float = 20.0) -> Array | None:
@@ -43,8 +43,8 @@ def scip_optimum(instance: Instance, time_limit: float = 20.0) -> Array | None:
     for i in range(instance.A.shape[0]):
         least(row(instance.A, instance.Q, i), instance.row_lower[i])
         least(row(instance.A, instance.Q, i), instance.row_upper[i], -1.0)
-    rows = conditional_rows(instance)
-    reach = excess(instance, rows)
+    rows = build_indicator_rows(instance)
+    reach = compute_big_m(instance, rows)
     for i in range(len(rows.upper)):
         off = 1 - v[rows.indicator[i]] if rows.value[i] else v[rows.indicator[i]]
         value = row(rows.A, rows.Q, i)

@@ -39,7 +39,7 @@ def test_consensus_terms(norm: str) -> None:
     n = instance.size
     weight, target = rng.uniform(0, 2, n), rng.uniform(-1, 1, n)
     weight[::3] = 0.0
-    block = split.mixed_integer(Consensus(weight, target, 0.5), norm)  # type: ignore[arg-type]
+    block = split.build_mixed_integer_block(Consensus(weight, target, 0.5), norm)  # type: ignore[arg-type]
     x = rng.uniform(-1, 1, split.relaxed.instance.size)
     gone = x[:n] - target
     distance = np.abs(gone[weight > 0]) if norm == "l1" else np.zeros(0)

@@ -12,7 +12,7 @@ from small_programs import TOLERANCE, enumerated, random_numbers, small_program
 from climbplan.errors import UsageError
 from climbplan.program import Program
 from climbplan.reformulations.complementarity import Complementarity
-from climbplan.reformulations.nlp_form import Gap, Manner, nlp_form
+from climbplan.reformulations.nlp_form import Gap, NlpOptions, build_nlp_form
 from climbplan.solvers.ipopt.instances import compute_box_center, solve_fixed_integers
 from climbplan.solvers.ipopt.mpcc import HOMOTOPY, STRAIGHT, follow_homotopy, solve_mpcc
 
@@ -95,8 +95,10 @@ def test_another_theta_updates_numbers_only() -> None:
     p, fresh = small_program(True), small_program(True)
     rng = np.random.default_rng(11)
     first, second = random_numbers(rng), random_numbers(rng)
-    manner = Manner("product")
-    assert nlp_form(p.instantiate(first), manner) is nlp_form(p.instantiate(second), manner)
+    manner = NlpOptions("product")
+    assert build_nlp_form(p.instantiate(first), manner) is build_nlp_form(
+        p.instantiate(second), manner
+    )
     solve_mpcc(p.instantiate(first))
     updated, rebuilt = solve_mpcc(p.instantiate(second)), solve_mpcc(fresh.instantiate(second))
     assert updated.x is not None
@@ -106,16 +108,16 @@ def test_another_theta_updates_numbers_only() -> None:
 def test_form_reproduces_the_instance() -> None:
     p = small_program(True)
     instance = p.instantiate(random_numbers(np.random.default_rng(0)))
-    form = nlp_form(instance, Manner("pinned"))
+    form = build_nlp_form(instance, NlpOptions("pinned"))
     values = ca.Function("values", [form.v, form.p], [form.f, form.g])
     rng = np.random.default_rng(1)
     feasible = 0
     for k in range(200):
         x = np.concatenate([rng.uniform(-1, 1, 3), np.eye(3)[k % 3]])
         chosen = instance.assignment(x)
-        f, g = (np.array(out).ravel() for out in values(x, form.numbers(instance)))
+        f, g = (np.array(out).ravel() for out in values(x, form.build_parameters(instance)))
         assert f[0] == pytest.approx(instance.objective(x))
-        bounds = form.pinned_bounds(instance, x, chosen)
+        bounds = form.compute_fixed_bounds(instance, x, chosen)
         inside = (g >= bounds.row_lower - 1e-9).all() and (g <= bounds.row_upper + 1e-9).all()
         assert inside == (instance.violation(x, chosen) <= 1e-9)
         feasible += bool(inside)

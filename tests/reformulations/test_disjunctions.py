@@ -10,7 +10,7 @@ from bilinear_programs import bilinear, disjunctive, enumerated
 
 from climbplan.errors import UsageError
 from climbplan.program import Polytope, Program
-from climbplan.program.box import propagated_box
+from climbplan.program.box import propagate_box
 from climbplan.reformulations.disjunctions import BigM, ConvexHull
 from climbplan.reformulations.mccormick import McCormick
 from climbplan.solvers.highs.instances import solve_highs
@@ -80,7 +80,7 @@ def test_unbounded_rows_are_named() -> None:
     p.when("on", z[0], x, upper=1.0)
     for form in (BigM(), ConvexHull()):
         with pytest.raises(UsageError, match=r"open: implication row 0 \(on variable 2\)"):
-            form.apply(p.at())
+            form.apply(p.instantiate())
     q = Program("open")
     y = q.continuous("y", (1, 2))
     side = Polytope.halfspaces("left", np.array([[1.0, 0.0]]), np.zeros(1))
@@ -88,7 +88,7 @@ def test_unbounded_rows_are_named() -> None:
     q.one_of("side", y, [[side, other]])
     for form in (BigM(), ConvexHull()):
         with pytest.raises(UsageError, match=r"side\[0\], alternative left"):
-            form.apply(q.at())
+            form.apply(q.instantiate())
 
 
 def test_big_m_is_tight() -> None:
@@ -98,7 +98,7 @@ def test_big_m_is_tight() -> None:
     p.when("on", z[0], x[:1] + 2 * x[1:], upper=1.0)
     p.when("always", z[0], x[:1], upper=3.0)
     p.between("less", x[:1], -np.inf, 2.0)
-    mixed = BigM().apply(p.at()).instance
+    mixed = BigM().apply(p.instantiate()).instance
     assert mixed.A.shape[0] == 2  # the row that holds anyway needs no switch
     np.testing.assert_allclose(mixed.A[[1]].toarray(), [[1.0, 2.0, 3.0]], atol=1e-6)
     assert mixed.row_upper[1] == pytest.approx(4.0)  # 2 + 2, x0 <= 2 by propagation
@@ -108,7 +108,7 @@ def test_big_m_is_tight() -> None:
 def test_box_holds_every_feasible_point(seed: int) -> None:
     rng = np.random.default_rng(seed)
     instance = bilinear(seed)
-    box = propagated_box(instance)
+    box = propagate_box(instance)
     found = 0
     for _ in range(6000):
         x = rng.uniform(instance.lower, instance.upper)

@@ -13,10 +13,10 @@ from climbplan.errors import UsageError
 from climbplan.program import Instance, Program
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.disjunctions import BigM
-from climbplan.reformulations.envelopes import halfspaces
-from climbplan.reformulations.grids import Partition, code, each, pieces, together, uniform
+from climbplan.reformulations.envelopes import build_halfspaces
+from climbplan.reformulations.grids import Partition, build_code, each, pieces, together, uniform
 from climbplan.reformulations.local_envelopes import LocalForm, LocalMcCormick
-from climbplan.reformulations.mccormick import Enveloped, McCormick
+from climbplan.reformulations.mccormick import EnvelopedInstance, McCormick
 from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.convex.sessions import solve_convex
 from climbplan.solvers.highs.instances import solve_highs
@@ -27,7 +27,7 @@ from climbplan.solvers.tree.repair import repair_point
 SEEDS = range(4)
 
 
-def solved(form: Enveloped, gap: float = 1e-7) -> SolverResult:
+def solved(form: EnvelopedInstance, gap: float = 1e-7) -> SolverResult:
     return solve_highs(BigM().apply(form.instance).instance, gap=gap)
 
 
@@ -97,10 +97,10 @@ def test_squares_without_a_grid_keep_the_parabola() -> None:
     low, high = np.array([-1.0, 0.5]), np.array([2.0, 1.5])
     for x in np.linspace(0.0, 1.0, 21):
         at = low + x * (high - low)
-        planes = halfspaces(low, high, low, high, np.ones(2, bool), "envelope")
+        planes = build_halfspaces(low, high, low, high, np.ones(2, bool), "envelope")
         value = (planes.a + planes.b) * at[:, None] + planes.c * (at**2)[:, None]
         assert (value <= planes.d + 1e-12).all()
-        chord = halfspaces(low, high, low, high, np.ones(2, bool), "secant")
+        chord = build_halfspaces(low, high, low, high, np.ones(2, bool), "secant")
         w = (low + high) * at - low * high
         value = (chord.a + chord.b) * at[:, None] + chord.c * w[:, None]
         assert (value <= chord.d + 1e-12).all()
@@ -114,7 +114,9 @@ def test_envelope_is_the_hull_of_its_corners() -> None:
     rng = np.random.default_rng(2)
     for _ in range(20):
         ends = np.sort(rng.normal(size=(2, 2)), axis=1)
-        planes = halfspaces(*(np.array([e]) for e in ends.ravel()), np.zeros(1, bool), "envelope")
+        planes = build_halfspaces(
+            *(np.array([e]) for e in ends.ravel()), np.zeros(1, bool), "envelope"
+        )
         x, y = rng.uniform(ends[:, 0], ends[:, 1])
         rest = planes.d - planes.a * x - planes.b * y
         least, most = (-rest[0, :2]).max(), rest[0, 2:].min()
@@ -149,8 +151,8 @@ def test_disconnected_pieces_exclude_the_gap() -> None:
 
 
 def test_three_pieces_have_three_codes() -> None:
-    np.testing.assert_array_equal(code(3), [[0, 0], [1, 0], [0, 1]])
-    assert code(1).shape == (1, 0)
+    np.testing.assert_array_equal(build_code(3), [[0, 0], [1, 0], [0, 1]])
+    assert build_code(1).shape == (1, 0)
     counts = [Partition(np.array([0]), np.zeros((n, 1)), np.ones((n, 1))) for n in (1, 2, 3, 8, 9)]
     assert [c.binary_count("log2") for c in counts] == [0, 1, 2, 3, 4]
     assert [c.binary_count("unary") for c in counts] == [0, 2, 3, 8, 9]
@@ -208,7 +210,9 @@ def test_published_count_of_binaries() -> None:
     assert not published.relaxation
 
 
-def nearest(instance: Instance, form: Enveloped, x: Array) -> tuple[SolverResult, SolverResult]:
+def nearest(
+    instance: Instance, form: EnvelopedInstance, x: Array
+) -> tuple[SolverResult, SolverResult]:
     chosen = form.pieces(x)
     lifted = PinnedForm.of(form.instance).at(form.integers(x, chosen), compact=True)
     mccormick = McCormick(form.partitions, "log2")

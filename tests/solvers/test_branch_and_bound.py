@@ -9,7 +9,7 @@ import pytest
 from brute_force import brute_force
 from random_scenes import stepping_scene, tiny_instance
 
-from climbplan.instances.free_flyer import free_flyer_problem
+from climbplan.instances.free_flyer import build_free_flyer_problem
 from climbplan.methods.pinning import candidate_at
 from climbplan.program import Instance, Polytope, Program
 from climbplan.solvers.result import KnownResult, relative_gap
@@ -308,7 +308,7 @@ def test_a_budget_of_nodes_ends_the_search_with_what_it_has() -> None:
 
 def test_choices_that_are_proposed_are_enough_where_they_hold() -> None:
     rng = np.random.default_rng(3)
-    problem = free_flyer_problem(rng, 3, 4)
+    problem = build_free_flyer_problem(rng, 3, 4)
     instance = problem.instance(problem.sample_parameters(rng))
     best = solve_branch_and_bound(instance, 1e-6)
     assert best.x is not None

@@ -25,9 +25,9 @@ ROOM = """
 import sys
 from pathlib import Path
 import numpy as np
-from climbplan.solvers.compiling import compiler
+from climbplan.solvers.compiling import create_compiler
 
-compiled = compiler(Path(__file__).parent, "compiled_*.py")
+compiled = create_compiler(Path(__file__).parent, "compiled_*.py")
 STEPS = np.array([1.0, 2.0])
 
 @compiled

@@ -152,17 +152,17 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import stated
-from climbplan.solvers.compiling import compiler
-from climbplan.solvers.generated import generated_from, kernel
+from climbplan.solvers.compiling import create_compiler
+from climbplan.solvers.generated import create_kernel, hash_sources
 
 def declare():
     print("declared")
     x = ca.SX.sym("x", 2)
     return ca.Function("f", [x], [stated.stated(x)])
 
-sines = kernel(declare)
+sines = create_kernel(declare)
 
-@compiler(Path(__file__).parent, "room.py", generated_from(stated))
+@create_compiler(Path(__file__).parent, "room.py", hash_sources(stated))
 def called(x):
     y = np.empty(2)
     sines((x,), (y,))

@@ -130,7 +130,7 @@ def test_mending_projects_onto_products() -> None:
 
 def test_highs_says_nothing_of_itself() -> None:
     # In a process of its own: HiGHS says it once, and past Python's own output
-    code = "from climbplan.solvers.highs.model import highs\nhighs().run()\n"
+    code = "from climbplan.solvers.highs.model import create_highs\ncreate_highs().run()\n"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == ""
     assert done.stderr == ""

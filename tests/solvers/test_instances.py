@@ -21,8 +21,8 @@ from benchmarks.instances.run import (
 )
 from climbplan.errors import UsageError
 from climbplan.instances import check_solution as checker
-from climbplan.instances.families import FAMILIES, LEVELS, Named, the_set
-from climbplan.instances.writing import file_point, known_values, write_set
+from climbplan.instances.families import FAMILIES, LEVELS, NamedInstance, list_instances
+from climbplan.instances.writing import build_file_point, read_known_values, write_set
 from climbplan.solvers.registry import solve
 from climbplan.solvers.tree.normal_form import build_normal_form
 from climbplan.solvers.tree.search import TreeSearch
@@ -31,8 +31,8 @@ _QUICK = {"postures": "scip", "forces": "highs", "cart-poles": "branch-and-bound
           "free-flyers": "branch-and-bound", "coupled": "minlp-scip"}  # fmt: skip
 
 
-def _named(family: str, level: str = "easy", number: int = 0) -> Named:
-    return next(n for n in the_set(number + 1) if n.name == f"{family}-{level}-{number}")
+def _named(family: str, level: str = "easy", number: int = 0) -> NamedInstance:
+    return next(n for n in list_instances(number + 1) if n.name == f"{family}-{level}-{number}")
 
 
 @pytest.fixture(scope="module")
@@ -43,15 +43,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_at_least_200_instances_of_eight_families_in_three_classes() -> None:
-    assert len({named.name for named in the_set()}) >= 200
+    assert len({named.name for named in list_instances()}) >= 200
     assert len(FAMILIES) == 8
     assert len(LEVELS) == 3
 
 
 @pytest.mark.parametrize("family", [f.name for f in FAMILIES])
 def test_a_name_and_a_seed_are_one_problem(family: str) -> None:
-    one, same = _named(family).drawn(3), _named(family).drawn(3)
-    other = _named(family, number=1).drawn(3)
+    one, same = _named(family).generate(3), _named(family).generate(3)
+    other = _named(family, number=1).generate(3)
     assert (one.A != same.A).nnz == 0
     assert np.array_equal(one.row_upper, same.row_upper)
     assert np.array_equal(one.q, same.q)
@@ -68,12 +68,12 @@ def test_a_name_and_a_seed_are_one_problem(family: str) -> None:
 @pytest.mark.parametrize(("family", "solver"), _QUICK.items())
 def test_another_library_reads_what_was_written(folder: Path, family: str, solver: str) -> None:
     named = _named(family)
-    instance = named.drawn(0)
+    instance = named.generate(0)
     found = solve(instance, solver, 1e-4, 20.0)
     assert found.x is not None
     path = next(p for p in folder.glob(f"{named.name}.*") if p.suffix in (".mps", ".nl"))
     model = checker.read_instance(path)
-    point = file_point(instance, found.x, found.assignment)
+    point = build_file_point(instance, found.x, found.assignment)
     verdict = checker.check(model, point)
     assert verdict.feasible
     assert verdict.objective == pytest.approx(found.objective, rel=1e-6, abs=1e-9)
@@ -86,20 +86,20 @@ def test_another_library_reads_what_was_written(folder: Path, family: str, solve
 
 def test_a_fraction_is_no_binary(folder: Path) -> None:
     named = _named("cart-poles")
-    instance = named.drawn(0)
+    instance = named.generate(0)
     model = checker.read_instance(folder / f"{named.name}.mps")
     found = solve(instance, "branch-and-bound")
     assert found.x is not None
-    point = file_point(instance, found.x, None)
+    point = build_file_point(instance, found.x, None)
     point[f"x{int(np.flatnonzero(instance.integer)[0])}"] = 0.5
     assert checker.check(model, point).integrality == 0.5
 
 
 def test_the_checker_is_a_script_of_its_own(folder: Path, tmp_path: Path) -> None:
-    instance = _named("cart-poles").drawn(0)
+    instance = _named("cart-poles").generate(0)
     found = solve(instance, "branch-and-bound")
     assert found.x is not None
-    lines = [f"{n} {v!r}" for n, v in file_point(instance, found.x, None).items()]
+    lines = [f"{n} {v!r}" for n, v in build_file_point(instance, found.x, None).items()]
     (tmp_path / "a.sol").write_text("# a comment\n" + "\n".join(lines))
     (tmp_path / "b.sol").write_text("x0 one\n")
     file = folder / "cart-poles-easy-0.mps"
@@ -140,12 +140,12 @@ def test_the_table_has_a_line_for_each_file(folder: Path) -> None:
 
 
 def test_known_values_are_of_the_set_and_hold() -> None:
-    known = known_values()
-    assert set(known) == {named.name for named in the_set()}
+    known = read_known_values()
+    assert set(known) == {named.name for named in list_instances()}
     for family in ("cart-poles", "free-flyers"):
         for number in (0, 4):
             named = _named(family, "easy", number)
-            told, found = known[named.name], solve(named.drawn(0), "branch-and-bound")
+            told, found = known[named.name], solve(named.generate(0), "branch-and-bound")
             if told.infeasible:
                 assert found.status == "infeasible"
             else:
@@ -198,7 +198,7 @@ def test_unknown_solvers_are_refused() -> None:
 
 
 def test_a_node_left_without_a_bound_proves_nothing() -> None:
-    instance = _named("free-flyers").drawn(0)
+    instance = _named("free-flyers").generate(0)
     search = TreeSearch(instance, build_normal_form(instance), 1e-4, np.inf, 1e-7, None)
     assert search.proves_infeasible  # nothing is open, nothing was left
     search.closed = -np.inf

@@ -112,7 +112,7 @@ def test_nothing_is_built_for_ipopt_after_its_deadline(monkeypatch: pytest.Monke
     def unbuilt(*_: object) -> None:
         raise AssertionError("a program was built")
 
-    monkeypatch.setattr("climbplan.solvers.ipopt.instances._compiled", unbuilt)
+    monkeypatch.setattr("climbplan.solvers.ipopt.instances._compile_program", unbuilt)
     bounds = Bounds(np.zeros(2), np.ones(2), np.zeros(0), np.zeros(0))
     past = time.monotonic() - 1.0
     point = solve_nlp(None, np.zeros(0), bounds, np.array([-1.0, 0.5]), past)  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ from random_programs import random_program
 from scipy import sparse
 
 from climbplan.errors import UsageError
-from climbplan.instances.cart_pole import MOST, PUSHED, walled_cart_pole
+from climbplan.instances.cart_pole import MAX_STATE, PUSHED, build_walled_cart_pole
 from climbplan.methods.pinning import candidate_at
 from climbplan.program import Program
 from climbplan.program.instance import Instance
@@ -76,7 +76,7 @@ def test_many_random_programs_agree_with_highs(seed: int) -> None:
 
 
 def test_integers_that_are_proposed_are_tried_first() -> None:
-    problem = walled_cart_pole(8)
+    problem = build_walled_cart_pole(8)
     instance = problem.instance({"start": PUSHED})
     best = solve_mixed_integer(instance, 1e-3, tolerance=1e-6)
     assert best.x is not None
@@ -134,7 +134,7 @@ def test_active_set_agrees_with_daqp_and_proves_what_is_empty() -> None:
 
 
 def test_published_cart_pole_is_solved_to_the_gap_in_few_nodes() -> None:
-    instance = walled_cart_pole().instance({"start": PUSHED})
+    instance = build_walled_cart_pole().instance({"start": PUSHED})
     found = solve_mixed_integer(instance, 1e-3, tolerance=1e-6)
     scip = solve(instance, "minlp-scip", 1e-4, 120.0)
     assert found.status == "optimal"
@@ -145,7 +145,7 @@ def test_published_cart_pole_is_solved_to_the_gap_in_few_nodes() -> None:
 
 @pytest.mark.parametrize("noise", [0.001, 0.003])
 def test_memory_gives_the_same_optimum_with_fewer_steps(noise: float) -> None:
-    problem = walled_cart_pole()
+    problem = build_walled_cart_pole()
     blocks, rng = problem.program.blocks, np.random.default_rng(0)
     memory, state = WarmStartedTree(1e-3, 1e-6), PUSHED
     steps = np.zeros(2)
@@ -160,12 +160,12 @@ def test_memory_gives_the_same_optimum_with_fewer_steps(noise: float) -> None:
         assert warm.bound <= cold.objective * (1 + 1e-9)
         if t > 12:  # the first problems take one node without any help
             steps += [_dual_steps(cold.log), _dual_steps(warm.log)]
-        state = problem.values(warm.x)["state"][1] + noise * rng.normal(size=4) * MOST
+        state = problem.values(warm.x)["state"][1] + noise * rng.normal(size=4) * MAX_STATE
     assert steps[1] < 0.5 * steps[0]
 
 
 def test_memory_without_a_move_serves_other_parameters() -> None:
-    problem = walled_cart_pole()
+    problem = build_walled_cart_pole()
     memory = WarmStartedTree(1e-3, 1e-6)
     for push in (1.0, 0.9, 0.2, 0.95):
         instance = problem.instance({"start": push * PUSHED})
@@ -175,7 +175,7 @@ def test_memory_without_a_move_serves_other_parameters() -> None:
 
 
 def test_a_tree_out_of_work_answers_feasibly_and_goes_on_the_next_time() -> None:
-    problem = walled_cart_pole()
+    problem = build_walled_cart_pole()
     instance = problem.instance({"start": PUSHED})
     whole = solve_mixed_integer(instance, 1e-4, tolerance=1e-6)
     assert whole.objective is not None
@@ -199,7 +199,7 @@ def test_a_tree_out_of_work_answers_feasibly_and_goes_on_the_next_time() -> None
 
 @pytest.mark.parametrize("most", [1, 5, 20])
 def test_the_upper_part_of_a_tree_covers_as_its_leaves_do(most: int) -> None:
-    problem = walled_cart_pole()
+    problem = build_walled_cart_pole()
     memory = WarmStartedTree(1e-3, 1e-6, work=8 * most)
     for push in (1.0, 0.97, 0.94, 0.91):
         memory.solve(problem.instance({"start": push * PUSHED}))
@@ -262,7 +262,7 @@ def test_the_clock_stops_while_the_program_is_built() -> None:
 
 
 def test_same_answer_every_time() -> None:
-    instance = walled_cart_pole().instance({"start": 0.8 * PUSHED})
+    instance = build_walled_cart_pole().instance({"start": 0.8 * PUSHED})
     first, second = (solve_mixed_integer(instance, 1e-4) for _ in range(2))
     assert first.nodes == second.nodes
     assert first.bound == second.bound
@@ -298,7 +298,7 @@ def test_rows_that_rounding_takes_for_independent_do_not_pile_up() -> None:
     start = np.array(
         [0.29071365596472104, -0.00499017123496892, -0.17394635835447503, -0.0016875500368030909]
     )
-    found = solve_mixed_integer(walled_cart_pole().instance({"start": start}), 1e-3)
+    found = solve_mixed_integer(build_walled_cart_pole().instance({"start": start}), 1e-3)
     assert found.status == "optimal"
 
 

@@ -7,7 +7,7 @@ import pytest
 from random_scenes import stepping_scene, tiny_instance
 
 from climbplan.program import Instance, Program
-from climbplan.program.box import propagated_box
+from climbplan.program.box import propagate_box
 from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 from climbplan.solvers.tree.choice_hulls import build_choice_hulls, compute_max_cost
 from climbplan.solvers.tree.choice_table import ChoiceTable
@@ -71,7 +71,7 @@ def test_box_contains_the_optimum_and_ceiling_its_cost(seed: int) -> None:
     if result.x is None:
         return
     assert result.objective is not None
-    box = propagated_box(
+    box = propagate_box(
         instance,
         build_choice_hulls(instance, [ChoiceTable.build(c.alternatives) for c in instance.choices]),
     )
@@ -82,7 +82,7 @@ def test_box_contains_the_optimum_and_ceiling_its_cost(seed: int) -> None:
 
 def test_box_follows_steps_from_the_start() -> None:
     instance = stepping_scene(0, rounds=3, step=0.3).instantiate()
-    box = propagated_box(
+    box = propagate_box(
         instance,
         build_choice_hulls(instance, [ChoiceTable.build(c.alternatives) for c in instance.choices]),
     )
@@ -97,7 +97,7 @@ def test_weak_entries_of_a_row_do_not_bound() -> None:
     x = p.continuous("x", (2,), -1.0, 1.0)
     p.between("row", np.array([[1.0, 1e-13]]) @ x, 0.5, 0.5 + 1e-12)
     p.minimise("size", np.sum(x**2))
-    box = propagated_box(p.instantiate(), build_choice_hulls(p.instantiate(), []))
+    box = propagate_box(p.instantiate(), build_choice_hulls(p.instantiate(), []))
     assert box.lower[1] == -1.0
     assert box.upper[1] == 1.0
     assert box.half[0] <= 1e-6

@@ -46,7 +46,7 @@ def test_slacks_are_distances_to_alternatives() -> None:
         )
         found = solve_convex(held, "clarabel").x
         assert found is not None
-        np.testing.assert_allclose(form.of_choices(found)[0], slacks, atol=1e-6)
+        np.testing.assert_allclose(form.split_slacks(found)[0], slacks, atol=1e-6)
         np.testing.assert_allclose(form.invert(found), [at])
 
 

@@ -17,7 +17,7 @@ from climbplan.bookshelf.schema.model import Meaning
 from climbplan.bookshelf.statement.points import theta_of
 from climbplan.bookshelf.statement.statement import bookshelf
 from climbplan.errors import UsageError
-from climbplan.learning.clusters import solution_columns
+from climbplan.learning.clusters import select_solution_columns
 from climbplan.learning.fit_run import TrainingData
 from climbplan.progress import Progress
 from climbplan.schema.learning.strategy_loading import LoadedStrategy
@@ -55,7 +55,7 @@ def shelf_data(loaded: LoadedStrategy, report: Progress | None = None) -> Traini
         library=rows.library,
         group=rows.scene,
         hard=rows.library.objective > TRIVIAL,
-        columns=solution_columns(program.at(theta_of(scenes[0].solved.scene))),
+        columns=select_solution_columns(program.instantiate(theta_of(scenes[0].solved.scene))),
         context=context_of(shelf, meaning, count, spec.features),
         scale=feature_scale(spec.features, count),
         hard_means=f"scenes that need more than {TRIVIAL:g} mm^2 of movement",

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from climbplan.arrays import Array
-from climbplan.climb.coupled.preparation import Prepared
-from climbplan.climb.coupled.stages import TOLERANCE, Candidate, whole
-from climbplan.climb.coupled.statement import envelope_range
-from climbplan.climb.coupled.tightening import factors, tightened
+from climbplan.climb.coupled.preparation import CoupledProblem
+from climbplan.climb.coupled.stages import TOLERANCE, Candidate, solve_nonlinear
+from climbplan.climb.coupled.statement import compute_envelope_range
+from climbplan.climb.coupled.tightening import find_factors, tighten_bounds
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program.instance import Instance
 from climbplan.program.row_propagation import Range
@@ -28,13 +28,13 @@ from climbplan.reformulations.grids import uniform
 from climbplan.reformulations.mccormick import McCormick
 from climbplan.solvers.registry import solve
 
-_TIGHTENING_SHARE = 0.4  # of the time limit
-_NARROW = 1e-3  # [m] toe coordinates within less than this need no pieces
-_ROOM = 1e-5  # bounds are widened by this before they are cut into pieces
+_TIGHTENING_TIME_FRACTION = 0.4  # of the time limit
+_MIN_RANGE = 1e-3  # [m] toe coordinates within less than this need no pieces
+_BOUND_MARGIN = 1e-5  # bounds are widened by this before they are cut into pieces
 
 
 @dataclass(frozen=True)
-class Accurate:
+class AccurateResult:
     """What the mixed-integer program found."""
 
     best: Candidate | None  # of P, exact
@@ -50,83 +50,85 @@ class Accurate:
     solver: str
 
 
-def accurate_program(prepared: Prepared, within: Range, pieces: int) -> Instance:
+def build_accurate_program(prepared: CoupledProblem, within: Range, pieces: int) -> Instance:
     """P with envelopes on `pieces` of each toe coordinate, choices as binaries."""
-    instance = replace(prepared.instance, lower=within.lower - _ROOM, upper=within.upper + _ROOM)
+    instance = replace(
+        prepared.instance, lower=within.lower - _BOUND_MARGIN, upper=within.upper + _BOUND_MARGIN
+    )
     toe = prepared.program.variables["toe"]
     grids: dict[int, ArrayLike] = {
         int(j): uniform(instance.lower[j], instance.upper[j], pieces)
-        for j in factors(instance)
-        if toe.start <= j < toe.stop and within.upper[j] - within.lower[j] > _NARROW
+        for j in find_factors(instance)
+        if toe.start <= j < toe.stop and within.upper[j] - within.lower[j] > _MIN_RANGE
     }
     enveloped = McCormick.on(grids).apply(instance).instance
     return BigM().apply(enveloped).instance if enveloped.choices else enveloped
 
 
 def solve_accurate(
-    prepared: Prepared,
-    known: Candidate | None,
+    prepared: CoupledProblem,
+    initial: Candidate | None,
     envelope: Envelope | None,
     solver: str,
     pieces: int,
     gap: float,
     time_limit: float,
-) -> Accurate:
+) -> AccurateResult:
     """Tighten, bound, and put what the program finds right by IPOPT.
 
     known: a point of P. With an envelope it need not lie in it, and does not tighten then.
     """
     begin = time.perf_counter()
     instance = prepared.instance
-    cost = None if known is None else instance.objective(known.x)
+    cost = None if initial is None else instance.objective(initial.x)
     within = Range(instance.lower, instance.upper)
     if envelope is not None:
-        within = envelope_range(prepared.program, instance, envelope, prepared.origin)
+        within = compute_envelope_range(prepared.program, instance, envelope, prepared.origin)
         cost = None
-    tight = tightened(instance, within, cost, _TIGHTENING_SHARE * time_limit)
-    spent = time.perf_counter() - begin
-    if tight.infeasible:
+    tightened = tighten_bounds(instance, within, cost, _TIGHTENING_TIME_FRACTION * time_limit)
+    elapsed = time.perf_counter() - begin
+    if tightened.infeasible:
         ends = cost if cost is not None else np.inf
-        empty = (0, 0, 0, 0, tight.programs, spent, 0.0, "tightening")
-        return Accurate(known, ends, cost is None, *empty)
-    program = accurate_program(prepared, tight.bounds, pieces)
+        empty = (0, 0, 0, 0, tightened.programs, elapsed, 0.0, "tightening")
+        return AccurateResult(initial, ends, cost is None, *empty)
+    program = build_accurate_program(prepared, tightened.bounds, pieces)
     start = time.perf_counter()
-    found = solve(program, solver, gap=gap, time_limit=max(time_limit - spent, 0.1))
-    solved = time.perf_counter() - start
-    best = known
-    if found.x is not None:
-        left = max(time_limit - (time.perf_counter() - begin), 0.1)
-        own = _exact(prepared, found.x, left)
-        if own is not None and (cost is None or instance.objective(own.x) < cost):
-            best = own
-    infeasible = found.status == "infeasible"
-    bound = found.bound
+    solution = solve(program, solver, gap=gap, time_limit=max(time_limit - elapsed, 0.1))
+    solver_time = time.perf_counter() - start
+    best = initial
+    if solution.x is not None:
+        remaining = max(time_limit - (time.perf_counter() - begin), 0.1)
+        repaired = _repair_solution(prepared, solution.x, remaining)
+        if repaired is not None and (cost is None or instance.objective(repaired.x) < cost):
+            best = repaired
+    infeasible = solution.status == "infeasible"
+    bound = solution.bound
     if infeasible and cost is not None:  # nothing is cheaper than the known point
         infeasible, bound = False, cost
     if cost is not None:
         bound = min(bound, cost)
-    return Accurate(
+    return AccurateResult(
         best=best,
         bound=bound,
         infeasible=infeasible,
         binaries=program.binary_count,
         rows=program.A.shape[0],
         variables=program.size,
-        nodes=found.nodes,
-        tightening=tight.programs,
-        tightening_time=spent,
-        solver_time=solved,
-        solver=found.solver,
+        nodes=solution.nodes,
+        tightening=tightened.programs,
+        tightening_time=elapsed,
+        solver_time=solver_time,
+        solver=solution.solver,
     )
 
 
-def _exact(prepared: Prepared, x: Array, time_limit: float) -> Candidate | None:
+def _repair_solution(prepared: CoupledProblem, x: Array, time_limit: float) -> Candidate | None:
     """The point of P nearest to one of the program, in its regions."""
     instance = prepared.instance
     first = x[: instance.size]
     assignment = instance.assignment(first)
-    pinned = prepared.pinned(first, assignment)
-    found = whole(pinned, first, time_limit)
-    if found is None or pinned.violation(found) > TOLERANCE:
+    pinned = prepared.fix_choices(first, assignment)
+    point = solve_nonlinear(pinned, first, time_limit)
+    if point is None or pinned.violation(point) > TOLERANCE:
         return None
-    return Candidate(found, assignment, "MICP, IPOPT")
+    return Candidate(point, assignment, "MICP, IPOPT")

@@ -14,9 +14,9 @@ from scipy import sparse
 
 from climbplan.arrays import IntArray
 from climbplan.climb.coupled.envelopes import NamedEnvelope
-from climbplan.climb.coupled.preparation import Prepared
+from climbplan.climb.coupled.preparation import CoupledProblem
 from climbplan.climb.coupled.stages import Candidate
-from climbplan.climb.coupled.statement import envelope_range
+from climbplan.climb.coupled.statement import compute_envelope_range
 from climbplan.program.instance import Choice, Instance
 from climbplan.program.polytope import Polytope
 from climbplan.program.row_propagation import Range
@@ -35,40 +35,43 @@ class ModePlan:
     nodes: int
 
 
-def first_stage_with_modes(
-    prepared: Prepared, envelopes: tuple[NamedEnvelope, ...], time_limit: float
+def solve_first_stage_with_modes(
+    prepared: CoupledProblem, envelopes: tuple[NamedEnvelope, ...], time_limit: float
 ) -> ModePlan | None:
     """P1 with modes and regions; None if none was found in time."""
     instance, origin = prepared.instance, prepared.origin
-    boxes = [envelope_range(prepared.program, instance, e.box, origin) for e in envelopes]
+    boxes = [compute_envelope_range(prepared.program, instance, e.box, origin) for e in envelopes]
     around = Range(
         np.min([box.lower for box in boxes], axis=0), np.max([box.upper for box in boxes], axis=0)
     )
     form = LocalForm.of(instance)
     local = form.at(around)
-    rounds = _columns(prepared)
-    choices = [_mode_choice(form, local, envelopes, boxes, r, own) for r, own in enumerate(rounds)]
+    rounds = _list_columns(prepared)
+    choices = [
+        _build_mode_choice(form, local, envelopes, boxes, r, columns)
+        for r, columns in enumerate(rounds)
+    ]
     stated = len(local.choices)
-    whole = replace(local, choices=(*local.choices, *choices))
-    found = solve(whole, "branch-and-bound", gap=_GAP, time_limit=time_limit)
-    if found.x is None or found.assignment is None:
+    combined = replace(local, choices=(*local.choices, *choices))
+    solution = solve(combined, "branch-and-bound", gap=_GAP, time_limit=time_limit)
+    if solution.x is None or solution.assignment is None:
         return None
-    picked = found.assignment[stated:]
+    selected = solution.assignment[stated:]
     return ModePlan(
-        Candidate(found.x[: instance.size], found.assignment[:stated], "P1 with modes"),
-        tuple(envelopes[k].name for k in picked),
-        found.nodes,
+        Candidate(solution.x[: instance.size], solution.assignment[:stated], "P1 with modes"),
+        tuple(envelopes[k].name for k in selected),
+        solution.nodes,
     )
 
 
-def _columns(prepared: Prepared) -> IntArray:
+def _list_columns(prepared: CoupledProblem) -> IntArray:
     """Columns of toes and forces of each round, (M, 6 N)."""
     toe, force = prepared.program.variables["toe"], prepared.program.variables["force"]
     m = prepared.scene.spec.task.round_count
     return np.concatenate([np.arange(b.start, b.stop).reshape(m, -1) for b in (toe, force)], axis=1)
 
 
-def _mode_choice(
+def _build_mode_choice(
     form: LocalForm,
     local: Instance,
     envelopes: tuple[NamedEnvelope, ...],
@@ -78,15 +81,15 @@ def _mode_choice(
 ) -> Choice:
     """One of the envelopes in one round: point (toes, forces, products)."""
     products, n = form.source.products, form.source.size
-    here = np.isin(products.first, columns) & np.isin(products.second, columns)
-    own = np.concatenate([columns, n + np.flatnonzero(here)])
-    d = len(own)
-    E = sparse.csr_matrix((np.ones(d), (np.arange(d), own)), shape=(d, local.size))
+    is_local_product = np.isin(products.first, columns) & np.isin(products.second, columns)
+    mode_columns = np.concatenate([columns, n + np.flatnonzero(is_local_product)])
+    d = len(mode_columns)
+    E = sparse.csr_matrix((np.ones(d), (np.arange(d), mode_columns)), shape=(d, local.size))
     alternatives = []
     for envelope, box in zip(envelopes, boxes, strict=True):
         rows = form.at(box)
-        planes = np.flatnonzero(np.repeat(here, 4)) + form.linear.A.shape[0]
-        A = rows.A[planes][:, own].toarray()
+        planes = np.flatnonzero(np.repeat(is_local_product, 4)) + form.linear.A.shape[0]
+        A = rows.A[planes][:, mode_columns].toarray()
         low, high = box.lower[columns], box.upper[columns]
         eye = np.eye(d)[: len(columns)]
         alternatives.append(

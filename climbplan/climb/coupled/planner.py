@@ -17,32 +17,32 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from climbplan.climb.coupled.accurate import solve_accurate
-from climbplan.climb.coupled.envelopes import NamedEnvelope, chosen_envelopes
-from climbplan.climb.coupled.modes import first_stage_with_modes
-from climbplan.climb.coupled.preparation import Prepared, prepare
-from climbplan.climb.coupled.stages import Candidate, put_right, two_stages
+from climbplan.climb.coupled.envelopes import NamedEnvelope, select_envelopes
+from climbplan.climb.coupled.modes import solve_first_stage_with_modes
+from climbplan.climb.coupled.preparation import CoupledProblem, prepare_problem
+from climbplan.climb.coupled.stages import Candidate, repair_candidate, solve_two_stages
 from climbplan.climb.postures.explanation import BOUND_SCOPE
 from climbplan.climb.postures.planner import (
     PostureResult,
-    refuse_unsuitable,
-    rotation_warnings,
-    to_rounds,
+    extract_rounds,
+    reject_nonconvex,
+    warn_of_large_rotations,
 )
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene.climb_scene import ClimbScene
-from climbplan.errors import NotProved
+from climbplan.errors import Unresolved
 from climbplan.solvers.result import SolverResult, relative_gap
 from climbplan.solvers.scip.bilinear import solve_minlp_scip
 
 _P = (
     "postures and contact forces of the ends of rounds: rotations linearised, workspaces as balls, "
-    "friction pyramids inscribed, every limb carrying posture.least_load"
+    "friction pyramids inscribed, every limb carrying posture.min_load"
 )
-ALONE = f"{_P}; from postures without forces, which is lower"
+POSTURES_ALONE = f"{_P}; from postures without forces, which is lower"
 
 
 @dataclass(frozen=True)
-class Answer:
+class CoupledSolution:
     """What a method found."""
 
     candidate: Candidate
@@ -58,9 +58,9 @@ def plan_coupled(scene: ClimbScene, margins: PostureMargins | None = None) -> Po
     Raises NotProved where postures alone have no solution, or P has none, or the method finds none,
     and LimitReached where its time is over.
     """
-    refuse_unsuitable(scene)
+    reject_nonconvex(scene)
     start = time.monotonic()
-    prepared = prepare(scene, margins or PostureMargins())
+    prepared = prepare_problem(scene, margins or PostureMargins())
     answer = _METHODS[scene.spec.solver.method](prepared)
     x = answer.candidate.x
     objective = prepared.instance.objective(x)
@@ -75,10 +75,10 @@ def plan_coupled(scene: ClimbScene, margins: PostureMargins | None = None) -> Po
         gap=gap,
         nodes=answer.nodes,
         time=time.monotonic() - start,
-        solver=f"{prepared.solver}, {answer.candidate.way}",
+        solver=f"{prepared.solver}, {answer.candidate.method}",
         log=(),
     )
-    rounds = to_rounds(prepared.scene, prepared.program, result)
+    rounds = extract_rounds(prepared.scene, prepared.program, result)
     sizes = {
         **prepared.program.counts(),
         **answer.notes,
@@ -94,133 +94,143 @@ def plan_coupled(scene: ClimbScene, margins: PostureMargins | None = None) -> Po
         nodes=answer.nodes,
         solver=result.solver,
         sizes=sizes,
-        warnings=rotation_warnings(scene, rounds),
+        warnings=warn_of_large_rotations(scene, rounds),
     )
 
 
-def _not_found(prepared: Prepared, why: str) -> NotProved:
+def _build_failure(prepared: CoupledProblem, why: str) -> Unresolved:
     method = prepared.scene.spec.solver.method
-    return NotProved(
+    return Unresolved(
         f"method {method}: {why}",
         because=f"method {method} searches from one envelope or start",
         stage="posture",
     )
 
 
-def told(*envelopes: NamedEnvelope) -> dict[str, Any]:
+def describe_envelopes(*envelopes: NamedEnvelope) -> dict[str, Any]:
     """Envelopes as reports name them."""
     return {"envelopes": {e.name: e.fit for e in envelopes}}
 
 
-def _coupled(prepared: Prepared) -> Answer:
+def _plan_in_stages(prepared: CoupledProblem) -> CoupledSolution:
     options = prepared.scene.spec.solver
-    envelope = chosen_envelopes(prepared.scene)[0]
+    envelope = select_envelopes(prepared.scene)[0]
     local = options.method == "coupled-nlp"
-    found = two_stages(prepared, envelope.box, prepared.left, local)
-    if found is None:
-        raise _not_found(
+    candidate = solve_two_stages(prepared, envelope.box, prepared.remaining_time, local)
+    if candidate is None:
+        raise _build_failure(
             prepared, f"no point of P1 with envelope {envelope.name} that P2 or IPOPT puts right"
         )
-    return Answer(found, prepared.bound, ALONE, prepared.nodes, told(envelope))
+    return CoupledSolution(
+        candidate, prepared.bound, POSTURES_ALONE, prepared.nodes, describe_envelopes(envelope)
+    )
 
 
-def _modes(prepared: Prepared) -> Answer:
-    envelopes = chosen_envelopes(prepared.scene, several=True)
-    first = first_stage_with_modes(prepared, envelopes, prepared.left)
+def _plan_with_modes(prepared: CoupledProblem) -> CoupledSolution:
+    envelopes = select_envelopes(prepared.scene, several=True)
+    first = solve_first_stage_with_modes(prepared, envelopes, prepared.remaining_time)
     names = ", ".join(e.name for e in envelopes)
     if first is None:
-        raise _not_found(prepared, f"no point of P1 with envelopes {names}")
-    found = put_right(prepared, first.candidate, prepared.left)
-    if found is None:
-        raise _not_found(prepared, "neither P2 nor IPOPT puts P1 right")
-    notes = {**told(*envelopes), "modes": list(first.modes)}
-    return Answer(found, prepared.bound, ALONE, prepared.nodes + first.nodes, notes)
+        raise _build_failure(prepared, f"no point of P1 with envelopes {names}")
+    candidate = repair_candidate(prepared, first.candidate, prepared.remaining_time)
+    if candidate is None:
+        raise _build_failure(prepared, "neither P2 nor IPOPT puts P1 right")
+    notes = {**describe_envelopes(*envelopes), "modes": list(first.modes)}
+    return CoupledSolution(
+        candidate, prepared.bound, POSTURES_ALONE, prepared.nodes + first.nodes, notes
+    )
 
 
-def _known(prepared: Prepared) -> Candidate | None:
+def _find_initial_point(prepared: CoupledProblem) -> Candidate | None:
     """A point of P to begin from: forces at the postures alone, or IPOPT from there."""
     first = Candidate(prepared.guess, prepared.assignment, "postures")
-    return put_right(prepared, first, prepared.left)
+    return repair_candidate(prepared, first, prepared.remaining_time)
 
 
-def _accurate(prepared: Prepared) -> Answer:
+def _plan_accurately(prepared: CoupledProblem) -> CoupledSolution:
     options = prepared.scene.spec.solver
-    envelope = chosen_envelopes(prepared.scene)[0] if options.envelopes else None
-    known = _known(prepared)
-    if known is not None and envelope is None:
-        cost = prepared.instance.objective(known.x)
+    envelope = select_envelopes(prepared.scene)[0] if options.envelopes else None
+    initial = _find_initial_point(prepared)
+    if initial is not None and envelope is None:
+        cost = prepared.instance.objective(initial.x)
         if relative_gap(cost, prepared.bound) <= options.gap:
             closed = {"closed_by": "postures alone: forces balance at them"}
-            return Answer(known, prepared.bound, f"{_P}; closed by postures alone", 0, closed)
-    found = solve_accurate(
+            return CoupledSolution(
+                initial, prepared.bound, f"{_P}; closed by postures alone", 0, closed
+            )
+    result = solve_accurate(
         prepared,
-        known,
+        initial,
         None if envelope is None else envelope.box,
-        options.mixed,
+        options.mip_solver,
         options.pieces,
         options.gap,
-        prepared.left,
+        prepared.remaining_time,
     )
-    if found.infeasible and envelope is None:
-        raise NotProved(
+    if result.infeasible and envelope is None:
+        raise Unresolved(
             f"no postures with forces that balance: the mixed-integer relaxation on "
             f"{options.pieces} pieces has no solution (method {options.method})",
-            because=f"the program has {BOUND_SCOPE}; every limb carries posture.least_load",
+            because=f"the program has {BOUND_SCOPE}; every limb carries posture.min_load",
             stage="posture",
         )
-    if found.best is None:
-        raise _not_found(prepared, f"no point of P within {options.time_limit:g} s")
+    if result.best is None:
+        raise _build_failure(prepared, f"no point of P within {options.time_limit:g} s")
     micp: dict[str, Any] = {
-        "binaries": found.binaries,
-        "variables": found.variables,
-        "rows": found.rows,
-        "nodes": found.nodes,
-        "tightening_programs": found.tightening,
-        "tightening_seconds": found.tightening_time,
-        "solver_seconds": found.solver_time,
-        "solver": found.solver,
+        "binaries": result.binaries,
+        "variables": result.variables,
+        "rows": result.rows,
+        "nodes": result.nodes,
+        "tightening_programs": result.tightening,
+        "tightening_seconds": result.tightening_time,
+        "solver_seconds": result.solver_time,
+        "solver": result.solver,
     }
     if envelope is None:
-        bound = max(found.bound, prepared.bound)
-        held = f"{_P}; from envelopes on {options.pieces} pieces of each toe coordinate"
-        return Answer(found.best, bound, held, found.nodes, {"micp": micp})
-    micp["value_within_envelope"] = found.bound
-    notes = {**told(envelope), "micp": micp}
-    held = f"{ALONE}; the program's own value is that within the envelope, which is no bound"
-    return Answer(found.best, prepared.bound, held, found.nodes, notes)
+        bound = max(result.bound, prepared.bound)
+        scope = f"{_P}; from envelopes on {options.pieces} pieces of each toe coordinate"
+        return CoupledSolution(result.best, bound, scope, result.nodes, {"micp": micp})
+    micp["value_within_envelope"] = result.bound
+    notes = {**describe_envelopes(envelope), "micp": micp}
+    scope = (
+        f"{POSTURES_ALONE}; the program's own value is that within the envelope, which is no bound"
+    )
+    return CoupledSolution(result.best, prepared.bound, scope, result.nodes, notes)
 
 
-def _spatial(prepared: Prepared) -> Answer:
+def _plan_by_spatial_search(prepared: CoupledProblem) -> CoupledSolution:
     options = prepared.scene.spec.solver
-    known = _known(prepared)
-    found = solve_minlp_scip(
+    initial = _find_initial_point(prepared)
+    result = solve_minlp_scip(
         prepared.instance,
         gap=options.gap,
-        time_limit=prepared.left,
-        start=None if known is None else known.x,
+        time_limit=prepared.remaining_time,
+        start=None if initial is None else initial.x,
     )
-    if found.status == "infeasible":
-        raise NotProved(
-            f"no postures with forces that balance: {found.log[-1]}",
-            because=f"the program has {BOUND_SCOPE}; every limb carries posture.least_load",
+    if result.status == "infeasible":
+        raise Unresolved(
+            f"no postures with forces that balance: {result.log[-1]}",
+            because=f"the program has {BOUND_SCOPE}; every limb carries posture.min_load",
             stage="posture",
         )
-    best = known
-    if found.x is not None and found.assignment is not None and found.objective is not None:
-        own = Candidate(found.x, found.assignment, "SCIP")
-        if known is None or found.objective < prepared.instance.objective(known.x):
-            best = own
+    best = initial
+    if result.x is not None and result.assignment is not None and result.objective is not None:
+        candidate = Candidate(result.x, result.assignment, "SCIP")
+        if initial is None or result.objective < prepared.instance.objective(initial.x):
+            best = candidate
     if best is None:
-        raise _not_found(prepared, f"no point of P within {options.time_limit:g} s")
-    best = replace(best, way=f"{best.way}, SCIP") if best is known else best
-    notes = {"scip": found.log[-1]}
-    return Answer(best, max(found.bound, prepared.bound), f"{_P}; from SCIP", found.nodes, notes)
+        raise _build_failure(prepared, f"no point of P within {options.time_limit:g} s")
+    best = replace(best, method=f"{best.method}, SCIP") if best is initial else best
+    notes = {"scip": result.log[-1]}
+    return CoupledSolution(
+        best, max(result.bound, prepared.bound), f"{_P}; from SCIP", result.nodes, notes
+    )
 
 
 _METHODS = {
-    "coupled": _coupled,
-    "coupled-nlp": _coupled,
-    "coupled-modes": _modes,
-    "coupled-micp": _accurate,
-    "spatial": _spatial,
+    "coupled": _plan_in_stages,
+    "coupled-nlp": _plan_in_stages,
+    "coupled-modes": _plan_with_modes,
+    "coupled-micp": _plan_accurately,
+    "spatial": _plan_by_spatial_search,
 }

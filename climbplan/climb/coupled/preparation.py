@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.climb.coupled.statement import coupled_program, loadable
+from climbplan.climb.coupled.statement import remove_unloadable_regions, state_coupled_program
 from climbplan.climb.postures.explanation import explain_infeasible
 from climbplan.climb.postures.statement import PostureMargins, build_posture_program
 from climbplan.climb.scene.climb_scene import ClimbScene
@@ -22,11 +22,11 @@ from climbplan.program.instance import Instance
 from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.registry import solve
 
-_MOMENT = 0.05  # [s]
+_MIN_TIME = 0.05  # [s]
 
 
 @dataclass(frozen=True)
-class Prepared:
+class CoupledProblem:
     """A coupled problem with its postures alone."""
 
     scene: ClimbScene  # without regions that hold no load
@@ -41,23 +41,23 @@ class Prepared:
     deadline: float = np.inf  # [s] time.monotonic, for all that follows
 
     @property
-    def left(self) -> float:
+    def remaining_time(self) -> float:
         """Time that is left [s]; a solver is given a moment at least."""
-        return max(self.deadline - time.monotonic(), _MOMENT)
+        return max(self.deadline - time.monotonic(), _MIN_TIME)
 
-    def pinned(self, x: Array, assignment: IntArray) -> Instance:
+    def fix_choices(self, x: Array, assignment: IntArray) -> Instance:
         """P with all choices given: continuous, with products."""
         return PinnedForm.of(self.instance).at(x, assignment, compact=True)
 
 
-def prepare(scene: ClimbScene, margins: PostureMargins) -> Prepared:
+def prepare_problem(scene: ClimbScene, margins: PostureMargins) -> CoupledProblem:
     """State P and solve the postures alone.
 
     Raises NotProved where they have no solution, naming what conflicts, and LimitReached.
     """
     options = scene.spec.solver
     deadline = time.monotonic() + options.time_limit
-    scene = loadable(scene)
+    scene = remove_unloadable_regions(scene)
     postures = build_posture_program(scene, margins)
     alone = postures.instantiate()
     left = max(deadline - time.monotonic(), 0.0)
@@ -69,11 +69,11 @@ def prepare(scene: ClimbScene, margins: PostureMargins) -> Prepared:
             f"coupled planner: no postures within {options.time_limit:g} s", stage="posture"
         )
     origin = postures.value("com", first.x)
-    program = coupled_program(scene, margins, origin)
+    program = state_coupled_program(scene, margins, origin)
     instance = program.instantiate()
     guess = np.clip(np.zeros(instance.size), instance.lower, instance.upper)
     guess[: alone.size] = first.x  # forces come behind the posture program's variables
-    return Prepared(
+    return CoupledProblem(
         scene=scene,
         program=program,
         instance=instance,

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import Array, IntArray
-from climbplan.program.box import propagated_box
+from climbplan.program.box import propagate_box
 from climbplan.program.instance import Balls, Instance
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
@@ -38,12 +38,12 @@ class Tightened:
     infeasible: bool  # the relaxation has no such point: the known one is optimal
 
 
-def factors(instance: Instance) -> IntArray:
+def find_factors(instance: Instance) -> IntArray:
     """Variables that are in a product."""
     return np.unique(np.concatenate([instance.products.first, instance.products.second]))
 
 
-def tightened(
+def tighten_bounds(
     instance: Instance,
     within: Range,
     best: float | None,
@@ -55,13 +55,13 @@ def tightened(
     within: bounds to start from. best: cost of a known point of the instance, None without one.
     """
     begin = time.perf_counter()
-    whole = propagated_box(replace(instance, lower=within.lower, upper=within.upper))
+    whole = propagate_box(replace(instance, lower=within.lower, upper=within.upper))
     low = np.maximum(within.lower, whole.lower)
     high = np.minimum(within.upper, whole.upper)
     relaxed = _without_choices(instance)
     form = LocalForm.of(relaxed)
     solver = create_session("clarabel")
-    every = factors(instance)
+    every = find_factors(instance)
     programs, done = 0, 0
     for _ in range(passes):
         before = _width(low, high, every)
@@ -73,16 +73,16 @@ def tightened(
                     return Tightened(Range(low, high), programs, done, False)
                 q = np.zeros(base.size)
                 q[j] = sign
-                found = solve_convex(replace(base, q=q), solver, tolerance=1e-6)
+                result = solve_convex(replace(base, q=q), solver, tolerance=1e-6)
                 programs += 1
-                if found.status == "infeasible":
+                if result.status == "infeasible":
                     return Tightened(Range(low, high), programs, done, True)
                 # The multipliers' bound, not the solver's point: nothing feasible is lost
-                if np.isfinite(found.bound):
+                if np.isfinite(result.bound):
                     if sign > 0:
-                        low[j] = max(low[j], found.bound - _SLACK)
+                        low[j] = max(low[j], result.bound - _SLACK)
                     else:
-                        high[j] = min(high[j], -found.bound + _SLACK)
+                        high[j] = min(high[j], -result.bound + _SLACK)
         done += 1
         high = np.maximum(low, high)
         if _width(low, high, every) > _PROGRESS * before:
@@ -90,8 +90,8 @@ def tightened(
     return Tightened(Range(low, high), programs, done, False)
 
 
-def _width(low: Array, high: Array, at: IntArray) -> float:
-    return float((high - low)[at].sum())
+def _width(low: Array, high: Array, columns: IntArray) -> float:
+    return float((high - low)[columns].sum())
 
 
 def _without_choices(instance: Instance) -> Instance:
@@ -121,13 +121,13 @@ def _without_choices(instance: Instance) -> Instance:
 def _feasibility(local: Instance, instance: Instance, best: float | None) -> Instance:
     """The relaxation without its cost, which is at most `best` as a ball where it is of squares."""
     n = local.size
-    bare = replace(local, P=sparse.csc_matrix((n, n)), q=np.zeros(n), constant=0.0)
+    feasibility = replace(local, P=sparse.csc_matrix((n, n)), q=np.zeros(n), constant=0.0)
     cost = factor_cost(instance)
     if best is None or cost.slope.any():
-        return bare
+        return feasibility
     left = best - cost.constant + _SLACK * max(abs(best), 1e-3)
     wide = sparse.csr_matrix(
         (cost.U.data, cost.U.indices, cost.U.indptr), shape=(cost.U.shape[0], n)
     )
     radius = np.array([np.sqrt(2.0 * max(left, 0.0))])
-    return replace(bare, balls=(*local.balls, Balls(wide, cost.offset[None], radius)))
+    return replace(feasibility, balls=(*local.balls, Balls(wide, cost.offset[None], radius)))

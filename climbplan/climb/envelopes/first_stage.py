@@ -19,7 +19,7 @@ from climbplan.arrays import Array, IntArray
 from climbplan.climb.envelopes.search import TOLERANCE, least_error
 from climbplan.climb.envelopes.statement import PostureStatement
 from climbplan.climb.envelopes.terrains import Patches
-from climbplan.program.box import propagated_box
+from climbplan.program.box import propagate_box
 from climbplan.program.instance import Instance
 from climbplan.program.row_propagation import Range
 from climbplan.reformulations.local_envelopes import LocalForm
@@ -50,7 +50,7 @@ class FirstStage:
         load: Array | None = None,
     ) -> FirstStage:
         """Prepare a terrain."""
-        instance = statement.program.at(statement.theta(patches, load))
+        instance = statement.program.instantiate(statement.theta(patches, load))
         toe, force = statement.program.variables["toe"], statement.program.variables["force"]
         shape = (statement.legs.count, 3)
         columns = np.concatenate(
@@ -89,7 +89,7 @@ class FirstStage:
 
     def _propagated(self, box: Range) -> Range | None:
         """What interval propagation leaves of a box, None if nothing."""
-        found = propagated_box(replace(self.instance, lower=box.lower, upper=box.upper))
+        found = propagate_box(replace(self.instance, lower=box.lower, upper=box.upper))
         if (found.lower > found.upper + _CROSSED).any():
             return None
         return Range(found.lower, np.maximum(found.lower, found.upper))

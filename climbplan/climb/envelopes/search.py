@@ -19,7 +19,7 @@ from climbplan.climb.envelopes.relaxation import Relaxed, solve_relaxed
 from climbplan.climb.envelopes.statement import PostureStatement
 from climbplan.climb.envelopes.terrains import Patches
 from climbplan.program.instance import Instance
-from climbplan.reformulations.extension import no_implications
+from climbplan.reformulations.extension import create_no_implications
 from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 from climbplan.solvers.ipopt.instances import solve_ipopt
 
@@ -47,7 +47,7 @@ def find_posture(
 ) -> PostureAnswer:
     """A point that satisfies P to 1e-7, or the proof that P has none on these patches."""
     theta = statement.theta(patches, load)
-    instance = statement.program.at(theta)
+    instance = statement.program.instantiate(theta)
     force, moment = theta["force"], theta["moment"]
     open_nodes = [patches.vertices / statement.legs.length]
     count = 0
@@ -185,5 +185,5 @@ def linear_with(instance: Instance, x: Array, held: IntArray) -> Instance:
         A=sparse.csr_matrix(instance.A + instance.Q @ spread),
         products=replace(instance.products, first=none, second=none),
         Q=sparse.csr_matrix((instance.A.shape[0], 0)),
-        implications=no_implications(instance.size, 0),
+        implications=create_no_implications(instance.size, 0),
     )

@@ -1,4 +1,4 @@
-"""First stage: the posture sequence, by global mixed-integer optimisation or by an NLP."""
+"""First stage: the posture sequence, by global mixed-integer optimisation."""
 
 from __future__ import annotations
 
@@ -55,14 +55,26 @@ def plan_postures(
     nodes: float = np.inf,
     explain: bool = True,
 ) -> PostureResult:
-    """Globally optimal postures under linearised rotation (method `micp`).
+    """Return globally optimal postures under linearised rotation (method `micp`).
 
-    Method `sl1-relaxation` chooses among the same alternatives, those left out that start and goal
-    rule out by distance alone, by relaxing and rounding; it has no bound, and raises NotProved.
-    earlier: postures of the same scene with smaller margins. Their bound holds here too, and their
-    choices are tried first. nodes: of the own tree, at most. The spec's time limit is that
-    of statement and search together. Raises NoPostures naming round, limb and
-    constraint if `explain`, which takes as long as a search, or LimitReached without an incumbent.
+    Method `sl1-relaxation` chooses among the same alternatives by convex relaxation and rounding.
+    It leaves out alternatives that start and goal rule out by distance alone, and gives no bound.
+    The spec's time limit is that of formulation and search together.
+
+    Args:
+        scene: The climb.
+        margins: Tightening of the statement; None for no tightening.
+        save_model: File for the mixed-integer program; None for no file.
+        previous: Postures of the same scene with smaller margins. Their bound holds here too, and
+            their choices are the initial solution.
+        nodes: Largest number of nodes of the built-in branch and bound.
+        explain: Whether infeasibility is explained, which takes as long as a search.
+
+    Raises:
+        NoPostures: The convex statement is infeasible; names round, limb and constraint if
+            `explain`.
+        Unresolved: Method `sl1-relaxation` found no plan.
+        LimitReached: The search ended without an incumbent.
     """
     start_time = time.monotonic()
     reject_nonconvex(scene)
@@ -114,7 +126,7 @@ def plan_postures(
 
 
 def _log_size(scene: ClimbScene) -> None:
-    """Say how large a large problem is before it is stated and solved."""
+    """Log the size of a large problem before it is built and solved."""
     m, n = scene.spec.task.round_count, scene.robot.limb_count
     alternatives = sum(
         len(region_indices) for per_limb in scene.alternatives for region_indices in per_limb
@@ -129,7 +141,7 @@ def _log_size(scene: ClimbScene) -> None:
 
 
 def reject_nonconvex(scene: ClimbScene) -> None:
-    """UsageError for what a convex statement cannot hold: curved terrain, lower step bounds."""
+    """Raise UsageError for nonconvex requirements: curved terrain, lower step bounds."""
     steps = scene.spec.posture.steps
     if scene.terrain.curved:
         raise UsageError("method micp needs flat contact regions: use --method nlp in a tube")
@@ -141,7 +153,7 @@ def reject_nonconvex(scene: ClimbScene) -> None:
 
 
 def extract_rounds(scene: ClimbScene, program: Program, result: SolverResult) -> Rounds:
-    """Postures from a solution vector, toes put exactly on their regions."""
+    """Return the postures of a solution vector, with toes projected exactly onto their regions."""
     assert result.x is not None
     assert result.assignment is not None
     m, n = scene.spec.task.round_count, scene.robot.limb_count
@@ -164,11 +176,12 @@ def extract_rounds(scene: ClimbScene, program: Program, result: SolverResult) ->
 
 
 def _prepend_start(start: Array, following: Array) -> Array:
+    """Return an array with the start's entry in front."""
     return np.concatenate([start[None], following])
 
 
 def warn_of_large_rotations(scene: ClimbScene, rounds: Rounds) -> tuple[str, ...]:
-    """Rounds whose rotation leaves the range of the linearisation."""
+    """Return a warning if a round's rotation leaves the range of the linearisation."""
     level = LinearisedRotation.from_scene(scene).level
     largest = np.abs(rounds.rpy - level).max(axis=1)
     beyond = np.flatnonzero(largest > LINEAR_ROTATION_LIMIT)

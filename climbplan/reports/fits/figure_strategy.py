@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from climbplan.arrays import Array, IntArray
-from climbplan.learning.clusters import solution_vectors
+from climbplan.learning.clusters import build_solution_vectors
 from climbplan.learning.model import StrategyModel
 from climbplan.reports import palette
 from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, style_axes
@@ -32,7 +32,7 @@ def spaces(model: StrategyModel, columns: IntArray, seed: int) -> Figure:
     largest = np.argsort(-np.bincount(inside), kind="stable")[:_NAMED]
     figure = new_figure(5.2, entries=len(largest) + 1)
     left, right = figure.subplots(1, 2)
-    vectors = solution_vectors(library, columns)[rows]
+    vectors = build_solution_vectors(library, columns)[rows]
     for ax, points, title in (
         (left, vectors, "Solutions"),
         (right, library.features[rows] / model.scale, "Features of the problems"),

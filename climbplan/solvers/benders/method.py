@@ -147,7 +147,7 @@ class WarmStartedBenders:
 
     @property
     def has_warm_start(self) -> bool:
-        """Whether the next problem begins with cuts."""
+        """Return whether the next problem begins with cuts."""
         return bool(self.cuts)
 
     def solve(

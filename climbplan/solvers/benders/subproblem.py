@@ -76,7 +76,7 @@ class Subproblem:
 
     @property
     def _is_infeasible(self) -> bool:
-        """Whether the node that was solved last is infeasible."""
+        """Return whether the node that was solved last is infeasible."""
         return bool(self._run.tree.state[0] == slots.EMPTY_NODE)
 
     def _build_cut(

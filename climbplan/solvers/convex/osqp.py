@@ -14,7 +14,7 @@ from scipy import sparse
 
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.program.box import propagated_box
+from climbplan.program.box import propagate_box
 from climbplan.program.instance import Instance
 from climbplan.solvers.interruption import run_uninterruptible
 from climbplan.solvers.result import Answer
@@ -123,7 +123,7 @@ def run_osqp(solver: osqp.OSQP, work: int) -> Any:
 
 def _compute_widths(instance: Instance) -> Array:
     """Return widths of the variables' box, 1 where it is open or a point."""
-    box = propagated_box(instance)
+    box = propagate_box(instance)
     width = box.upper - box.lower
     return np.where(np.isfinite(width) & (width > _MIN_WIDTH), width, 1.0)
 

@@ -20,7 +20,7 @@ from scipy import sparse
 
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.program.box import propagated_box
+from climbplan.program.box import propagate_box
 from climbplan.program.instance import Instance
 from climbplan.solvers.convex.sessions import solve_convex
 from climbplan.solvers.highs.model import (
@@ -82,7 +82,8 @@ def solve_highs(
     unsupported = instance.features - {"integers", "balls"}
     if unsupported:
         raise UsageError(
-            f"{instance.name}: highs cannot hold {', '.join(sorted(unsupported))}: reformulate first"
+            f"{instance.name}: highs cannot hold {', '.join(sorted(unsupported))}: "
+            "reformulate first"
         )
     begin = time.perf_counter()
     if (instance.lower > instance.upper).any() or (instance.row_lower > instance.row_upper).any():
@@ -238,7 +239,7 @@ def _solve_by_outer_approximation(
     solver = create_highs(time_limit, _INNER_GAP * gap)
     solver.passModel(approximation.lp)
     if len(cost.offset):
-        box = propagated_box(instance)
+        box = propagate_box(instance)
         reach = box.interval(cost.U)
         low, high = reach.lower + cost.offset, reach.upper + cost.offset
         bounded = np.isfinite(low) & np.isfinite(high)

@@ -14,7 +14,7 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-from climbplan.reformulations.nlp_form import Bounds, Manner, NlpForm, nlp_form
+from climbplan.reformulations.nlp_form import Bounds, NlpForm, NlpOptions, build_nlp_form
 from climbplan.solvers.ipopt.program import IpoptProgram, NlpPoint
 from climbplan.solvers.result import Answer, SolverResult, judge_answer
 
@@ -76,9 +76,9 @@ def solve_fixed_integers(
         deadline: Time of `time.monotonic` [s].
         iterations: Largest number of iterations.
     """
-    form = nlp_form(instance, Manner("pinned"))
-    bounds = form.pinned_bounds(instance, start, assignment)
-    return solve_nlp(form, form.numbers(instance), bounds, start, deadline, iterations)
+    form = build_nlp_form(instance, NlpOptions("pinned"))
+    bounds = form.compute_fixed_bounds(instance, start, assignment)
+    return solve_nlp(form, form.build_parameters(instance), bounds, start, deadline, iterations)
 
 
 def compute_box_center(instance: Instance) -> Array:

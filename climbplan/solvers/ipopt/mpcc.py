@@ -14,7 +14,7 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.program.instance import Instance
-from climbplan.reformulations.complementarity import Complementarity, Rounded
+from climbplan.reformulations.complementarity import Complementarity, RoundedPoint
 from climbplan.solvers.ipopt.instances import (
     ITERATIONS,
     TOLERANCE,
@@ -47,7 +47,7 @@ class RelaxedPoint:
     """The end of a homotopy, before polish."""
 
     v: Array  # (N,) in the variables of the nonlinear program
-    rounded: Rounded
+    rounded: RoundedPoint
     violation: float  # of the instance at the rounded point, caused by eps
     steps: tuple[HomotopyStep, ...]
 
@@ -81,18 +81,20 @@ def follow_homotopy(
     if not homotopy:
         raise ValueError("a homotopy has at least one eps")
     smooth = method.apply(instance)
-    v = smooth.start(start, assignment, blur)
+    v = smooth.build_start(start, assignment, blur)
     steps: list[HomotopyStep] = []
     for eps in homotopy:
         begin = time.monotonic()
         if steps and begin > deadline:
             break
-        point = solve_nlp(smooth.form, smooth.numbers, smooth.bounds(eps), v, deadline, iterations)
+        point = solve_nlp(
+            smooth.form, smooth.numbers, smooth.compute_bounds(eps), v, deadline, iterations
+        )
         v = point.v
-        fraction = smooth.rounded(v).fraction
+        fraction = smooth.round_point(v).fraction
         duration = time.monotonic() - begin
         steps.append(HomotopyStep(eps, point.iterations, point.word, fraction, duration))
-    rounded = smooth.rounded(v)
+    rounded = smooth.round_point(v)
     violation = instance.violation(rounded.x, rounded.assignment)
     return RelaxedPoint(v, rounded, violation, tuple(steps))
 

@@ -88,7 +88,7 @@ class BranchAndReduce:
 
     @property
     def is_finished(self) -> bool:
-        """Whether no node is open."""
+        """Return whether no node is open."""
         return not self._heap
 
     def run(self, deadline: float, max_nodes: int) -> None:

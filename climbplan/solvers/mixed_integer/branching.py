@@ -243,10 +243,8 @@ def _branch_node(n: ProblemData, s: SearchState, tree: Tree, node: int) -> int:
     for e in range(E):
         s.score[e] = -1.0
         if s.distance[0, e] > 0.0 and s.distance[1, e] > 0.0:
-            gain_down, gain_up = (
-                _estimate_gain(n, s, e, 0, average),
-                _estimate_gain(n, s, e, 1, average),
-            )
+            gain_down = _estimate_gain(n, s, e, 0, average)
+            gain_up = _estimate_gain(n, s, e, 1, average)
             score = _score_gains(gain_down, gain_up)
             if min(s.num_gains[0, e], s.num_gains[1, e]) < _RELIABLE:
                 s.score[e] = score
@@ -267,18 +265,18 @@ def _branch_node(n: ProblemData, s: SearchState, tree: Tree, node: int) -> int:
             break
         s.score[e] = -1.0
         split = _choose_split(n, s, e)
-        gain_down, gain_up = parent, parent
+        bound_down, bound_up = parent, parent
         for up in range(2):
             child_bound, closed = _strong_branch(n, s, tree, node, e, up, split)
             if up == 0:
-                gain_down, below_closed = child_bound, closed
+                bound_down, below_closed = child_bound, closed
             else:
-                gain_up, above_closed = child_bound, closed
+                bound_up, above_closed = child_bound, closed
         closed = below_closed or above_closed
-        score_probed = np.inf if closed else _score_gains(gain_down - parent, gain_up - parent)
+        score_probed = np.inf if closed else _score_gains(bound_down - parent, bound_up - parent)
         if score_probed > best:
             best, chosen = score_probed, e
-            below, above = gain_down, gain_up
+            below, above = bound_down, bound_up
         if closed:
             break
     split = _choose_split(n, s, chosen)

@@ -1,6 +1,6 @@
 """Data of products for a tree: the rows that contain them, cells of factors, and envelopes.
 
-The instance is taken with a variable for each product after its own (`linear_in_products`), on a
+The instance is taken with a variable for each product after its own (`linearise_products`), on a
 box that contains all feasible points.
 """
 
@@ -13,9 +13,9 @@ from scipy import sparse
 
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
-from climbplan.program.box import Box, propagated_box
+from climbplan.program.box import Box, propagate_box
 from climbplan.program.instance import Instance, Products
-from climbplan.reformulations.product_rows import linear_in_products
+from climbplan.reformulations.product_rows import linearise_products
 from climbplan.solvers.mixed_integer.spatial import Spatial
 
 CELLS = 2**20  # of a factor's range, so that products in a cell are exact to 1e-12 of their range
@@ -45,7 +45,7 @@ def find_factors(instance: Instance) -> ProductFactors | None:
         UsageError: A factor of a product is not bounded.
     """
     products, n = instance.products, instance.size
-    box = propagated_box(instance)
+    box = propagate_box(instance)
     if (box.lower > box.upper).any() or (box.products.lower > box.products.upper).any():
         return None
     factors = np.unique(np.concatenate([products.first, products.second]))
@@ -64,7 +64,7 @@ def find_factors(instance: Instance) -> ProductFactors | None:
     ]
     rows = np.concatenate([np.zeros(0, np.int64), *indicator_rows]).astype(np.int64)
     return ProductFactors(
-        instance=_restrict_to_box(linear_in_products(instance), box),
+        instance=_restrict_to_box(linearise_products(instance), box),
         products=products,
         places=n + np.arange(products.count),
         weight=np.maximum(_compute_weights(instance.Q), _compute_weights(instance.implications.Q)),

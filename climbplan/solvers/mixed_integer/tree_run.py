@@ -171,7 +171,7 @@ class TreeRun:
 
     @property
     def is_finished(self) -> bool:
-        """Whether every node was closed by a proof."""
+        """Return whether every node was closed by a proof."""
         counters = self.search.counters
         num_unfinished = (
             counters[slots.NUM_OPEN]
@@ -182,13 +182,13 @@ class TreeRun:
 
     @property
     def has_used_budget(self) -> bool:
-        """Whether the limit of dual steps is reached."""
+        """Return whether the limit of dual steps is reached."""
         steps = self.search.main.iterations[0] + self.search.probe.iterations[0]
         return bool(steps >= self.search.counters[slots.MAX_DUAL_STEPS])
 
     @property
     def proves_infeasible(self) -> bool:
-        """Whether no node is open and every leaf was proved infeasible."""
+        """Return whether no node is open and every leaf was proved infeasible."""
         counters = self.search.counters
         open_nodes = counters[slots.NUM_OPEN] + (counters[slots.DIVE_NODE] >= 0)
         return bool(open_nodes == 0 and self.search.scalars[slots.CLOSED_BOUND] == np.inf)

@@ -89,7 +89,7 @@ class WarmStart:
 class WarmStartedSolver:
     """Solves instances of one statement in turn; each tree begins with the leaves of the last.
 
-    Its `solve` is that of `method.TreeMemory`, or of `spatial_method.SpatialMemory` with products.
+    Its `solve` is that of `method.WarmStartedTree`, or of `spatial_method.WarmStartedSpatialTree`.
     """
 
     MAX_LEAVES: ClassVar[int]  # largest number of leaves stored
@@ -112,7 +112,7 @@ class WarmStartedSolver:
 
     @property
     def has_warm_start(self) -> bool:
-        """Whether the next tree begins with leaves of the last."""
+        """Return whether the next tree begins with leaves of the last."""
         return self.warm_start.leaves is not None
 
     def reset(self) -> None:

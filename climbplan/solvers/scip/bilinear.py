@@ -17,7 +17,7 @@ from scipy import sparse
 
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.program.box import propagated_box
+from climbplan.program.box import propagate_box
 from climbplan.program.instance import Instance
 from climbplan.solvers.result import SolverResult, judge_answer
 from climbplan.solvers.scip.model import ScipModel, convert_bound
@@ -102,7 +102,7 @@ def save_bilinear_model(instance: Instance, path: Path) -> None:
 
 def build_bilinear_model(instance: Instance) -> ScipModel:
     """Build a model with variables x0 ..., w0 ... for products, and an epigraph for each square."""
-    box = propagated_box(instance)
+    box = propagate_box(instance)
     scip = ScipModel.create(instance, instance.lower, instance.upper)
     model, x, products = scip.model, scip.x, instance.products
     for k, (low, high) in enumerate(zip(box.products.lower, box.products.upper, strict=True)):

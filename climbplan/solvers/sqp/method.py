@@ -65,7 +65,7 @@ class SqpResult:
 
     @property
     def feasible(self) -> bool:
-        """Whether all rows of the model hold to the method's tolerance."""
+        """Return whether all rows of the model hold to the method's tolerance."""
         return self.ending in ("converged", "steps")
 
 

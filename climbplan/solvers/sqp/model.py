@@ -152,7 +152,7 @@ class SqpForm:
     def fix_integers(self, values: Array, alternatives: IntArray) -> ReducedModel | None:
         """Return the model at the integers of values (n,); None if linear rows alone contradict."""
         form, source = self.pinned, self.pinned.source
-        is_active = form.active(values, alternatives)
+        is_active = form.find_active(values, alternatives)
         A, Q = self.A[is_active], self.Q[is_active]
         lower, upper = form.lower[is_active], form.upper[is_active]
         first, second = source.products.first, source.products.second

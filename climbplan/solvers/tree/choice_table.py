@@ -156,7 +156,7 @@ class ChoiceTable:
 
     @property
     def has_listed_divisions(self) -> bool:
-        """Whether the alternatives are few enough to list all divisions."""
+        """Return whether the alternatives are few enough to list all divisions."""
         return self.is_complete and (self.count <= _MAX_LISTED or not self.is_bounded)
 
     def list_divisions(self, mask: Mask) -> Divisions:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.program.box import propagated_box
+from climbplan.program.box import propagate_box
 from climbplan.program.instance import Instance
 from climbplan.solvers.result import FEASIBILITY
 from climbplan.solvers.tree.choice_hulls import build_choice_hulls, compute_max_cost
@@ -104,7 +104,7 @@ class NormalForm:
     def max_cost(self) -> float:
         """Upper bound on the cost of feasible points, above which a bound proves infeasibility."""
         hulls = build_choice_hulls(self.instance, list(self.tables), self.stacked)
-        cost = compute_max_cost(self.instance, propagated_box(self.instance, hulls))
+        cost = compute_max_cost(self.instance, propagate_box(self.instance, hulls))
         return cost if np.isfinite(cost) else _CERTAIN * (1.0 + abs(self.cost.constant))
 
     @property
@@ -210,7 +210,7 @@ def build_normal_form(
         instance,
         components,
         equations,
-        lambda: propagated_box(instance, build_choice_hulls(instance, tables, choices)),
+        lambda: propagate_box(instance, build_choice_hulls(instance, tables, choices)),
     )
     in_time()
     balls = _build_balls(instance, components, cost, relief)

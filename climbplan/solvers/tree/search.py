@@ -131,7 +131,7 @@ class TreeSearch:
 
     @property
     def proves_infeasible(self) -> bool:
-        """Whether every leaf of the tree was shown to contain no feasible point."""
+        """Return whether every leaf of the tree was shown to contain no feasible point."""
         if self._open or self._dive:
             return False
         # -inf marks a node that was closed without any bound, which proves nothing

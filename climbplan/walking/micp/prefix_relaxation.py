@@ -3,8 +3,8 @@
 A motion below the cutoff pays for its first k intervals at most the cutoff less a lower bound on
 the cost of all later intervals. The relaxation of the truncated task with that cutoff contains the
 beginning of every such motion. Its linear programs are many times smaller than those of the whole
-task, and the bounds of early knots tighten most, because the start is given. Each prefix that is one
-interval longer starts from the bounds of the one before.
+task, and the bounds of early knots tighten most, because the start is given. Each prefix that is
+one interval longer starts from the bounds of the one before.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ import highspy
 import numpy as np
 
 from climbplan.solvers.highs.model import build_rows_model, run_highs
-from climbplan.walking.micp.variable_bounds import VariableBounds
+from climbplan.walking.micp.attitude_box import AttitudeBox
+from climbplan.walking.micp.bound_tightening import tighten_bounds
 from climbplan.walking.micp.outer_approximation import (
     TANGENT_TOLERANCE,
     confirm_infeasible,
     create_lp_solver,
     refine_outer_approximation,
 )
-from climbplan.walking.micp.bound_tightening import tighten_bounds
 from climbplan.walking.micp.relaxation import MixedIntegerRelaxation, build_relaxation
-from climbplan.walking.micp.attitude_box import AttitudeBox
+from climbplan.walking.micp.variable_bounds import VariableBounds
 from climbplan.walking.task.task import Goal, WalkTask
 
 _T = TypeVar("_T", AttitudeBox, VariableBounds)
@@ -57,7 +57,7 @@ class Formulation:
 
         Args:
             bounds: Bounds of the variables; None: those of the attitude box and the cutoff alone.
-            linear_inertia: State the inertia about the middle of the attitude box, in fewer columns.
+            linear_inertia: Take the inertia at the middle of the attitude box, with fewer columns.
         """
         attitude_box = self.attitude_box
         if bounds is not None:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from climbplan.arrays import Array
+from climbplan.walking.micp.attitude_box import AttitudeBox, bound_rotation
 from climbplan.walking.micp.linear_model import LinearModel, LinExpr
 from climbplan.walking.micp.variable_bounds import VariableBounds, propagate_body_ranges
-from climbplan.walking.micp.attitude_box import AttitudeBox, bound_rotation
 from climbplan.walking.task.task import POSITION, VELOCITY, WalkTask
 
 # A product whose envelope is narrower is replaced by a line with a remainder: nearly parallel rows
@@ -45,7 +45,7 @@ class StateVariables:
             height_pieces: Pieces of the height of the body.
             tangent_ratio: Ratio of the points of tangency of squares.
             bounds: Bounds of the variables; None: nothing but the limits of the task is known.
-            linear_inertia: State the inertia about the middle of the attitude box, in fewer columns.
+            linear_inertia: Take the inertia at the middle of the attitude box, with fewer columns.
             num_rotation_knots: Knots with rows of rotation, and later ones are translations only;
                 None: all knots.
         """
@@ -178,7 +178,7 @@ class StateVariables:
         y_range: tuple[float, float],
         indicator: LinExpr,
     ) -> None:
-        """Add the four rows of the McCormick envelope of w = x y, which vanish with the indicator."""
+        """Add the four McCormick rows of w = x y, which vanish with the indicator."""
         (x_low, x_high), (y_low, y_high) = x_range, y_range
         add = self.model.add_nonnegative
         add("dynamics.spin", w - y * x_low - x * y_low + indicator * (x_low * y_low))

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.walking.check.checker import passes
+from climbplan.walking.check.checker import is_feasible
 from climbplan.walking.offline.gaits import (
     assign_regions,
     build_gait_phases,
@@ -59,33 +59,33 @@ class NlpSolver:
         self.task = task
         self.program = compile_nlp(NlpShape.of(task))
 
-    def solve(self, start: Gait, at: Iterate, seconds: float) -> WalkAnswer:
+    def solve(self, start: Gait, iterate: Iterate, seconds: float) -> WalkAnswer:
         """From a motion of a gait, whose regions are kept."""
         begin = time.perf_counter()
         task = self.task
         program = self.program
-        point = np.concatenate(list(build_variables(task, start, at).values()))
-        numbers = build_parameters(task, start, at).values()
+        point = np.concatenate(list(build_variables(task, start, iterate).values()))
+        numbers = build_parameters(task, start, iterate).values()
         answer = program.solver.solve(
             np.clip(point, program.bounds.lower, program.bounds.upper),
-            np.concatenate([part.ravel(order="F") for part in numbers]),
+            np.concatenate([parameter.ravel(order="F") for parameter in numbers]),
             program.bounds,
             time.monotonic() + seconds,
         )
-        word, x = answer.word, answer.v
+        message, x = answer.word, answer.v
         worst = max(program.residuals(answer), key=lambda block: block.residual)
         if worst.residual > _REPORTED_VIOLATION:
-            word += f", {worst.name} off by {worst.residual:.2g} {worst.unit}".rstrip()
+            message += f", {worst.name} off by {worst.residual:.2g} {worst.unit}".rstrip()
         state, force, toes, relaxed = split_variables(task, x)
         contact = relaxed > 0.5
         gait = assign_regions(task, contact, np.vstack([task.start.state, state]))
         if not (np.isfinite(x).all() and has_enough_contacts(task, contact)):
-            return WalkAnswer(None, np.inf, time.perf_counter() - begin, word, tried=1)
+            return WalkAnswer(None, np.inf, time.perf_counter() - begin, message, tried=1)
         if np.array_equal(contact, start.contact):
             gait = start
         program_of_gait = PinnedProgram(task, gait)
         footing = program_of_gait.footing
-        found = _polish(
+        polished = _polish(
             task,
             gait,
             Iterate(
@@ -94,14 +94,16 @@ class NlpSolver:
                 toes[footing.first - 1, footing.leg],
             ),
         )
-        if not found.holds:
-            kept = _polish(task, start, at)
-            if kept.holds:
-                spent = time.perf_counter() - begin
-                return _build_answer(kept, spent, f"IPOPT: {word}, the motion before it kept")
-        spent = time.perf_counter() - begin
+        if not polished.is_feasible:
+            polished_start = _polish(task, start, iterate)
+            if polished_start.is_feasible:
+                seconds_used = time.perf_counter() - begin
+                return _build_answer(
+                    polished_start, seconds_used, f"IPOPT: {message}, the motion before it kept"
+                )
+        seconds_used = time.perf_counter() - begin
         return _build_answer(
-            found, spent, f"IPOPT: {word}, {'same' if gait is start else 'other'} gait"
+            polished, seconds_used, f"IPOPT: {message}, {'same' if gait is start else 'other'} gait"
         )
 
 
@@ -113,21 +115,21 @@ def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
     method = NlpSolver(task)
     warm_up(task)
     begin, tried = time.perf_counter(), 0
-    word = f"no phase of {guess_name!r} keeps {task.min_contacts} legs standing"
-    for gait, at in generate_guesses(task, guess_name):
-        left = seconds - (time.perf_counter() - begin)
-        if left <= 0:
-            word = "time limit"
+    message = f"no phase of {guess_name!r} keeps {task.min_contacts} legs standing"
+    for gait, iterate in generate_guesses(task, guess_name):
+        seconds_left = seconds - (time.perf_counter() - begin)
+        if seconds_left <= 0:
+            message = "time limit"
             break
-        answer = method.solve(gait, at, left)
+        answer = method.solve(gait, iterate, seconds_left)
         tried += 1
         if answer.trajectory is None:
-            word = answer.word
+            message = answer.word
             continue
-        spent = time.perf_counter() - begin
-        history = (Improvement(spent, answer.objective),)
-        return replace(answer, seconds=spent, tried=tried, history=history)
-    return WalkAnswer(None, np.inf, time.perf_counter() - begin, word, tried=tried)
+        seconds_used = time.perf_counter() - begin
+        history = (Improvement(seconds_used, answer.objective),)
+        return replace(answer, seconds=seconds_used, tried=tried, history=history)
+    return WalkAnswer(None, np.inf, time.perf_counter() - begin, message, tried=tried)
 
 
 def generate_guesses(task: WalkTask, name: str) -> Iterator[tuple[Gait, Iterate]]:
@@ -140,35 +142,35 @@ def generate_guesses(task: WalkTask, name: str) -> Iterator[tuple[Gait, Iterate]
     starts = range(len(build_gait_phases(name, legs)))
     phases = [assign_regions(task, repeat_gait(name, legs, task.knots, k)) for k in starts]
     phases = [gait for gait in phases if has_enough_contacts(task, gait.contact)]
-    glances = [
+    predicted = [
         solve_gait(task, gait, None, 1, agreement=COARSE_TOLERANCE).predicted for gait in phases
     ]
-    even = is_left_right_symmetric(task)
-    seen: set[bytes] = set()
-    for k in np.argsort(glances, kind="stable"):
-        if phases[k].key not in seen:
+    is_symmetric = is_left_right_symmetric(task)
+    yielded_keys: set[bytes] = set()
+    for k in np.argsort(predicted, kind="stable"):
+        if phases[k].key not in yielded_keys:
             yield phases[k], _run_initial_sqp(task, phases[k], _INITIAL_QPS)[0]
-        seen |= _list_equivalent_keys(phases[k], even)
+        yielded_keys |= _list_equivalent_keys(phases[k], is_symmetric)
     for brakes in (range(1), range(1, 4)):
-        others: list[Gait] = []
+        other_gaits: list[Gait] = []
         for gait in generate_initial_gaits(task, brakes=brakes):
-            if gait.key not in seen:
-                seen |= _list_equivalent_keys(gait, even)
-                others.append(gait)
-        first = [_run_initial_sqp(task, gait, _INITIAL_QPS) for gait in others]
-        far: list[tuple[Gait, Iterate]] = []
-        for k in np.argsort([reach for _, reach in first], kind="stable"):
-            at, reach = _run_initial_sqp(task, others[k], _OTHER_GAIT_QPS, first[k][0])
+            if gait.key not in yielded_keys:
+                yielded_keys |= _list_equivalent_keys(gait, is_symmetric)
+                other_gaits.append(gait)
+        initial = [_run_initial_sqp(task, gait, _INITIAL_QPS) for gait in other_gaits]
+        hopeless: list[tuple[Gait, Iterate]] = []
+        for k in np.argsort([reach for _, reach in initial], kind="stable"):
+            iterate, reach = _run_initial_sqp(task, other_gaits[k], _OTHER_GAIT_QPS, initial[k][0])
             if reach <= _MAX_REACH_VIOLATION:
-                yield others[k], at
+                yield other_gaits[k], iterate
             else:
-                far.append((others[k], at))
-        yield from far
+                hopeless.append((other_gaits[k], iterate))
+        yield from hopeless
 
 
-def _list_equivalent_keys(gait: Gait, even: bool) -> set[bytes]:
+def _list_equivalent_keys(gait: Gait, is_symmetric: bool) -> set[bytes]:
     """Keys of a gait and, if the task is even, of its mirror image."""
-    return {gait.key, mirror_gait(gait).key} if even else {gait.key}
+    return {gait.key, mirror_gait(gait).key} if is_symmetric else {gait.key}
 
 
 def _run_initial_sqp(
@@ -176,25 +178,25 @@ def _run_initial_sqp(
 ) -> tuple[Iterate, float]:
     """A motion of the gait after a few QPs, if they lead anywhere; how far toes reach out [m]."""
     start = guess_iterate(task, gait) if start is None else start
-    found = solve_gait(task, gait, start, qps, agreement=COARSE_TOLERANCE)
-    if found.trajectory is None:
+    answer = solve_gait(task, gait, start, qps, agreement=COARSE_TOLERANCE)
+    if answer.trajectory is None:
         return start, np.inf
-    return build_iterate(found.trajectory, gait), max(found.reach, REACH_SLACK)
+    return build_iterate(answer.trajectory, gait), max(answer.reach_violation, REACH_SLACK)
 
 
-def _polish(task: WalkTask, gait: Gait, at: Iterate) -> GaitAnswer:
+def _polish(task: WalkTask, gait: Gait, iterate: Iterate) -> GaitAnswer:
     """IPOPT's answer made exact; most need no more than a few QPs."""
     for iterations in _POLISH_QPS:
-        found = solve_gait(task, gait, at, iterations, _WORKSPACE_MARGIN, COARSE_TOLERANCE)
-        if found.trajectory is None or found.reach > _MAX_REACH_VIOLATION:
-            return found
-        if found.holds and passes(task, found.trajectory):
-            return found
-        at = build_iterate(found.trajectory, gait)
-    return found
+        answer = solve_gait(task, gait, iterate, iterations, _WORKSPACE_MARGIN, COARSE_TOLERANCE)
+        if answer.trajectory is None or answer.reach_violation > _MAX_REACH_VIOLATION:
+            return answer
+        if answer.is_feasible and is_feasible(task, answer.trajectory):
+            return answer
+        iterate = build_iterate(answer.trajectory, gait)
+    return answer
 
 
-def _build_answer(found: GaitAnswer, seconds: float, word: str) -> WalkAnswer:
-    if found.trajectory is None or not found.holds:
-        return WalkAnswer(None, np.inf, seconds, f"{word}, but its gait does not hold", tried=1)
-    return WalkAnswer(found.trajectory, found.objective, seconds, word, tried=1)
+def _build_answer(answer: GaitAnswer, seconds: float, message: str) -> WalkAnswer:
+    if answer.trajectory is None or not answer.is_feasible:
+        return WalkAnswer(None, np.inf, seconds, f"{message}, but its gait does not hold", tried=1)
+    return WalkAnswer(answer.trajectory, answer.objective, seconds, message, tried=1)

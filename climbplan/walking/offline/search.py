@@ -14,34 +14,39 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import BoolArray
-from climbplan.walking.check.checker import passes
-from climbplan.walking.offline.footing import gait_of
+from climbplan.walking.check.checker import is_feasible
+from climbplan.walking.offline.footing import build_gait
 from climbplan.walking.offline.gait_moves import (
-    contact_moves,
-    region_moves,
-    regions_beside,
+    find_neighbour_regions,
+    generate_region_moves,
+    list_contact_moves,
 )
-from climbplan.walking.offline.gaits import GAITS, enough_contacts, starting_gaits, with_regions
+from climbplan.walking.offline.gaits import (
+    GAITS,
+    assign_regions,
+    generate_initial_gaits,
+    has_enough_contacts,
+)
 from climbplan.walking.offline.pinned import Iterate
-from climbplan.walking.offline.sqp import ROUGHLY, GaitAnswer, iterate_of, solve_gait
+from climbplan.walking.offline.sqp import COARSE_TOLERANCE, GaitAnswer, build_iterate, solve_gait
 from climbplan.walking.offline.warm_up import warm_up
 from climbplan.walking.plan.answer import Improvement, WalkAnswer
 from climbplan.walking.task.task import Gait, WalkTask
 
-_FIRST_SHARE = 0.2  # of the QPs, for glances at named gaits
-_GLANCE = 2  # QPs
-_VAIN = 12  # glances without a motion, after which overreach is allowed
-_PROMISING = 4  # named gaits that are looked at further
-_UNHELD = 8  # and as long as none holds
-_FULL = 8
-_POLISH = 60
-_POLISHED = 10  # gaits, from the best, until one holds
-_POLISH_SHARE = 0.1  # of the time, kept for it
-_KICK = (2, 4)  # moves at least and at most
-_KICKS = 100  # that lead to no gait that holds, until the search ends
-_KICKED = 3  # QPs after which one that overreaches by more than that is given up
-_OVERREACH = 0.02  # [m]
-_REACH_PRICE = 1e5  # [1/m] where no gait holds yet: less overreach is better
+_INITIAL_FRACTION = 0.2  # of the QPs, for glances at named gaits
+_GLANCE_QPS = 2  # QPs
+_MAX_FAILED_GLANCES = 12  # glances without a motion, after which overreach is allowed
+_NUM_PROMISING = 4  # named gaits that are looked at further
+_NUM_PROMISING_INFEASIBLE = 8  # and as long as none holds
+_FULL_QPS = 8
+_POLISH_QPS = 60
+_MAX_POLISHED = 10  # gaits, from the best, until one holds
+_POLISH_FRACTION = 0.1  # of the time, kept for it
+_KICK_MOVES = (2, 4)  # moves at least and at most
+_MAX_FAILED_KICKS = 100  # that lead to no gait that holds, until the search ends
+_KICK_QPS = 3  # QPs after which one that overreaches by more than that is given up
+_MAX_KICK_VIOLATION = 0.02  # [m]
+_VIOLATION_PRICE = 1e5  # [1/m] where no gait holds yet: less overreach is better
 
 
 @dataclass(frozen=True)
@@ -57,43 +62,43 @@ class SearchLimits:
 
 def search(task: WalkTask, limits: SearchLimits, first: tuple[Gait, ...] = ()) -> WalkAnswer:
     """The best gait found from `first` and the named gaits by local moves."""
-    return _Search(task, limits).run(first)
+    return _IteratedLocalSearch(task, limits).run(first)
 
 
-class _Search:
+class _IteratedLocalSearch:
     def __init__(self, task: WalkTask, limits: SearchLimits) -> None:
         self.task, self.limits = task, limits
         self.random = np.random.default_rng(limits.seed)
         warm_up(task)
         self.begin = time.perf_counter()
         self.seen: set[bytes] = set()
-        self.priced = 0  # gaits beyond the named ones
+        self.num_priced = 0  # gaits beyond the named ones
         self.qps = 0
-        self.late = False  # the time limit cut it short
+        self.is_timed_out = False  # the time limit cut it short
         self.best: GaitAnswer | None = None
-        self.at: GaitAnswer | None = None  # where the local search is
-        self.good: list[GaitAnswer] = []  # each was the best for a while
+        self.base: GaitAnswer | None = None  # where the local search is
+        self.improvements: list[GaitAnswer] = []  # each was the best for a while
         self.history: list[Improvement] = []
-        self.beside = regions_beside(task.ground)
+        self.neighbour_regions = find_neighbour_regions(task.ground)
 
     @property
     def seconds(self) -> float:
         return time.perf_counter() - self.begin
 
     @property
-    def holds(self) -> bool:
-        return self.best is not None and self.best.holds
+    def is_feasible(self) -> bool:
+        return self.best is not None and self.best.is_feasible
 
     @property
-    def spent(self) -> bool:
-        self.late |= self.seconds > (1 - _POLISH_SHARE) * self.limits.seconds
-        used_up = self.qps >= self.limits.qps or self.priced >= self.limits.gaits
-        return self.late or used_up
+    def is_exhausted(self) -> bool:
+        self.is_timed_out |= self.seconds > (1 - _POLISH_FRACTION) * self.limits.seconds
+        is_budget_used = self.qps >= self.limits.qps or self.num_priced >= self.limits.gaits
+        return self.is_timed_out or is_budget_used
 
     @property
     def cut_short(self) -> str:
         """A warning if the time limit ended the search; empty if not."""
-        if not self.late:
+        if not self.is_timed_out:
             return ""
         budget = f" of {self.limits.qps}" if self.limits.qps < SearchLimits.qps else ""
         return (
@@ -101,7 +106,7 @@ class _Search:
             f"{self.qps}{budget} QPs: a faster machine may find another answer"
         )
 
-    def solved(
+    def solve(
         self,
         gait: Gait,
         start: Iterate | None,
@@ -109,172 +114,197 @@ class _Search:
         elastic: bool = True,
         ceiling: float = np.inf,
     ) -> GaitAnswer:
-        found = solve_gait(
-            self.task, gait, start, iterations, 0.0, ROUGHLY, elastic=elastic, ceiling=ceiling
+        answer = solve_gait(
+            self.task,
+            gait,
+            start,
+            iterations,
+            0.0,
+            COARSE_TOLERANCE,
+            elastic=elastic,
+            ceiling=ceiling,
         )
-        self.qps += found.iterations
-        return found
+        self.qps += answer.iterations
+        return answer
 
     def run(self, first: tuple[Gait, ...]) -> WalkAnswer:
-        self.first_round(first)
-        self.at = self.best
-        while self.at is not None and not self.spent:
-            if not self.improve(self.at) and not self.kicked():
+        self.evaluate_initial_gaits(first)
+        self.base = self.best
+        while self.base is not None and not self.is_exhausted:
+            if not self.improve(self.base) and not self.perturb():
                 break
-        return self.polished()
+        return self.polish()
 
-    def polished(self) -> WalkAnswer:
+    def polish(self) -> WalkAnswer:
         """The best gait that passes the exact check once its SQP has settled.
 
         At the time limit no further gait is begun; one always is.
         """
-        word = "none has a motion that keeps friction, forces and toes within their limits"
-        nearest: tuple[GaitAnswer, str] | None = None  # holds, but breaks a check: better than none
-        complete = "best gait so far" if self.spent else "local optimum over gaits"
-        for number, candidate in enumerate(sorted(self.good, key=self.price)[:_POLISHED]):
+        message = "none has a motion that keeps friction, forces and toes within their limits"
+        fallback: tuple[GaitAnswer, str] | None = (
+            None  # holds, but breaks a check: better than none
+        )
+        status = "best gait so far" if self.is_exhausted else "local optimum over gaits"
+        for number, candidate in enumerate(
+            sorted(self.improvements, key=self.compute_price)[:_MAX_POLISHED]
+        ):
             if number and self.seconds > self.limits.seconds:
-                self.late = True
+                self.is_timed_out = True
                 break
             assert candidate.trajectory is not None
             gait = candidate.trajectory.gait
-            start = iterate_of(candidate.trajectory, gait)
-            final = solve_gait(self.task, gait, start, _POLISH)
-            if final.trajectory is None or not final.holds:
-                if word.startswith("none"):
-                    word = f"the best gait overreaches by {1e3 * final.reach:.1f} mm"
-                    if not np.isfinite(final.reach):
-                        word = "the QPs of the best gait lead to no motion"
+            start = build_iterate(candidate.trajectory, gait)
+            final = solve_gait(self.task, gait, start, _POLISH_QPS)
+            if final.trajectory is None or not final.is_feasible:
+                if message.startswith("none"):
+                    message = f"the best gait overreaches by {1e3 * final.reach_violation:.1f} mm"
+                    if not np.isfinite(final.reach_violation):
+                        message = "the QPs of the best gait lead to no motion"
                 continue
-            if passes(self.task, final.trajectory):
-                return self.answer(final, complete)
-            nearest = nearest or (final, complete)
-        if nearest is not None:
-            return self.answer(*nearest)
+            if is_feasible(self.task, final.trajectory):
+                return self.build_answer(final, status)
+            fallback = fallback or (final, status)
+        if fallback is not None:
+            return self.build_answer(*fallback)
         return WalkAnswer(
-            None, np.inf, self.seconds, word, tried=len(self.seen), cut_short=self.cut_short
+            None, np.inf, self.seconds, message, tried=len(self.seen), cut_short=self.cut_short
         )
 
-    def answer(self, final: GaitAnswer, word: str) -> WalkAnswer:
+    def build_answer(self, final: GaitAnswer, message: str) -> WalkAnswer:
         self.history.append(Improvement(self.seconds, final.objective))
         return WalkAnswer(
             final.trajectory,
             final.objective,
             self.seconds,
-            word,
+            message,
             tried=len(self.seen),
             qps=self.qps,
             cut_short=self.cut_short,
             history=tuple(self.history),
         )
 
-    def first_round(self, first: tuple[Gait, ...]) -> None:
+    def evaluate_initial_gaits(self, first: tuple[Gait, ...]) -> None:
         """Given and named gaits: a glance at each, then the most promising in full."""
-        named: list[Gait] = []
+        gaits: list[Gait] = []
         glances: list[GaitAnswer] = []
-        for gait in (*first, *starting_gaits(self.task, self.limits.names)):
-            if glances and (self.spent or self.qps > _FIRST_SHARE * self.limits.qps):
+        for gait in (*first, *generate_initial_gaits(self.task, self.limits.names)):
+            if glances and (self.is_exhausted or self.qps > _INITIAL_FRACTION * self.limits.qps):
                 break
             if gait.key not in self.seen:
                 self.seen.add(gait.key)
-                none = not any(glance.trajectory is not None for glance in glances)
-                named.append(gait)
-                glances.append(self.solved(gait, None, _GLANCE, none and len(glances) >= _VAIN))
+                has_none = not any(glance.trajectory is not None for glance in glances)
+                gaits.append(gait)
+                glances.append(
+                    self.solve(
+                        gait, None, _GLANCE_QPS, has_none and len(glances) >= _MAX_FAILED_GLANCES
+                    )
+                )
         self.refine_promising(glances)
-        if self.holds:
+        if self.is_feasible:
             return
         # None holds: those without a motion once more, by the least overreach
-        again: list[GaitAnswer] = []
-        for gait, glance in zip(named, glances, strict=True):
-            if again and (self.spent or self.qps > 2 * _FIRST_SHARE * self.limits.qps):
+        retried: list[GaitAnswer] = []
+        for gait, glance in zip(gaits, glances, strict=True):
+            if retried and (
+                self.is_exhausted or self.qps > 2 * _INITIAL_FRACTION * self.limits.qps
+            ):
                 break
             if glance.trajectory is None:
-                again.append(self.solved(gait, None, _GLANCE))
-        self.refine_promising(again)
+                retried.append(self.solve(gait, None, _GLANCE_QPS))
+        self.refine_promising(retried)
 
     def refine_promising(self, glances: list[GaitAnswer]) -> None:
         """Go on from glances, cheapest first."""
-        for k, glance in enumerate(sorted(glances, key=lambda found: found.predicted)):
-            enough = k >= (_PROMISING if self.holds else _UNHELD)
-            ended = self.spent and self.best is not None
-            if glance.trajectory is None or enough or ended or self.late:
+        for k, glance in enumerate(sorted(glances, key=lambda answer: answer.predicted)):
+            is_enough = k >= (_NUM_PROMISING if self.is_feasible else _NUM_PROMISING_INFEASIBLE)
+            is_ended = self.is_exhausted and self.best is not None
+            if glance.trajectory is None or is_enough or is_ended or self.is_timed_out:
                 break
-            found = glance
-            if not glance.agreed:
+            answer = glance
+            if not glance.has_converged:
                 gait = glance.trajectory.gait
-                found = self.solved(gait, iterate_of(glance.trajectory, gait), _FULL)
-            self.keep(found)
+                answer = self.solve(gait, build_iterate(glance.trajectory, gait), _FULL_QPS)
+            self.record(answer)
 
-    def improve(self, at: GaitAnswer) -> bool:
+    def improve(self, base: GaitAnswer) -> bool:
         """Go through the neighbours until one is better; False if none is."""
-        assert at.trajectory is not None
-        for gait in self.neighbours(at.trajectory.gait):
+        assert base.trajectory is not None
+        for gait in self.generate_neighbours(base.trajectory.gait):
             if gait.key in self.seen:
                 continue
             self.seen.add(gait.key)
-            self.priced += 1
-            start, ceiling = iterate_of(at.trajectory, gait), self.price(at)
-            found = self.solved(gait, start, _FULL, not self.holds, ceiling)
-            if self.price(found) < ceiling * (1 - 1e-6):
-                self.at = found
-                self.keep(found)
+            self.num_priced += 1
+            start, ceiling = build_iterate(base.trajectory, gait), self.compute_price(base)
+            answer = self.solve(gait, start, _FULL_QPS, not self.is_feasible, ceiling)
+            if self.compute_price(answer) < ceiling * (1 - 1e-6):
+                self.base = answer
+                self.record(answer)
                 return True
-            if self.spent:
+            if self.is_exhausted:
                 return False
         return False
 
-    def kicked(self) -> bool:
+    def perturb(self) -> bool:
         """Go on a few random moves away from the best; False if nothing new is found there."""
         assert self.best is not None
         assert self.best.trajectory is not None
-        begin = self.best.trajectory
-        for _ in range(_KICKS):
-            if self.spent:
+        incumbent = self.best.trajectory
+        for _ in range(_MAX_FAILED_KICKS):
+            if self.is_exhausted:
                 return False
-            contact = begin.gait.contact
-            for _ in range(int(self.random.integers(_KICK[0], _KICK[1] + 1))):
-                moves = contact_moves(contact)
+            contact = incumbent.gait.contact
+            for _ in range(int(self.random.integers(_KICK_MOVES[0], _KICK_MOVES[1] + 1))):
+                moves = list_contact_moves(contact)
                 contact = moves[int(self.random.integers(len(moves)))]
-            gait = self.settled(begin.gait, contact)
-            if not enough_contacts(self.task, contact) or gait.key in self.seen:
+            gait = self.place_gait(incumbent.gait, contact)
+            if not has_enough_contacts(self.task, contact) or gait.key in self.seen:
                 continue
             self.seen.add(gait.key)
-            self.priced += 1
-            found = self.solved(gait, iterate_of(begin, gait), _KICKED, not self.holds)
-            if found.trajectory is None or (self.holds and found.reach > _OVERREACH):
+            self.num_priced += 1
+            answer = self.solve(
+                gait, build_iterate(incumbent, gait), _KICK_QPS, not self.is_feasible
+            )
+            if answer.trajectory is None or (
+                self.is_feasible and answer.reach_violation > _MAX_KICK_VIOLATION
+            ):
                 continue
-            found = self.solved(gait, iterate_of(found.trajectory, gait), _FULL, not self.holds)
-            if found.trajectory is not None and (found.holds or not self.holds):
-                self.at = found
-                self.keep(found)
+            answer = self.solve(
+                gait, build_iterate(answer.trajectory, gait), _FULL_QPS, not self.is_feasible
+            )
+            if answer.trajectory is not None and (answer.is_feasible or not self.is_feasible):
+                self.base = answer
+                self.record(answer)
                 return True
         return False
 
-    def keep(self, found: GaitAnswer) -> None:
+    def record(self, answer: GaitAnswer) -> None:
         """Take note of the best so far."""
-        if self.price(found) < self.price(self.best) * (1 - 1e-6):
-            self.best = found
-            self.good.append(found)
-            if found.holds:
-                self.history.append(Improvement(self.seconds, found.objective))
+        if self.compute_price(answer) < self.compute_price(self.best) * (1 - 1e-6):
+            self.best = answer
+            self.improvements.append(answer)
+            if answer.is_feasible:
+                self.history.append(Improvement(self.seconds, answer.objective))
 
     @staticmethod
-    def price(answer: GaitAnswer | None) -> float:
+    def compute_price(answer: GaitAnswer | None) -> float:
         if answer is None or answer.trajectory is None:
             return np.inf
-        return answer.objective + _REACH_PRICE * (0.0 if answer.holds else answer.reach)
+        return answer.objective + _VIOLATION_PRICE * (
+            0.0 if answer.is_feasible else answer.reach_violation
+        )
 
-    def neighbours(self, gait: Gait) -> Iterator[Gait]:
+    def generate_neighbours(self, gait: Gait) -> Iterator[Gait]:
         """Gaits one move away, in random order."""
-        moves = contact_moves(gait.contact)
+        moves = list_contact_moves(gait.contact)
         for k in self.random.permutation(len(moves)):
             contact = moves[k]
-            if enough_contacts(self.task, contact):
-                yield self.settled(gait, contact)
-        yield from region_moves(gait, self.beside)
+            if has_enough_contacts(self.task, contact):
+                yield self.place_gait(gait, contact)
+        yield from generate_region_moves(gait, self.neighbour_regions)
 
-    def settled(self, gait: Gait, contact: BoolArray) -> Gait:
+    def place_gait(self, gait: Gait, contact: BoolArray) -> Gait:
         """A gait with these contacts, on the regions under the best motion: others mislead."""
         if self.task.ground.count == 1 or self.best is None:
-            return gait_of(contact, gait.region)
+            return build_gait(contact, gait.region)
         assert self.best.trajectory is not None
-        return with_regions(self.task, contact, self.best.trajectory.state)
+        return assign_regions(self.task, contact, self.best.trajectory.state)

@@ -16,8 +16,7 @@ _MAX_ACCELERATION = 8.0  # [m/s^2] that forces within friction can cause
 
 
 def find_reachable_legs(task: WalkTask) -> BoolArray:
-    """Return the legs (L,) whose toes are in their workspace boxes now and until the first interval
-    ends.
+    """Return the legs (L,) whose toes are in reach, now and until the first interval ends.
 
     The end of the interval matters only where standing toes must stay in their boxes until then.
     """

@@ -30,62 +30,77 @@ class Gap:
     width: float  # [m]
     near: str
     far: str
-    most: float  # [m] that boxes allow at most, in any attitude of the body
+    max_width: float  # [m] that boxes allow at most, in any attitude of the body
     proved: bool  # no motion that the task allows crosses it
 
     def __str__(self) -> str:
         return (
-            f"{self.width:.2f} m between {self.near} and {self.far}, {self.most:.2f} m is what the "
+            f"{self.width:.2f} m between {self.near} and {self.far}, {self.max_width:.2f} m is what the "
             "legs' boxes allow at most"
         )
 
 
-def widest_gap(task: WalkTask) -> Gap | None:
+def find_widest_gap(task: WalkTask) -> Gap | None:
     """Of the best way from the start's toes to the goal; None if there is no gap, or no goal."""
     ground, goal, begin = task.ground, task.goal, task.start.state[:2]
-    if not goal.stated:
+    if not goal.is_set:
         return None
     # As seen from above: heights would only make regions farther apart
     outlines = [ground.outline(k, -_FAR, _FAR)[:, :2] for k in range(ground.count)]
     shapes = np.array([shapely.polygons(outline) for outline in outlines])
-    proves = task.whole_stance and task.least_contacts > 0
+    proves = task.workspace_over_stance and task.min_contacts > 0
     to_goal = shapely.distance(shapes, shapely.box(*goal.lower, *goal.upper))
-    reach = farthest_reach(task.body)
-    ends = np.flatnonzero(to_goal <= reach)
-    if not len(ends):
+    reach = compute_max_reach(task.body)
+    goal_regions = np.flatnonzero(to_goal <= reach)
+    if not len(goal_regions):
         last = int(np.argmin(to_goal))
         return Gap(float(to_goal[last]), ground.names[last], "the goal", reach, proves)
-    apart = shapely.distance(shapes[:, None], shapes[None, :])
-    one, other = np.triu_indices(ground.count, 1)
-    joined = DisjointSet(range(ground.count))
-    begins = np.unique(ground.nearest(task.start.toes[:, :2]))
-    for k in np.argsort(apart[one, other], kind="stable"):
-        a, b = int(one[k]), int(other[k])
-        if any(joined.connected(start, end) for start in begins for end in ends):
+    distance = shapely.distance(shapes[:, None], shapes[None, :])
+    first, second = np.triu_indices(ground.count, 1)
+    connected = DisjointSet(range(ground.count))
+    start_regions = np.unique(ground.nearest(task.start.toes[:, :2]))
+    for k in np.argsort(distance[first, second], kind="stable"):
+        first_region, second_region = int(first[k]), int(second[k])
+        if any(
+            connected.connected(start, goal_region)
+            for start in start_regions
+            for goal_region in goal_regions
+        ):
             return None  # they touch
-        joined.merge(a, b)
-        if any(joined.connected(start, end) for start in begins for end in ends):
-            width, most = float(apart[a, b]), farthest_apart(task.body)
+        connected.merge(first_region, second_region)
+        if any(
+            connected.connected(start, goal_region)
+            for start in start_regions
+            for goal_region in goal_regions
+        ):
+            width, max_gap = (
+                float(distance[first_region, second_region]),
+                compute_max_toe_distance(task.body),
+            )
             if width <= _TOLERANCE:
                 return None
-            near, far = sorted((a, b), key=lambda r: np.linalg.norm(ground.inner[r] - begin))
-            too_wide = proves and width > most + _TOLERANCE
-            return Gap(width, ground.names[near], ground.names[far], most, too_wide)
+            near_region, far_region = sorted(
+                (first_region, second_region), key=lambda r: np.linalg.norm(ground.inner[r] - begin)
+            )
+            too_wide = proves and width > max_gap + _TOLERANCE
+            return Gap(
+                width, ground.names[near_region], ground.names[far_region], max_gap, too_wide
+            )
     return None
 
 
-def farthest_apart(body: RigidBody) -> float:
+def compute_max_toe_distance(body: RigidBody) -> float:
     """The two farthest points of all workspace boxes [m]."""
-    corners = _corners(body)
+    corners = _list_workspace_corners(body)
     return float(np.linalg.norm(corners[:, None] - corners[None], axis=-1).max())
 
 
-def farthest_reach(body: RigidBody) -> float:
+def compute_max_reach(body: RigidBody) -> float:
     """The point of all workspace boxes that is farthest from the centre of mass [m]."""
-    return float(np.linalg.norm(_corners(body), axis=-1).max()) + _TOLERANCE
+    return float(np.linalg.norm(_list_workspace_corners(body), axis=-1).max()) + _TOLERANCE
 
 
-def _corners(body: RigidBody) -> Array:
+def _list_workspace_corners(body: RigidBody) -> Array:
     """(32, 3) body frame [m]."""
     signs = np.array(list(product((-1, 1), repeat=3)), float)
     result: Array = (body.toe_center[:, None] + signs * body.toe_half).reshape(-1, 3)

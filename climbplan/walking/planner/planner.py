@@ -11,21 +11,21 @@ import numpy as np
 
 from climbplan.errors import Conflict, Infeasible, LimitReached
 from climbplan.progress import Progress
-from climbplan.walking.check.checker import check_trajectory, failures
-from climbplan.walking.check.speed import leg_speeds
+from climbplan.walking.check.checker import check_trajectory, format_failures
+from climbplan.walking.check.speed import compute_leg_speeds
 from climbplan.walking.dynamics.cost import compute_cost_terms
 from climbplan.walking.plan.answer import WalkAnswer
 from climbplan.walking.plan.foot_centres import raise_plan
 from climbplan.walking.plan.summary import format_summary
 from climbplan.walking.plan.walk_plan import WalkPlan
-from climbplan.walking.planner.gaps import Gap, widest_gap
+from climbplan.walking.planner.gaps import Gap, find_widest_gap
 from climbplan.walking.problem.problem import build_task
 from climbplan.walking.schema.loading import LoadedMpc
 from climbplan.walking.schema.solver import WalkSolverSpec
 from climbplan.walking.task.task import WalkTask
 
 
-def too_fast(task: WalkTask, solve: Callable[[WalkTask], WalkAnswer]) -> str:
+def explain_slow_joints(task: WalkTask, solve: Callable[[WalkTask], WalkAnswer]) -> str:
     """What a walk by motors of any speed would ask for; empty where they are not the reason.
 
     solve: the task by the method that found nothing.
@@ -33,25 +33,25 @@ def too_fast(task: WalkTask, solve: Callable[[WalkTask], WalkAnswer]) -> str:
     if task.legs is None:
         return ""
     legs = task.legs
-    endless = replace(legs, max_speed=np.full_like(legs.max_speed, np.inf))
-    found = solve(replace(task, legs=endless)).trajectory
-    if found is None:
+    unlimited = replace(legs, max_speed=np.full_like(legs.max_speed, np.inf))
+    trajectory = solve(replace(task, legs=unlimited)).trajectory
+    if trajectory is None:
         return ""
-    share = leg_speeds(legs, task, found).speed / legs.max_speed
-    n, leg, joint = np.unravel_index(int(np.argmax(share)), share.shape)
-    if not share[n, leg, joint] > 1.0:
+    ratio = compute_leg_speeds(legs, task, trajectory).speed / legs.max_speed
+    n, leg, joint = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
+    if not ratio[n, leg, joint] > 1.0:
         return ""
     return (
         f"joints are too slow: a walk is found for motors of any speed, it asks "
         f"{legs.chain.names[leg][joint]} of {task.body.leg_names[leg]} for "
-        f"{share[n, leg, joint]:.2g} times its {legs.max_speed[leg, joint]:.3g} rad/s at "
+        f"{ratio[n, leg, joint]:.2g} times its {legs.max_speed[leg, joint]:.3g} rad/s at "
         f"{task.dt * n:.2f} s; a slower task.reference.velocity (and task.start.velocity) or "
         "less task.swing_clearance ask for less"
     )
 
 
-_LEAST_TIME = 1e-3  # [s] of a solver that has no time left
-_WARM_SHARE = 0.5  # of the time of `micp`, for what it starts from
+_MIN_TIME = 1e-3  # [s] of a solver that has no time left
+_WARM_FRACTION = 0.5  # of the time of `micp`, for what it starts from
 
 
 def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
@@ -62,35 +62,37 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         Infeasible: a gap on the way to the goal is wider than any attitude of the body reaches.
         LimitReached: no gait was found that holds; the message says how the best one fails.
     """
-    report = report or _silent
+    report = report or _ignore_progress
     spec = loaded.spec
     begin = time.perf_counter()
     deadline = time.monotonic() + spec.solver.time_limit
     task = build_task(spec, loaded.robot, loaded.source)
     report("solve", 0.0)
     ready = time.perf_counter()
-    gap = widest_gap(task)
+    gap = find_widest_gap(task)
     if gap is not None and gap.proved:
-        raise Infeasible(f"no plan exists: {gap}", [_conflict(gap)], stage="footholds")
-    answer = solve_task(task, _until(spec.solver, deadline), spec.seed)
+        raise Infeasible(f"no plan exists: {gap}", [_build_conflict(gap)], stage="footholds")
+    answer = solve_task(task, _limit_time(spec.solver, deadline), spec.seed)
     solved = time.perf_counter()
     if answer.trajectory is None:
-        slow = ""
+        speed_reason = ""
         if time.monotonic() < deadline:
-            rest = _until(spec.solver, deadline)
-            slow = too_fast(task, lambda other: solve_task(other, rest, spec.seed))
+            remaining = _limit_time(spec.solver, deadline)
+            speed_reason = explain_slow_joints(
+                task, lambda other: solve_task(other, remaining, spec.seed)
+            )
         raise LimitReached(
             f"no plan found: {spec.solver.method} tried {answer.tried} gaits in "
             f"{answer.seconds:.2g} s; {answer.word}"
-            + (f"; {slow}" if slow else "")
+            + (f"; {speed_reason}" if speed_reason else "")
             + (f"; {answer.cut_short}" if answer.cut_short else "")
             + (f"; the widest gap on the way to the goal: {gap}" if gap is not None else ""),
             stage=spec.solver.method,
         )
-    broken = failures(check_trajectory(task, answer.trajectory))
-    left = None
+    failed_checks = format_failures(check_trajectory(task, answer.trajectory))
+    relative_gap = None
     if answer.bound is not None and answer.objective:
-        left = (answer.objective - answer.bound) / abs(answer.objective)
+        relative_gap = (answer.objective - answer.bound) / abs(answer.objective)
     plan = WalkPlan(
         name=loaded.name,
         title=spec.title,
@@ -106,7 +108,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         robot_urdf=loaded.robot_urdf,
         seed=spec.seed,
         timings={"prepare": ready - begin, "solve": solved - ready, "method": answer.seconds},
-        solvers=_solvers(spec.solver) | {"word": answer.word},
+        solvers=_list_solver_versions(spec.solver) | {"word": answer.word},
         sizes={
             "knots": task.knots,
             "contact binaries": int(answer.trajectory.gait.contact.size),
@@ -117,26 +119,29 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         history=answer.history,
         begun=answer.begun.state if answer.begun is not None else None,
         bound=answer.bound,
-        gap=left,
+        gap=relative_gap,
         warnings=tuple(
-            told
-            for told in (f"the answer breaks {broken}" if broken else "", answer.cut_short)
-            if told
+            warning
+            for warning in (
+                f"the answer breaks {failed_checks}" if failed_checks else "",
+                answer.cut_short,
+            )
+            if warning
         ),
     )
     return raise_plan(replace(plan, summary=format_summary(plan)))
 
 
-def _conflict(gap: Gap) -> Conflict:
-    what = f"{gap.width:.2f} m without footholds, {gap.most:.2f} m of reach in any attitude"
+def _build_conflict(gap: Gap) -> Conflict:
+    what = f"{gap.width:.2f} m without footholds, {gap.max_width:.2f} m of reach in any attitude"
     names = ("contact.region", "workspace.toe", "goal.position")
     return Conflict(f"from {gap.near} to {gap.far}", (what,), in_words=True, names=names)
 
 
-def _until(solver: WalkSolverSpec, deadline: float) -> WalkSolverSpec:
+def _limit_time(solver: WalkSolverSpec, deadline: float) -> WalkSolverSpec:
     """The same solver with the time that is left until a deadline, of `time.monotonic` [s]."""
-    left = max(deadline - time.monotonic(), _LEAST_TIME)
-    return solver.model_copy(update={"time_limit": min(left, solver.time_limit)})
+    seconds_left = max(deadline - time.monotonic(), _MIN_TIME)
+    return solver.model_copy(update={"time_limit": min(seconds_left, solver.time_limit)})
 
 
 def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAnswer:
@@ -154,25 +159,29 @@ def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAns
         from climbplan.walking.micp.solver import solve_micp
 
         deadline = time.monotonic() + solver.time_limit
-        each = _WARM_SHARE * solver.time_limit / solver.attitude_box.seeds
-        brief = solver.model_copy(update={"method": solver.initial_solution, "time_limit": each})
-        warm = solve_task(task, brief, seed)
-        searched = brief.model_copy(update={"method": "search"})
-        others = [solve_task(task, searched, seed + k) for k in range(1, solver.attitude_box.seeds)]
-        return solve_micp(task, read_limits(_until(solver, deadline)), warm, others)
+        seconds_each = _WARM_FRACTION * solver.time_limit / solver.attitude_box.seeds
+        brief_solver = solver.model_copy(
+            update={"method": solver.initial_solution, "time_limit": seconds_each}
+        )
+        warm = solve_task(task, brief_solver, seed)
+        search_solver = brief_solver.model_copy(update={"method": "search"})
+        other_answers = [
+            solve_task(task, search_solver, seed + k) for k in range(1, solver.attitude_box.seeds)
+        ]
+        return solve_micp(task, read_limits(_limit_time(solver, deadline)), warm, other_answers)
     from climbplan.walking.offline.search import SearchLimits, search
 
     gaits = solver.gaits if solver.gaits is not None else SearchLimits.gaits
     return search(task, SearchLimits(solver.time_limit, gaits, seed, qps=solver.max_qp_solves))
 
 
-def _solvers(solver: WalkSolverSpec) -> dict[str, str]:
-    used = {"method": solver.method, "daqp": metadata.version("daqp")}
-    used["casadi"] = metadata.version("casadi")
+def _list_solver_versions(solver: WalkSolverSpec) -> dict[str, str]:
+    versions = {"method": solver.method, "daqp": metadata.version("daqp")}
+    versions["casadi"] = metadata.version("casadi")
     if solver.method == "micp":
-        used["highs"] = metadata.version("highspy")
-    return used
+        versions["highs"] = metadata.version("highspy")
+    return versions
 
 
-def _silent(stage: str, fraction: float) -> None:
+def _ignore_progress(stage: str, fraction: float) -> None:
     pass

@@ -20,39 +20,41 @@ class GripInstant:
     """One instant with n limbs in contact; forces in units of the load, x their 9 n unknowns."""
 
     limb: IntArray  # (n,)
-    to_wrench: Array  # (n, 7, 9) force, moment and gripping force of each limb
+    wrench_maps: Array  # (n, 7, 9) force, moment and gripping force of each limb
     grasp: Array  # (6, 9 n) moments divided by the lever arm scale
     load: Array  # (6,) likewise
     torque: Array  # (6 n, 9 n) joints and wrists by limb: torque / limit
-    links: Array  # (6 n,) likewise, of the links' own weight
+    link_torque_ratio: Array  # (6 n,) likewise, of the links' own weight
     grip: Array  # (n, 9 n) gripping force
     max_grip: float
     axes: Array  # (n, 3, 3, 3) by part: rows normal, tangent, bitangent
     mu: Array  # (n,)
     spines: Array  # (n, 3) by part
     safety_friction: float
-    pulled: Array  # (n, 3, 3) normal and tangential share of each part in the further pull it holds
-    largest_s: float
-    bending: Array  # (3 n, 9 n) joint angles less commands [rad]
-    room: Array  # (3 n, 2) for them above and below
+    pull_components: (
+        Array  # (n, 3, 3) normal and tangential share of each part in the further pull it holds
+    )
+    max_s: float
+    deflection_per_force: Array  # (3 n, 9 n) joint angles less commands [rad]
+    command_margin: Array  # (3 n, 2) for them above and below
 
     @property
-    def contacts(self) -> int:
-        """n."""
+    def num_contacts(self) -> int:
+        """Return the number n of limbs in contact."""
         return len(self.limb)
 
     @property
     def size(self) -> int:
-        """9 n."""
-        return LIMB_SIZE * self.contacts
+        """Return the number 9 n of unknowns."""
+        return LIMB_SIZE * self.num_contacts
 
     @property
-    def closed(self) -> bool:
-        """Whether fingers grip at all."""
+    def can_grip(self) -> bool:
+        """Return whether fingers grip at all."""
         return self.max_grip > 0
 
-    def part_rows(self, i: int, part: int) -> Array:
-        """(3, 9 n) normal and tangential components of a part's force."""
+    def build_part_rows(self, i: int, part: int) -> Array:
+        """Return the normal and tangential components (3, 9 n) of a part's force."""
         rows = np.zeros((3, self.size))
         start = LIMB_SIZE * i + 3 * part
         rows[:, start : start + 3] = self.axes[i, part]
@@ -60,11 +62,11 @@ class GripInstant:
 
 
 def build_grip_instant(statement: GripStatement, k: int) -> GripInstant:
-    """The matrices of instant k."""
+    """Return the matrices of instant k."""
     limb = np.flatnonzero(statement.contact[k])
     n, unit = len(limb), statement.unit
     scale = np.array([1.0] * 3 + [1 / statement.length] * 3)
-    to_wrench = np.array([statement.parts_to_wrench(k, int(i)) for i in limb]).reshape(
+    to_wrench = np.array([statement.build_wrench_map(k, int(i)) for i in limb]).reshape(
         n, 7, LIMB_SIZE
     )
     grasp = np.zeros((6, n, LIMB_SIZE))
@@ -84,69 +86,73 @@ def build_grip_instant(statement: GripStatement, k: int) -> GripInstant:
         grip[row, row] = to_wrench[row, 6]
     size = n * LIMB_SIZE
     axes = contact_frame(statement.cones.normal[k, limb]).axes
-    room = np.stack([statement.room_below[k, limb], statement.room_above[k, limb]], axis=-1)
+    room = np.stack([statement.margin_below[k, limb], statement.margin_above[k, limb]], axis=-1)
     return GripInstant(
         limb=limb,
-        to_wrench=to_wrench,
+        wrench_maps=to_wrench,
         grasp=grasp.reshape(6, size) * scale[:, None],
         load=statement.load[k] * scale / unit,
         torque=torque.reshape(6 * n, size) * unit,
-        links=links.ravel(),
+        link_torque_ratio=links.ravel(),
         grip=grip.reshape(n, size),
         max_grip=statement.gripper.max_force / unit,
         axes=axes,
         mu=statement.cones.mu[k, limb],
         spines=statement.cones.spines[k, limb] / unit,
         safety_friction=float(statement.safety_friction[k]),
-        pulled=_compute_pull_components(axes, statement.normal[k, limb], statement.pull[k] / unit),
-        largest_s=statement.largest_s,
-        bending=bending.reshape(3 * n, size) * unit,
-        room=room.reshape(3 * n, 2),
+        pull_components=_compute_pull_components(
+            axes, statement.normal[k, limb], statement.pull[k] / unit
+        ),
+        max_s=statement.max_s,
+        deflection_per_force=bending.reshape(3 * n, size) * unit,
+        command_margin=room.reshape(3 * n, 2),
     )
 
 
 def _compute_pull_components(axes: Array, normal: Array, pull: float) -> Array:
-    """(n, 3, 3) what a pull along normals (n, 3) takes from parts: an even half of each finger."""
+    """Return (n, 3, 3) what a pull along normals (n, 3) takes from parts: half of it from each
+    finger.
+    """
     components = np.einsum("npij,nj->npi", axes, normal) * pull / 2
     components[:, 0] = 0.0
     return components
 
 
 def build_open_finger_rows(instant: GripInstant) -> Array:
-    """(6 n, 9 n) rows of all finger forces, which are zero where grippers stay open."""
-    rows = np.eye(instant.size).reshape(instant.contacts, NUM_PARTS, 3, instant.size)
+    """Return rows (6 n, 9 n) of all finger forces, which are zero where grippers stay open."""
+    rows = np.eye(instant.size).reshape(instant.num_contacts, NUM_PARTS, 3, instant.size)
     return rows[:, 1:].reshape(-1, instant.size)
 
 
 @dataclass(frozen=True)
 class EpigraphRows:
-    """Rows A x - s_column s <= upper."""
+    """Rows A x - s_coefficients s <= upper."""
 
     A: Array  # (m, 9 n)
-    by_s: Array  # (m,)
+    s_coefficients: Array  # (m,)
     upper: Array  # (m,)
 
 
 def build_linear_rows(instant: GripInstant) -> EpigraphRows:
-    """Torque, gripping force, pressure and command rows; friction is apart."""
-    n = instant.contacts
-    pressure = [-instant.part_rows(i, part)[0] for i in range(n) for part in range(NUM_PARTS)]
+    """Return the rows of torque, gripping force, pressure and commands, without friction."""
+    n = instant.num_contacts
+    pressure = [-instant.build_part_rows(i, part)[0] for i in range(n) for part in range(NUM_PARTS)]
     row_blocks = [instant.torque, -instant.torque, instant.grip, -instant.grip, np.array(pressure)]
     by_s = [np.ones(12 * n), np.full(n, instant.max_grip), np.zeros(n + NUM_PARTS * n)]
     upper = [
-        -instant.links,
-        instant.links,
+        -instant.link_torque_ratio,
+        instant.link_torque_ratio,
         np.zeros(2 * n),
-        -np.maximum(instant.pulled[..., 0], 0.0).ravel(),
+        -np.maximum(instant.pull_components[..., 0], 0.0).ravel(),
     ]
-    row_blocks += [instant.bending, -instant.bending]
+    row_blocks += [instant.deflection_per_force, -instant.deflection_per_force]
     by_s.append(np.zeros(6 * n))
-    upper += [instant.room[:, 0], instant.room[:, 1]]
+    upper += [instant.command_margin[:, 0], instant.command_margin[:, 1]]
     return EpigraphRows(np.concatenate(row_blocks), np.concatenate(by_s), np.concatenate(upper))
 
 
 def map_linear_blocks(contacts: int) -> dict[str, slice]:
-    """Which of the linear rows each check judges; torques of wrists are among those of joints."""
+    """Return the slice of linear rows of each check; wrist torques are among those of joints."""
     counts = {
         "torque.limit": 12,
         "grip.force": 2,
@@ -159,21 +165,24 @@ def map_linear_blocks(contacts: int) -> dict[str, slice]:
 
 
 def build_friction_rows(instant: GripInstant, facets: int) -> EpigraphRows:
-    """Pyramids inscribed in the cones, which spines widen; those of fingers pulled further too."""
+    """Return pyramids inscribed in the friction cones, which spines widen.
+
+    Fingers with an additional pull have a second pyramid, without the safety factor.
+    """
     corners = regular_corners(facets)
     half = np.pi / facets
     A, upper = [], []
-    for i in range(instant.contacts):
+    for i in range(instant.num_contacts):
         rows = pyramid_rows(np.array(instant.mu[i] / instant.safety_friction), corners)
         for part in range(NUM_PARTS):
-            A.append(rows @ instant.part_rows(i, part))
+            A.append(rows @ instant.build_part_rows(i, part))
             spine_force = instant.spines[i, part] / instant.safety_friction * np.cos(half)
             upper.append(np.full(facets, spine_force))
-            if instant.pulled[i, part].any():
+            if instant.pull_components[i, part].any():
                 full_cone_rows = pyramid_rows(np.array(instant.mu[i]), corners)
-                A.append(full_cone_rows @ instant.part_rows(i, part))
+                A.append(full_cone_rows @ instant.build_part_rows(i, part))
                 spine_force = instant.spines[i, part] * np.cos(half)
-                upper.append(spine_force + full_cone_rows @ instant.pulled[i, part])
+                upper.append(spine_force + full_cone_rows @ instant.pull_components[i, part])
     stacked = np.concatenate(A)
     return EpigraphRows(stacked, np.zeros(len(stacked)), np.concatenate(upper))
 
@@ -181,43 +190,48 @@ def build_friction_rows(instant: GripInstant, facets: int) -> EpigraphRows:
 def build_conic_program(
     instant: GripInstant, extra: int = 0, fixed_s: bool = False, friction: float = 1.0
 ) -> ConicProgram:
-    """The exact problem on x, then s, then `extra` variables that its rows leave alone.
+    """Return the exact problem on x, then s, then `extra` variables with zero columns.
 
-    fixed_s: s is at its upper bound instead; friction: factor on friction and spines. Blocks have
-    the names of the checks that judge them, cones with limb and part: `grip.shear.1.0`.
+    Blocks have the names of the checks that judge them, cones with limb and part: `grip.shear.1.0`.
+
+    Args:
+        instant: The instant.
+        extra: Number of further variables.
+        fixed_s: Whether s is fixed at its upper bound.
+        friction: Factor on friction and spines.
     """
     program = ConicProgram(instant.size + 1 + extra)
     grasp_rows = np.zeros((6, program.size))
     grasp_rows[:, : instant.size] = instant.grasp
-    program.zero("force.equilibrium", grasp_rows, -instant.load)
+    program.add_equality("force.equilibrium", grasp_rows, -instant.load)
     rows = build_linear_rows(instant)
     A = np.zeros((len(rows.A), program.size))
     A[:, : instant.size] = rows.A
-    A[:, instant.size] = -rows.by_s
-    for name, block_rows in map_linear_blocks(instant.contacts).items():
-        program.below(name, A[block_rows], rows.upper[block_rows])
+    A[:, instant.size] = -rows.s_coefficients
+    for name, block_rows in map_linear_blocks(instant.num_contacts).items():
+        program.add_inequality(name, A[block_rows], rows.upper[block_rows])
     bounds = np.zeros((2, program.size))
     bounds[0, instant.size], bounds[1, instant.size] = 1.0, -1.0
-    lower_s = -instant.largest_s if fixed_s else 0.0
-    program.below("s", bounds, np.array([instant.largest_s, lower_s]))
-    if not instant.closed:
-        finger_rows = np.zeros((2 * LIMB_SIZE // NUM_PARTS * instant.contacts, program.size))
+    lower_s = -instant.max_s if fixed_s else 0.0
+    program.add_inequality("s", bounds, np.array([instant.max_s, lower_s]))
+    if not instant.can_grip:
+        finger_rows = np.zeros((2 * LIMB_SIZE // NUM_PARTS * instant.num_contacts, program.size))
         finger_rows[:, : instant.size] = build_open_finger_rows(instant)
-        program.zero("grip.open", finger_rows, np.zeros(len(finger_rows)))
-    for i in range(instant.contacts):
+        program.add_equality("grip.open", finger_rows, np.zeros(len(finger_rows)))
+    for i in range(instant.num_contacts):
         for part in range(NUM_PARTS):
             cone = np.zeros((3, program.size))
-            cone[:, : instant.size] = -instant.part_rows(i, part)
+            cone[:, : instant.size] = -instant.build_part_rows(i, part)
             friction_factor = friction / instant.safety_friction
             cone[0] *= instant.mu[i] * friction_factor
             b = np.array([instant.spines[i, part] * friction_factor, 0.0, 0.0])
-            program.cone(f"grip.shear.{i}.{part}", cone, b)
-            if instant.pulled[i, part].any():
-                pull_components = instant.pulled[i, part]
+            program.add_second_order_cone(f"grip.shear.{i}.{part}", cone, b)
+            if instant.pull_components[i, part].any():
+                pull_components = instant.pull_components[i, part]
                 cone = cone.copy()
                 cone[0] *= instant.safety_friction
                 b = np.array([instant.spines[i, part], -pull_components[1], -pull_components[2]])
                 b[0] -= instant.mu[i] * pull_components[0]
                 b[0] *= friction
-                program.cone(f"grip.pull_out.{i}.{part}", cone, b)
+                program.add_second_order_cone(f"grip.pull_out.{i}.{part}", cone, b)
     return program

@@ -1,7 +1,7 @@
-"""Solve the force problems of robots with grippers, and believe no solver.
+"""Solve the force problems of robots with grippers, and check every answer.
 
-DAQP on what equilibrium leaves free, cones as inscribed pyramids; what it cannot answer, or answers
-beyond the exact constraints, is left to Clarabel on the exact cones.
+DAQP solves the problem on the null space of equilibrium, with cones as inscribed pyramids. Instants
+without an answer that passes the exact check are solved by Clarabel on the exact cones.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class SolvedGrips:
-    """Forces on palms and fingers that passed the check, and instants that have none."""
+    """Forces on palms and fingers that passed the check, and the instants that have none."""
 
-    parts: Array  # (K, N, 3, 3) by part [N], zero for lifted limbs
+    part_forces: Array  # (K, N, 3, 3) by part [N], zero for lifted limbs
     missing: IntArray  # instants
-    solved_again: int  # instants left to Clarabel
+    num_resolved: int  # instants left to Clarabel
 
 
 def solve_grips(statement: GripStatement, solver: str, facets: int) -> SolvedGrips:
-    """Solve and check all instants; solver "clarabel" uses exact cones from the start."""
+    """Solve and check all instants; solver "clarabel" uses the exact cones from the start."""
     count, limbs = statement.contact.shape
     part_forces = np.zeros((count, limbs, 3, 3))
     missing, num_resolved = [], 0
     for k in range(count):
         instant = build_grip_instant(statement, k)
-        if instant.contacts == 0:
+        if instant.num_contacts == 0:
             if statement.load[k].any():
                 missing.append(k)
             continue
@@ -70,9 +70,9 @@ def solve_grips(statement: GripStatement, solver: str, facets: int) -> SolvedGri
 
 
 def _solve_by_daqp(instant: GripInstant, facets: int) -> Array | None:
-    """Forces x (9 n,), or None without an optimum."""
+    """Return forces x (9 n,), or None without an optimum."""
     equality_rows, right_hand_side = instant.grasp, -instant.load
-    if not instant.closed:
+    if not instant.can_grip:
         finger_rows = build_open_finger_rows(instant)
         equality_rows = np.vstack([equality_rows, finger_rows])
         right_hand_side = np.concatenate([right_hand_side, np.zeros(len(finger_rows))])
@@ -85,14 +85,14 @@ def _solve_by_daqp(instant: GripInstant, facets: int) -> Array | None:
     null_space = right_vectors[rank:].T
     linear, friction = build_linear_rows(instant), build_friction_rows(instant, facets)
     A = np.concatenate([linear.A, friction.A])
-    by_s = np.concatenate([linear.by_s, friction.by_s])
+    by_s = np.concatenate([linear.s_coefficients, friction.s_coefficients])
     upper = np.concatenate([linear.upper, friction.upper]) - A @ particular
     matrix = np.column_stack([-by_s, A @ null_space])
     size = null_space.shape[1] + 1
     hessian = PREFERENCE * np.eye(size)
     hessian[0, 0] = _REGULARISATION
     gradient = np.concatenate([[1.0], PREFERENCE * null_space.T @ particular])
-    bounds = np.concatenate([[instant.largest_s], upper])
+    bounds = np.concatenate([[instant.max_s], upper])
     lower = np.full(len(bounds), _UNBOUNDED)
     lower[0] = 0.0
     solution, _, flag, _ = daqp.solve(
@@ -110,7 +110,7 @@ def _solve_by_daqp(instant: GripInstant, facets: int) -> Array | None:
 
 
 def solve_by_clarabel(instant: GripInstant) -> Array | None:
-    """Forces x (9 n,) on the exact cones that pass the check, or None without any."""
+    """Return forces x (9 n,) on the exact cones that pass the check, or None without any."""
     program = build_conic_program(instant)
     cost = np.zeros(program.size)
     cost[instant.size] = 1.0
@@ -122,15 +122,17 @@ def solve_by_clarabel(instant: GripInstant) -> Array | None:
 
 
 def compute_residual(instant: GripInstant, x: Array) -> float:
-    """Largest violation of the exact constraints by forces x (9 n,), in units of the load."""
+    """Return the largest violation of the exact constraints by forces x (9 n,), in units of the
+    load.
+    """
     rows = build_linear_rows(instant)
     violations = [np.abs(instant.grasp @ x + instant.load).max()]
-    violations.append((rows.A @ x - rows.by_s * instant.largest_s - rows.upper).max())
-    if not instant.closed:
+    violations.append((rows.A @ x - rows.s_coefficients * instant.max_s - rows.upper).max())
+    if not instant.can_grip:
         violations.append(np.abs(build_open_finger_rows(instant) @ x).max())
     part_forces = x.reshape(-1, LIMB_SIZE // 3, 3)
     components = np.einsum("npij,npj->npi", instant.axes, part_forces)
-    pulled_components = components - instant.pulled
+    pulled_components = components - instant.pull_components
     for force_components, safety in (
         (components, instant.safety_friction),
         (pulled_components, 1.0),

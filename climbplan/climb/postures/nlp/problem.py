@@ -1,8 +1,8 @@
-"""Postures with exact rotations as a problem of the common table: any smooth method takes it.
+"""Postures with exact rotations as a generic nonlinear problem, which any smooth method takes.
 
-The same statement as method `nlp`, by scalars: rows that are affine are stated as such. Contact and
-free regions are those of the guess that it starts from. Answers are judged by the exact check that
-the method's own have to pass, which does not read the statement.
+The formulation is that of method `nlp`, written for scalars; affine rows are declared as such.
+Contact and free regions are those of the initial guess. Answers are judged by the exact check of
+the method itself, which does not read the formulation.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from climbplan.program.problem import Problem
 
 
 def build_posture_problem(scene: ClimbScene, guess: Guess) -> tuple[Problem, dict[str, Array]]:
-    """The problem of a scene, and its parameters; `numbers.to_rounds` makes postures of a point.
+    """Return the problem of a scene and its parameters; `numbers.extract_rounds` gives its
+    postures.
 
     Variables of round j are com{j} (3,) [m], rpy{j} (3,) [rad], toes{j} (3 N,) [m], limb by limb,
     and the joint angles [rad] of five moments.

@@ -32,9 +32,7 @@ def compute_cost_terms(task: WalkTask, state: Array, force: Array) -> dict[str, 
 
 
 def sum_force_differences(force: Array) -> float:
-    """Return the sum over knots and ordered pairs of legs of || f_s - f_t ||^2; force (N, L, 3)
-    [N^2].
-    """
+    """Return the sum over knots and pairs of legs of || f_s - f_t ||^2; force (N, L, 3) [N^2]."""
     legs = force.shape[1]
     squares = (force**2).sum()
     return float(2.0 * (legs * squares - (force.sum(axis=1) ** 2).sum()))

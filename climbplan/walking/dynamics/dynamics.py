@@ -1,5 +1,4 @@
-"""Single rigid-body dynamics as CasADi expressions for solvers and code generation (eqs. 8.14 to
-8.21).
+"""Single rigid-body dynamics as CasADi expressions, eqs. (8.14) to (8.21).
 
 With position p, velocity v, Euler angles e and angular velocity w of a body with contact forces
 f_i at toes x_i:
@@ -59,8 +58,7 @@ def knot_step(body: Body, dt: Any, mean: Any, state: Any, push: Any, about_origi
         body: mass properties.
         dt: length of the interval.
         mean: 0 for forward Euler; 1 for Runge-Kutta over the interval, with the body moving over
-        fixed
-            toes.
+            fixed toes.
         state: (12,).
         push: (3,) sum of contact forces.
         about_origin: (3,) sum of their moments about the world's origin.

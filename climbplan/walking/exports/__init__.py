@@ -1,1 +1,1 @@
-"""Walks as other programs read them."""
+"""Exports of walks to other programs."""

@@ -52,7 +52,7 @@ class WalkJoints:
             bodies: the body at each time.
             force: (M, L, 3) on the feet, world frame [N].
             toes: function of an offset [s] that gives toes (M, L, 3) in the body frame that much
-            later [m].
+                later [m].
         """
         chain, has_motor = self.legs.chain, self.legs.there
         solutions = [

@@ -1,1 +1,1 @@
-"""Compiled numbers of walking: what a tick and a search over gaits need thousands of times."""
+"""Compiled numerical kernels of walking: dynamics, rollouts, workspace and QP assembly."""

@@ -1,1 +1,1 @@
-"""The controller in its loop: what it is told, and what it tries within a tick."""
+"""Online walking: hybrid model-predictive control, state estimation and closed-loop simulation."""

@@ -50,8 +50,7 @@ class AdmittanceController:
         )
 
     def compute_forces(self, planned: Array, toe_offset: Array, toe_offset_rate: Array) -> Array:
-        """Return contact forces (L, 3) on the robot before friction and force limits, world frame
-        [N].
+        """Return contact forces (L, 3) before friction and force limits, world frame [N].
 
         Args:
             planned: (L, 3) planned forces [N].
@@ -66,9 +65,7 @@ class AdmittanceController:
         return force
 
     def integrate(self, planned: Array, measured: Array, dt: float) -> None:
-        """Integrate eq. (8.28) over dt with constant forces (L, 3), in substeps of the controller's
-        period.
-        """
+        """Integrate eq. (8.28) over dt with constant forces (L, 3)."""
         gains = self.gains
         num_substeps = max(1, round(dt / gains.period))
         substep = dt / num_substeps

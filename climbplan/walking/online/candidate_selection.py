@@ -25,9 +25,8 @@ class Command:
     warning: str = ""
     num_qps: int = 0
     is_feasible: bool = False  # the nonlinear rollout validates the plan
-    first_interval: float = (
-        0.0  # [s] length of the first interval where it is shorter than usual; 0: as usual
-    )
+    # [s] length of the first interval where it is shorter than usual; 0: as usual
+    first_interval: float = 0.0
 
 
 class RankedPlan(NamedTuple):

@@ -1,5 +1,4 @@
-"""Closed-loop simulation: the controller with the nonlinear rigid body in continuous time, under
-pushes.
+"""Closed-loop simulation: controller and nonlinear rigid body in continuous time, with pushes.
 
 At least every 5 ms: sensors, a tick of the controller at knots, contact forces, and a Runge-Kutta
 step with constant forces. A command comes into force after the delay of computation and actuation.
@@ -339,9 +338,7 @@ class _Simulation:
         return state, stance, measured_at
 
     def find_interval(self, sample: int) -> tuple[int, int]:
-        """Return the first samples of the interval that contains a sample, and of the next
-        interval.
-        """
+        """Return the first samples of the interval that contains a sample, and of the next one."""
         earlier = [queued for queued in self.scheduled.values() if queued.sample <= sample]
         if not earlier:
             return 0, self.interval_samples
@@ -351,9 +348,7 @@ class _Simulation:
     def predict(
         self, state: Array, stance: Stance, from_sample: int, until_sample: int
     ) -> tuple[Array, Stance]:
-        """Predict state and stance at a later sample under the commands that are in force until
-        then.
-        """
+        """Predict state and stance at a later sample under the commands in force until then."""
         body = self.task.body
         for sample in range(from_sample, until_sample):
             if sample in self.scheduled:

@@ -6,7 +6,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.check.reference_dynamics import toes_in_body
+from climbplan.walking.check.reference_dynamics import transform_toes_to_body
 from climbplan.walking.kernels.body import integrate_rk4
 from climbplan.walking.online.admittance import AdmittanceController, AdmittanceGains, limit_forces
 from climbplan.walking.online.stance import Stance
@@ -38,9 +38,9 @@ class LegForces:
         self._planned_state = None
         if self._admittance is not None and plan is not None:
             self._admittance.reset()
-            self._start_toes = toes_in_body(state, stance.toes)
+            self._start_toes = transform_toes_to_body(state, stance.toes)
             self._planned_state = plan.state[0].copy()
-            self._planned_toes = toes_in_body(self._planned_state, plan.toes[0])
+            self._planned_toes = transform_toes_to_body(self._planned_state, plan.toes[0])
 
     def compute_forces(self, state: Array, stance: Stance, contact: BoolArray) -> Array:
         """Return the contact forces (L, 3) of one sample of the phase, world frame [N].
@@ -70,7 +70,7 @@ class LegForces:
             plan.force[0],
         )
         planned_toes, next_planned_toes = (
-            toes_in_body(planned_state, plan.toes[0])
+            transform_toes_to_body(planned_state, plan.toes[0])
             for planned_state in (self._planned_state, next_planned)
         )
         # Toe positions relative to the body if legs had followed the plan since the phase began

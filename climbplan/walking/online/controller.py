@@ -140,7 +140,7 @@ class OnlineController:
 
         Args:
             task: body, terrain, references and weights; its horizon is shortened to that of a
-            section.
+                section.
             library: sections of solved walks.
             settings: limits of the search.
             ranking: order of the library's sections for a measurement; nearest neighbours if None.
@@ -331,9 +331,7 @@ class OnlineController:
         selection: CandidateSelection,
         available: BoolArray,
     ) -> Iterator[_Candidate]:
-        """Yield candidates: the shifted previous plan, library sections, and if none is feasible
-        named gaits.
-        """
+        """Yield the shifted previous plan, library sections, and named gaits as a fallback."""
         offered: list[_Candidate] = []
         allow_short = measurement.short_interval > 0
         starts_short = allow_short and available.sum() < task.min_contacts
@@ -435,7 +433,7 @@ class OnlineController:
             reason: why no plan is available, for the warning.
             start: measured start, or the predicted one after a faulty measurement.
             first_interval: length of the first interval where it is shorter than usual, else 0
-            [s].
+                [s].
         """
         self._previous_plan = None
         task = replace(self.task, start=start, first=first_interval)

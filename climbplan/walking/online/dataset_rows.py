@@ -20,7 +20,7 @@ from climbplan.arrays import Array
 from climbplan.errors import PlanFileError
 from climbplan.store.dataset import Dataset, DatasetFrame, solution_layout
 from climbplan.store.dataset_row import RowAnswer
-from climbplan.walking.check.checker import check_trajectory, failures
+from climbplan.walking.check.checker import check_trajectory, format_failures
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.online.features import feature_count
@@ -80,7 +80,7 @@ class WalkRows:
         trajectory = answer.trajectory
         if trajectory is None or answer.cut_short:
             return RowAnswer("limit", answer.cut_short or answer.word, time=elapsed)
-        failed_checks = failures(check_trajectory(task, trajectory))
+        failed_checks = format_failures(check_trajectory(task, trajectory))
         if failed_checks:
             return RowAnswer("failed", f"breaks {failed_checks}", time=elapsed)
         return _build_answer(task, trajectory, answer, elapsed, self._world.is_random)

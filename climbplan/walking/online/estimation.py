@@ -41,9 +41,8 @@ class SensorQuality:
     gyro: float = 0.01  # [rad/s] of each sample
     accel: float = 0.1  # [m/s^2] of each sample
     toe: float = 0.005  # [m] of each coordinate of a toe in the body, from the encoders
-    foot_velocity_std: float = (
-        0.1  # [m/s] of each coordinate of a toe's velocity in the body; 0: no sensor
-    )
+    # [m/s] of each coordinate of a toe's velocity in the body; 0: no sensor
+    foot_velocity_std: float = 0.1
     gyro_drift: float = 1e-3  # [rad/s / sqrt s] random walk of the bias
     accel_drift: float = 1e-3  # [m/s^2 / sqrt s]
     slip: float = 0.01  # [m / sqrt s] of standing toes
@@ -180,9 +179,8 @@ class ContactAidedEkf:
     @property
     def velocity_std(self) -> float:
         """Largest standard deviation of a component of the velocity [m/s]."""
-        projection = np.hstack(
-            [-skew(self.v), np.eye(3)]
-        )  # from errors of orientation and velocity
+        # Maps errors of orientation and velocity
+        projection = np.hstack([-skew(self.v), np.eye(3)])
         rows = np.r_[ORIENTATION, VELOCITY]
         covariance = projection @ self.P[np.ix_(rows, rows)] @ projection.T
         return float(np.sqrt(np.diag(covariance).max()))
@@ -222,8 +220,7 @@ class ContactAidedEkf:
         return bool(residual @ np.linalg.solve(covariance, residual) > _CHI_SQUARE_GATE)
 
     def _update_positions(self, legs: list[int], toes: Array) -> None:
-        """Apply the measurement update of standing toes (K, 3): R^ s - (d^ - p^) = xi_p - xi_d + R^
-        n.
+        """Apply the measurement update of toes (K, 3): R^ s - (d^ - p^) = xi_p - xi_d + R^ n.
 
         s are toe positions in the body frame from the encoders.
         """

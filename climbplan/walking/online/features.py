@@ -1,6 +1,4 @@
-"""Features of a measurement for learned candidate ranking: scaled so that distances are
-comparable.
-"""
+"""Features of a measurement for candidate ranking, scaled to comparable distances."""
 
 from __future__ import annotations
 
@@ -9,7 +7,6 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.robots.leg_order import MIRROR_POINT, MIRROR_TURN, mirror_legs
 from climbplan.walking.online.measurement import RobotMeasurement
-from climbplan.walking.task.task import SPIN, VELOCITY
 
 # Difference that counts as a unit of distance, for each kind of feature
 _SCALES = {
@@ -25,7 +22,7 @@ _SCALES = {
 
 
 def compute_features(
-    situation: RobotMeasurement, height: float, reference_velocity: Array
+    measurement: RobotMeasurement, height: float, reference_velocity: Array
 ) -> Array:
     """Return the features (F,) of a measurement.
 
@@ -34,16 +31,16 @@ def compute_features(
         height: reference height of the body [m].
         reference_velocity: (3,) world frame [m/s].
     """
-    state = situation.state
+    position = measurement.position
     blocks = (
-        state[VELOCITY] / _SCALES["velocity"],
+        measurement.velocity / _SCALES["velocity"],
         reference_velocity / _SCALES["asked"],
-        (state[2:3] - height) / _SCALES["height"],
-        state[6:8] / _SCALES["tilt"],
-        state[SPIN] / _SCALES["spin"],
-        (situation.toes[:, :2] - state[:2]).ravel() / _SCALES["toes"],
-        (situation.previous_toes[:, :2] - state[:2]).ravel() / _SCALES["toes_before"],
-        situation.previous_contact.astype(float) / _SCALES["contact"],
+        (position[2:3] - height) / _SCALES["height"],
+        measurement.tilt / _SCALES["tilt"],
+        measurement.angular_velocity / _SCALES["spin"],
+        (measurement.toes[:, :2] - position[:2]).ravel() / _SCALES["toes"],
+        (measurement.previous_toes[:, :2] - position[:2]).ravel() / _SCALES["toes_before"],
+        measurement.previous_contact.astype(float) / _SCALES["contact"],
     )
     return np.concatenate(blocks)
 

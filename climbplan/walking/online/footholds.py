@@ -1,6 +1,4 @@
-"""Foothold selection of the online planner: anywhere on flat ground, else in the terrain's
-regions.
-"""
+"""Foothold selection of the online planner: anywhere on flat ground, else in regions."""
 
 from __future__ import annotations
 

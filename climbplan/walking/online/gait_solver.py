@@ -52,9 +52,7 @@ class GaitSolution:
 
 @dataclass
 class IterationBudget:
-    """The QP-iteration budget of a tick, in DAQP iterations; a QP's assembly counts as some of
-    them.
-    """
+    """The QP-iteration budget of a tick, in DAQP iterations; assembling a QP counts, too."""
 
     max_iterations: int
     used_iterations: int = 0
@@ -103,18 +101,16 @@ class GaitSolver:
         Args:
             task: the walking task.
             margin: distance that toes yet to be placed keep from the sides of their workspace
-            boxes [m].
+                boxes [m].
             neighbour_region_fraction: fraction of neighbouring regions that the published form may
-            choose.
+                choose.
         """
         self._margin, self._neighbour_region_fraction = margin, neighbour_region_fraction
         self._programs: OrderedDict[bytes, PinnedProgram] = OrderedDict()
         self._published_programs: OrderedDict[bytes, PublishedProgram] = OrderedDict()
 
     def prepare_program(self, task: WalkTask, gait: Gait) -> PinnedProgram:
-        """Return the fixed-integer program of a gait from the task's start, from the cache if
-        possible.
-        """
+        """Return the fixed-integer program of a gait from the task's start, cached if possible."""
         program = self._programs.get(gait.key)
         if program is None:
             program = PinnedProgram(task, gait, self._margin)
@@ -135,7 +131,7 @@ class GaitSolver:
             task: the walking task.
             program: the gait's program.
             initial_iterate: first point of linearisation; None for uniform motion to the
-            reference.
+                reference.
         """
         return SqpProgress(
             guess_iterate(task, program.gait)
@@ -161,8 +157,7 @@ class GaitSolver:
             max_qps: QPs of the gait, earlier ones included.
             budget: iterations left in the tick.
             allow_elastic: relax infeasible workspace rows at a penalty (elastic mode). A solution
-            far off is
-                then given up only if it needs the relaxation.
+                far off is then given up only if it needs the relaxation.
 
         Returns:
             The solution of least violation; None if no QP had a solution.
@@ -203,9 +198,7 @@ class GaitSolver:
         initial_iterate: Iterate,
         budget: IterationBudget,
     ) -> GaitSolution | None:
-        """Solve the published program with the regions of an iterate; return None where OSQP
-        fails.
-        """
+        """Solve the published program in the regions of an iterate; return None if OSQP fails."""
         key = program.gait.key
         if key not in self._published_programs:
             self._published_programs[key] = PublishedProgram(
@@ -260,9 +253,7 @@ class GaitSolver:
 
 
 def fit_iterate(task: WalkTask, program: PinnedProgram, iterate: Iterate) -> Iterate:
-    """Return the iterate with forces and footholds of the legs that stand in the program's gait
-    only.
-    """
+    """Return the iterate with forces and footholds of the program's standing legs only."""
     standing = program.gait.contact[:-1]
     force: Array = np.where(standing[..., None], iterate.force, 0.0)
     spots = iterate.spots

@@ -164,7 +164,7 @@ def cut_sections(task: WalkTask, trajectory: WalkTrajectory, walk: int) -> Secti
     sections: list[tuple[Any, ...]] = []
     for n in range(task.knots - SECTION + 1):
         previous = max(n - 1, 0)
-        situation = RobotMeasurement(
+        measurement = RobotMeasurement(
             trajectory.state[n],
             _project_to_ground(trajectory.toes[n]),
             _project_to_ground(trajectory.toes[previous]),
@@ -175,7 +175,7 @@ def cut_sections(task: WalkTask, trajectory: WalkTrajectory, walk: int) -> Secti
         state, toes = trajectory.state[knots].copy(), trajectory.toes[knots] - base
         state[:, POSITION] -= base
         features = compute_features(
-            situation, clearance + terrain_height[n], task.reference.velocity[n]
+            measurement, clearance + terrain_height[n], task.reference.velocity[n]
         )
         sections.append(
             (features, state, toes, trajectory.force[knots], trajectory.gait.contact[knots])

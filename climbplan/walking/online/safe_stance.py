@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 from climbplan.arrays import Array, BoolArray
 from climbplan.robots.leg_order import alternating
 from climbplan.robots.rotations import rotation_world_body, skew
-from climbplan.walking.check.reference_dynamics import toes_in_body
+from climbplan.walking.check.reference_dynamics import transform_toes_to_body
 from climbplan.walking.online.footholds import project_to_footholds
 from climbplan.walking.task.task import (
     ANGLES,
@@ -61,8 +61,7 @@ def plan_safe_stance(task: WalkTask) -> WalkTrajectory:
 
 
 def _select_stance_legs(task: WalkTask) -> BoolArray:
-    """Return the legs (L,) whose toes stay in reach while the body moves, or those of the better
-    half.
+    """Return the legs (L,) whose toes stay in reach, or those of the better half.
 
     Halves alternate between legs: diagonals, tripods. The other half steps.
     """
@@ -73,7 +72,7 @@ def _select_stance_legs(task: WalkTask) -> BoolArray:
         predicted[POSITION] = (
             task.start.state[POSITION] + fraction * task.steps[0] * predicted[VELOCITY]
         )
-        offset = np.abs(toes_in_body(predicted, task.start.toes) - task.body.toe_center)
+        offset = np.abs(transform_toes_to_body(predicted, task.start.toes) - task.body.toe_center)
         violation = np.maximum(violation, (offset - task.body.toe_half).max(axis=1))
     reached: BoolArray = violation <= _REACH_TOLERANCE
     if 2 * reached.sum() < legs:

@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.walking.check.reference_dynamics import toes_in_body
+from climbplan.walking.check.reference_dynamics import transform_toes_to_body
 from climbplan.walking.kernels.swept_terrain import find_highest_terrain
 from climbplan.walking.online.footholds import project_to_footholds
 from climbplan.walking.online.safe_stance import solve_balance_forces
@@ -88,9 +88,7 @@ class Stance:
         )
 
     def project_toes(self, task: WalkTask, fraction: float) -> Array:
-        """Return stance positions (L, 3), and horizontal positions of swinging toes at lift-off
-        height.
-        """
+        """Return stance positions (L, 3); swinging toes are projected to their lift-off height."""
         toes, airborne = self.toes.copy(), ~self.phase.contact
         toes[airborne, :2] = self.compute_toes(task, fraction)[airborne, :2]
         return toes
@@ -139,7 +137,9 @@ class Stance:
     def find_unreachable_feet(self, task: WalkTask, state: Array) -> BoolArray:
         """Return standing legs (L,) at the edge of their workspace in a state (12,)."""
         body = task.body
-        violation = np.abs(toes_in_body(state, self.toes) - body.toe_center) - body.toe_half
+        violation = (
+            np.abs(transform_toes_to_body(state, self.toes) - body.toe_center) - body.toe_half
+        )
         unreachable: BoolArray = self.phase.contact & (violation.max(axis=1) > LIFT_OFF_VIOLATION)
         return unreachable
 
@@ -193,8 +193,7 @@ class Stance:
         return toes
 
     def replace_toes(self, toes: Array) -> Stance:
-        """Return the stance as the controller knows it: measured toes and the phase as it was
-        planned.
+        """Return the stance as the controller knows it: measured toes, and the planned phase.
 
         Its world frame may have drifted from the true one. Contacts are measured.
         """

@@ -20,9 +20,7 @@ from climbplan.walking.task.task import ANGLES, POSITION, SPIN, STATE, VELOCITY,
 
 
 class SimulatedSensors:
-    """Simulated IMU, encoders and contact switches: noisy samples of a true motion, with drifting
-    biases.
-    """
+    """Simulated IMU, encoders and contact switches with noise and drifting biases."""
 
     def __init__(
         self,
@@ -83,9 +81,7 @@ class SimulatedSensors:
         )
 
     def _sample_toe_velocities(self, state: Array, toes: Array, R: Array) -> Array | None:
-        """Return body-frame velocities (L, 3) of toes at rest in the world; None without such
-        sensors.
-        """
+        """Return body-frame velocities (L, 3) of resting toes; None without such sensors."""
         deviation = self.quality.foot_velocity_std
         if deviation == 0:
             return None

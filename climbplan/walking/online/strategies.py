@@ -118,9 +118,7 @@ class ClusterRanking:
         self._members = [np.flatnonzero(cluster == k) for k in range(int(cluster.max()) + 1)]
 
     def rank(self, features: Array, count: int) -> IntArray:
-        """Return one section of each gait of the likeliest clusters, by cluster and then by
-        distance.
-        """
+        """Return one section of each gait of the likeliest clusters, by cluster and distance."""
         distances = self._neighbours.compute_distances(features)
         ranking: list[int] = []
         ranked_gaits: set[int] = set()

@@ -186,9 +186,7 @@ def plot_snapshots(plan: WalkPlan) -> Figure:
 
 
 def _select_samples(plan: WalkPlan) -> IntArray:
-    """Select samples to show: evenly over the horizon, or a closed loop's knots about its first
-    push.
-    """
+    """Select samples to show: evenly, or a closed loop's knots about its first push."""
     task, pushes = plan.task, list_push_times(plan)
     moments = np.linspace(0, task.knots - 1, _NUM_SNAPSHOTS)
     if plan.loop is not None and pushes:

@@ -1,1 +1,1 @@
-"""Walks: in memory, in files, and in words."""
+"""Walking plans: results in memory, plan files, and summaries."""

@@ -21,9 +21,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 def compute_steepness(slope: Array) -> Array:
-    """Return the ratio (...) of vertical to normal distance between parallel planes of slope (...,
-    2).
-    """
+    """Return the ratio (...) of vertical to normal distance of planes with slope (..., 2)."""
     return np.asarray(np.sqrt(1.0 + (slope**2).sum(axis=-1)))
 
 

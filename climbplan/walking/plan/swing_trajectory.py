@@ -24,9 +24,7 @@ Fraction = TypeVar("Fraction", float, Array)
 
 
 def quintic_progress(s: Fraction) -> tuple[Fraction, Fraction, Fraction]:
-    """Return the quintic from 0 to 1 with zero velocity and acceleration at both ends, and
-    derivatives.
-    """
+    """Return the quintic from 0 to 1, at rest at both ends, and its two derivatives."""
     return (
         s**3 * (10 - 15 * s + 6 * s**2),
         30 * s**2 * (1 - s) ** 2,
@@ -35,7 +33,7 @@ def quintic_progress(s: Fraction) -> tuple[Fraction, Fraction, Fraction]:
 
 
 def quartic_arch(s: Fraction) -> tuple[Fraction, Fraction, Fraction]:
-    """Return the quartic from 0 up to 1 and back to 0, at rest at both ends, and derivatives."""
+    """Return the quartic from 0 up to 1 and back to 0, and its two derivatives."""
     return (
         16 * s**2 * (1 - s) ** 2,
         32 * s * (1 - s) * (1 - 2 * s),
@@ -54,9 +52,7 @@ class SwingTrajectory:
     descent_fraction: float = 0.0  # of the swing, downwards alone
 
     def evaluate(self, fraction: float) -> tuple[Array, Array, Array]:
-        """Return the position (3,) at a fraction of the time, and both derivatives by that
-        fraction.
-        """
+        """Return the position (3,) at a fraction of the time, and its two derivatives."""
         rate = 1.0 / (1.0 - self.rise_fraction - self.descent_fraction)
         progress, speed, progress_curvature = quintic_progress(
             float(np.clip(rate * (fraction - self.rise_fraction), 0.0, 1.0))

@@ -19,9 +19,9 @@ class LoopRecord:
     tick_time: Array  # (T,) [s]
     solve_time: Array  # (T,) [s]
     candidates_tried: IntArray  # (T,)
-    winner: (
-        IntArray  # (T,) section of the library, or -1 the plan before, -2 a named gait, -3, -4 none
-    )
+    # (T,) source of the plan: section of the library, -1 previous plan, -2 named gait,
+    # -3 safe stance, -4 none (the plan continues)
+    winner: IntArray
     warnings: tuple[str, ...]  # of ticks, each with its time
     samples: int  # from one knot to the next
 

@@ -1,1 +1,1 @@
-"""From specs and random draws to tasks."""
+"""Walking tasks from specs and from random draws."""

@@ -1,6 +1,4 @@
-"""Build the walking task of an MPC spec: body, terrain with random stepping stones, start,
-reference.
-"""
+"""Build the walking task of an MPC spec: body, terrain, start and reference."""
 
 from __future__ import annotations
 
@@ -56,9 +54,8 @@ def sample_stones(spec: SteppingStonesSpec) -> tuple[list[str], Array, Array]:
     """
     rng = np.random.default_rng(spec.seed)
     max_angle = np.deg2rad(spec.turn_deg)
-    half = (
-        0.5 * spec.size * float(np.cos(max_angle) + np.sin(max_angle))
-    )  # of a stone at the largest angle
+    # Half extent of a stone at the largest angle
+    half = 0.5 * spec.size * float(np.cos(max_angle) + np.sin(max_angle))
     x_centres, y_centres = (
         a + half + spec.pitch * np.arange(int((b - a - 2 * half) / spec.pitch + 1e-9) + 1)
         for a, b in (spec.x, spec.y)

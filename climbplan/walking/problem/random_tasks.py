@@ -105,8 +105,7 @@ def apply_world(task: WalkTask, world: Array) -> WalkTask:
     Args:
         task: on flat ground.
         world: (WORLD_SIZE,) factor of mass and inertia; factor of the reference's velocity; starts
-        of
-            treads, ahead and behind (2, NUM_TREADS) [m from the origin]; their heights in that
+            of treads, ahead and behind (2, NUM_TREADS) [m from the origin]; their heights in that
             order [m]. (0,): nothing changes.
     """
     if not len(world):

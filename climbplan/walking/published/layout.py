@@ -211,9 +211,7 @@ class VariableLayout:
         return low, high
 
     def _bound_rotation_entries(self, low: Array, high: Array) -> None:
-        """Bound triples and entries of R, which have no regions of their own, by interval
-        arithmetic.
-        """
+        """Bound triples and entries of R, which have no own regions, by interval arithmetic."""
         pair, pitch = self.pair[:, list(TRIPLES)], self.trig[:, 1:2]
         corners = [a[pair] * b[pitch] for a in (low, high) for b in (low, high)]
         low[self.triple], high[self.triple] = np.min(corners, axis=0), np.max(corners, axis=0)

@@ -81,7 +81,7 @@ class PublishedProgram:
         Args:
             program: the fixed-gait program; gives task, gait, margin and toes.
             neighbour_region_fraction: fraction of regions adjacent to the neighbour's that is
-            allowed, too.
+                allowed, too.
         """
         self.neighbour_region_fraction = neighbour_region_fraction
         self.program = program  # with the start of each solve
@@ -146,9 +146,7 @@ class PublishedProgram:
         return Iterate(x[layout.state], force, x[layout.spot])
 
     def write_rows(self, low: Array, high: Array) -> None:
-        """Write the coefficients for regions from low to high (n,), which are clipped to the
-        workspace.
-        """
+        """Write the coefficients for regions from low to high (n,), clipped to the workspace."""
         layout, rows, program = self.layout, self.rows, self.program
         self._write_equality(self._begin, program.start.state)
         stance_foothold = program.footing.foothold[layout.stand_knot, layout.stand_leg]

@@ -1,1 +1,1 @@
-"""Walks replayed in MuJoCo."""
+"""Simulation of walks in MuJoCo: as one rigid body or with the whole robot."""

@@ -1,6 +1,4 @@
-"""Comparison of a simulated walk with its plan: path, contact forces, friction, corrections,
-slips.
-"""
+"""Comparison of a simulated walk with its plan: path, forces, friction, corrections, slips."""
 
 from __future__ import annotations
 

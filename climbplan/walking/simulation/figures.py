@@ -53,9 +53,7 @@ def plot_path(plan: WalkPlan, run: WalkRun) -> Figure:
 
 
 def plot_forces(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> Figure:
-    """Plot normal force and critical friction of each leg, planned and simulated, with swings
-    shaded.
-    """
+    """Plot normal force and critical friction of each leg, planned and simulated."""
     figure = new_figure(6.4, entries=4)
     axes = figure.subplots(plan.task.body.leg_count, 2, sharex=True)
     last = max(run.samples - 1, 1)

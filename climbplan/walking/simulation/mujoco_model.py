@@ -21,9 +21,8 @@ from climbplan.walking.task.task import POSITION
 
 TIME_STEP = 1e-3  # [s]
 TOE_RADIUS = 0.005  # [m]
-TOE_MASS = (
-    0.1  # [kg] of a toe, in addition to the robot's mass; it limits the speed of slipping toes
-)
+# [kg] in addition to the robot's mass; it limits the speed of slipping toes
+TOE_MASS = 0.1
 _MARGIN = 2.0  # [m] of terrain beyond the walk, for unbounded regions
 _GROUND_THICKNESS = 0.2  # [m] of the ground
 _HALF_HEIGHT = 0.04  # [m] of the body's collision box

@@ -210,9 +210,7 @@ class _Replay:
         return total
 
     def _apply_forces(self, leg_force: Array, contact: BoolArray, now: float) -> None:
-        """Apply leg forces (L, 3) to body and standing toes; swinging toes follow their
-        trajectories.
-        """
+        """Apply leg forces (L, 3) to body and standing toes, and track swing trajectories."""
         data = self.data
         toes, speed = data.qpos[self.qpos_index], data.qvel[self.dof_index]
         ground = toes - [0, 0, TOE_RADIUS]

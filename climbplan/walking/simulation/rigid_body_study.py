@@ -11,11 +11,11 @@ import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.reports.page_parts import Card
-from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import Conditions, require_possible
 from climbplan.simulation.mujoco_loading import load_mujoco
 from climbplan.simulation.pictures import Camera, open_camera
 from climbplan.simulation.report_files import SimulationRecord, summarise_values
+from climbplan.simulation.request import SimulationRequest
 from climbplan.simulation.trials import ConditionsDistribution, Trial, run_trials, sample_conditions
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.simulation.comparison import WalkComparison, compare_walk

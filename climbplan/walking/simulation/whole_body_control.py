@@ -186,9 +186,7 @@ class WholeBodyController:
     def _build_posture_tasks(
         self, jacobians: list[Array], unknowns: int
     ) -> Iterator[tuple[Array, Array, float]]:
-        """Yield nullspace tasks that move redundant legs (more than three joints) to their
-        posture.
-        """
+        """Yield nullspace tasks that move redundant legs to their posture."""
         data = self.data
         for leg, has_motor in enumerate(self.has_motor):
             dofs = self.dof_index[leg][has_motor]
@@ -247,9 +245,7 @@ class WholeBodyController:
 
 
 def _build_friction_rows(normal: Array, friction: float) -> Array:
-    """Return rows (S, F + 1, 3): facets of pyramids inside the cones about normals (S, 3), and
-    normals.
-    """
+    """Return rows (S, F + 1, 3): facets of friction pyramids about normals (S, 3), and normals."""
     angle = 2 * np.pi * (np.arange(_FACETS) + 0.5) / _FACETS
     slope = friction * np.cos(np.pi / _FACETS)
     rows = np.empty((len(normal), _FACETS + 1, 3))

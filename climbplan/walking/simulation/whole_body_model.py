@@ -198,9 +198,7 @@ class _BodyTree:
         )
 
     def _build_link(self, joint: int, to_model: Array) -> str:
-        """Build the body that a joint moves; to_model: rotation from the parent's axes in
-        Pinocchio.
-        """
+        """Build the body that a joint moves; to_model: rotation from Pinocchio's parent axes."""
         pin, model = self.urdf_model.library, self.urdf_model.model
         place, name = self.data.liMi[joint], str(model.names[joint])
         rotation = to_model @ np.array(place.rotation)

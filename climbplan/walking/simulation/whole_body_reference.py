@@ -41,9 +41,8 @@ class WholeBodyReference:
         self.plan, self.task, self.foot = plan, plan.task, foot
         self.base = build_walk_reference(plan)
         self.time, self.contact = self.base.time, self.base.contact
-        self.region: IntArray = (
-            plan.trajectory.gait.region
-        )  # (T, L) in the air: where toes will land
+        # (T, L) region of the stance, of swinging toes that of the landing
+        self.region: IntArray = plan.trajectory.gait.region
         self.normal: Array = self.task.ground.frame[self.region][..., 2, :]  # (T, L, 3)
         height = self.task.reference.height[0] - self.task.ground.standoff
         self.pendulum = float(np.sqrt(height / self.task.body.gravity))
@@ -91,9 +90,8 @@ class WholeBodyReference:
             )
         if fraction < _FIXED_LANDING_FRACTION:
             limit = _MAX_LANDING_OFFSET * self.task.body.toe_half
-            growth = _CAPTURE_GAIN * np.exp(
-                (1.0 - fraction) * span / self.pendulum
-            )  # until landing
+            # Growth of the capture point's offset until the landing
+            growth = _CAPTURE_GAIN * np.exp((1.0 - fraction) * span / self.pendulum)
             offset = np.append(np.clip(growth * capture_offset, -limit, limit)[:2], 0.0)
             self.landing_offset[leg] = self._limit_to_region(
                 self.find_sample(time), leg, swing.touchdown, offset

@@ -18,7 +18,7 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.simulation.conditions import NOMINAL, Conditions
 from climbplan.simulation.mujoco_loading import load_mujoco
-from climbplan.walking.check.reference_dynamics import toes_in_body
+from climbplan.walking.check.reference_dynamics import transform_toes_to_body
 from climbplan.walking.online.estimation import logarithm
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.simulation.mujoco_model import TIME_STEP
@@ -191,7 +191,7 @@ class _WholeBodyReplay:
         """Set the plan's first state; joint speeds keep standing toes at rest."""
         state, toes = self.plan.trajectory.state[0], self.plan.trajectory.toes[0]
         rotation, data, legs = rotation_world_body(state[ANGLES]), self.data, self.legs
-        spots = toes_in_body(state, toes)
+        spots = transform_toes_to_body(state, toes)
         angles = legs.chain.inverse(spots, legs.lower, legs.upper).best()
         angles = np.where(np.isfinite(angles), angles, legs.chain.posture)
         data.qpos[:3] = state[POSITION] - rotation @ self.centre

@@ -1,1 +1,1 @@
-"""What a walking problem is given, in numbers."""
+"""The walking task in numbers: body, terrain, start, references and weights."""

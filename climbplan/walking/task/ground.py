@@ -97,9 +97,7 @@ class Ground:
 
     @cached_property
     def footholds(self) -> tuple[Array, Array, Array]:
-        """Bounds `lower`, `upper` and `sides` of admissible footholds, without the strips along
-        edges.
-        """
+        """Bounds `lower`, `upper` and `sides` of admissible footholds, without edge strips."""
         sides = self.sides.copy()
         sides[..., 2] -= np.where(sides[..., :2].any(axis=-1), self.edge, 0.0)
         return self.lower + self.edge, self.upper - self.edge, sides
@@ -174,9 +172,7 @@ class Ground:
         return chosen
 
     def project(self, region: IntArray, xy: Array) -> Array:
-        """Return points (..., 2) moved to footholds of regions (...), for polygons towards
-        `inner`.
-        """
+        """Return points (..., 2) moved into the footholds of regions (...)."""
         lower, upper, sides = self.footholds
         spot: Array = np.clip(xy, lower[region], upper[region])
         if self.corners.shape[1]:

@@ -140,9 +140,8 @@ class WalkTask:
     weights: Weights
     swing_clearance: float  # [m] of a swinging toe above the ground it leaves and reaches
     min_contacts: int  # standing legs in every interval
-    workspace_over_stance: bool = (
-        False  # standing toes stay in their boxes until the interval's end
-    )
+    # Standing toes stay in their boxes until the interval's end
+    workspace_over_stance: bool = False
     goal: Goal = field(default_factory=Goal.anywhere)
     legs: WalkingLegs | None = None  # joints with torque limits of a URDF robot
     first: float = 0.0  # [s] length of the first interval if a plan begins between knots; 0: `dt`

@@ -77,21 +77,17 @@ def solve_slack_selection(
     if solution is None:
         ended = "all that was left open is tried" if not stack else "a limit was reached"
         message += f", later ones {max_fixed} at most: {ended}"
-    return judge_answer(
-        instance,
-        Answer(
-            x=solution,
-            bound=-np.inf,
-            infeasible=False,
-            nodes=programs,
-            time=time.perf_counter() - begin,
-            solver="sl1-relaxation",
-            log=(message,),
-            assignment=None if solution is None else chosen,
-        ),
-        gap,
-        FEASIBILITY,
+    answer = Answer(
+        x=solution,
+        bound=-np.inf,
+        infeasible=False,
+        nodes=programs,
+        time=time.perf_counter() - begin,
+        solver="sl1-relaxation",
+        log=(message,),
+        assignment=None if solution is None else chosen,
     )
+    return judge_answer(instance, answer, gap, FEASIBILITY)
 
 
 @dataclass(frozen=True)

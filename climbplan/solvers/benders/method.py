@@ -27,7 +27,7 @@ from climbplan.solvers.mixed_integer.indicator_form import IndicatorForm, build_
 from climbplan.solvers.mixed_integer.leaf_cover import HorizonShift
 from climbplan.solvers.mixed_integer.nodes import UNLIMITED
 from climbplan.solvers.mixed_integer.presolve import build_mixed_integer_program
-from climbplan.solvers.mixed_integer.problem_data import ProvedInfeasible
+from climbplan.solvers.mixed_integer.problem_data import MixedIntegerProgram, ProvedInfeasible
 from climbplan.solvers.mixed_integer.warm_up import warm_up_kernels
 from climbplan.solvers.result import (
     FEASIBILITY,
@@ -192,17 +192,6 @@ class WarmStartedBenders:
             state.message = f"{state.unsolved} convex programs could not be solved to the end"
         if state.incumbent is None and state.bound > program.data.max_cost:
             state.infeasible = True  # nothing in the box costs so much
-        summary = (
-            f"{subproblem.num_solved} sets of integers tried, {state.num_nodes} nodes of masters"
-        )
-        log = [
-            (
-                f"{len(program.entities)} integers, {program.size} unknowns, "
-                f"{num_stored_cuts} cuts remembered"
-            ),
-            f"{summary}, {subproblem.num_dual_steps} dual steps",
-            *([state.message] if state.message else []),
-        ]
         best = state.incumbent
         answer = Answer(
             x=None if best is None else best[: instance.size],
@@ -212,7 +201,7 @@ class WarmStartedBenders:
             nodes=subproblem.num_solved,
             time=time.perf_counter() - begin,
             solver=NAME,
-            log=tuple(log),
+            log=_build_log(program, num_stored_cuts, subproblem, state),
         )
         self._best = self._best if best is None else best
         self.cuts = self.cuts[-_MAX_CUTS:]
@@ -310,3 +299,17 @@ class WarmStartedBenders:
         if is_feasible and stated is not None and instance.objective(stated) < state.cost:
             state.incumbent, state.cost = x, instance.objective(stated)
         return True
+
+
+def _build_log(
+    program: MixedIntegerProgram, num_stored_cuts: int, subproblem: Subproblem, state: _State
+) -> tuple[str, ...]:
+    """Return the lines about sizes and effort."""
+    integers, size = len(program.entities), program.size
+    sets, nodes = subproblem.num_solved, state.num_nodes
+    steps = subproblem.num_dual_steps
+    lines = [
+        f"{integers} integers, {size} unknowns, {num_stored_cuts} cuts remembered",
+        f"{sets} sets of integers tried, {nodes} nodes of masters, {steps} dual steps",
+    ]
+    return (*lines, state.message) if state.message else tuple(lines)

@@ -76,19 +76,7 @@ class OsqpSession:
             self._solver.update(q=q, l=lower, u=upper)
         else:
             self._solver = osqp.OSQP()
-            self._solver.setup(
-                P,
-                q,
-                A,
-                lower,
-                upper,
-                verbose=False,
-                eps_abs=self._tolerance,
-                eps_rel=self._tolerance,
-                max_iter=self._iterations,
-                polishing=True,
-                adaptive_rho_interval=50,  # by iterations, not by time: the same answer every run
-            )
+            self._solver.setup(P, q, A, lower, upper, **self._options())
         self._P, self._A = P, A
         answer = run_osqp(self._solver, P.nnz + A.nnz)
         status = answer.info.status_val
@@ -106,6 +94,17 @@ class OsqpSession:
             solver="osqp",
             log=(f"OSQP: {answer.info.status}",),
         )
+
+    def _options(self) -> dict[str, Any]:
+        """Return OSQP's options."""
+        return {
+            "verbose": False,
+            "eps_abs": self._tolerance,
+            "eps_rel": self._tolerance,
+            "max_iter": self._iterations,
+            "polishing": True,
+            "adaptive_rho_interval": 50,  # by iterations, not by time: the same answer every run
+        }
 
 
 def run_osqp(solver: osqp.OSQP, work: int) -> Any:

@@ -230,6 +230,17 @@ class _OuterApproximation:
         return sparse.vstack(blocks).tocsr(), np.concatenate(ends)
 
 
+def _add_first_tangents(solver: Any, approximation: _OuterApproximation) -> None:
+    """Add tangents of the squares, spread over the ranges of these."""
+    cost = approximation.cost
+    reach = propagate_box(approximation.instance).interval(cost.U)
+    low, high = reach.lower + cost.offset, reach.upper + cost.offset
+    bounded = np.isfinite(low) & np.isfinite(high)
+    low, high = np.where(bounded, low, 0.0), np.where(bounded, high, 0.0)
+    for fraction in np.linspace(0.0, 1.0, _FIRST_TANGENTS):
+        _add_rows(solver, *approximation.build_square_tangents(low + fraction * (high - low)))
+
+
 def _solve_by_outer_approximation(
     instance: Instance, gap: float, begin: float, time_limit: float, tolerance: float
 ) -> Answer:
@@ -239,13 +250,7 @@ def _solve_by_outer_approximation(
     solver = create_highs(time_limit, _INNER_GAP * gap)
     solver.passModel(approximation.lp)
     if len(cost.offset):
-        box = propagate_box(instance)
-        reach = box.interval(cost.U)
-        low, high = reach.lower + cost.offset, reach.upper + cost.offset
-        bounded = np.isfinite(low) & np.isfinite(high)
-        for fraction in np.linspace(0.0, 1.0, _FIRST_TANGENTS):
-            low, high = np.where(bounded, low, 0.0), np.where(bounded, high, 0.0)
-            _add_rows(solver, *approximation.build_square_tangents(low + fraction * (high - low)))
+        _add_first_tangents(solver, approximation)
     linear = not len(cost.offset) and "balls" not in instance.features
     incumbent: Array | None = None
     best, bound, nodes, note = np.inf, -np.inf, 0, ""

@@ -71,26 +71,11 @@ def solve_branch_and_bound(
     try:
         form = build_normal_form(instance, late=lambda: time.perf_counter() >= deadline)
     except OutOfTime:
-        answer = Answer(
-            x=None,
-            bound=-np.inf,
-            infeasible=False,
-            nodes=0,
-            time=time.perf_counter() - begin,
-            solver=NAME,
-            log=("the time was over before the search began",),
-        )
+        message = "the time was over before the search began"
+        answer = _build_empty_answer(message, begin, infeasible=False)
         return judge_answer(instance, answer, gap, tolerance)
     if form.contradiction:
-        answer = Answer(
-            x=None,
-            bound=np.inf,
-            infeasible=True,
-            nodes=0,
-            time=time.perf_counter() - begin,
-            solver=NAME,
-            log=(f"infeasible: {form.contradiction}",),
-        )
+        answer = _build_empty_answer(f"infeasible: {form.contradiction}", begin, infeasible=True)
         return judge_answer(instance, answer, gap, tolerance)
     if form.size == 0:
         return _answer_single_point(instance, form.cost.center, gap, tolerance, begin)
@@ -109,6 +94,19 @@ def solve_branch_and_bound(
         log=tuple(search.log),
     )
     return judge_answer(instance, answer, gap, tolerance)
+
+
+def _build_empty_answer(message: str, begin: float, infeasible: bool) -> Answer:
+    """Return the answer of an instance that was not searched."""
+    return Answer(
+        x=None,
+        bound=np.inf if infeasible else -np.inf,
+        infeasible=infeasible,
+        nodes=0,
+        time=time.perf_counter() - begin,
+        solver=NAME,
+        log=(message,),
+    )
 
 
 def _answer_single_point(

@@ -51,7 +51,9 @@ def test_a_slow_machine_finds_the_same_plan(
 
 
 def test_the_budget_of_programs_ends_the_search() -> None:
-    with pytest.raises(LimitReached, match=r"with 1 programs.*`solver\.programs` ended throw"):
+    with pytest.raises(
+        LimitReached, match=r"with 1 programs.*`solver\.max_nlp_solves` ended throw"
+    ):
         plan_limms(loaded("limms_throw", "solver.max_nlp_solves=1"))
 
 

@@ -63,16 +63,12 @@ def _newton_euler(
     bodies = build_link_bodies(scene.module)
     lengths = scene.module.link_lengths
     frame, position = ca.SX(ca.DM(limb.other_rotation)), ca.SX(ca.DM(limb.fixed_position))
-    angular_velocity, angular_acceleration, acceleration = (
-        ca.SX.zeros(3),
-        ca.SX.zeros(3),
-        ca.SX.zeros(3),
-    )
+    angular_velocity, angular_acceleration = ca.SX.zeros(3), ca.SX.zeros(3)
+    acceleration = ca.SX.zeros(3)
     sign = 1.0 if root == 0 else -1.0
     order = range(7) if root == 0 else range(6, -1, -1)
-    inertial_loads: dict[
-        int, tuple[ca.SX, ca.SX, ca.SX]
-    ] = {}  # force, moment about the centre of mass, centre of mass
+    # Force, moment about the centre of mass, and centre of mass of each link
+    inertial_loads: dict[int, tuple[ca.SX, ca.SX, ca.SX]] = {}
     joints: dict[int, tuple[ca.SX, ca.SX]] = {}  # position and axis
     for k in order:
         if k != order[0]:

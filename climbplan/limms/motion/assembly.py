@@ -110,26 +110,7 @@ def latch_from_ground(
     failures = 0
     for point in list_standing_points(scene, float(position[2]), target, position):
         base = Pose(point, compute_standing_rotation(0))
-        at_point = partial_plan.copy()
-        at_point.base_position[module] = point
-        for branch in BRANCHES:
-            solution = inverse(scene.module, base, target, branch)
-            angles = solution.angles
-            if solution.reach_error > 0 or range_excess(scene.module, angles) > 0:
-                continue
-            if (
-                plan_straight_approach(
-                    at_point,
-                    module,
-                    base,
-                    0,
-                    target=target,
-                    ending=angles,
-                    length=APPROACH_LENGTHS[-1],
-                )
-                is None
-            ):
-                continue
+        for angles in _iterate_reaching_angles(partial_plan, module, base, target):
             attempt = partial_plan.copy()
             try:
                 drive(attempt, module, point, f"{name}: drive", rng)
@@ -156,6 +137,25 @@ def latch_from_ground(
     raise Blocked(
         f"{name}: no place to stand from which module {scene.module_names[module]} reaches"
     )
+
+
+def _iterate_reaching_angles(
+    partial_plan: PartialPlan, module: int, base: Pose, target: Pose
+) -> Iterator[Array]:
+    """Yield joint angles (6,) with which a module at `base` reaches a target straight [rad]."""
+    scene, at_base = partial_plan.scene, partial_plan.copy()
+    at_base.base_position[module] = base.position
+    length = APPROACH_LENGTHS[-1]
+    for branch in BRANCHES:
+        solution = inverse(scene.module, base, target, branch)
+        angles = solution.angles
+        if solution.reach_error > 0 or range_excess(scene.module, angles) > 0:
+            continue
+        approach = plan_straight_approach(
+            at_base, module, base, 0, target=target, ending=angles, length=length
+        )
+        if approach is not None:
+            yield angles
 
 
 def latch_arm(

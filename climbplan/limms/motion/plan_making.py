@@ -176,13 +176,20 @@ def build_motion(
         for key, value in arrays.items():
             joined[key].append(value)
     motion = Motion(**{key: np.concatenate(values) for key, values in joined.items()})
+    return motion, _list_stages(stretches, starts)
+
+
+def _list_stages(
+    stretches: Sequence[Stretch], starts: Array
+) -> tuple[tuple[str, float, float], ...]:
+    """Return names and times of stages; equal names in sequence are one stage."""
     stages: list[tuple[str, float, float]] = []
     for stretch, start, end in zip(stretches, starts[:-1], starts[1:], strict=True):
         if stages and stages[-1][0] == stretch.name:
             stages[-1] = (stretch.name, stages[-1][1], float(end))
         else:
             stages.append((stretch.name, float(start), float(end)))
-    return motion, tuple(stages)
+    return tuple(stages)
 
 
 def _renumber_anchors(anchors: IntArray, order: Sequence[int]) -> IntArray:

@@ -205,16 +205,8 @@ def drive(
     if path is None:
         raise Blocked(f"{name}: no free way on the ground")
     corners = np.column_stack([path, np.full(len(path), start[2])])
-    times, places = [np.zeros(1)], [corners[:1]]
-    for first, last in itertools.pairwise(corners):
-        length = float(np.linalg.norm(last - first))
-        if length < 1e-9:
-            continue
-        t = sample_times(1.5 * length / (scene.pace * SPEED_FRACTION * scene.module.ground_speed))
-        s = t / t[-1]
-        times.append(times[-1][-1] + t[1:])
-        places.append(first + (3 * s**2 - 2 * s**3)[1:, None] * (last - first))
-    time, positions_of_path = np.concatenate(times), np.concatenate(places)
+    speed = scene.pace * SPEED_FRACTION * scene.module.ground_speed
+    time, positions_of_path = _time_driving(corners, speed)
     if len(time) < 2:
         return
     fixed_angles = np.tile(angles, (len(time), 1))
@@ -227,3 +219,22 @@ def drive(
         rates=np.zeros_like(fixed_angles),
         name=name,
     )
+
+
+def _time_driving(corners: Array, speed: float) -> tuple[Array, Array]:
+    """Return times (n,) and positions (n, 3) along a polyline, at rest at its corners.
+
+    Args:
+        corners: Corners (m, 3) [m].
+        speed: Largest speed [m/s].
+    """
+    times, positions = [np.zeros(1)], [corners[:1]]
+    for first, last in itertools.pairwise(corners):
+        length = float(np.linalg.norm(last - first))
+        if length < 1e-9:
+            continue
+        t = sample_times(1.5 * length / speed)
+        s = t / t[-1]
+        times.append(times[-1][-1] + t[1:])
+        positions.append(first + (3 * s**2 - 2 * s**3)[1:, None] * (last - first))
+    return np.concatenate(times), np.concatenate(positions)

@@ -17,7 +17,6 @@ from climbplan.limms.simulation.figures import plot_loads, plot_path
 from climbplan.limms.simulation.model import STIFFNESS, TIME_STEP, compute_mass_fraction
 from climbplan.limms.simulation.replay import MAX_MISS, ModuleRun, simulate_modules
 from climbplan.reports.page_parts import Card
-from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.mujoco_loading import load_mujoco
 from climbplan.simulation.pictures import Camera, open_camera
@@ -28,6 +27,7 @@ from climbplan.simulation.report_files import (
     plot_film_strip,
     summarise_values,
 )
+from climbplan.simulation.request import SimulationRequest
 from climbplan.store.csv_file import SafeWriter
 
 MODEL = (

@@ -195,16 +195,14 @@ def write_speed_rows(
 
     Standing legs have rows at both ends of an interval. Swinging legs have rows at
     `NUM_SWING_SAMPLES` fractions of each interval of a swing that lands within the horizon.
-    There are J (2 F + samples S) rows at most. Speeds far from their limits at the point of
-    linearisation have none. A leg that does not reach has none either, as its workspace rows are
-    violated anyway.
+    There are J (2 F + samples S) rows at most. Speeds far from their limits have none, and legs out
+    of reach have none, as their workspace rows are violated anyway.
 
     Args:
         chains: all legs, arrays with a first axis (L,).
         max_speed: (L, J) speed limits, the units of the rows [rad/s].
         motion: point of linearisation.
-        footholds: free footholds.
-        states: states by unknowns.
+        footholds, states: free footholds, and states by unknowns.
         block: output.
     """
     contact = motion.contact

@@ -1,7 +1,7 @@
 """The method `micp`: a better walk, and a lower bound on the cost of all walks near known ones.
 
 The bound is on motions within attitude boxes by forward Euler steps, which the mixed-integer
-program relaxes. For a task with another integrator the program proposes gaits alone, without a bound.
+program relaxes. For a task with another integrator the program only proposes gaits.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.walking.micp.parallel import bound_in_parallel
 from climbplan.walking.micp.branch_and_bound import BranchAndBound
 from climbplan.walking.micp.limits import MicpLimits
+from climbplan.walking.micp.parallel import bound_in_parallel
 from climbplan.walking.plan.answer import WalkAnswer
 from climbplan.walking.task.task import WalkTask
 
@@ -60,7 +60,7 @@ def solve_micp(
         bound=min(run.bound, run.objective) if has_bound else None,
         tried=len(run.tried_gaits),
         tubes=len(run.bounds) if has_bound else 0,
-        begun=start,
+        initial_plan=start,
         history=tuple(run.history),
     )
 

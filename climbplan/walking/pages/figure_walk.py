@@ -53,7 +53,8 @@ def plot_tracking(plan: WalkPlan) -> Figure:
         ),
     )
     color = palette.LIMBS[0]
-    initial = None if plan.begun is None else (plan.begun[:, VELOCITY], plan.begun[:, ANGLES])
+    states = plan.initial_states
+    initial = None if states is None else (states[:, VELOCITY], states[:, ANGLES])
     for line, (row, (label, names, values, reference, unit)) in enumerate(
         zip(axes, rows, strict=True)
     ):

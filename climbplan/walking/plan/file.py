@@ -107,8 +107,8 @@ def write_walk_plan(plan: WalkPlan, path: Path) -> None:
         history = file.create_group("history")
         history_columns = {name: [vars(step)[name] for step in plan.history] for name in HISTORY}
         write_datasets(history, HISTORY, history_columns)
-        if plan.begun is not None:
-            write_dataset(file, "begun", plan.begun, BEGUN)
+        if plan.initial_states is not None:
+            write_dataset(file, "begun", plan.initial_states, BEGUN)
         if plan.loop is not None:
             write_datasets(file, LOOP, vars(plan.loop))
             write_dataset(file, "tick_warnings", plan.loop.warnings, _TEXTS)
@@ -200,7 +200,7 @@ def _read_plan(reader: Reader) -> WalkPlan:
             for k in range(len(history["seconds"]))
         ),
         loop=_read_loop(reader) if online else None,
-        begun=reader.array("begun", BEGUN) if reader.has("begun") else None,
+        initial_states=reader.array("begun", BEGUN) if reader.has("begun") else None,
         bound=reader.optional_number("bound"),
         gap=reader.optional_number("gap"),
         at_odds=() if np.allclose(datasets["time"], times, rtol=0, atol=1e-9) else ("time",),

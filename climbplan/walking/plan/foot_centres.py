@@ -65,7 +65,9 @@ def raise_plan(plan: WalkPlan) -> WalkPlan:
             state=_raise_states(trajectory.state, rise),
             toes=trajectory.toes + rise * _UP,
         ),
-        begun=None if plan.begun is None else _raise_states(plan.begun, rise),
+        initial_states=(
+            None if plan.initial_states is None else _raise_states(plan.initial_states, rise)
+        ),
     )
 
 

@@ -122,17 +122,7 @@ def read_task(reader: Reader, samples: dict[str, Any]) -> WalkTask:
         raise reader.refuse(f"integrator {integrator!r}, expected one of {integrators}")
     reader.group("robot")
     robot = reader.datasets("robot", ROBOT)
-    ground = reader.datasets("ground", GROUND)
-    if not len(ground["height"]):
-        raise reader.refuse("ground has no region")
-
-    def number_or_zero(group: str, name: str) -> float:
-        """Return a number, 0 for files without the attribute."""
-        return reader.number(group, name) if reader.has_attribute(group, name) else 0.0
-
-    count = len(ground["height"])
-    ground["slope"], ground["corners"] = np.zeros((count, 2)), np.zeros((count, 0, 2))
-    ground |= reader.datasets("ground", SHAPES, optional=True)
+    ground = _read_ground(reader)
     weights = reader.datasets("weights", WEIGHTS)
     return WalkTask(
         body=RigidBody(
@@ -142,12 +132,7 @@ def read_task(reader: Reader, samples: dict[str, Any]) -> WalkTask:
             force_limit=reader.number("robot", "force_limit"),
             **robot,
         ),
-        ground=Ground(
-            friction=reader.number("robot", "friction"),
-            edge=number_or_zero("ground", "edge"),
-            standoff=number_or_zero("ground", "standoff"),
-            **ground,
-        ),
+        ground=ground,
         knots=len(samples["time"]) - 1,
         dt=reader.number("", "step"),
         integrator=cast("Integrator", integrator),  # one of them, as was just checked
@@ -168,6 +153,21 @@ def read_task(reader: Reader, samples: dict[str, Any]) -> WalkTask:
         workspace_over_stance=reader.flag("", "whole_stance"),
         goal=Goal(**reader.datasets("goal", GOAL)) if reader.has("goal") else Goal.anywhere(),
     )
+
+
+def _read_ground(reader: Reader) -> Ground:
+    """Read the terrain; attributes and shapes that a file does not have are zero."""
+    ground = reader.datasets("ground", GROUND)
+    count = len(ground["height"])
+    if not count:
+        raise reader.refuse("ground has no region")
+    ground["slope"], ground["corners"] = np.zeros((count, 2)), np.zeros((count, 0, 2))
+    ground |= reader.datasets("ground", SHAPES, optional=True)
+    strips = {
+        name: reader.number("ground", name) if reader.has_attribute("ground", name) else 0.0
+        for name in ("edge", "standoff")
+    }
+    return Ground(friction=reader.number("robot", "friction"), **strips, **ground)
 
 
 def _read_legs(reader: Reader) -> WalkingLegs:

@@ -42,7 +42,7 @@ class WalkPlan(PlanHeader):
     terms: Mapping[str, float]  # of the objective
     history: tuple[Improvement, ...] = ()
     loop: LoopRecord | None = None  # of `online`
-    begun: Array | None = None  # (N + 1, 12) states that `micp` started from
+    initial_states: Array | None = None  # (N + 1, 12) initial solution of `micp`
     bound: float | None = None
     gap: float | None = None
     robot_text: str = ""  # of the robot's file; empty for a built-in one

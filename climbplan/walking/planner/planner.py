@@ -117,7 +117,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         }
         | ({"QPs": answer.qps} if answer.qps else {}),
         history=answer.history,
-        begun=answer.begun.state if answer.begun is not None else None,
+        initial_states=answer.initial_plan.state if answer.initial_plan is not None else None,
         bound=answer.bound,
         gap=relative_gap,
         warnings=tuple(

@@ -15,10 +15,10 @@ from benchmarks.climb.coupled_cvxpy import cvxpy_stages
 from benchmarks.climb.coupled_layouts import bench_layouts
 from benchmarks.climb.coupled_micp import bench_micp
 from climbplan.arrays import Array
-from climbplan.climb.coupled.envelopes import chosen_envelopes
-from climbplan.climb.coupled.preparation import Prepared, prepare
-from climbplan.climb.coupled.stages import first_stage, second_stage
-from climbplan.climb.coupled.statement import envelope_range
+from climbplan.climb.coupled.envelopes import select_envelopes
+from climbplan.climb.coupled.preparation import CoupledProblem, prepare_problem
+from climbplan.climb.coupled.stages import solve_first_stage, solve_second_stage
+from climbplan.climb.coupled.statement import compute_envelope_range
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene.climb_scene import build_scene
 from climbplan.climb.schema.loading import load_text
@@ -31,12 +31,12 @@ Answer = TypeVar("Answer")
 PUBLISHED = "published 160 ms: Gurobi through its interface, i5-6260U (Table 5.3)"
 
 
-def prepared_patches(rounds: int, seed: int) -> Prepared:
+def prepared_patches(rounds: int, seed: int) -> CoupledProblem:
     """climb_patches over more rounds, payload by seed."""
     mass = float(np.random.default_rng(seed).uniform(0.0, 1.5))
     given = [f"task.rounds={rounds}", f"task.payload.mass={mass:.3f}"]
     loaded = load_text(example_text("climb_patches"), "climb_patches", given)
-    return prepare(build_scene(loaded.spec, loaded.robot, loaded.source), PostureMargins())
+    return prepare_problem(build_scene(loaded.spec, loaded.robot, loaded.source), PostureMargins())
 
 
 def bench_coupled(seed: int, quick: bool, out: TextIO) -> None:
@@ -48,14 +48,14 @@ def bench_coupled(seed: int, quick: bool, out: TextIO) -> None:
 
 def _stages(seed: int, repeats: int, out: TextIO) -> None:
     prepared = prepared_patches(8, seed)
-    envelope = chosen_envelopes(prepared.scene)[0]
-    pinned = prepared.pinned(prepared.guess, prepared.assignment)
+    envelope = select_envelopes(prepared.scene)[0]
+    pinned = prepared.fix_choices(prepared.guess, prepared.assignment)
     x: Array | None = None
 
     def both() -> Array:
         nonlocal x
-        x = first_stage(prepared, pinned, envelope.box)
-        answer = None if x is None else second_stage(prepared.program, pinned, x)
+        x = solve_first_stage(prepared, pinned, envelope.box)
+        answer = None if x is None else solve_second_stage(prepared.program, pinned, x)
         if answer is None:
             raise LimitReached("the instance has no answer by two stages")
         return answer
@@ -67,7 +67,7 @@ def _stages(seed: int, repeats: int, out: TextIO) -> None:
     print(f"{'':<42}{'ms':>9}{'ratio':>8}{'cost':>12}", file=out)
     _row(out, "P1 (Clarabel) and P2 (HiGHS)", ours, ours, cost)
     if find_spec("cvxpy") is not None:
-        within = envelope_range(prepared.program, pinned, envelope.box, prepared.origin)
+        within = compute_envelope_range(prepared.program, pinned, envelope.box, prepared.origin)
         force = prepared.program.variables["force"]
         for name, one_by_one in (
             ("the same through CVXPY, ball by ball", True),

@@ -13,10 +13,10 @@ from typing import TextIO
 
 import numpy as np
 
-from climbplan.climb.coupled.accurate import Accurate, solve_accurate
-from climbplan.climb.coupled.envelopes import named_envelope
-from climbplan.climb.coupled.preparation import Prepared, prepare
-from climbplan.climb.coupled.stages import Candidate, put_right
+from climbplan.climb.coupled.accurate import AccurateResult, solve_accurate
+from climbplan.climb.coupled.envelopes import load_envelope
+from climbplan.climb.coupled.preparation import CoupledProblem, prepare_problem
+from climbplan.climb.coupled.stages import Candidate, repair_candidate
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene.climb_scene import build_scene
 from climbplan.climb.schema.model import ClimbSpec
@@ -44,7 +44,7 @@ class Certificate:
     gap: float | None  # of the cost to the program's bound, None where that is none
     seconds: float  # wall clock
     cpu: float  # [s] of this process, which others do not lengthen
-    found: Accurate
+    found: AccurateResult
 
 
 def two_walls(rounds: int, seed: int, force: float) -> ClimbSpec:
@@ -71,20 +71,20 @@ def two_walls(rounds: int, seed: int, force: float) -> ClimbSpec:
     )
 
 
-def prepared_walls(rounds: int, seed: int, force: float = FORCE_WEIGHT) -> Prepared:
+def prepared_walls(rounds: int, seed: int, force: float = FORCE_WEIGHT) -> CoupledProblem:
     """The coupled problem of `two_walls`."""
     scene = build_scene(two_walls(rounds, seed, force), load_robot("silvia"))
-    return prepare(scene, PostureMargins())
+    return prepare_problem(scene, PostureMargins())
 
 
-def known_point(prepared: Prepared) -> Candidate | None:
+def known_point(prepared: CoupledProblem) -> Candidate | None:
     """A point of P by IPOPT from the postures alone."""
     first = Candidate(prepared.guess, prepared.assignment, "postures")
-    return put_right(prepared, first, LIMIT, local=True)
+    return repair_candidate(prepared, first, LIMIT, local=True)
 
 
 def certify(
-    prepared: Prepared, envelope: Envelope | None, solver: str, limit: float = LIMIT
+    prepared: CoupledProblem, envelope: Envelope | None, solver: str, limit: float = LIMIT
 ) -> Certificate | None:
     """Run the program; None if no point of P was found."""
     begin, cpu = time.perf_counter(), time.process_time()
@@ -119,7 +119,7 @@ def bench_micp(seed: int, quick: bool, out: TextIO) -> None:
         prepared = prepared_walls(rounds, seed)
         for solver in solvers:
             for name in ("none", "wall5"):
-                box = None if name == "none" else named_envelope(prepared.scene, name).box
+                box = None if name == "none" else load_envelope(prepared.scene, name).box
                 _line(out, rounds, solver, name, certify(prepared, box, solver))
     if quick:
         return
@@ -134,7 +134,7 @@ def bench_micp(seed: int, quick: bool, out: TextIO) -> None:
 def _closed_by_postures(rounds: int, seed: int) -> bool:
     prepared = prepared_walls(rounds, seed, force=0.0)
     first = Candidate(prepared.guess, prepared.assignment, "postures")
-    found = put_right(prepared, first, LIMIT)
+    found = repair_candidate(prepared, first, LIMIT)
     if found is None:
         return False
     return relative_gap(prepared.instance.objective(found.x), prepared.bound) <= 1e-3

@@ -14,14 +14,20 @@ from climbplan.climb.check.verification import verify
 from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.schema.transition_loading import transition_of_text
-from climbplan.climb.transition.carrying import Complete, Found, Run, assemble, carry_through
-from climbplan.climb.transition.homotopy import run_start
+from climbplan.climb.transition.homotopy import run_from_start
 from climbplan.climb.transition.motion import plan_motion
 from climbplan.climb.transition.planner import plan_transition
-from climbplan.climb.transition.pose_ways import Sequence
+from climbplan.climb.transition.pose_paths import Sequence
 from climbplan.climb.transition.scene import build_transition
-from climbplan.climb.transition.search import Search
-from climbplan.climb.transition.stances import Laboratory
+from climbplan.climb.transition.search import SequenceSearch
+from climbplan.climb.transition.sequence_planning import (
+    CompleteMotion,
+    MethodResult,
+    PlanningRun,
+    assemble_plan,
+    plan_and_verify_sequence,
+)
+from climbplan.climb.transition.stance_forces import SearchTables
 from climbplan.schema.examples import example_text
 from climbplan.schema.source import SourceText
 
@@ -35,7 +41,7 @@ class _Row:
     sequences: int
     motion: float  # [s] warm, median over sequences
     starts: int
-    tries: float  # homotopies of a start, mean
+    num_homotopies: float  # homotopies of a start, mean
     verified: int
     homotopy: float  # [s] median of a start
     plan: float  # [s] a whole plan by the search
@@ -53,7 +59,7 @@ def run_transition(seed: int, quick: bool, stream: TextIO) -> None:
         print(
             f"{row.rounds:6d}  {row.sequences:9d}  {row.search:10.2f}  {1e3 * row.motion:17.0f}  "
             f"{row.plan:8.2f} | {row.starts:6d}  {100 * row.verified / row.starts:6.0f} %  "
-            f"{row.tries:8.1f}  {row.homotopy:12.2f}  {row.homotopy / row.plan:14.2f} x",
+            f"{row.num_homotopies:8.1f}  {row.homotopy:12.2f}  {row.homotopy / row.plan:14.2f} x",
             file=stream,
             flush=True,
         )
@@ -66,43 +72,43 @@ def _measured(rounds: int, seed: int, starts: int) -> _Row:
     loaded = transition_of_text(text, [f"task.rounds={rounds}"])
     scene = build_transition(loaded)
     begin = time.perf_counter()
-    search = Search(scene)
-    sequences = search.sequences()
+    search = SequenceSearch(scene)
+    sequences = search.list_sequences()
     searched = time.perf_counter() - begin
-    plan_motion(search.lab, sequences[0])  # builds the program
-    motions = [plan_motion(search.lab, sequence).seconds for sequence in sequences[:10]]
+    plan_motion(search.tables, sequences[0])  # builds the program
+    motions = [plan_motion(search.tables, sequence).seconds for sequence in sequences[:10]]
     begin = time.perf_counter()
     plan_transition(loaded)
     planned = time.perf_counter() - begin
 
     good: list[bool] = []
 
-    def carry(lab: Laboratory, sequence: Sequence) -> str:
-        run = Run(loaded, scene, StageClock(lambda stage, fraction: None))
-        attempt = carry_through(run, lab, sequence)
-        if attempt.complete is not None:
-            good.append(_verified(run, attempt.complete))
+    def carry(tables: SearchTables, sequence: Sequence) -> str:
+        run = PlanningRun(loaded, scene, StageClock(lambda stage, fraction: None))
+        attempt = plan_and_verify_sequence(run, tables, sequence)
+        if attempt.motion is not None:
+            good.append(_verified(run, attempt.motion))
         return attempt.reason
 
-    run_start(scene, seed, carry)  # builds the program
+    run_from_start(scene, seed, carry)  # builds the program
     good.clear()
-    found = [run_start(scene, seed + number, carry) for number in range(starts)]
+    found = [run_from_start(scene, seed + number, carry) for number in range(starts)]
     return _Row(
         rounds,
         searched,
         len(sequences),
         float(np.median(motions)),
         starts,
-        float(np.mean([start.tries for start in found])),
+        float(np.mean([start.num_homotopies for start in found])),
         sum(good),
         float(np.median([start.seconds for start in found])),
         planned,
     )
 
 
-def _verified(run: Run, done: Complete) -> bool:
+def _verified(run: PlanningRun, done: CompleteMotion) -> bool:
     """Whether a motion, written as a plan, passes the verification of its file."""
-    plan = assemble(run, Found(done, {}))
+    plan = assemble_plan(run, MethodResult(done, {}))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "plan.h5"
         write_climb(plan, path)

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 from benchmarks.climb.stands import fares
 from climbplan.climb.proposed.outcome import Outcome
-from climbplan.climb.proposed.proposed import Trials
+from climbplan.climb.proposed.proposed import ProposalTrials
 from climbplan.errors import UsageError
 from climbplan.simulation.conditions import NOMINAL
 from climbplan.walking.plan.walk_plan import WalkPlan
-from climbplan.walking.planner.proposed import walk_proposed
+from climbplan.walking.planner.proposed_walk import plan_proposed_walk
 from climbplan.walking.simulation.comparison import compare_walk
-from climbplan.walking.simulation.walk_report import end_of
-from climbplan.walking.simulation.whole_replay import simulate_whole
+from climbplan.walking.simulation.walk_report import build_end
+from climbplan.walking.simulation.whole_body_replay import simulate_whole_body
 
 Told = Callable[[str], None]
 NOT_SIMULATED = "not simulated"
@@ -31,7 +31,7 @@ class Cell:
     cpu: float  # [s] of planning, simulation not counted
 
 
-Column = Callable[[Trials, Told], Cell]
+Column = Callable[[ProposalTrials, Told], Cell]
 
 
 def _simulated(end: Callable[[], str]) -> str:
@@ -42,24 +42,24 @@ def _simulated(end: Callable[[], str]) -> str:
         return NOT_SIMULATED
 
 
-def _climb(make: Callable[[Trials, Told], Outcome]) -> Column:
-    def cell(trials: Trials, told: Told) -> Cell:
+def _climb(make: Callable[[ProposalTrials, Told], Outcome]) -> Column:
+    def cell(trials: ProposalTrials, told: Told) -> Cell:
         begin = time.process_time()
         outcome = make(trials, told)
         spent = time.process_time() - begin
         plan = outcome.plan
         if plan is None:
             return Cell(False, "", outcome.why, spent)
-        kept = f"keeps {outcome.share:.0%} of its margins"
+        kept = f"keeps {outcome.margin_fraction:.0%} of its margins"
         return Cell(True, _simulated(lambda: fares(plan, "joints")), kept, spent)
 
     return cell
 
 
 def _walk(turns: bool) -> Column:
-    def cell(trials: Trials, told: Told) -> Cell:
+    def cell(trials: ProposalTrials, told: Told) -> Cell:
         begin = time.process_time()
-        made = walk_proposed(trials.found, trials.robot_file, trials.robot_file, turns)
+        made = plan_proposed_walk(trials.proposal, trials.robot_file, trials.robot_file, turns)
         spent = time.process_time() - begin
         walk = made.plan
         if walk is None:
@@ -71,10 +71,10 @@ def _walk(turns: bool) -> Column:
 
 def _fares(plan: WalkPlan) -> str:
     """How a walk ends in MuJoCo with the whole robot."""
-    run = simulate_whole(plan, NOMINAL)
+    run = simulate_whole_body(plan, NOMINAL)
     if run.fallen:
         return f"falls at {run.time[-1]:.1f} s"
-    end = end_of(plan, run, compare_walk(plan, run), float(run.speed.max(initial=0.0)))
+    end = build_end(plan, run, compare_walk(plan, run), float(run.speed.max(initial=0.0)))
     if end.good:
         return "stands"
     fast = f", joint speeds {end.joint_speed:.0%}" if end.too_fast else ""
@@ -83,9 +83,9 @@ def _fares(plan: WalkPlan) -> str:
 
 COLUMNS: dict[str, Column] = {
     "ground": _climb(lambda trials, told: trials.ground),
-    "stairs": _climb(lambda trials, told: trials.stairs()),
-    "chimney": _climb(lambda trials, told: trials.chimney(told)),
-    "wall": _climb(lambda trials, told: trials.wall(told)),
+    "stairs": _climb(lambda trials, told: trials.plan_stairs()),
+    "chimney": _climb(lambda trials, told: trials.plan_chimney(told)),
+    "wall": _climb(lambda trials, told: trials.plan_wall(told)),
     "forward": _walk(turns=False),
     "turn": _walk(turns=True),
 }

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.gait.balance import balancing_shifts, body_way
-from climbplan.climb.gait.balance_program import Lift
+from climbplan.climb.gait.balance import find_balancing_shifts, sample_body_path
+from climbplan.climb.gait.balance_program import LiftBalance
 from climbplan.climb.gait.gait import plan_instants
-from climbplan.climb.gait.instants import joint_angles, standing_at
+from climbplan.climb.gait.instants import build_instants, compute_joint_angles
 from climbplan.climb.plan.climb_plan import ClimbPlan, Instants
 from climbplan.climb.plan.file import read_as_found, write_climb
 from climbplan.climb.planner.planner import plan_climb
@@ -34,7 +34,7 @@ task:
   stance: {L1: [-0.35, 0.33, -0.3], R1: [0.35, 0.33, -0.3],
            L2: [-0.35, -0.33, -0.3], R2: [0.35, -0.33, -0.3]}
   gait: [L2, L1, R2, R1]
-posture: {steps: {shift_max: 0.3}}
+posture: {steps: {com_shift_max: 0.3}}
 force: {safety_friction: 1.2}
 """
 
@@ -69,7 +69,7 @@ def _loads(spec: Path) -> ClimbScene:
 def standing(scene: ClimbScene, lifted: int, com: tuple[float, float, float]) -> Instants:
     """The start's toes with one limb lifted and the body at `com`."""
     count = scene.robot.limb_count
-    return standing_at(
+    return build_instants(
         scene,
         np.array([1]),
         np.array([com]),
@@ -109,23 +109,23 @@ def test_the_shift_leaves_room_for_commands_inside_surfaces(plan: ClimbPlan) -> 
 
 def test_without_leave_to_shift_there_are_no_forces(spec: Path) -> None:
     with pytest.raises(NoPlanFound, match=r"force\.unilateral"):
-        plan_climb(load_climb(spec, ["posture.steps.shift_max=0", "solver.method=micp"]))
+        plan_climb(load_climb(spec, ["posture.steps.com_shift_max=0", "solver.method=micp"]))
 
 
 def test_auto_finds_the_shift_where_the_spec_leaves_it_open(spec: Path) -> None:
-    text = SPEC.replace("posture: {steps: {shift_max: 0.3}}\n", "")
+    text = SPEC.replace("posture: {steps: {com_shift_max: 0.3}}\n", "")
     other = spec.with_name("open.yaml")
     other.write_text(text)
     plan = plan_climb(load_climb(other))
     assert verification_of(plan).passed
-    assert "posture.steps.shift_max" in plan.warnings[0]
+    assert "posture.steps.com_shift_max" in plan.warnings[0]
     assert plan.limits.shift_max > 0
 
 
 def test_the_shift_is_the_least_that_loads_every_toe(loads: ClimbScene) -> None:
     middle = (0.0, 0.0, 0.3)
     lift = standing(loads, 0, middle)
-    shift = balancing_shifts(loads, lift)[0]
+    shift = find_balancing_shifts(loads, lift)[0]
     toes = loads.start.toes[1:]
     corners = np.vstack([toes[:, :2].T, np.ones(3)])
 
@@ -135,31 +135,31 @@ def test_the_shift_is_the_least_that_loads_every_toe(loads: ClimbScene) -> None:
     def pressed(at: np.ndarray) -> np.ndarray:
         """Of the toes, as shares of the robot's weight, with the body at `at`."""
         moved = replace(lift, com=np.array([[at[0], at[1], middle[2]]]))
-        angles = joint_angles(loads.robot, moved, moved.toes)
+        angles = compute_joint_angles(loads.robot, moved, moved.toes)
         legs = loads.robot.centre_of_mass(angles)[0] * mass / (mass + payload)
         assert np.abs(legs[:2]).max() < 0.02
         places = [at[0] + off + legs[0], at[1] + legs[1], 1.0]
         return np.linalg.solve(corners, places) * (mass + payload) / mass
 
-    pressure = loads.spec.margins.pressure
+    pressure = loads.spec.margins.normal_force
     assert pressed(np.array(middle) + shift).min() == pytest.approx(pressure, abs=1e-4)
     # No shorter one loads every toe as much
     angle = np.linspace(0, 2 * np.pi, 720)
     around = 0.995 * np.linalg.norm(shift) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     assert max(pressed(np.array([x, y])).min() for x, y in around) < pressure
     # Where all toes bear enough already, there is none
-    assert not balancing_shifts(loads, standing(loads, 0, tuple(np.array(middle) + 1.1 * shift)))[
-        0
-    ].any()
+    assert not find_balancing_shifts(
+        loads, standing(loads, 0, tuple(np.array(middle) + 1.1 * shift))
+    )[0].any()
 
 
 def test_a_load_that_no_shift_within_bounds_carries_leaves_the_body_where_it_is(
     loads: ClimbScene,
 ) -> None:
-    steps = loads.spec.posture.steps.model_copy(update={"shift_max": 0.001})
+    steps = loads.spec.posture.steps.model_copy(update={"com_shift_max": 0.001})
     posture = loads.spec.posture.model_copy(update={"steps": steps})
     short = replace(loads, spec=loads.spec.model_copy(update={"posture": posture}))
-    assert not balancing_shifts(short, standing(loads, 0, (-0.05, 0.05, 0.3))).any()
+    assert not find_balancing_shifts(short, standing(loads, 0, (-0.05, 0.05, 0.3))).any()
 
 
 def test_pushes_take_the_body_to_the_next_lift(plan: ClimbPlan, scene: ClimbScene) -> None:
@@ -167,7 +167,7 @@ def test_pushes_take_the_body_to_the_next_lift(plan: ClimbPlan, scene: ClimbScen
     assert np.allclose(com[1:-1:2], com[2::2], atol=1e-12)
     assert np.allclose(com[-1], plan.rounds.com[-1], atol=1e-12)
     assert np.allclose(plan_instants(scene, plan.rounds).com, com)
-    way, _ = body_way(plan.rounds, plan.instants)
+    way, _ = sample_body_path(plan.rounds, plan.instants)
     assert np.array_equal(way[0, 0], plan.rounds.com[0])
     assert np.allclose(way[-1, -1], plan.rounds.com[-1], atol=1e-12)
     assert np.allclose(way[1:, 0], way[:-1, -1], atol=1e-12)
@@ -232,8 +232,8 @@ def test_a_shift_keeps_torque_limits_where_it_leads(loads: ClimbScene) -> None:
     lift = standing(weak, 1, (0.0, 0.0, 0.3))
 
     def excess(follow: bool) -> float:
-        shift = balancing_shifts(weak, lift, follow=follow)[0, :2]
-        own = Lift(weak, [lift], 0, 1.0)
+        shift = find_balancing_shifts(weak, lift, follow=follow)[0, :2]
+        own = LiftBalance(weak, [lift], 0, 1.0)
         found = own.solved(own.posture(shift), 0.0, shift, 0.0, 0.3, 10.0)
         assert found is not None
         return found.excess
@@ -246,11 +246,11 @@ def test_a_body_is_shifted_for_both_ends_of_a_swing(loads: ClimbScene) -> None:
     lift = standing(loads, 0, (0.0, 0.0, 0.3))
     above = lift.toes + np.array([0.0, 0.15, 0.05]) * lift.lifted[..., None]
     places = replace(lift, toes=above)
-    one, other = (balancing_shifts(loads, x)[0] for x in (lift, places))
-    both = balancing_shifts(loads, lift, places=places)[0]
+    one, other = (find_balancing_shifts(loads, x)[0] for x in (lift, places))
+    both = find_balancing_shifts(loads, lift, places=places)[0]
     assert np.linalg.norm(one - other) > 1e-3
     # What holds at both ends is at least as far as what holds at one
     assert np.linalg.norm(both) > max(np.linalg.norm(one), np.linalg.norm(other)) - 1e-4
     weightless = replace(loads, robot=replace(loads.robot, links=None))
-    same = [balancing_shifts(weightless, lift, places=p)[0] for p in (None, places)]
+    same = [find_balancing_shifts(weightless, lift, places=p)[0] for p in (None, places)]
     assert np.array_equal(*same)

@@ -10,7 +10,7 @@ import pytest
 
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait.gait import plan_instants
-from climbplan.climb.motion.trajectory import SPEEDING_UP, plan_trajectory
+from climbplan.climb.motion.trajectory import MAX_ACCELERATION, plan_trajectory
 from climbplan.climb.plan.climb_plan import Trajectory
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import UsageError
@@ -64,7 +64,7 @@ def test_bodies_in_a_hurry_speed_up_by_little(demo_climb: SceneMaker) -> None:
     trajectory, _ = motion(scene)
     least = np.diff(trajectory.com, 2, axis=0) * 100.0**2
     fastest = np.linalg.norm(least, axis=1).max() / scene.robot.gravity
-    assert 0.5 * SPEEDING_UP < fastest < 1.05 * SPEEDING_UP
+    assert 0.5 * MAX_ACCELERATION < fastest < 1.05 * MAX_ACCELERATION
 
 
 def test_endless_motions_are_refused(demo_climb: SceneMaker) -> None:

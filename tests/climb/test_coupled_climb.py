@@ -10,24 +10,24 @@ import pytest
 from benchmarks.climb.random_climbs import random_climb
 from climbplan.climb.coupled.envelopes import (
     braced_envelope,
-    chosen_envelopes,
-    named_envelope,
+    load_envelope,
     opposite,
+    select_envelopes,
 )
 from climbplan.climb.coupled.planner import plan_coupled
-from climbplan.climb.coupled.preparation import Prepared, prepare
+from climbplan.climb.coupled.preparation import CoupledProblem, prepare_problem
 from climbplan.climb.coupled.stages import (
-    first_stage,
-    first_stage_with_regions,
-    second_stage,
-    whole,
+    solve_first_stage,
+    solve_first_stage_with_regions,
+    solve_nonlinear,
+    solve_second_stage,
 )
-from climbplan.climb.coupled.statement import coupled_program, scene_load
+from climbplan.climb.coupled.statement import compute_scene_load, state_coupled_program
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import load_climb
-from climbplan.errors import NotProved, UsageError
+from climbplan.errors import Unresolved, UsageError
 
 EXPERT = "solver.envelopes=[expert]"
 
@@ -59,18 +59,18 @@ def test_toes_keep_off_slippery_patches_where_decoupled_ones_do_not() -> None:
 
 
 @pytest.fixture(scope="module")
-def prepared() -> Prepared:
+def prepared() -> CoupledProblem:
     """Three rounds on the slippery patches."""
-    return prepare(_scene("task.rounds=3"), PostureMargins())
+    return prepare_problem(_scene("task.rounds=3"), PostureMargins())
 
 
 @pytest.fixture(scope="module")
-def stages(prepared: Prepared) -> tuple[Prepared, np.ndarray]:
+def stages(prepared: CoupledProblem) -> tuple[CoupledProblem, np.ndarray]:
     """A scene and the point that P1 and P2 find on it: toes and forces, (M, N, 6)."""
-    pinned = prepared.pinned(prepared.guess, prepared.assignment)
-    x = first_stage(prepared, pinned, braced_envelope(prepared.scene))
+    pinned = prepared.fix_choices(prepared.guess, prepared.assignment)
+    x = solve_first_stage(prepared, pinned, braced_envelope(prepared.scene))
     assert x is not None
-    projected = second_stage(prepared.program, pinned, x)
+    projected = solve_second_stage(prepared.program, pinned, x)
     assert projected is not None
     force = prepared.program.variables["force"]
     np.testing.assert_array_equal(projected[: force.start], x[: force.start])
@@ -79,7 +79,7 @@ def stages(prepared: Prepared) -> tuple[Prepared, np.ndarray]:
     return prepared, np.concatenate([values["toe"], values["force"]], axis=2)
 
 
-def test_second_stage_balances_about_the_body(stages: tuple[Prepared, np.ndarray]) -> None:
+def test_second_stage_balances_about_the_body(stages: tuple[CoupledProblem, np.ndarray]) -> None:
     """Forces add up to the weight and turn nothing about where it acts, which is one point."""
     prepared, both = stages
     toe, force = both[..., :3], both[..., 3:]
@@ -89,35 +89,35 @@ def test_second_stage_balances_about_the_body(stages: tuple[Prepared, np.ndarray
     np.testing.assert_allclose(about[:, 2], 0, atol=1e-6)
 
 
-def test_forces_stay_in_the_exact_cone(stages: tuple[Prepared, np.ndarray]) -> None:
+def test_forces_stay_in_the_exact_cone(stages: tuple[CoupledProblem, np.ndarray]) -> None:
     prepared, both = stages
     pressure = np.abs(both[..., 3])
     shear = np.linalg.norm(both[..., 4:], axis=2)
     assert (shear <= pressure / prepared.scene.spec.force.safety_friction + 1e-6).all()
-    assert (both[..., 5] >= prepared.scene.spec.posture.least_load - 1e-6).all()
+    assert (both[..., 5] >= prepared.scene.spec.posture.min_load - 1e-6).all()
 
 
-def test_first_stage_finds_regions_itself(prepared: Prepared) -> None:
-    found = first_stage_with_regions(prepared, braced_envelope(prepared.scene), 20.0)
+def test_first_stage_finds_regions_itself(prepared: CoupledProblem) -> None:
+    found = solve_first_stage_with_regions(prepared, braced_envelope(prepared.scene), 20.0)
     assert found is not None
-    pinned = prepared.pinned(prepared.guess, prepared.assignment)
-    given = first_stage(prepared, pinned, braced_envelope(prepared.scene))
+    pinned = prepared.fix_choices(prepared.guess, prepared.assignment)
+    given = solve_first_stage(prepared, pinned, braced_envelope(prepared.scene))
     assert given is not None
     costs = [prepared.instance.objective(x) for x in (found.x, given)]
     assert costs[0] <= costs[1] * (1 + 1e-3)
 
 
-def test_moments_about_other_points_are_the_same_problem(prepared: Prepared) -> None:
+def test_moments_about_other_points_are_the_same_problem(prepared: CoupledProblem) -> None:
     """A point of P stays one when moments are taken elsewhere: forces add up to the load."""
-    pinned = prepared.pinned(prepared.guess, prepared.assignment)
-    x = whole(pinned, prepared.guess, 20.0)
+    pinned = prepared.fix_choices(prepared.guess, prepared.assignment)
+    x = solve_nonlinear(pinned, prepared.guess, 20.0)
     assert x is not None
     moved = prepared.origin + np.array([0.3, -0.2, 1.0])
-    elsewhere = coupled_program(prepared.scene, PostureMargins(), moved)
-    assert elsewhere.at().violation(x) <= 2e-6
+    elsewhere = state_coupled_program(prepared.scene, PostureMargins(), moved)
+    assert elsewhere.instantiate().violation(x) <= 2e-6
     shifted = x.copy()
     shifted[prepared.program.variables["force"].start] += 1e-2
-    assert elsewhere.at().violation(shifted) > 1e-3
+    assert elsewhere.instantiate().violation(shifted) > 1e-3
 
 
 def test_forces_that_cost_are_smaller() -> None:
@@ -131,21 +131,21 @@ def test_forces_that_cost_are_smaller() -> None:
 
 
 def test_a_payload_is_part_of_the_load() -> None:
-    load = scene_load(_scene("task.payload.mass=2.06", "task.payload.offset=[0.1, 0, 0]"))
+    load = compute_scene_load(_scene("task.payload.mass=2.06", "task.payload.offset=[0.1, 0, 0]"))
     np.testing.assert_allclose(load.force, [0, 0, -1.2], atol=1e-9)
     np.testing.assert_allclose(load.moment, [0, 0.02, 0], atol=1e-9)
 
 
 def test_walls_that_hold_nothing_are_named() -> None:
     scene = _scene("terrain.friction=0.002")
-    with pytest.raises(NotProved, match=r"RF, RM.*no region holds the load"):
+    with pytest.raises(Unresolved, match=r"RF, RM.*no region holds the load"):
         plan_coupled(scene)
 
 
 def test_envelopes_that_do_not_exist_are_refused() -> None:
     scene = _scene()
     with pytest.raises(UsageError, match=r"unknown envelope 'wal5'.*wall5, expert"):
-        named_envelope(scene, "wal5")
+        load_envelope(scene, "wal5")
 
 
 @pytest.mark.parametrize(("climb", "legs", "name"), [(35, 4, "expert"), (1, 6, "wall5")])
@@ -155,16 +155,16 @@ def test_a_robot_without_a_shipped_envelopes_limbs_has_the_experts(
     loaded = load_climb(random_climb(climb, tmp_path), [])
     scene = build_scene(loaded.spec, loaded.robot, loaded.source)
     assert scene.robot.limb_count == legs
-    assert [one.name for one in chosen_envelopes(scene)] == [name]
+    assert [one.name for one in select_envelopes(scene)] == [name]
     modes = ["ground3", "wall5"] if legs == 6 else ["expert-ground", "expert"]
-    chosen = chosen_envelopes(scene, several=True)
+    chosen = select_envelopes(scene, several=True)
     assert [one.name for one in chosen] == modes
     if legs == 4:
         ground, braced = (one.box for one in chosen)
         assert (ground.upper <= braced.upper).all()
         assert (ground.lower >= braced.lower).all()
         with pytest.raises(UsageError, match=r"do not fit .* `expert`, `expert-ground`, or a"):
-            named_envelope(scene, "wall5")
+            load_envelope(scene, "wall5")
 
 
 def test_limbs_have_mirror_images() -> None:

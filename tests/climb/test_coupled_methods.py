@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from benchmarks.climb.coupled_micp import certify, known_point, prepared_walls
-from climbplan.climb.coupled.accurate import accurate_program
+from climbplan.climb.coupled.accurate import build_accurate_program
 from climbplan.climb.coupled.envelopes import NamedEnvelope, braced_envelope
-from climbplan.climb.coupled.modes import first_stage_with_modes
+from climbplan.climb.coupled.modes import solve_first_stage_with_modes
 from climbplan.climb.coupled.planner import plan_coupled
-from climbplan.climb.coupled.preparation import Prepared, prepare
-from climbplan.climb.coupled.stages import put_right
-from climbplan.climb.coupled.tightening import tightened
+from climbplan.climb.coupled.preparation import CoupledProblem, prepare_problem
+from climbplan.climb.coupled.stages import repair_candidate
+from climbplan.climb.coupled.tightening import tighten_bounds
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import load_climb
@@ -22,12 +22,12 @@ from climbplan.solvers.registry import solve
 
 
 @pytest.fixture(scope="module")
-def walls() -> Prepared:
+def walls() -> CoupledProblem:
     """One round between flat walls with a payload; forces cost."""
     return prepared_walls(1, 0)
 
 
-def test_accurate_program_bounds_the_exact_problem(walls: Prepared) -> None:
+def test_accurate_program_bounds_the_exact_problem(walls: CoupledProblem) -> None:
     """Its bound is below every point of P, and within a percent of the best one known."""
     done = certify(walls, None, "highs")
     assert done is not None
@@ -41,34 +41,34 @@ def test_accurate_program_bounds_the_exact_problem(walls: Prepared) -> None:
     assert done.found.bound <= walls.instance.objective(known.x)
 
 
-def test_with_an_envelope_there_is_no_bound(walls: Prepared) -> None:
+def test_with_an_envelope_there_is_no_bound(walls: CoupledProblem) -> None:
     done = certify(walls, braced_envelope(walls.scene), "highs", limit=10.0)
     assert done is not None
     assert done.gap is None
     assert walls.bound <= done.cost
 
 
-def test_more_pieces_bound_better(walls: Prepared) -> None:
+def test_more_pieces_bound_better(walls: CoupledProblem) -> None:
     instance = walls.instance
     known = known_point(walls)
     assert known is not None
     cost = instance.objective(known.x)
-    tight = tightened(instance, Range(instance.lower, instance.upper), cost, 60.0, passes=1)
+    tight = tighten_bounds(instance, Range(instance.lower, instance.upper), cost, 60.0, passes=1)
     bounds = [
-        solve(accurate_program(walls, tight.bounds, pieces), "highs", gap=1e-3).bound
+        solve(build_accurate_program(walls, tight.bounds, pieces), "highs", gap=1e-3).bound
         for pieces in (1, 4)
     ]
     assert bounds[0] < bounds[1] <= cost * (1 + 1e-6)
 
 
-def test_tightening_keeps_points_that_are_as_good(walls: Prepared) -> None:
+def test_tightening_keeps_points_that_are_as_good(walls: CoupledProblem) -> None:
     """A point with less cost than the one known stays inside all bounds."""
     instance = walls.instance
     known = known_point(walls)
     assert known is not None
     cost = instance.objective(known.x)
     within = Range(instance.lower, instance.upper)
-    tight = tightened(instance, within, 1.05 * cost, 60.0, passes=2)
+    tight = tighten_bounds(instance, within, 1.05 * cost, 60.0, passes=2)
     assert not tight.infeasible
     assert (tight.bounds.lower <= known.x + 1e-6).all()
     assert (tight.bounds.upper >= known.x - 1e-6).all()
@@ -76,7 +76,7 @@ def test_tightening_keeps_points_that_are_as_good(walls: Prepared) -> None:
     after = tight.bounds.upper - tight.bounds.lower
     force = walls.program.variables["force"]
     assert after[force.start : force.stop].mean() < 0.7 * before[force.start : force.stop].mean()
-    below = tightened(instance, within, 0.5 * cost, 60.0)
+    below = tighten_bounds(instance, within, 0.5 * cost, 60.0)
     assert below.infeasible
 
 
@@ -99,20 +99,20 @@ def test_methods_with_bounds_close_small_climbs(method: str) -> None:
 
 def test_modes_say_which_envelope_holds() -> None:
     """Of two boxes, one pulls at the walls, which has no solution: the other is the mode."""
-    prepared = prepare(_scene("climb_patches", "task.rounds=3"), PostureMargins())
+    prepared = prepare_problem(_scene("climb_patches", "task.rounds=3"), PostureMargins())
     box, robot = braced_envelope(prepared.scene), prepared.scene.robot
     right = robot.shoulder_body[:, 0] > 0
     low, high = box.lower.copy(), box.upper.copy()
     low[right, 3], high[~right, 3] = 0.01, -0.01
     pushing = NamedEnvelope("pushing", "test", box)
     pulling = NamedEnvelope("pulling", "test", Envelope(low, high))
-    found = first_stage_with_modes(prepared, (pulling, pushing), 30.0)
+    found = solve_first_stage_with_modes(prepared, (pulling, pushing), 30.0)
     assert found is not None
     assert found.modes == ("pushing",) * 3
-    exact = put_right(prepared, found.candidate, 20.0)
+    exact = repair_candidate(prepared, found.candidate, 20.0)
     assert exact is not None
     assert prepared.instance.violation(exact.x, exact.assignment) <= 1e-6
-    assert first_stage_with_modes(prepared, (pulling,), 30.0) is None
+    assert solve_first_stage_with_modes(prepared, (pulling,), 30.0) is None
 
 
 def test_ground_and_wall_modes_switch_by_themselves() -> None:

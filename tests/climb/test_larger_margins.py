@@ -10,7 +10,7 @@ import pytest
 
 from climbplan.climb.plan.world_sample import WorldSample
 from climbplan.climb.proposed.outcome import Outcome
-from climbplan.climb.proposed.proposed import Trials
+from climbplan.climb.proposed.proposed import ProposalTrials
 
 TEXT = "kind: climb\nforce: {safety_friction: 1.2}\nseed: 0\n"
 
@@ -40,7 +40,7 @@ def test_margins_grow_as_long_as_they_are_kept(
         texts.append(text)
         return outcome(text, falls[len(texts)])
 
-    trials = Trials.__new__(Trials)
+    trials = ProposalTrials.__new__(ProposalTrials)
     trials._outcome = plan  # type: ignore[method-assign, assignment]
     found = trials._with_larger_margins(outcome(TEXT, falls[0], share), lambda words: None)
     assert len(texts) == tried

@@ -8,15 +8,20 @@ from pathlib import Path
 import pytest
 
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.motion.in_hand import in_hand
-from climbplan.climb.motion.trajectory import Played
+from climbplan.climb.motion.in_hand import plan_with_torque_reserve
+from climbplan.climb.motion.trajectory import TimedMotion
 from climbplan.climb.plan.climb_plan import ClimbPlan, Forces
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import load_climb
 
 SPEC = Path(__file__).parents[2] / "specs" / "climb_walker.yaml"
-SHORT = ["task.rounds=1", "task.goal.com=[0,0,0.12]", "margins.pressure=0", "margins.friction=0"]
+SHORT = [
+    "task.rounds=1",
+    "task.goal.com=[0,0,0.12]",
+    "margins.normal_force=0",
+    "margins.friction=0",
+]
 
 
 @pytest.fixture(scope="module", name="plan")
@@ -30,14 +35,16 @@ def played_with(
     """The forces that are chosen where motions have these uses in turn, and S_tau asked for."""
     asked: list[float] = []
 
-    def fake(scene: ClimbScene, *_: object) -> Played:
+    def fake(scene: ClimbScene, *_: object) -> TimedMotion:
         asked.append(scene.spec.force.safety_torque)
-        return Played(replace(plan.trajectory, time=plan.trajectory.time + len(asked)), uses.pop(0))
+        return TimedMotion(
+            replace(plan.trajectory, time=plan.trajectory.time + len(asked)), uses.pop(0)
+        )
 
-    monkeypatch.setattr("climbplan.climb.motion.in_hand.play", fake)
+    monkeypatch.setattr("climbplan.climb.motion.in_hand.build_timed_motion", fake)
     loaded = load_climb(SPEC, SHORT)
     scene = build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
-    forces, motion = in_hand(scene, plan.rounds, plan.instants, plan.forces)
+    forces, motion = plan_with_torque_reserve(scene, plan.rounds, plan.instants, plan.forces)
     assert motion.time[0] == (1 if forces is plan.forces else len(asked))
     return forces, asked
 

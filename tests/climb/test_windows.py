@@ -13,17 +13,17 @@ import pytest
 import climbplan
 from benchmarks.climb.triangle_walls import triangles
 from climbplan.api.plan import Plan
-from climbplan.climb.clearance.swing import SwingMeets
+from climbplan.climb.clearance.swing import SwingCollision
 from climbplan.climb.motion import motion
 from climbplan.climb.motion.motion import StageClock
-from climbplan.climb.postures.least_cost import least_cost
+from climbplan.climb.postures.cost_bound import bound_posture_cost
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.scene.within_reach import between, reachable, window_of, within_rounds
 from climbplan.climb.schema.loading import load_text
-from climbplan.climb.windows.body_way import BodyWay
+from climbplan.climb.windows.body_way import BodyPath
 from climbplan.climb.windows.windows import plan_in_windows
-from climbplan.errors import NotProved, SpecError
+from climbplan.errors import SpecError, Unresolved
 
 # Two walls in panels of 0.4 m, of which a window comes to a few
 PANELS = "".join(
@@ -81,8 +81,8 @@ def test_the_plan_answers_a_spec_that_leaves_rounds_open(made: tuple[Path, Plan]
 def test_windows_of_a_stated_number_of_rounds_against_one_search(tmp_path: Path) -> None:
     spec = tmp_path / "long.yaml"
     spec.write_text(NUMBERED)
-    windows = climbplan.plan(spec, set={"solver.window": 4, "solver.method": "micp"})
-    whole = climbplan.plan(spec, set={"solver.method": "micp"})
+    windows = climbplan.plan(spec, overrides={"solver.window": 4, "solver.method": "micp"})
+    whole = climbplan.plan(spec, overrides={"solver.method": "micp"})
     assert windows.verify().passed
     assert len(windows.rounds.com) == len(whole.rounds.com) == 9
     assert windows.status == "feasible"
@@ -151,18 +151,18 @@ def test_a_window_is_as_long_as_the_spec_says() -> None:
 def test_the_bound_of_straight_ways_is_met_by_equal_steps() -> None:
     scene = scene_of(NUMBERED)
     weights = scene.spec.posture.weights
-    way = np.linalg.norm(scene.goal.com - scene.start.com)
+    path = np.linalg.norm(scene.goal.com - scene.start.com)
     toes = np.linalg.norm(scene.goal.toes - scene.start.toes, axis=1)
-    exact = (weights.com * way**2 + weights.toe * (toes**2).sum()) / 8
-    assert 0.9 * exact < least_cost(scene) < exact
+    exact = (weights.com * path**2 + weights.toe * (toes**2).sum()) / 8
+    assert 0.9 * exact < bound_posture_cost(scene) < exact
 
 
 def test_ways_are_measured_along_their_corners() -> None:
-    way = BodyWay(np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0]], float))
-    assert way.length == 2
-    np.testing.assert_allclose(way.at(1.25), [1, 0.25, 0])
-    assert way.nearest(np.array([0.5, 0.1, 0]), 0.0) == pytest.approx(0.5)
-    assert way.nearest(np.array([0.5, 0.1, 0]), 0.8) == pytest.approx(0.8)  # never back
+    path = BodyPath(np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0]], float))
+    assert path.length == 2
+    np.testing.assert_allclose(path.interpolate(1.25), [1, 0.25, 0])
+    assert path.project(np.array([0.5, 0.1, 0]), 0.0) == pytest.approx(0.5)
+    assert path.project(np.array([0.5, 0.1, 0]), 0.8) == pytest.approx(0.8)  # never back
 
 
 def test_a_gap_that_no_window_crosses_is_told_with_its_place(tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_a_gap_that_no_window_crosses_is_told_with_its_place(tmp_path: Path) -> 
     kept = [line for line in SPEC.splitlines() if "l2," not in line and "r2," not in line]
     kept = [line for line in kept if "l1," not in line and "r1," not in line]
     spec.write_text("\n".join(kept) + "\nsolver: {method: micp}\n")
-    with pytest.raises(NotProved, match=r"window \d, after \d+ rounds and .* of 0.90 m"):
+    with pytest.raises(Unresolved, match=r"window \d, after \d+ rounds and .* of 0.90 m"):
         climbplan.plan(spec)
 
 
@@ -187,16 +187,16 @@ def test_methods_that_plan_all_at_once_are_refused(tmp_path: Path) -> None:
 def test_a_limb_that_meets_the_body_on_its_swing_is_planned_nearer_its_stance(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    passed: Any = motion._clear_of_obstacles
+    passed: Any = motion._plan_clear_swings
     met: list[bool] = []
 
     def meets_once(*given: object) -> object:
         if met:
             return passed(*given)
         met.append(True)
-        raise SwingMeets(2, "round 1, RR lifted", "RR's femur would be 3.0 mm deep in the body")
+        raise SwingCollision(2, "round 1, RR lifted", "RR's femur would be 3.0 mm deep in the body")
 
-    monkeypatch.setattr(motion, "_clear_of_obstacles", meets_once)
+    monkeypatch.setattr(motion, "_plan_clear_swings", meets_once)
     found = motion.plan_motion(scene_of(NUMBERED), StageClock(lambda stage, fraction: None))
     assert len(found.tightenings) == 1
     assert found.tightenings[0].startswith("workspace of RR tightened: round 1, RR lifted")

@@ -28,8 +28,8 @@ from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
-from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import NOMINAL, Conditions, require_possible
+from climbplan.simulation.request import SimulationRequest
 
 SPECS = Path(__file__).parents[2] / "specs"
 

@@ -26,8 +26,8 @@ from climbplan.limms.simulation.study import (
     format_headline,
     simulate_module_plan,
 )
-from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.request import SimulationRequest
 
 pytest.importorskip("mujoco")
 SPECS = Path(__file__).parents[2] / "specs"

@@ -10,9 +10,9 @@ import pytest
 
 from climbplan.errors import UsageError
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import NOMINAL, Conditions, ContactLoss
-from climbplan.walking.check.reference_dynamics import continuous_rollout
+from climbplan.simulation.request import SimulationRequest
+from climbplan.walking.check.reference_dynamics import integrate_continuously
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.planner.planner import plan_walk
 from climbplan.walking.schema.loading import load_mpc
@@ -58,7 +58,7 @@ def test_continuous_plan_holds(mean: WalkPlan) -> None:
 def test_body_without_corrections_follows_the_rigid_body_of_the_planner(mean: WalkPlan) -> None:
     run = simulate_walk(mean, Conditions(friction=3.0), feedback=False)
     found, knots = mean.trajectory, 3
-    exact = continuous_rollout(
+    exact = integrate_continuously(
         mean.task.body, mean.task.dt, found.state[0], found.toes[:knots], found.force[:knots]
     )
     np.testing.assert_allclose(run.com[: knots + 1], exact[:, :3], atol=2e-3)

@@ -13,8 +13,8 @@ from walking_urdf import planned_walk
 from climbplan.cli.simulate import parsed_push
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.walking_body import TO_WALKING
-from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import NOMINAL, Conditions
+from climbplan.simulation.request import SimulationRequest
 from climbplan.walking.plan.swing_trajectory import choose_vertical_fractions
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.simulation.whole_body_model import (

@@ -21,10 +21,10 @@ from climbplan.robots.model import Robot
 from climbplan.robots.self_clearance import compute_limb_clearance, list_clearance_pairs
 from climbplan.terrain.solids import Solid
 
-_TOLD = 2e-3  # [m] room up to which it is measured
-_OVERLAP = 1e-9  # [m] that counts
+_MAX_MEASURED = 2e-3  # [m] room up to which it is measured
+_OVERLAP_TOLERANCE = 1e-9  # [m] that counts
 _STEPS = 6  # poses along a push
-_OF_JOINT = 0.2  # of a radius: what of a second link counts as its joint with the first
+_JOINT_FRACTION = 0.2  # of a radius: what of a second link counts as its joint with the first
 
 
 @dataclass(frozen=True)
@@ -35,25 +35,25 @@ class SelfShortfall:
     pose: int
     limb: int
     link: int
-    other: int  # limb, or -1 for the body
+    other_limb: int  # limb, or -1 for the body
     other_link: int
 
     def describe(self, robot: Robot) -> str:
-        """Which parts, and by how much, in the robot's terms."""
+        """Describe the overlapping parts and the depth, with the robot's names."""
         first = f"{robot.limb_names[self.limb]}'s {robot.joint_name(self.limb, self.link)}"
         second = "the body"
-        if self.other >= 0:
-            name = robot.joint_name(self.other, self.other_link)
-            second = f"{robot.limb_names[self.other]}'s {name}"
+        if self.other_limb >= 0:
+            name = robot.joint_name(self.other_limb, self.other_link)
+            second = f"{robot.limb_names[self.other_limb]}'s {name}"
         return f"{first} would be {1e3 * self.missing:.1f} mm deep in {second}"
 
 
 def compute_self_shortfall(
     robot: Robot, links: Capsules, of_limb: int | None = None, still: BoolArray | None = None
 ) -> SelfShortfall:
-    """Where parts come closest, of links (P, N, C) in the body frame; NaN are left out.
+    """Compute where parts come closest, of links (P, N, C) in the body frame; NaN are left out.
 
-    of_limb: look at that limb alone, beside the body and the limbs of `still` (N,).
+    of_limb: check that limb alone, against the body and the limbs of `still` (N,).
     """
     body, limbs = list_clearance_pairs(robot, links)
     if of_limb is not None:
@@ -95,7 +95,7 @@ def find_standing_overlap(
     between = (v.reshape(-1, *v.shape[2:]) for v in (com, rpy, toes, normal))
     angles = np.concatenate([instants.joint_angles, standing_inverse(robot, *between).best()])
     worst = compute_self_shortfall(robot, limb_capsules(robot, angles))
-    if worst.missing <= _OVERLAP:
+    if worst.missing <= _OVERLAP_TOLERANCE:
         return None
     k = worst.pose
     if k >= instants.count:
@@ -110,12 +110,12 @@ def compute_body_distances(robot: Robot, links: Capsules, pairs: IntArray) -> Ar
     radius = links.radius[limb_link]
     if robot.capsules is None:
         second = links.link[limb_link] == robot.has_joint.argmax(axis=1)[limb_link[0]] + 1
-        cut = np.where(second, _OF_JOINT * radius, 0.0)
+        cut = np.where(second, _JOINT_FRACTION * radius, 0.0)
         along = ends - starts
         length = np.maximum(np.linalg.norm(along, axis=-1), 1e-9)
         starts = starts + np.minimum(cut / length, 1.0)[..., None] * along
         radius = np.hypot(radius, cut / 2)
-    enough = float(radius.max(initial=0.0)) + _TOLD
+    enough = float(radius.max(initial=0.0)) + _MAX_MEASURED
     away = [
         compute_link_distances(solid, starts, ends, enough) for solid in build_body_solids(robot)
     ]

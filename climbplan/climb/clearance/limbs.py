@@ -35,19 +35,19 @@ from climbplan.terrain.raw_surface import NARROW, SLENDER
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Tube
 
-BETWEEN = (
+INTERPOLATION_MARGIN = (
     1e-3  # [m] that links, as thick as they are, keep: what one may lose between checked poses
 )
-_STEPS = 6  # poses checked along a push
-_CONE = 6  # pieces of a last link, each as thick as at its thinner end
+_NUM_POSES = 6  # poses checked along a push
+_NUM_TAPER_PIECES = 6  # pieces of a last link, each as thick as at its thinner end
 _SAME_SPHERE = 1e-3  # [m] by which the capsule of a foot may reach beyond its sphere
 _ON_SOLID = 1e-3  # [m] within which a toe stands on a solid
 _TOUCHING = 1e-9  # [m] a corner this close to a face belongs to it
 
 
-def standing_room(scene: ClimbScene) -> float:
+def compute_standing_clearance(scene: ClimbScene) -> float:
     """Distance [m] of links' axes that postures are planned with, with the spec's clearance."""
-    return scene.robot.limb_radius + max(scene.spec.posture.limb_clearance, BETWEEN)
+    return scene.robot.limb_radius + max(scene.spec.posture.limb_clearance, INTERPOLATION_MARGIN)
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def find_limb_shortfall(
     if not scene.terrain.link_solids and scene.terrain.scan is None:
         return None
     lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
-    fractions = np.linspace(0.0, 1.0, _STEPS)[:, None]
+    fractions = np.linspace(0.0, 1.0, _NUM_POSES)[:, None]
     com, rpy = (
         x[lift, None] + fractions * (x[push] - x[lift])[:, None]
         for x in (instants.com, instants.rpy)
@@ -107,14 +107,14 @@ def find_limb_shortfall(
         pose, limb = index
         where = "start posture"
         if pose > 0:
-            where = instants.label(int(push[(pose - 1) // _STEPS]), scene.robot.limb_names)
+            where = instants.label(int(push[(pose - 1) // _NUM_POSES]), scene.robot.limb_names)
         return LimbShortfall(missing, where, limb, link, radius, name)
 
     short = []
     if solids:
         closest = find_closest_link(scene, links)
         solid = solids[closest.solid]
-        missing = BETWEEN - closest.distance
+        missing = INTERPOLATION_MARGIN - closest.distance
         nearest = shortfall(missing, closest.index, closest.link, closest.radius, solid.name)
         if isinstance(solid, Solid):
             pose, limb = closest.index
@@ -129,7 +129,7 @@ def find_limb_shortfall(
             np.concatenate([start[2], flat_toes])[..., None, :],
             np.concatenate([first, flat_normals])[..., None, :],
         )
-        raw = find_nearest_raw(scene.terrain.scan, links, contacts, BETWEEN)
+        raw = find_nearest_raw(scene.terrain.scan, links, contacts, INTERPOLATION_MARGIN)
         nearest = shortfall(raw.missing, raw.index, raw.link, raw.radius, THE_SCAN)
         short.append(replace(nearest, solids=raw.solids))
     return max(short, key=lambda s: s.missing)
@@ -175,7 +175,7 @@ def taper_links(links: Capsules, foot: float) -> Capsules:
     last = np.isfinite(links.to_toe)  # (N, C)
     first = 0.0 if foot > 0 else NARROW
     taper_length = np.maximum(
-        (links.radius + BETWEEN - foot) / SLENDER, first
+        (links.radius + INTERPOLATION_MARGIN - foot) / SLENDER, first
     )  # (N, C) from the toe on
     along = links.starts - links.ends
     length = np.linalg.norm(along, axis=-1)  # (..., N, C)
@@ -186,7 +186,7 @@ def taper_links(links: Capsules, foot: float) -> Capsules:
     foot_itself = last & (beyond + links.radius <= foot + _SAME_SPHERE)
 
     def interpolate_links(distances: Array) -> Array:
-        """Places (..., N, C, 3) of last links so far (N, C) from their toes, on their axes."""
+        """Interpolate points (..., N, C, 3) on last links at distances (N, C) from their toes."""
         distance = np.clip(distances - np.where(last, links.to_toe, 0.0), 0.0, length)
         return np.asarray(links.ends + distance[..., None] * unit)
 
@@ -197,26 +197,29 @@ def taper_links(links: Capsules, foot: float) -> Capsules:
         [np.where(last[..., None], interpolate_links(taper_length), links.ends)],
         [links.radius],
     )
-    for piece in range(_CONE):
+    for piece in range(_NUM_TAPER_PIECES):
         distances = (
-            first + (taper_length - first) * np.array([piece + 1, piece])[:, None, None] / _CONE
+            first
+            + (taper_length - first)
+            * np.array([piece + 1, piece])[:, None, None]
+            / _NUM_TAPER_PIECES
         )
         left_out = ~last | foot_itself | (distances[0] <= links.to_toe) | (distances[1] >= beyond)
         left_out |= distances[0] <= distances[1]
         starts.append(np.where(left_out[..., None], np.nan, interpolate_links(distances[0])))
         ends.append(interpolate_links(distances[1]))
-        radii.append(np.minimum(links.radius, foot + SLENDER * distances[1] - BETWEEN))
+        radii.append(np.minimum(links.radius, foot + SLENDER * distances[1] - INTERPOLATION_MARGIN))
     return Capsules(
         np.concatenate(starts, axis=-2),
         np.concatenate(ends, axis=-2),
         np.concatenate(radii, axis=-1),
-        np.tile(links.link, 1 + _CONE),
-        np.tile(links.to_toe, 1 + _CONE),
+        np.tile(links.link, 1 + _NUM_TAPER_PIECES),
+        np.tile(links.to_toe, 1 + _NUM_TAPER_PIECES),
     )
 
 
 def _find_largest_length(length: Array) -> Array:
-    """The length (N, C) of links (..., N, C), the same in all poses; zero where none is known."""
+    """Find the length (N, C) of links (..., N, C), equal in all poses; zero if unknown."""
     flat = length.reshape(-1, *length.shape[-2:])
     return np.asarray(np.where(np.isnan(flat), 0.0, flat).max(axis=0, initial=0.0))
 
@@ -242,7 +245,7 @@ def find_closest_link(scene: MotionScene, links: Capsules, limb: int | None = No
 
     Distances beyond `BETWEEN` are lower bounds.
     """
-    distances = compute_link_clearances(scene, links, BETWEEN, limb)
+    distances = compute_link_clearances(scene, links, INTERPOLATION_MARGIN, limb)
     index_of_min = int(np.argmin(np.where(np.isnan(distances), np.inf, distances)))
     *index, solid, link = (int(i) for i in np.unravel_index(index_of_min, distances.shape))
     which = index[-1], link
@@ -258,7 +261,7 @@ def find_closest_link(scene: MotionScene, links: Capsules, limb: int | None = No
 def compute_link_clearances(
     scene: MotionScene, links: Capsules, max_distance: float, limb: int | None = None
 ) -> Array:
-    """Room (..., N, S, C) [m] of links beside each of `Terrain.link_solids`, as thick as they are.
+    """Compute clearances (..., N, S, C) of links from each of `Terrain.link_solids` [m].
 
     Args:
         scene: Robot and terrain.
@@ -298,7 +301,7 @@ def compute_link_clearances(
 def compute_link_distances(
     solid: Solid | Tube, starts: Array, ends: Array, max_distance: float = np.inf
 ) -> Array:
-    """Distances (...) of segments (..., 3) from a convex solid, negative where they meet it.
+    """Compute distances (...) of segments (..., 3) from a convex solid, negative inside it.
 
     From the wall of a tube the distance is that from inside.
 
@@ -320,7 +323,7 @@ def compute_link_distances(
 
 
 def _compute_near_distances(solid: Solid, flat: Array, faces: Array, bound: Array) -> Array:
-    """Exact distances (S,) of segments with ends (2, S, 3), face distances (2, S, F) of their ends.
+    """Compute exact distances (S,) of segments (2, S, 3) with face distances (2, S, F) of ends.
 
     Apart, the nearest points lie on an edge of the solid or at an end of the segment before a face.
     """
@@ -333,7 +336,7 @@ def _compute_near_distances(solid: Solid, flat: Array, faces: Array, bound: Arra
 
 
 def _is_intersecting(faces: Array) -> BoolArray:
-    """Whether segments with face distances (2, S, F) at their ends pass through the solid (S,)."""
+    """Return whether segments (S,) with face distances (2, S, F) at their ends cross the solid."""
     first, last = faces
     slope = last - first
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -345,7 +348,7 @@ def _is_intersecting(faces: Array) -> BoolArray:
 
 
 def _compute_edge_distances(solid: Solid, starts: Array, ends: Array) -> Array:
-    """Least distance (S,) of segments from all edges of a solid."""
+    """Compute the smallest distance (S,) of segments from all edges of a solid [m]."""
     on = np.abs(solid.vertices @ solid.A.T - solid.b) < 1e3 * _TOUCHING
     first, last = np.nonzero(np.triu(on.astype(int) @ on.T.astype(int) >= 2, k=1))
     origin, edge = solid.vertices[first], solid.vertices[last] - solid.vertices[first]

@@ -1,7 +1,7 @@
-"""Room between the robot and the raw surface of a scan, as planning measures it.
+"""Clearance between the robot and the triangles of a scan, as planning measures it.
 
-What limbs keep from it is stated in `climbplan/terrain/raw_surface.py`; the checks measure it
-again, by other means (`climbplan/climb/check/scan.py`).
+`climbplan/terrain/raw_surface.py` states the required clearance; the checks measure it
+independently (`climbplan/climb/check/scan.py`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _NUM_PIECES = (
 
 @dataclass(frozen=True)
 class Contacts:
-    """Where toes stand, or stood and will stand: C of each limb of each pose (..., C, 3)."""
+    """Present, or past and next, contacts of toes: C of each limb of each pose (..., C, 3)."""
 
     places: Array  # [m]; NaN for none
     normals: Array  # unit, into free space
@@ -38,7 +38,7 @@ class Contacts:
 
 @dataclass(frozen=True)
 class NearestRaw:
-    """The link that comes too close to the raw surface by most, and all it comes too close to."""
+    """The link with the largest clearance shortfall from the scan, and the solids concerned."""
 
     missing: float  # [m] of the room that it has to keep there, zero where all is kept
     index: tuple[int, ...]  # of limb and pose
@@ -50,10 +50,13 @@ class NearestRaw:
 def find_nearest_raw(
     scan: RawSurface, capsules: Capsules, contacts: Contacts, margin: float
 ) -> NearestRaw:
-    """The room that links lack from raw triangles: their radius from all that counts, and more.
+    """Find the largest clearance shortfall of links from the triangles of a scan.
 
-    beyond: [m] what planning keeps beyond the radius. contacts: (..., C, 3), those of each limb.
-    Limbs with NaN are left out.
+    Args:
+        scan: The scan.
+        capsules: (..., C) links; limbs with NaN are left out.
+        contacts: (..., C, 3) contacts of each limb, whose surfaces its tapered end may approach.
+        margin: Clearance beyond the radius [m].
     """
     from climbplan.scan.distances import compute_missing_clearance, find_contact_surfaces
 
@@ -125,7 +128,7 @@ def find_nearest_raw(
 
 @dataclass(frozen=True)
 class _TaperedEnd:
-    """B capsules of last links in Q pieces, from the knee on, and the room that they need."""
+    """B capsules of last links in Q pieces, from the knee on, with their required clearance."""
 
     starts: Array  # (B, Q, 3)
     ends: Array  # (B, Q, 3)
@@ -188,7 +191,7 @@ def _taper_limb_end(
 
 
 def _build_solids_behind(scan: RawSurface, triangles: IntArray) -> tuple[Solid, ...]:
-    """The material behind some triangles: whole convex bodies, or slabs behind planes."""
+    """Build the material behind some triangles: whole convex bodies, or slabs behind planes."""
     if not len(triangles):
         return ()
     corners = scan.corners
@@ -220,7 +223,7 @@ def _build_solids_behind(scan: RawSurface, triangles: IntArray) -> tuple[Solid, 
 
 
 def _find_connected(scan: RawSurface, candidates: IntArray, first: int) -> IntArray:
-    """Those of the candidates that are connected with one of them over common corners."""
+    """Find the candidates that are connected with one of them by common corners."""
     connected = {first}
     reached = set(scan.triangles[first].tolist())
     remaining = [t for t in candidates.tolist() if t != first]
@@ -234,7 +237,7 @@ def _find_connected(scan: RawSurface, candidates: IntArray, first: int) -> IntAr
 
 
 def is_path_clear(scan: RawSurface, path: Array, min_distance: float) -> bool:
-    """Whether a way (S, 3) keeps `room` [m] from all raw triangles."""
+    """Return whether a path (S, 3) keeps a minimum distance from all triangles [m]."""
     from climbplan.scan.distances import compute_triangle_distances
 
     corners = np.ascontiguousarray(scan.corners[_find_near_triangles(scan, path, min_distance)])
@@ -247,10 +250,10 @@ def is_path_clear(scan: RawSurface, path: Array, min_distance: float) -> bool:
 
 
 def compute_raw_body_distance(scan: RawSurface, hulls: Array, max_distance: float) -> Array:
-    """Distances (...) of body hulls (..., V, 3) from raw triangles, `room` [m] at most.
+    """Compute distances (...) of body hulls (..., V, 3) from triangles, up to a maximum [m].
 
-    Corners and edges of the hull against triangles, and these against the hull's faces: zero where
-    they meet.
+    Corners and edges of the hull are compared with triangles, and triangles with the hull's faces;
+    zero where they intersect.
     """
     from climbplan.scan.distances import compute_triangle_distances
 
@@ -278,7 +281,7 @@ def compute_raw_body_distance(scan: RawSurface, hulls: Array, max_distance: floa
 
 
 def _compute_heights(hull: Array, points: Array) -> Array:
-    """(P, F) heights of points over the faces of a hull."""
+    """Compute heights (P, F) of points over the faces of a hull [m]."""
     from scipy.spatial import ConvexHull
 
     planes = ConvexHull(hull).equations
@@ -286,7 +289,7 @@ def _compute_heights(hull: Array, points: Array) -> Array:
 
 
 def _find_near_triangles(scan: RawSurface, points: Array, max_distance: float) -> IntArray:
-    """Numbers of triangles whose bounds come within `room` [m] of the bounds of points."""
+    """Find triangles whose bounds come within a distance of the bounds of points [m]."""
     flat = points.reshape(-1, 3)
     low, high = np.nanmin(flat, axis=0) - max_distance, np.nanmax(flat, axis=0) + max_distance
     corners = scan.corners

@@ -15,14 +15,20 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.climb.clearance.limb_pairs import SelfShortfall, compute_self_shortfall
-from climbplan.climb.clearance.limbs import BETWEEN, LimbShortfall, find_closest_link
+from climbplan.climb.clearance.limbs import INTERPOLATION_MARGIN, LimbShortfall, find_closest_link
 from climbplan.climb.clearance.raw_surface import (
     THE_SCAN,
     Contacts,
     find_nearest_raw,
-    raw_toes_clear,
+    is_path_clear,
 )
-from climbplan.climb.clearance.swing_ways import candidates, hover, joined, sampled, sampled_shares
+from climbplan.climb.clearance.swing_ways import (
+    compute_hover_points,
+    generate_paths,
+    join_path,
+    sample_fractions,
+    sample_path,
+)
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.errors import Conflict, Unresolved
@@ -33,18 +39,18 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.solids import Solid
 
-_OVERLAP = 1e-9  # [m] that counts
+_OVERLAP_TOLERANCE = 1e-9  # [m] that counts
 TOE_CLEARANCE = 0.01  # [m] distance a swinging toe, or the foot round it, keeps from every solid
-_TOUCHES = 1e-6  # [m] by which a foot that stands may seem to be in what it stands on
+_CONTACT_TOLERANCE = 1e-6  # [m] by which a foot that stands may seem to be in what it stands on
 # [m] what it keeps from a scan where some way does: over a long walk the body is 10 to 15 mm lower
 # than planned, and a toe that catches an edge drags the feet that stand
-_ROOMY = 0.03
-_OF_LIFT = 0.5  # share of the lift that this is at most
+_PREFERRED_CLEARANCE = 0.03
+_MAX_LIFT_FRACTION = 0.5  # share of the lift that this is at most
 
 
 @dataclass(frozen=True)
 class Swing:
-    """One limb's move: the body stands still while the toe goes from old to new."""
+    """One limb's swing: the toe moves from old to new while the body stands still."""
 
     limb: int
     com: Array  # (3,) [m]
@@ -59,39 +65,39 @@ class Swing:
 
     @property
     def contacts(self) -> Array:
-        """(2, 3) the old and the new one [m]."""
+        """The old and the new contact (2, 3) [m]."""
         return np.stack([self.old, self.new])
 
-    def turned(self, way: Array) -> Array:
+    def interpolate_normals(self, path: Array) -> Array:
         """(S, 3) normals that a sole turns with along a way (P, 3), where it is `sampled`."""
-        share = sampled_shares(way)[:, None]
-        return np.asarray((1 - share) * self.normals[0] + share * self.normals[1])
+        fraction = sample_fractions(path)[:, None]
+        return np.asarray((1 - fraction) * self.normals[0] + fraction * self.normals[1])
 
 
-WAYS = "some ways of a limb are looked at, between postures that the planner chose"
+SWING_REASON = "some ways of a limb are looked at, between postures that the planner chose"
 
 
 class SwingBlocked(Unresolved):
-    """No way was found on which a limb misses the obstacles; says what is missing at least."""
+    """No path was found on which a limb clears the obstacles; states the smallest shortfall."""
 
-    def __init__(self, shortfall: LimbShortfall, words: str) -> None:
+    def __init__(self, shortfall: LimbShortfall, message: str) -> None:
         self.shortfall = shortfall
-        conflict = Conflict(shortfall.where, (words,), in_words=True)
-        super().__init__("no clear swing path", [conflict], because=WAYS, stage="swing")
+        conflict = Conflict(shortfall.where, (message,), in_words=True)
+        super().__init__("no clear swing path", [conflict], because=SWING_REASON, stage="swing")
 
 
-class SwingMeets(Unresolved):
-    """On all ways of a limb that are clear of the terrain it meets another one, or the body."""
+class SwingCollision(Unresolved):
+    """On all paths clear of the terrain a limb collides with another one, or with the body."""
 
-    def __init__(self, limb: int, where: str, words: str) -> None:
+    def __init__(self, limb: int, where: str, message: str) -> None:
         self.limb = limb
-        conflict = Conflict(where, (words,), in_words=True)
-        super().__init__("no clear swing path", [conflict], because=WAYS, stage="swing")
+        conflict = Conflict(where, (message,), in_words=True)
+        super().__init__("no clear swing path", [conflict], because=SWING_REASON, stage="swing")
 
 
-def swings_of(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[Swing, ...]:
-    """All limb moves of a posture sequence in their order, limbs that move at once by number."""
-    names, toes, found = scene.robot.limb_names, rounds.toes[0], []
+def list_swings(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[Swing, ...]:
+    """List all swings of a posture sequence in order, simultaneous ones by limb."""
+    names, toes, swings = scene.robot.limb_names, rounds.toes[0], []
     for k in range(0, instants.count, 2):
         new = instants.toes[k + 1]
         pose = instants.com[k], instants.rpy[k]
@@ -100,23 +106,23 @@ def swings_of(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[S
             normals = instants.normal[[k, k + 1], limb]
             still = ~instants.lifted[k]
             under = instants.normal[k]
-            found.append(
+            swings.append(
                 Swing(limb, *pose, toes[limb], new[limb], normals, where, toes, still, under)
             )
         toes = new
-    return tuple(found)
+    return tuple(swings)
 
 
 def plan_swing_paths(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[Array, ...]:
-    """Way points of all limb moves of a posture sequence.
+    """Plan the way points of all swings of a posture sequence.
 
-    Raises as `swing_path`; of several swings that links block, for the one that misses most.
+    Raises as `plan_swing_path`; if links block several swings, for the largest shortfall.
     """
     paths: list[Array] = []
     worst: SwingBlocked | None = None
-    for swing in swings_of(scene, rounds, instants):
+    for swing in list_swings(scene, rounds, instants):
         try:
-            paths.append(swing_path(scene, swing))
+            paths.append(plan_swing_path(scene, swing))
         except SwingBlocked as blocked:
             if worst is None or blocked.shortfall.missing > worst.shortfall.missing:
                 worst = blocked
@@ -125,83 +131,100 @@ def plan_swing_paths(scene: MotionScene, rounds: Rounds, instants: Instants) -> 
     return tuple(paths)
 
 
-def swing_path(scene: MotionScene, swing: Swing) -> Array:
-    """Way points (P, 3) from above the old contact to above the new one [m].
+def plan_swing_path(scene: MotionScene, swing: Swing) -> Array:
+    """Plan way points (P, 3) from above the old contact to above the new one [m].
 
-    Raises SwingBlocked where the limb's links cannot miss the obstacles, and NotProved naming
-    what blocks the toe.
+    Raises:
+        SwingBlocked: The limb's links cannot clear the obstacles.
+        SwingCollision: The limb collides with another one or the body on all clear paths.
+        Unresolved: Something blocks the toe; the message names it.
     """
     solids = scene.terrain.solids
     lift = scene.spec.trajectory.swing_clearance
-    ends = hover(swing.contacts, swing.normals, lift)
+    ends = compute_hover_points(swing.contacts, swing.normals, lift)
     robot = scene.robot.one_limb(swing.limb)
     blocker: str | None = None
-    # Lifting off and setting down are parts of every way
-    legs = [sampled(np.stack(leg)) for leg in zip(swing.contacts, ends, strict=True)]
-    normals = [np.broadcast_to(n, leg.shape) for n, leg in zip(swing.normals, legs, strict=True)]
-    closest = _links_too_near(
-        scene, swing, _links(robot, swing, np.concatenate(legs), np.concatenate(normals))
+    # Lifting off and setting down are parts of every path
+    segments = [
+        sample_path(np.stack(segment)) for segment in zip(swing.contacts, ends, strict=True)
+    ]
+    normals = [
+        np.broadcast_to(n, segment.shape)
+        for n, segment in zip(swing.normals, segments, strict=True)
+    ]
+    closest = _find_close_link(
+        scene,
+        swing,
+        _compute_links(robot, swing, np.concatenate(segments), np.concatenate(normals)),
     )
     if closest is not None:
-        raise SwingBlocked(closest, f"{closest.words(scene)} as its toe is lifted or set down")
+        raise SwingBlocked(closest, f"{closest.describe(scene)} as its toe is lifted or set down")
     size = 0.0 if robot.foot is None else robot.foot.radius
     if size:
-        for way in legs:
-            near = _too_near(way, solids, size - _TOUCHES)
-            if near is not None:
-                blocker = f"to where its foot of {1e3 * size:.0f} mm clears {near.name!r}"
-                raise _no_way(swing, blocker)
+        for segment_points in segments:
+            close_solid = _find_close_solid(segment_points, solids, size - _CONTACT_TOLERANCE)
+            if close_solid is not None:
+                blocker = f"to where its foot of {1e3 * size:.0f} mm clears {close_solid.name!r}"
+                raise _build_failure(swing, blocker)
     if robot.sole is not None:
-        for way, under in zip(legs, normals, strict=True):
-            near = _too_near(_under_sole(robot.sole, way, under), solids, -_TOUCHES)
-            if near is not None:
-                raise _no_way(swing, f"to where its sole clears {near.name!r}")
-    beside = _Beside.of(scene.robot, swing)
-    tried, met = 0, None
-    for path in _roomiest_first(scene, candidates(swing.contacts, swing.normals, lift)):
-        whole = path if np.array_equal(path[[0, -1]], ends) else joined(ends, path)
-        way = swing.turned(whole)
-        looked_at = sampled(path)
+        for segment_points, under in zip(segments, normals, strict=True):
+            close_solid = _find_close_solid(
+                _compute_sole_points(robot.sole, segment_points, under), solids, -_CONTACT_TOLERANCE
+            )
+            if close_solid is not None:
+                raise _build_failure(swing, f"to where its sole clears {close_solid.name!r}")
+    standing_robot = _StandingRobot.from_swing(scene.robot, swing)
+    num_tried, first_overlap = 0, None
+    for path in _order_by_clearance(scene, generate_paths(swing.contacts, swing.normals, lift)):
+        whole_path = path if np.array_equal(path[[0, -1]], ends) else join_path(ends, path)
+        segment_points = swing.interpolate_normals(whole_path)
+        checked_points = sample_path(path)
         if robot.sole is not None:
-            looked_at = _under_sole(robot.sole, sampled(whole), way)
-        near = _too_near(looked_at, solids, TOE_CLEARANCE + size)
-        if near is not None:
-            blocker = blocker or near.name
+            checked_points = _compute_sole_points(
+                robot.sole, sample_path(whole_path), segment_points
+            )
+        close_solid = _find_close_solid(checked_points, solids, TOE_CLEARANCE + size)
+        if close_solid is not None:
+            blocker = blocker or close_solid.name
             continue
-        if scene.terrain.scan is not None and not raw_toes_clear(
-            scene.terrain.scan, sampled(path), TOE_CLEARANCE + size
+        if scene.terrain.scan is not None and not is_path_clear(
+            scene.terrain.scan, sample_path(path), TOE_CLEARANCE + size
         ):
             blocker = blocker or THE_SCAN
             continue
-        links = _links(robot, swing, sampled(whole), way)
+        links = _compute_links(robot, swing, sample_path(whole_path), segment_points)
         if links is None:
             continue
-        found = _links_too_near(scene, swing, links)
-        if found is None:
-            overlap = None if beside is None else beside.overlap(links)
+        close_link = _find_close_link(scene, swing, links)
+        if close_link is None:
+            overlap = None if standing_robot is None else standing_robot.find_overlap(links)
             if overlap is None:
-                return whole
-            met = met or overlap
+                return whole_path
+            first_overlap = first_overlap or overlap
             continue
-        tried += 1
-        if closest is None or found.missing < closest.missing:
-            closest = found
+        num_tried += 1
+        if closest is None or close_link.missing < closest.missing:
+            closest = close_link
     if closest is not None:
-        raise SwingBlocked(closest, f"{closest.words(scene)} on the clearest of {tried} ways")
-    if met is not None:
-        words = f"{met.describe(scene.robot)} on the nearest way"
-        raise SwingMeets(swing.limb, swing.where, words)
-    raise _no_way(swing, f"past {blocker!r}" if blocker is not None else "within the limb's reach")
+        raise SwingBlocked(
+            closest, f"{closest.describe(scene)} on the clearest of {num_tried} ways"
+        )
+    if first_overlap is not None:
+        message = f"{first_overlap.describe(scene.robot)} on the nearest way"
+        raise SwingCollision(swing.limb, swing.where, message)
+    raise _build_failure(
+        swing, f"past {blocker!r}" if blocker is not None else "within the limb's reach"
+    )
 
 
-def _no_way(swing: Swing, where: str) -> Unresolved:
+def _build_failure(swing: Swing, where: str) -> Unresolved:
     conflict = Conflict(swing.where, (f"swing path of the toe {where}",))
-    return Unresolved("no clear swing path", [conflict], because=WAYS, stage="swing")
+    return Unresolved("no clear swing path", [conflict], because=SWING_REASON, stage="swing")
 
 
 @dataclass(frozen=True)
-class _Beside:
-    """A robot that stands, all but one limb, which swings."""
+class _StandingRobot:
+    """The robot during a swing, with all limbs but one at rest."""
 
     robot: Robot
     swing: Swing
@@ -209,8 +232,8 @@ class _Beside:
     standing: Capsules  # (1, N, C), world; NaN of limbs out of reach
 
     @classmethod
-    def of(cls, robot: Robot, swing: Swing) -> _Beside | None:
-        """None where the swing does not say where the others stand."""
+    def from_swing(cls, robot: Robot, swing: Swing) -> _StandingRobot | None:
+        """Build it from a swing; None if the swing does not state the other limbs' toes."""
         if swing.toes is None or swing.still is None:
             return None
         pose = swing.com[None], swing.rpy[None]
@@ -219,32 +242,32 @@ class _Beside:
         standing = limb_capsules(robot, angles).to_world(swing.com, rotation_world_body(swing.rpy))
         return cls(robot, swing, swing.still, standing)
 
-    def overlap(self, links: Capsules) -> SelfShortfall | None:
-        """Where the limb meets another one or the body on its way (S, 1, C), if it does."""
+    def find_overlap(self, links: Capsules) -> SelfShortfall | None:
+        """Find the worst overlap of links (S, 1, C) with another limb or the body, if any."""
         swing, count = self.swing, len(links.starts)
-        turn = rotation_world_body(swing.rpy)
+        rotation = rotation_world_body(swing.rpy)
 
-        def seen(standing: Array, moving: Array) -> Array:
-            every = np.repeat(standing, count, axis=0)
-            every[:, swing.limb] = moving[:, 0]
-            return np.asarray((every - swing.com) @ turn)  # in the body frame
+        def merge_poses(standing: Array, moving: Array) -> Array:
+            all_points = np.repeat(standing, count, axis=0)
+            all_points[:, swing.limb] = moving[:, 0]
+            return np.asarray((all_points - swing.com) @ rotation)  # in the body frame
 
-        starts = seen(self.standing.starts, links.starts)
-        ends = seen(self.standing.ends, links.ends)
-        every = replace(self.standing, starts=starts, ends=ends)
-        worst = compute_self_shortfall(self.robot, every, swing.limb, self.still)
-        return worst if worst.missing > _OVERLAP else None
+        starts = merge_poses(self.standing.starts, links.starts)
+        ends = merge_poses(self.standing.ends, links.ends)
+        all_points = replace(self.standing, starts=starts, ends=ends)
+        worst = compute_self_shortfall(self.robot, all_points, swing.limb, self.still)
+        return worst if worst.missing > _OVERLAP_TOLERANCE else None
 
 
-def _links_too_near(
+def _find_close_link(
     scene: MotionScene, swing: Swing, links: Capsules | None
 ) -> LimbShortfall | None:
-    """The link that comes closest to an obstacle, if that is closer than links may come."""
+    """Find the link closest to an obstacle, if it violates its clearance."""
     if links is None:
         return None
     if scene.terrain.scan is not None:
         contacts = Contacts(np.stack([swing.old, swing.new]), swing.normals)
-        raw = find_nearest_raw(scene.terrain.scan, links, contacts, BETWEEN)
+        raw = find_nearest_raw(scene.terrain.scan, links, contacts, INTERPOLATION_MARGIN)
         if raw.missing > 1e-9:
             return LimbShortfall(
                 raw.missing, swing.where, swing.limb, raw.link, raw.radius, THE_SCAN, raw.solids
@@ -252,57 +275,61 @@ def _links_too_near(
     solids = scene.terrain.link_solids
     if not solids:
         return None
-    found = find_closest_link(scene, links, swing.limb)
-    if found.distance >= BETWEEN - 1e-9:
+    closest = find_closest_link(scene, links, swing.limb)
+    if closest.distance >= INTERPOLATION_MARGIN - 1e-9:
         return None
-    solid = solids[found.solid]
+    solid = solids[closest.solid]
     return LimbShortfall(
-        BETWEEN - found.distance,
+        INTERPOLATION_MARGIN - closest.distance,
         swing.where,
         swing.limb,
-        found.link,
-        found.radius,
+        closest.link,
+        closest.radius,
         solid.name,
         (solid,) if isinstance(solid, Solid) else (),
     )
 
 
-def _roomiest_first(scene: MotionScene, paths: Iterator[Array]) -> Iterator[Array]:
-    """Ways on which the toe has room to spare beside a scan, then all others, each in its order."""
+def _order_by_clearance(scene: MotionScene, paths: Iterator[Array]) -> Iterator[Array]:
+    """Order paths: first those with extra toe clearance from a scan, then all others."""
     scan = scene.terrain.scan
     size = 0.0 if scene.robot.foot is None else scene.robot.foot.radius
-    room = min(_ROOMY, _OF_LIFT * scene.spec.trajectory.swing_clearance)
-    if scan is None or room <= TOE_CLEARANCE:
+    preferred = min(
+        _PREFERRED_CLEARANCE, _MAX_LIFT_FRACTION * scene.spec.trajectory.swing_clearance
+    )
+    if scan is None or preferred <= TOE_CLEARANCE:
         yield from paths
         return
-    others = []
+    remaining = []
     for path in paths:
-        if raw_toes_clear(scan, sampled(path), room + size):
+        if is_path_clear(scan, sample_path(path), preferred + size):
             yield path
         else:
-            others.append(path)
-    yield from others
+            remaining.append(path)
+    yield from remaining
 
 
-def _too_near(points: Array, solids: tuple[Solid, ...], least: float) -> Solid | None:
-    """The solid that toes at points (S, 3) come closer to than `least` [m], if any.
+def _find_close_solid(
+    points: Array, solids: tuple[Solid, ...], min_distance: float
+) -> Solid | None:
+    """Find a solid closer to toes at points (S, 3) than a minimum distance [m], if any.
 
-    The face distance never exceeds the true distance, so what passes here is really clear.
+    The face distance is a lower bound of the true distance, so accepted points are clear.
     """
     for solid in solids:
-        if solid.face_distance(points).min() < least - 1e-9:
+        if solid.face_distance(points).min() < min_distance - 1e-9:
             return solid
     return None
 
 
-def _under_sole(sole: Sole, toes: Array, normals: Array) -> Array:
-    """Corners and middles (P, 3) of soles about toes (S, 3), turned with normals (S, 3)."""
+def _compute_sole_points(sole: Sole, toes: Array, normals: Array) -> Array:
+    """Compute corners and centers (P, 3) of soles about toes (S, 3) with normals (S, 3)."""
     unit = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
     return np.concatenate([toes, (toes[:, None] + sole.arms(unit)).reshape(-1, 3)])
 
 
-def _links(robot: Robot, swing: Swing, toes: Array, normals: Array) -> Capsules | None:
-    """Links (S, 1, C) of the limb along a way, or None if a point is out of reach.
+def _compute_links(robot: Robot, swing: Swing, toes: Array, normals: Array) -> Capsules | None:
+    """Compute the limb's links (S, 1, C) along a path, or None if a point is out of reach.
 
     normals: (S, 3) that soles turn with.
     """

@@ -15,38 +15,38 @@ _DETOURS = (0.06, 0.12, 0.18, 0.26)  # [m] how far aside the via points lie
 _DIRECTIONS = np.array(
     [d for d in itertools.product((-1, 0, 1), repeat=3) if any(d)], float
 )  # towards faces, edges and corners of a cube
-_ASIDE = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
+_UNIT_DIRECTIONS = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
 
 
-def hover(contacts: Array, normals: Array, height: float) -> Array:
-    """Points (2, 3) over the contact left and the one reached, both (2, 3)."""
+def compute_hover_points(contacts: Array, normals: Array, height: float) -> Array:
+    """Compute points (2, 3) at a height above the old and the new contact (2, 3) [m]."""
     return np.asarray(contacts + height * normals)
 
 
-def joined(ends: Array, path: Array) -> Array:
-    """A way (P + 2, 3) from the first of two points over a way to the other."""
+def join_path(ends: Array, path: Array) -> Array:
+    """Join a path (P, 3) with two end points to a path (P + 2, 3)."""
     return np.concatenate([ends[:1], path, ends[1:]])
 
 
-def candidates(contacts: Array, normals: Array, lift: float) -> Iterator[Array]:
-    """Ways (P, 3) between two contacts (2, 3), the straight one first, the nearest aside next."""
+def generate_paths(contacts: Array, normals: Array, lift: float) -> Iterator[Array]:
+    """Generate paths (P, 3) between two contacts (2, 3): straight first, then by detour length."""
     for factor in _LIFTS:
-        ends = hover(contacts, normals, factor * lift)
+        ends = compute_hover_points(contacts, normals, factor * lift)
         yield ends
         middle = ends.mean(axis=0)
-        for aside in _DETOURS:
-            vias = middle + aside * _ASIDE
+        for detour in _DETOURS:
+            vias = middle + detour * _UNIT_DIRECTIONS
             length = np.linalg.norm(vias[:, None] - ends, axis=2).sum(axis=1)
             for via in vias[np.argsort(length, kind="stable")]:
                 yield np.stack([ends[0], via, ends[1]])
-    ends = hover(contacts, normals, lift)
-    for aside in _DETOURS:
-        for away in aside * _ASIDE:
-            yield np.stack([ends[0], ends[0] + away, ends[1] + away, ends[1]])
+    ends = compute_hover_points(contacts, normals, lift)
+    for detour in _DETOURS:
+        for offset in detour * _UNIT_DIRECTIONS:
+            yield np.stack([ends[0], ends[0] + offset, ends[1] + offset, ends[1]])
 
 
-def sampled(path: Array) -> Array:
-    """Points (S, 3) along a polyline, its corners among them."""
+def sample_path(path: Array) -> Array:
+    """Sample points (S, 3) along a polyline, including its corners."""
     pieces = [path[:1]]
     for start, end in itertools.pairwise(path):
         count = max(1, int(np.ceil(np.linalg.norm(end - start) / _SPACING)))
@@ -54,32 +54,32 @@ def sampled(path: Array) -> Array:
     return np.concatenate(pieces)
 
 
-def together(paths: list[Array]) -> Array:
-    """Paths (P, limbs, 3) of as many points as the longest, for limbs that swing at once.
+def merge_paths(paths: list[Array]) -> Array:
+    """Merge paths of simultaneous swings to arrays (P, limbs, 3) with the points of the longest.
 
-    Each keeps its own corners; points are added in the middle of its longest pieces.
+    Each keeps its corners; points are inserted at the middle of its longest segments.
     """
     count = max(len(path) for path in paths)
-    out = []
-    for way in paths:
-        path = way
+    merged = []
+    for original in paths:
+        path = original
         while len(path) < count:
             piece = int(np.argmax(np.linalg.norm(np.diff(path, axis=0), axis=1)))
             middle = path[piece : piece + 2].mean(axis=0)
             path = np.insert(path, piece + 1, middle, axis=0)
-        out.append(path)
-    return np.stack(out, axis=1)
+        merged.append(path)
+    return np.stack(merged, axis=1)
 
 
-def way_shares(count: int) -> Array:
-    """(P,) how far soles have turned at the points of a way, from the old surface to the new."""
+def compute_path_fractions(count: int) -> Array:
+    """Compute the fractions (P,) of a sole's rotation at the points of a path."""
     return np.linspace(0.0, 1.0, count) if count > 1 else np.ones(1)
 
 
-def sampled_shares(path: Array) -> Array:
-    """(S,) the same at the points of `sampled`."""
-    shares, found = way_shares(len(path)), [np.zeros(1)]
+def sample_fractions(path: Array) -> Array:
+    """Sample these fractions (S,) at the points of `sample_path`."""
+    fractions, pieces_found = compute_path_fractions(len(path)), [np.zeros(1)]
     for k, (start, end) in enumerate(itertools.pairwise(path)):
-        pieces = len(sampled(np.stack([start, end])))
-        found.append(np.linspace(shares[k], shares[k + 1], pieces)[1:])
-    return np.concatenate(found)
+        pieces = len(sample_path(np.stack([start, end])))
+        pieces_found.append(np.linspace(fractions[k], fractions[k + 1], pieces)[1:])
+    return np.concatenate(pieces_found)

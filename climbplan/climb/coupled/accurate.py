@@ -1,10 +1,10 @@
-"""The accurate mixed-integer convex program: products by envelopes on a grid (`coupled-micp`).
+"""The mixed-integer convex relaxation with piecewise McCormick envelopes (`coupled-micp`).
 
-P is bounded from below by McCormick envelopes on pieces of the toes' coordinates, one binary a
-piece (published with log2 N: slower by several times with HiGHS). Toes and forces are first bounded
-by what postures and a known point leave (`tightening`), so that few pieces do. Without an envelope
-the bound is one of P. A learned envelope cuts points of P off: its value is no bound and is
-reported as such.
+P is bounded from below by McCormick envelopes on pieces of the toes' coordinates, with one binary
+per piece. (The published logarithmic encoding is slower with HiGHS.) Toes and forces are first
+bounded by postures and the cost of a known point (`tightening.py`), so that few pieces suffice.
+Without an envelope the bound is valid for P. A learned envelope cuts off points of P: its value is
+no bound and is reported as such.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from climbplan.reformulations.mccormick import McCormick
 from climbplan.solvers.registry import solve
 
 _TIGHTENING_TIME_FRACTION = 0.4  # of the time limit
-_MIN_RANGE = 1e-3  # [m] toe coordinates within less than this need no pieces
-_BOUND_MARGIN = 1e-5  # bounds are widened by this before they are cut into pieces
+_MIN_RANGE = 1e-3  # [m] of toe coordinates that are divided
+_BOUND_MARGIN = 1e-5  # added to bounds before they are divided
 
 
 @dataclass(frozen=True)
 class AccurateResult:
-    """What the mixed-integer program found."""
+    """The result of the mixed-integer program."""
 
     best: Candidate | None  # of P, exact
     bound: float  # of the mixed-integer program; of P without an envelope
@@ -51,7 +51,7 @@ class AccurateResult:
 
 
 def build_accurate_program(prepared: CoupledProblem, within: Range, pieces: int) -> Instance:
-    """P with envelopes on `pieces` of each toe coordinate, choices as binaries."""
+    """Build P with envelopes on `pieces` of each toe coordinate and choices as binaries."""
     instance = replace(
         prepared.instance, lower=within.lower - _BOUND_MARGIN, upper=within.upper + _BOUND_MARGIN
     )
@@ -74,9 +74,9 @@ def solve_accurate(
     gap: float,
     time_limit: float,
 ) -> AccurateResult:
-    """Tighten, bound, and put what the program finds right by IPOPT.
+    """Tighten bounds, solve the mixed-integer program, and repair its solution by IPOPT.
 
-    known: a point of P. With an envelope it need not lie in it, and does not tighten then.
+    initial: a point of P or None; with an envelope it is not used for tightening.
     """
     begin = time.perf_counter()
     instance = prepared.instance
@@ -123,7 +123,7 @@ def solve_accurate(
 
 
 def _repair_solution(prepared: CoupledProblem, x: Array, time_limit: float) -> Candidate | None:
-    """The point of P nearest to one of the program, in its regions."""
+    """Repair a solution of the program to a point of P in the same regions."""
     instance = prepared.instance
     first = x[: instance.size]
     assignment = instance.assignment(first)

@@ -40,7 +40,7 @@ class NamedEnvelope:
 
 
 def select_envelopes(scene: ClimbScene, several: bool = False) -> tuple[NamedEnvelope, ...]:
-    """Those that the spec names, or by the terrain: one, or with modes ground and wall."""
+    """Select the envelopes that the spec names, or by the terrain: one, or ground and wall."""
     names = scene.spec.solver.envelopes
     if not names:
         names = _modes(scene) if several else (_by_terrain(scene),)
@@ -48,7 +48,7 @@ def select_envelopes(scene: ClimbScene, several: bool = False) -> tuple[NamedEnv
 
 
 def load_envelope(scene: ClimbScene, name: str) -> NamedEnvelope:
-    """A shipped envelope, an expert's, or one of a file; raises UsageError for another name.
+    """Load a shipped envelope, an expert's, or one of a file; raise UsageError for others.
 
     name: a shipped one may be followed by the method of the fit, `wall5:genetic`.
     """
@@ -72,7 +72,7 @@ def load_envelope(scene: ClimbScene, name: str) -> NamedEnvelope:
 
 
 def extend_envelope(scene: ClimbScene, stored: StoredEnvelopes, envelope: Envelope) -> Envelope:
-    """The envelope for all limbs of the scene's robot, as forces are bounded in its statement."""
+    """Extend an envelope to all limbs of the scene's robot, with the force bounds of P."""
     robot = scene.robot
     if not set(stored.limb_names) <= set(robot.limb_names):
         theirs, own_names = ", ".join(stored.limb_names), ", ".join(robot.limb_names)

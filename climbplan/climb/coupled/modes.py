@@ -1,8 +1,8 @@
 """P1 with several envelopes: in each round all (toes, forces, products) lie in one of them.
 
-A mode is a disjunction of polytopes, one binary an envelope and round: the box and the McCormick
-planes of its products, eq. (8.26). Branch and bound decides modes and regions together; which
-envelope it takes tells how the robot stands (chapter 5.2.4.3).
+A mode is a disjunction of polytopes with one binary per envelope and round: the box and the
+McCormick planes of its products, eq. (8.26). Branch and bound selects modes and regions together;
+the selected envelope states how the robot stands (chapter 5.2.4.3).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class ModePlan:
 def solve_first_stage_with_modes(
     prepared: CoupledProblem, envelopes: tuple[NamedEnvelope, ...], time_limit: float
 ) -> ModePlan | None:
-    """P1 with modes and regions; None if none was found in time."""
+    """Solve P1 with modes and regions; None without a solution in time."""
     instance, origin = prepared.instance, prepared.origin
     boxes = [compute_envelope_range(prepared.program, instance, e.box, origin) for e in envelopes]
     around = Range(
@@ -65,7 +65,7 @@ def solve_first_stage_with_modes(
 
 
 def _list_columns(prepared: CoupledProblem) -> IntArray:
-    """Columns of toes and forces of each round, (M, 6 N)."""
+    """List the columns (M, 6 N) of toes and forces of each round."""
     toe, force = prepared.program.variables["toe"], prepared.program.variables["force"]
     m = prepared.scene.spec.task.round_count
     return np.concatenate([np.arange(b.start, b.stop).reshape(m, -1) for b in (toe, force)], axis=1)
@@ -79,7 +79,7 @@ def _build_mode_choice(
     number: int,
     columns: IntArray,
 ) -> Choice:
-    """One of the envelopes in one round: point (toes, forces, products)."""
+    """Build the choice of one envelope in a round, for points (toes, forces, products)."""
     products, n = form.source.products, form.source.size
     is_local_product = np.isin(products.first, columns) & np.isin(products.second, columns)
     mode_columns = np.concatenate([columns, n + np.flatnonzero(is_local_product)])

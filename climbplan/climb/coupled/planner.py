@@ -43,7 +43,7 @@ POSTURES_ALONE = f"{_P}; from postures without forces, which is lower"
 
 @dataclass(frozen=True)
 class CoupledSolution:
-    """What a method found."""
+    """The solution of a method."""
 
     candidate: Candidate
     bound: float  # valid for P
@@ -53,10 +53,11 @@ class CoupledSolution:
 
 
 def plan_coupled(scene: ClimbScene, margins: PostureMargins | None = None) -> PostureResult:
-    """Postures whose forces balance, by the method of the spec.
+    """Plan postures whose forces balance, by the method of the spec.
 
-    Raises NotProved where postures alone have no solution, or P has none, or the method finds none,
-    and LimitReached where its time is over.
+    Raises:
+        Unresolved: Postures alone or P have no solution, or the method finds none.
+        LimitReached: The time limit was reached.
     """
     reject_nonconvex(scene)
     start = time.monotonic()
@@ -108,7 +109,7 @@ def _build_failure(prepared: CoupledProblem, why: str) -> Unresolved:
 
 
 def describe_envelopes(*envelopes: NamedEnvelope) -> dict[str, Any]:
-    """Envelopes as reports name them."""
+    """Describe envelopes for reports."""
     return {"envelopes": {e.name: e.fit for e in envelopes}}
 
 
@@ -142,7 +143,7 @@ def _plan_with_modes(prepared: CoupledProblem) -> CoupledSolution:
 
 
 def _find_initial_point(prepared: CoupledProblem) -> Candidate | None:
-    """A point of P to begin from: forces at the postures alone, or IPOPT from there."""
+    """Find a point of P to start from: forces at the postures alone, or IPOPT from there."""
     first = Candidate(prepared.guess, prepared.assignment, "postures")
     return repair_candidate(prepared, first, prepared.remaining_time)
 

@@ -1,4 +1,4 @@
-"""What all coupled methods start from: problem P in numbers, and the postures alone.
+"""Prepare the data of all coupled methods: problem P, and the solution of its postures alone.
 
 Postures alone, on regions that hold the least load, are a relaxation of P: their bound holds for P,
 and where forces balance at them they solve P if its cost counts no forces.
@@ -27,7 +27,7 @@ _MIN_TIME = 0.05  # [s]
 
 @dataclass(frozen=True)
 class CoupledProblem:
-    """A coupled problem with its postures alone."""
+    """A coupled problem with the solution of its postures alone."""
 
     scene: ClimbScene  # without regions that hold no load
     program: Program
@@ -42,11 +42,11 @@ class CoupledProblem:
 
     @property
     def remaining_time(self) -> float:
-        """Time that is left [s]; a solver is given a moment at least."""
+        """Remaining time [s], at least the minimum of a solver."""
         return max(self.deadline - time.monotonic(), _MIN_TIME)
 
     def fix_choices(self, x: Array, assignment: IntArray) -> Instance:
-        """P with all choices given: continuous, with products."""
+        """Fix all choices of P: a continuous problem with products."""
         return PinnedForm.of(self.instance).at(x, assignment, compact=True)
 
 

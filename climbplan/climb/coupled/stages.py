@@ -1,7 +1,7 @@
-"""P1 and P2 of a climb (chapter 5.2.1): envelopes in place of products, then products put right.
+"""P1 and P2 of a climb (chapter 5.2.1): envelopes in place of products, then exact products.
 
-P1 with regions given is convex. P2 keeps the toes of P1 and looks for forces: linear, or quadratic
-where forces cost. The nonlinear program (IPOPT) moves toes and forces together.
+P1 with fixed regions is convex. P2 keeps the toes of P1 and solves for forces: a linear program, or
+a quadratic one if forces have a cost. The nonlinear program (IPOPT) moves toes and forces together.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Candidate:
 def solve_first_stage(
     prepared: CoupledProblem, pinned: Instance, envelope: Envelope
 ) -> Array | None:
-    """P1 with regions given (n,): one convex program; None without a solution."""
+    """Solve P1 with fixed regions (n,), a convex program; None without a solution."""
     within = compute_envelope_range(prepared.program, pinned, envelope, prepared.origin)
     if (within.lower > within.upper).any():
         return None
@@ -49,7 +49,7 @@ def solve_first_stage(
 def solve_first_stage_with_regions(
     prepared: CoupledProblem, envelope: Envelope, time_limit: float
 ) -> Candidate | None:
-    """P1 with its choices of regions, by branch and bound; None if none was found in time."""
+    """Solve P1 with its choice of regions by branch and bound; None without a solution in time."""
     instance = prepared.instance
     within = compute_envelope_range(prepared.program, instance, envelope, prepared.origin)
     if (within.lower > within.upper).any():
@@ -62,7 +62,7 @@ def solve_first_stage_with_regions(
 
 
 def solve_second_stage(program: Program, pinned: Instance, x: Array) -> Array | None:
-    """P2, convex: forces at the postures of P1; None if none balance."""
+    """Solve P2, which is convex: forces at the postures of P1; None if none balance."""
     force = program.variables["force"]
     is_fixed = np.ones(pinned.size, bool)
     for name in ("force", "moment"):  # moments of feet of finite size follow their forces
@@ -83,14 +83,14 @@ def solve_second_stage(program: Program, pinned: Instance, x: Array) -> Array | 
 
 
 def solve_nonlinear(pinned: Instance, start: Array, time_limit: float) -> Array | None:
-    """Toes and forces together by IPOPT; None if it finds no point of P."""
+    """Solve for toes and forces together by IPOPT; None if it finds no point of P."""
     return solve_ipopt(pinned, start=start, time_limit=time_limit).x
 
 
 def repair_candidate(
     prepared: CoupledProblem, first: Candidate, time_limit: float, local: bool = False
 ) -> Candidate | None:
-    """P2 from a point of P1: convex, or with `local` (or where that fails) by IPOPT."""
+    """Repair a point of P1 to one of P: by P2, or with `local` (or if P2 fails) by IPOPT."""
     begin = time.monotonic()
     pinned = prepared.fix_choices(first.x, first.assignment)
     if not local:
@@ -109,7 +109,7 @@ def repair_candidate(
 def solve_two_stages(
     prepared: CoupledProblem, envelope: Envelope, time_limit: float, local: bool = False
 ) -> Candidate | None:
-    """P1 -> P2 with the regions of the postures alone, or where P1 has none, with its own."""
+    """Solve P1 and P2 with the regions of the postures alone; if P1 fails, with its own."""
     begin = time.monotonic()
     pinned = prepared.fix_choices(prepared.guess, prepared.assignment)
     x = solve_first_stage(prepared, pinned, envelope)

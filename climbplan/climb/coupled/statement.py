@@ -46,20 +46,20 @@ class ExternalLoad:
 
 
 def compute_scene_load(scene: ClimbScene) -> ExternalLoad:
-    """Weight, payload and external load in the start's orientation."""
+    """Compute weight, payload and external load in the start's orientation."""
     wrench = load_wrench(scene.spec, scene.robot, scene.start.rpy)
     weight = scene.robot.weight
     return ExternalLoad(wrench[:3] / weight - [0.0, 0.0, 1.0], wrench[3:] / weight)
 
 
 def interpolate_body_path(scene: ClimbScene) -> Array:
-    """Body origins of rounds 1..M evenly from start to goal, (M, 3) [m]."""
+    """Interpolate body origins (M, 3) of rounds 1..M from start to goal [m]."""
     fractions = np.arange(1, scene.spec.task.round_count + 1)[:, None] / scene.spec.task.round_count
     return scene.start.com + fractions * (scene.goal.com - scene.start.com)
 
 
 def build_loaded_region(region: Region, safety: float) -> Polytope:
-    """(toe, force) in R^6: the toe in the region, the force in its pyramid at mu / safety."""
+    """Build (toe, force) in R^6: the toe in the region, the force in its pyramid at mu / safety."""
     place = build_region_polytope(region)
     cone = cone_rows(region.normal, np.asarray(region.friction / safety))
     zero = np.zeros((len(place.A), 3))
@@ -89,15 +89,15 @@ def build_footed_region(region: Region, safety: float, radius: float) -> Polytop
 
 
 def compute_force_range(scene: ClimbScene) -> Range:
-    """Bounds of one limb's force, (3,) each [weights]: eq. (5.8), and the least load."""
+    """Compute bounds (3,) of one limb's force by eq. (5.8) and the minimum load [weights]."""
     low = np.array([-FORCE_LIMIT, -FORCE_LIMIT, scene.spec.posture.min_load])
     return Range(low, np.full(3, FORCE_LIMIT))
 
 
 def remove_unloadable_regions(scene: ClimbScene) -> ClimbScene:
-    """The scene without regions on which no force of at least the least load is inside the cone.
+    """Remove regions whose friction cone contains no force with the minimum load.
 
-    Such a choice has no solution, so nothing is lost. Raises NotProved for a limb with none left.
+    Such a choice has no solution, so nothing is lost. Raises Unresolved for a limb without regions.
     """
     terrain, safety = scene.terrain, scene.spec.force.safety_friction
     force_bounds = compute_force_range(scene)
@@ -130,10 +130,10 @@ def remove_unloadable_regions(scene: ClimbScene) -> ClimbScene:
 def state_coupled_program(
     scene: ClimbScene, margins: PostureMargins, origin: Array | None = None
 ) -> Program:
-    """Postures with forces and the balance of forces and moments.
+    """State postures with forces and the balance of forces and moments.
 
-    origin: (M, 3) points about which moments are taken, on the straight way if left out. They
-    change how tight envelopes are, not which points are feasible.
+    origin: (M, 3) points about which moments are taken; None takes the straight path. They change
+    the tightness of envelopes, but not the feasible points.
     """
     load = compute_scene_load(scene)
     origin = interpolate_body_path(scene) if origin is None else origin
@@ -179,7 +179,7 @@ def state_coupled_program(
 def compute_envelope_range(
     program: Program, instance: Instance, envelope: Envelope, origin: Array
 ) -> Range:
-    """The instance's bounds, those of toes and forces within the envelope about each origin."""
+    """Compute the instance's bounds, with toes and forces in the envelope about each origin."""
     lower, upper = instance.lower.copy(), instance.upper.copy()
     toe, force = program.variables["toe"], program.variables["force"]
     low, high = place_envelope(envelope, origin)
@@ -191,7 +191,7 @@ def compute_envelope_range(
 
 
 def place_envelope(envelope: Envelope, origin: Array) -> tuple[Array, Array]:
-    """Lower and upper ends (M, N, 6) of toes, world frame [m], and forces [weights]."""
+    """Place an envelope: bounds (M, N, 6) of toes, world frame [m], and forces [weights]."""
     scale = np.array([POSITION_SCALE] * 3 + [1.0] * 3)
     shift = np.concatenate([origin, np.zeros_like(origin)], axis=1)[:, None]
     return shift + scale * envelope.lower, shift + scale * envelope.upper

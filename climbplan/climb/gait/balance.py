@@ -1,26 +1,29 @@
-"""Where the body stands before a limb is lifted: over the limbs that stay.
+"""Shift the body over the standing limbs before a limb is lifted.
 
-Between walls limbs brace, and a body that goes straight from posture to posture is held wherever it
-is. On level ground it is held by its weight alone, which has to act between the toes that stand.
-So before each lift the body leaves its straight way by the least level shift d for which contact
-forces f of the standing limbs balance the load (F, M) with the margins of the spec:
+Limbs brace between walls, and support a body anywhere on the straight path between postures. On
+level ground the weight has to act between the standing toes. Before each lift the body therefore
+leaves its straight path by the smallest level shift d for which contact forces f of the standing
+limbs balance the load (F, M) with the margins of the spec:
 
-    minimise    |d|^2                                  |d| <= posture.steps.shift_max
+    minimise    |d|^2                                  |d| <= posture.steps.com_shift_max
     such that   sum f = -F,   sum (p - c) x f + d x F = -M
                 |f_t| <= mu / S_mu (n . f - friction margin),   n . f >= pressure margin
                 |J^T f| <= torque limits / S_tau
                 n . J D f >= depth margin
 
-which is a second-order cone program, as the load, and so the sum of all f, is known. Where limbs
-have masses, their weight is part of M and of torques, linear in d about the last shift, and forces
-are asked for twice: for the lifted limb above the place that it leaves and above where it goes.
-Jacobians are those of the body on its way. Where the forces found would be too much for motors of
-the shifted body, whose legs are bent otherwise, or where there are none, programs follow one
-another, each with the Jacobians of the last shift, near to it, and with torques beyond the limits
-at a price. On slopes, stairs and walls it is the same problem. Bounds of commands and stability are
-left to the force planner, joint bounds to the exact kinematics. Where no shift keeps the whole
-margins, less depth of commands is asked for, then half of the others, then none; where motors are
-too weak then, the body goes to where they lack least, and the force planner says what conflicts.
+This is a second-order cone program, as the load and thus the sum of all f is known. If limbs have
+masses their weight is part of M and of torques, linear in d about the last shift. Forces then are
+required twice: with the lifted limb above the place that it leaves and above its next one.
+
+Jacobians are those of the body on its straight path. If the forces exceed the torque limits of the
+shifted body, or if there are none, the program is solved sequentially: with the Jacobians of the
+last shift, in a trust region about it, and with a price on torques beyond the limits. Slopes,
+stairs and walls are the same problem. The force planner bounds commands and stability, the exact
+kinematics bounds joints.
+
+If no shift keeps all margins, less depth of commands is required, then half of the other margins,
+then none. If motors are too weak even then, the body goes to the place of smallest excess, and the
+force planner reports the conflict.
 """
 
 from __future__ import annotations
@@ -30,133 +33,162 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.gait.balance_program import NEARBY, NONE, Balanced, Lift
+from climbplan.climb.gait.balance_program import (
+    DIFFERENCE_STEP,
+    ZERO_SHIFT,
+    BalanceSolution,
+    LiftBalance,
+)
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene.climb_scene import MotionScene
 
-_SHARES = (1.0, 0.5, 0.0)  # of the margins, asked for in turn
-_DEPTHS = (1.0, 0.75, 0.5, 0.25)  # of the depth of commands beside all others, in turn
-_EXCESS = 10.0  # [m^2] price of torques of twice the limits
-_WITHIN = 1e-4  # of the limits, that counts as none
-_PROGRAMS = 14  # after one another, at most
-_TRUST = 0.05  # [m] to which Jacobians are trusted
-_STILL = 1e-3  # [m] by which the last shift differs
-_CENTRINGS = 4  # programs, at most, in which limbs with masses follow the body
-_POSES = 6  # looked at along the body's way from one lift to the next
+_MARGIN_FRACTIONS = (1.0, 0.5, 0.0)  # of the margins, required in turn
+_DEPTH_FRACTIONS = (
+    1.0,
+    0.75,
+    0.5,
+    0.25,
+)  # of the depth of commands with all other margins, in turn
+_EXCESS_PRICE = 10.0  # [m^2] price of torques of twice the limits
+_EXCESS_TOLERANCE = 1e-4  # of the limits
+_MAX_PROGRAMS = 14  # of a sequence
+_TRUST_RADIUS = 0.05  # [m] after the first step
+_SHIFT_TOLERANCE = 1e-3  # [m] between the last shifts
+_MAX_CENTRING_PROGRAMS = 4  # in which the limbs' weight is updated
+_NUM_POSES = 6  # along the body's path from one lift to the next
 
 
-def balancing_shifts(
+def find_balancing_shifts(
     scene: MotionScene,
     lifts: Instants,
-    most: float | None = None,
-    narrower: float = 1.0,
-    follow: bool = True,
+    max_shift: float | None = None,
+    cone_scale: float = 1.0,
+    allow_sequence: bool = True,
     places: Instants | None = None,
 ) -> Array:
-    """(L, 3) level shifts of the body [m] at instants with lifted limbs; zeros where none helps.
+    """Find level shifts (L, 3) of the body at instants with lifted limbs [m]; zero if none helps.
 
-    lifts: L instants with the body on its straight way; their joint angles are not looked at.
-    most: the largest shift if not the spec's; narrower: factor on friction; follow: programs after
-    one another where one does not do; places: L instants with lifted limbs above the places that
-    they go to, where these are known.
+    Args:
+        scene: The scene.
+        lifts: L instants with the body on its straight path; joint angles are not used.
+        max_shift: Largest shift [m]; None takes the spec's.
+        cone_scale: Factor on friction.
+        allow_sequence: Whether to solve programs sequentially if one does not suffice.
+        places: L instants with lifted limbs above their next places; None if unknown.
     """
-    most = scene.spec.posture.steps.shift_max if most is None else most
+    max_shift = scene.spec.posture.steps.com_shift_max if max_shift is None else max_shift
     over = [lifts] if places is None or scene.robot.links is None else [lifts, places]
     return np.array(
-        [_least_shift(Lift(scene, over, k, narrower), most, follow) for k in range(lifts.count)]
+        [
+            _find_smallest_shift(LiftBalance(scene, over, k, cone_scale), max_shift, allow_sequence)
+            for k in range(lifts.count)
+        ]
     )
 
 
-def _least_shift(lift: Lift, most: float, follow: bool) -> Array:
-    """(3,) for one instant."""
+def _find_smallest_shift(lift: LiftBalance, max_shift: float, allow_sequence: bool) -> Array:
+    """Find the smallest shift (3,) for one instant [m]."""
     margins = lift.scene.spec.margins.asked or lift.scene.robot.sole is not None
-    whole = lift
+    original = lift
     best: tuple[float, Array] = np.inf, np.zeros(2)
-    deep = _at_depth(lift, most)
-    if deep is not None:
-        return deep
-    for share in _SHARES if margins else _SHARES[-1:]:
-        lift = whole.pressed_within(share)
-        found = _at_once(lift, share, most)
-        if found is not None and (
-            not follow or lift.excess(lift.posture(found.shift), found.force) <= 0
+    deep_shift = _find_shift_with_depth(lift, max_shift)
+    if deep_shift is not None:
+        return deep_shift
+    for margin_fraction in _MARGIN_FRACTIONS if margins else _MARGIN_FRACTIONS[-1:]:
+        lift = original.with_sole_margin(margin_fraction)
+        solution = _solve_linearised(lift, margin_fraction, max_shift)
+        if solution is not None and (
+            not allow_sequence
+            or lift.compute_excess(lift.compute_posture(solution.shift), solution.force) <= 0
         ):
-            best = 0.0, found.shift
+            best = 0.0, solution.shift
             break
-        if not follow:
+        if not allow_sequence:
             continue
-        lack, shift = _followed(lift, share, most)
-        if lack < best[0]:
-            best = lack, shift
-        if lack <= _WITHIN:
+        excess, shift = _solve_sequentially(lift, margin_fraction, max_shift)
+        if excess < best[0]:
+            best = excess, shift
+        if excess <= _EXCESS_TOLERANCE:
             break
     shift = np.array([*best[1], 0.0])
-    return shift if np.linalg.norm(shift) > NONE else np.zeros(3)
+    return shift if np.linalg.norm(shift) > ZERO_SHIFT else np.zeros(3)
 
 
-def _at_depth(lift: Lift, most: float) -> Array | None:
-    """(3,) the least shift with all margins of pressure and friction and commands inside surfaces.
+def _find_shift_with_depth(lift: LiftBalance, max_shift: float) -> Array | None:
+    """Find the smallest shift (3,) with all margins and the largest feasible command depth [m].
 
-    As deep as can be had of what the spec asks; None where none of it can at once.
+    None if no fraction of the depth is feasible in one program.
     """
     margins = lift.scene.spec.margins
-    asked = margins.asked and margins.depth > 0
-    for share in _DEPTHS if asked else ():
-        one = lift.pressed_within(1.0).commanded(share * margins.depth)
-        found = _at_once(one, 1.0, most)
-        if found is not None and one.excess(one.posture(found.shift), found.force) <= 0:
-            return np.array([*found.shift, 0.0])
+    is_required = margins.asked and margins.depth > 0
+    for fraction in _DEPTH_FRACTIONS if is_required else ():
+        candidate = lift.with_sole_margin(1.0).with_depth(fraction * margins.depth)
+        solution = _solve_linearised(candidate, 1.0, max_shift)
+        if (
+            solution is not None
+            and candidate.compute_excess(candidate.compute_posture(solution.shift), solution.force)
+            <= 0
+        ):
+            return np.array([*solution.shift, 0.0])
     return None
 
 
-def _at_once(lift: Lift, share: float, most: float) -> Balanced | None:
-    """The least shift with the Jacobians of the body on its way; None where there is none.
+def _solve_linearised(
+    lift: LiftBalance, margin_fraction: float, max_shift: float
+) -> BalanceSolution | None:
+    """Solve with the Jacobians of the body on its straight path; None without a solution.
 
-    Limbs with masses come along by what they do near the shift that was found last.
+    The weight of limbs is linearised about the last shift and updated.
     """
-    at = np.zeros(2)
-    way = lift.posture(at)
-    found = lift.solved(way, share, np.zeros(2), most, most, 0.0)
+    shift = np.zeros(2)
+    straight = lift.compute_posture(shift)
+    solution = lift.solve(straight, margin_fraction, np.zeros(2), max_shift, max_shift, 0.0)
     if lift.scene.robot.links is None:
-        return found
-    for _ in range(_CENTRINGS):
-        if found is None or np.linalg.norm(found.shift - at) < NEARBY:
+        return solution
+    for _ in range(_MAX_CENTRING_PROGRAMS):
+        if solution is None or np.linalg.norm(solution.shift - shift) < DIFFERENCE_STEP:
             break
-        at = found.shift
-        near = replace(lift.posture(at), jacobian=way.jacobian)
-        found = lift.solved(near, share, np.zeros(2), most, most, 0.0)
-    return found
+        shift = solution.shift
+        linearised = replace(lift.compute_posture(shift), jacobian=straight.jacobian)
+        solution = lift.solve(linearised, margin_fraction, np.zeros(2), max_shift, max_shift, 0.0)
+    return solution
 
 
-def _followed(lift: Lift, share: float, most: float) -> tuple[float, Array]:
-    """What the torque limits lack at the end of programs after one another, and the shift (2,)."""
-    at, trust = np.zeros(2), most
-    best: tuple[float, Array] = np.inf, at
-    for _ in range(_PROGRAMS):
-        posture = lift.posture(at)
-        here = lift.solved(posture, share, at, 0.0, most, _EXCESS) if posture.reached else None
-        lack = np.inf if here is None else max(here.excess, 0.0)
-        nearer = lack > _WITHIN or np.linalg.norm(at) < np.linalg.norm(best[1])
-        if lack < best[0] - _WITHIN or (lack <= _WITHIN and nearer):
-            best = lack, at
+def _solve_sequentially(
+    lift: LiftBalance, margin_fraction: float, max_shift: float
+) -> tuple[float, Array]:
+    """Solve programs sequentially; return the excess of torques and the shift (2,) [m]."""
+    shift, trust = np.zeros(2), max_shift
+    best: tuple[float, Array] = np.inf, shift
+    for _ in range(_MAX_PROGRAMS):
+        posture = lift.compute_posture(shift)
+        current_solution = (
+            lift.solve(posture, margin_fraction, shift, 0.0, max_shift, _EXCESS_PRICE)
+            if posture.reached
+            else None
+        )
+        excess = np.inf if current_solution is None else max(current_solution.excess, 0.0)
+        is_nearer = excess > _EXCESS_TOLERANCE or np.linalg.norm(shift) < np.linalg.norm(best[1])
+        if excess < best[0] - _EXCESS_TOLERANCE or (excess <= _EXCESS_TOLERANCE and is_nearer):
+            best = excess, shift
         elif np.isfinite(best[0]):
             trust *= 0.5
-            at = best[1]
-            posture = lift.posture(at)
-        aim = lift.solved(posture, share, at, trust, most, _EXCESS)
-        if aim is None or np.linalg.norm(aim.shift - at) < _STILL:
+            shift = best[1]
+            posture = lift.compute_posture(shift)
+        next_solution = lift.solve(posture, margin_fraction, shift, trust, max_shift, _EXCESS_PRICE)
+        if next_solution is None or np.linalg.norm(next_solution.shift - shift) < _SHIFT_TOLERANCE:
             break
-        at, trust = aim.shift, min(trust, _TRUST)
+        shift, trust = next_solution.shift, min(trust, _TRUST_RADIUS)
     return best
 
 
-def body_way(rounds: Rounds, instants: Instants) -> tuple[Array, Array]:
-    """Poses com and rpy (S, P, 3) along the way that the instants take.
+def sample_body_path(rounds: Rounds, instants: Instants) -> tuple[Array, Array]:
+    """Sample poses com and rpy (S, P, 3) along the body's path through the instants.
 
-    From the start to the first lift, and from each placing to the next lift or the end.
+    Segments lead from the start to the first lift, and from each placing to the next lift.
     """
     com = np.concatenate([rounds.com[:1], instants.com[::2], instants.com[-1:]])
     rpy = np.concatenate([rounds.rpy[:1], instants.rpy[::2], instants.rpy[-1:]])
-    share = np.linspace(0.0, 1.0, _POSES)[:, None]
-    ways = [x[:-1, None] + share * np.diff(x, axis=0)[:, None] for x in (com, rpy)]
-    return ways[0], ways[1]
+    fractions = np.linspace(0.0, 1.0, _NUM_POSES)[:, None]
+    paths = [x[:-1, None] + fractions * np.diff(x, axis=0)[:, None] for x in (com, rpy)]
+    return paths[0], paths[1]

@@ -1,7 +1,7 @@
-"""The cone program of a lift: the least shift of the body with which standing limbs hold it.
+"""The second-order cone program of a lift: the smallest body shift that standing limbs support.
 
-Stated in `balance.py`, which solves it once or several times, each about the limbs as the shift
-before had bent them.
+`balance.py` states the problem and solves it once or several times, each about the posture of the
+last shift.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from climbplan.robots.kinematics import (
 )
 from climbplan.robots.serial_chain import SerialChain
 
-ZERO_SHIFT = 1e-5  # [m] a shift that counts as none
-DIFFERENCE_STEP = 1e-3  # [m] from which the weight's moment is followed by its difference
+ZERO_SHIFT = 1e-5  # [m] smaller shifts are zero
+DIFFERENCE_STEP = 1e-3  # [m] of difference quotients of the weight's moment
 _FORCE_WEIGHT = 1e-6  # [m^2] weight of the squared forces, in units of the load
 _TORQUE_MARGIN = 0.02  # of the torque limits, as Jacobians change with the shift
 _SOLVED = ("Solved", "AlmostSolved")
@@ -47,7 +47,7 @@ class BalanceSolution:
 
 @dataclass(frozen=True)
 class LiftPosture:
-    """Limbs of the body shifted by `at`, P phases of what is lifted."""
+    """The limbs with a shifted body, in P phases of the lift."""
 
     shift: Array  # (2,) [m]
     jacobian: Array  # (n, 3, J) of points that are pushed, world
@@ -59,7 +59,7 @@ class LiftPosture:
 
 
 class LiftBalance:
-    """One instant with limbs lifted, in one phase of the lift or in P."""
+    """The program of one instant with lifted limbs, in P phases of the lift."""
 
     def __init__(
         self, scene: MotionScene, phases: list[Instants], k: int, cone_scale: float
@@ -99,7 +99,7 @@ class LiftBalance:
             self.cones[i, 0, force_columns] *= self.steep[i]
 
     def with_sole_margin(self, margin_fraction: float) -> LiftBalance:
-        """The same with a share of the margin of soles; itself for feet that are not flat."""
+        """Return the program with a fraction of the soles' margin; itself without flat feet."""
         margin = margin_fraction * self.scene.spec.margins.sole
         if self.scene.robot.sole is None or margin == 0:
             return self
@@ -107,16 +107,16 @@ class LiftBalance:
         return LiftBalance(scene, self.phases, self.k, self.cone_scale)
 
     def with_depth(self, depth: float) -> LiftBalance:
-        """The same with commands so deep in their surfaces [m]."""
+        """Return the program with a required depth of commands in their surfaces [m]."""
         result = copy(self)
         result.depth = depth
         return result
 
     def compute_posture(self, shift: Array) -> LiftPosture:
-        """Limbs of the body shifted by (2,).
+        """Compute the limbs with the body shifted by (2,) [m].
 
-        Jacobians are zero for a limb out of reach: torques are left open, as another shift may mend
-        it.
+        Jacobians of a limb out of reach are zero, so that its torques are free: another shift may
+        bring it into reach.
         """
         robot, k = self.scene.robot, self.k
         offsets = np.array([*shift, 0.0]) + DIFFERENCE_STEP * np.array(
@@ -164,7 +164,7 @@ class LiftBalance:
         )
 
     def _replace_unreached(self, angles: Array) -> Array:
-        """Angles (P, 3, N, J), of limbs out of reach those in which the robot stands."""
+        """Replace angles (P, 3, N, J) of limbs out of reach by those of the standing robot."""
         chain = self.scene.robot.mechanism
         assert isinstance(chain, SerialChain)
         reference = angles[:, :1]
@@ -175,13 +175,13 @@ class LiftBalance:
         )
 
     def _compute_torque_use(self, jacobian: Array) -> Array:
-        """(n, 3, J) of torque limits over S_tau, by units of the load."""
+        """Compute torque use (n, 3, J), by the limits over S_tau, per unit of the load."""
         limit = self.scene.robot.max_torque[self.stands][self.limb_of, None]
         torque_use: Array = jacobian * self.unit * self.scene.spec.force.safety_torque / limit
         return torque_use
 
     def compute_excess(self, compute_posture: LiftPosture, force: Array) -> float:
-        """What forces (P, 3 n) take beyond the torque limits; infinite out of reach."""
+        """Compute the excess of forces (P, 3 n) over the torque limits; infinite out of reach."""
         forces = force.reshape(len(force), -1, 3)
         torque_use = np.einsum(
             "nij,pni->pnj", self._compute_torque_use(compute_posture.jacobian), forces
@@ -194,7 +194,7 @@ class LiftBalance:
         return max_use - 1.0 if compute_posture.reached else np.inf
 
     def _repeat_by_phase(self, rows: Array) -> Array:
-        """Rows (R, 3 + 3 n) of each phase, (P R, 3 + 3 n P): the same shift, forces of its own."""
+        """Repeat rows (R, 3 + 3 n) for phases with a common shift: (P R, 3 + 3 n P)."""
         count, num_force_columns = len(self.phases), 3 * self.n
         repeated = np.zeros((count, len(rows), _NUM_LEADING_COLUMNS + count * num_force_columns))
         repeated[:, :, :_NUM_LEADING_COLUMNS] = rows[:, :_NUM_LEADING_COLUMNS]
@@ -216,10 +216,15 @@ class LiftBalance:
         max_shift: float,
         price: float,
     ) -> BalanceSolution | None:
-        """The least shift with a share of the margins, None where there is none.
+        """Solve for the smallest shift; None without a solution.
 
-        about: shift (2,) that it is no farther from than `trust` [m]; most: its size [m]; price: of
-        torques beyond the limits, none of which are allowed at 0.
+        Args:
+            posture: Limbs about which the program is linearised.
+            margin_fraction: Fraction of the margins.
+            center: (2,) center of the trust region [m].
+            trust: Its radius [m].
+            max_shift: Largest shift [m].
+            price: Cost of torques beyond the limits; 0 allows none.
         """
         spec, size, n, phases = self.scene.spec, self.size, self.n, len(self.phases)
         joints = self.scene.robot.joint_count
@@ -250,9 +255,11 @@ class LiftBalance:
         shift_balls[:, 1, 0] = shift_balls[:, 2, 1] = -1.0
         A = sparse.csc_matrix(
             np.vstack(
-                [equal, no_excess_row, self._repeat_by_phase(self.press), self._repeat_by_phase(torque_rows.reshape(-1, size)),
+                [equal, no_excess_row, self._repeat_by_phase(self.press),
+                 self._repeat_by_phase(torque_rows.reshape(-1, size)),
                  self._repeat_by_phase(depth_rows), excess_row,
-                 self._repeat_by_phase(self.cones.reshape(3 * n, size)), shift_balls.reshape(6, num_columns)]
+                 self._repeat_by_phase(self.cones.reshape(3 * n, size)),
+                 shift_balls.reshape(6, num_columns)]
             )
         )  # fmt: skip
         P = sparse.diags(

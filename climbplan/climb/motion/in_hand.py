@@ -1,8 +1,8 @@
-"""Forces at instants and the motion between them, within torque limits all the way.
+"""Keep a torque reserve for the motion between instants.
 
-Instants may use up what motors have. Between two of them forces go straight but joints turn on
-curves, and a torque may pass its limit there. Then forces are planned again with a larger S_tau, by
-what the motion lacked, where there are such forces.
+Instants may use the full torque limits. Between two of them forces are interpolated linearly but
+joint angles are not, so a torque may exceed its limit there. Forces are then planned again with
+S_tau increased by that excess, if there are such forces.
 """
 
 from __future__ import annotations
@@ -11,45 +11,45 @@ from dataclasses import replace
 
 from climbplan.arrays import Array
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.motion.trajectory import play
+from climbplan.climb.motion.trajectory import build_timed_motion
 from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds, Trajectory
 from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.errors import NoPlanFound
 
-_AGAIN = 3  # times forces are planned, at most
-_MORE = 1.01  # times what the motion lacked
+_MAX_REPLANS = 3  # of forces
+_SAFETY_FACTOR = 1.01  # by the largest torque use of the motion
 
 
-def in_hand(
+def plan_with_torque_reserve(
     scene: MotionScene,
     rounds: Rounds,
     instants: Instants,
     forces: Forces,
     swings: tuple[Array, ...] | None = None,
 ) -> tuple[Forces, Trajectory]:
-    """Forces and their motion, those given unless motors lack torque on the way.
+    """Plan the motion of forces, with other forces if torques exceed their limits on the way.
 
-    swings: as of `play`, which says what is raised; what cannot be planned with more in hand stays
-    as it was, and its check tells.
+    If there are no better forces the given ones stay, and the plan's check fails. `swings` and
+    exceptions are those of `build_timed_motion`.
     """
-    played = play(scene, rounds, instants, forces, swings)
+    result = build_timed_motion(scene, rounds, instants, forces, swings)
     tighter = scene
-    for _ in range(_AGAIN):
-        if played.use <= 1.0:
+    for _ in range(_MAX_REPLANS):
+        if result.torque_use <= 1.0:
             break
-        tighter = _with_safety(tighter, _MORE * played.use)
+        tighter = _scale_safety_factor(tighter, _SAFETY_FACTOR * result.torque_use)
         try:
-            again = plan_forces(tighter, instants)
-            other = play(tighter, rounds, instants, again, swings)
+            forces_again = plan_forces(tighter, instants)
+            alternative = build_timed_motion(tighter, rounds, instants, forces_again, swings)
         except NoPlanFound:
             break
-        if other.use < played.use:
-            forces, played = again, other
-    return forces, played.trajectory
+        if alternative.torque_use < result.torque_use:
+            forces, result = forces_again, alternative
+    return forces, result.trajectory
 
 
-def _with_safety(scene: MotionScene, factor: float) -> MotionScene:
-    """The scene that asks for so many times the S_tau."""
+def _scale_safety_factor(scene: MotionScene, factor: float) -> MotionScene:
+    """Return the scene with its required S_tau scaled by a factor."""
     force = scene.spec.force
     force = force.model_copy(update={"safety_torque": factor * force.safety_torque})
     return replace(scene, spec=scene.spec.model_copy(update={"force": force}))

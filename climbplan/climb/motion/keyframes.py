@@ -1,4 +1,4 @@
-"""States between which a climb moves along straight lines: steps of limbs, and the forces in them.
+"""Build keyframes, between which a climb moves along straight lines: limb steps and their forces.
 
 A step of one limb or several is: unload (the others take the load), lift along the normal, swing
 clear of the terrain, lower, press (they take load again), push (the body moves on).
@@ -30,7 +30,7 @@ PACKED, HELD = 7, 10  # entries of packed grips, and with the moments at wrists,
 
 @dataclass(frozen=True)
 class KeyframeLoad:
-    """What commands add to the joint angles: forces, and toes carried along by a body that sags."""
+    """The causes of joint deflection: forces, and toe displacement by the body's static sag."""
 
     force: Array  # (N, 3) [N]
     carried: Array  # (N, 3) toe displacement by the body's own deflection, zero in the air [m]
@@ -40,7 +40,7 @@ class KeyframeLoad:
     weight: Array  # (3,) moment of the weight about the body's origin, which they balance [N m]
 
     def interpolate(self, target: KeyframeLoad, fraction: float) -> KeyframeLoad:
-        """A share of the way to another, itself where they are the same."""
+        """Interpolate to another load by a fraction; equal loads return the same object."""
         if target is self:
             return self
         mixed = {n: (1 - fraction) * v + fraction * vars(target)[n] for n, v in vars(self).items()}
@@ -66,9 +66,10 @@ class Keyframes:
 
 
 def _solve_start_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> KeyframeLoad:
-    """Forces of the start posture with all limbs on the surface.
+    """Solve the forces of the start posture with all limbs in contact.
 
-    Raises NotProved if the start posture cannot hold itself.
+    Raises:
+        Unresolved: The start posture has no admissible forces.
     """
     first = np.zeros(1, np.int64)
     start_instants = replace(instants, com=rounds.com[:1], rpy=rounds.rpy[:1])
@@ -89,12 +90,12 @@ def _solve_start_load(scene: MotionScene, rounds: Rounds, instants: Instants) ->
 
 
 def _get_contact_forces(forces: Forces) -> Array:
-    """Forces (K, N, 3), or of flat feet those of the corners (K, N, 4, 3)."""
+    """Return forces (K, N, 3), or those at the corners of flat feet (K, N, 4, 3)."""
     return forces.force if forces.corner_force is None else forces.corner_force
 
 
 def _solve_ready_load(scene: MotionScene, rounds: Rounds, instants: Instants) -> KeyframeLoad:
-    """Forces of all limbs where the body waits for the first lift; raises as `plan_forces`."""
+    """Solve the forces of all limbs where the body waits for the first lift."""
     first = np.zeros(1, np.int64)
     standing = _build_standing_instants(scene, instants, first, first, rounds.toes[:1])
     forces = plan_forces(scene, standing)
@@ -106,9 +107,9 @@ def _solve_ready_load(scene: MotionScene, rounds: Rounds, instants: Instants) ->
 def _solve_placing_loads(
     scene: MotionScene, instants: Instants, lifted: list[KeyframeLoad]
 ) -> list[KeyframeLoad]:
-    """Forces of all limbs before each push, when the body is where the limb was lifted.
+    """Solve the forces of all limbs before each push, with the body at the place of the lift.
 
-    Those of the lift would do, with the placed limb idle; they stay where nothing better is found.
+    Without a solution those of the lift stay, with the placed limb unloaded.
     """
     lift, push = np.arange(0, instants.count, 2), np.arange(1, instants.count, 2)
     standing = _build_standing_instants(scene, instants, lift, push, instants.toes[push])
@@ -118,9 +119,10 @@ def _solve_placing_loads(
 def _solve_arriving_loads(
     scene: MotionScene, instants: Instants, lifted: list[KeyframeLoad]
 ) -> list[KeyframeLoad]:
-    """Forces at the end of each lift, with limbs on their new places that bear nothing yet.
+    """Solve the forces at the end of each lift, with lifted limbs unloaded at their new places.
 
-    Those of its beginning, but for the weight of what was moved; they stay where nothing is found.
+    They differ from those at its start by the weight of the moved limbs, and stay without a
+    solution.
     """
     if scene.robot.links is None:
         return lifted[::2]
@@ -136,7 +138,7 @@ def _solve_arriving_loads(
 def _solve_loads(
     scene: MotionScene, instants: Instants, otherwise: list[KeyframeLoad]
 ) -> list[KeyframeLoad]:
-    """Forces at instants, and others where none are found."""
+    """Solve the loads at instants; those without a solution are taken from `otherwise`."""
     if scene.grippers is not None:
         return _solve_grip_loads(scene, instants, scene.grippers, otherwise)
     statement, solution = solve_with_sole_margins(scene, instants, scene.spec.solver.force_solver)
@@ -156,7 +158,7 @@ def _solve_loads(
 def _solve_grip_loads(
     scene: MotionScene, instants: Instants, grippers: Grippers, otherwise: list[KeyframeLoad]
 ) -> list[KeyframeLoad]:
-    """The same for a robot with grippers."""
+    """Solve the loads of a robot with grippers; as `_solve_loads`."""
     from climbplan.climb.forces.grips.planner import assemble_grip_answers
     from climbplan.climb.forces.grips.solving import solve_grips
     from climbplan.climb.forces.grips.statement import build_grip_statement
@@ -174,7 +176,7 @@ def _solve_grip_loads(
 def _build_standing_instants(
     scene: MotionScene, instants: Instants, pose: IntArray, ground: IntArray, toes: Array
 ) -> Instants:
-    """Instants with all limbs in contact: body poses of some, surfaces under the toes of others."""
+    """Build instants with all limbs in contact: poses of instants `pose`, surfaces of `ground`."""
     angles = standing_inverse(
         scene.robot, instants.com[pose], instants.rpy[pose], toes, instants.normal[ground]
     ).best()
@@ -199,7 +201,7 @@ def _build_loads(
     com_deflection: Array,
     grips: GripForces | None = None,
 ) -> list[KeyframeLoad]:
-    """One of each instant; force: (K, N, 3), or (K, N, 4, 3) at the corners of flat feet."""
+    """Build the load of each instant; force: (K, N, 3), or (K, N, 4, 3) at corners of flat feet."""
     contact_state = np.zeros((*instants.contact.shape, HELD))
     if scene.robot.sole is not None:
         contact_state[..., PACKED:] = moment_of(scene.robot.sole, instants.normal, force)
@@ -317,7 +319,7 @@ def build_keyframes(
 
 
 def _interpolate_normals(scene: MotionScene, was: Array, under: Array, count: int) -> Array:
-    """(P, N, 3) normals by way point: soles turn between lifting off and setting down."""
+    """Interpolate normals (P, N, 3) by way point, with which soles rotate during a swing."""
     if scene.robot.sole is None:
         return np.broadcast_to(under, (count, *under.shape))
     return was + compute_path_fractions(count)[:, None, None] * (under - was)

@@ -28,7 +28,7 @@ from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.climb.schema.model import COUPLED_METHODS
 from climbplan.errors import LimitReached, NoPlanFound, ReachFailure, Unresolved, UsageError
 from climbplan.progress import Progress
-from climbplan.terrain.soles import shrunk
+from climbplan.terrain.soles import shrink_region
 from climbplan.terrain.solids import Solid
 
 _Failure = ReachFailure | SwingBlocked | SwingCollision
@@ -303,7 +303,7 @@ def _shrink_contact_region(scene: ClimbScene, shortfall: LimbShortfall) -> Climb
     strip[edge] = max(edge_distance, 0.0) + max(
         _LATERAL_GAIN * shortfall.missing, _MIN_LATERAL_STEP
     )
-    vertices = shrunk(region, strip)
+    vertices = shrink_region(region, strip)
     if len(vertices) < 3:
         return None
     standing = list(scene.standing)
@@ -389,7 +389,8 @@ def _build_failure(scene: ClimbScene, notes: list[str], failure: _Failure | None
 def _build_time_failure(scene: ClimbScene, notes: list[str]) -> LimitReached:
     after = f" after {len(notes)} tightenings; last: {notes[-1]}" if notes else ""
     return LimitReached(
-        f"method {_select_method(scene)}: no time left for postures that pass the exact checks{after}",
+        f"method {_select_method(scene)}: no time left for "
+        f"postures that pass the exact checks{after}",
         stage="posture",
     )
 

@@ -1,10 +1,9 @@
-"""The playable motion between the planned instants.
+"""Build the timed motion between the planned instants, with joint commands at a fixed rate.
 
-Joints are commanded beyond the angles of the moving body by what the contact forces bend them.
-Forces go straight from one balanced set to the next while the body goes straight from pose to pose,
-so that they balance the load all the way, and friction cones, being convex, hold them all the way.
-Where limbs have masses, their weight moves on curves: what it is off the straight way between two
-sets is shared by the limbs that stand.
+Commands exceed the angles of the moving body by the joint deflection that contact forces cause.
+Forces and body poses are interpolated linearly between balanced sets. Forces therefore balance the
+load and stay in their convex friction cones all the way. If limbs have masses their weight moves on
+curves; its deviation from the linear path is distributed to the standing limbs.
 """
 
 from __future__ import annotations
@@ -36,18 +35,20 @@ from climbplan.robots.last_link import joint_axes_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 
-_PROBES = 9  # samples of a segment from which its least duration is found
-_SPEED_MARGIN = 1.1  # durations exceed what the sampled joint speeds need by this factor
-_IN_LINE = 1e-6  # of the largest singular value: no forces about a line of toes
-SPEEDING_UP = 0.03  # of gravity, by which a body on toes does at most
-_ROCKING = 0.25  # of a flat foot's half width, by which inertia may move the centre of pressure
-_BOUND_SLACK = 1e-7  # [rad] by which solvers may have missed a joint bound
-_MOST_SAMPLES = 1_000_000  # a plan of more would take gigabytes to verify
+_NUM_PROBES = 9  # samples of a segment, for its shortest duration
+_SPEED_MARGIN = 1.1  # factor on durations that sampled joint speeds need
+_RANK_TOLERANCE = 1e-6  # of the largest singular value: no forces about a line of toes
+MAX_ACCELERATION = 0.03  # by gravity, of a body on toes
+_PRESSURE_OFFSET_FRACTION = (
+    0.25  # of a flat foot's half width, for the shift of the centre of pressure by inertia
+)
+_BOUND_TOLERANCE = 1e-7  # [rad] of solvers
+_MAX_SAMPLES = 1_000_000  # larger plans would take gigabytes to verify
 
 
 @dataclass(frozen=True)
-class Played:
-    """A motion, and the largest part of its limit that a motor's torque has at any sample."""
+class TimedMotion:
+    """A motion, and the largest motor torque at any sample by its limit."""
 
     trajectory: Trajectory
     torque_use: float
@@ -60,24 +61,33 @@ def plan_trajectory(
     forces: Forces,
     swings: tuple[Array, ...] | None = None,
 ) -> Trajectory:
-    """The motion of `play`."""
-    return play(scene, rounds, instants, forces, swings).trajectory
+    """Plan the trajectory of a motion; see `build_timed_motion`."""
+    return build_timed_motion(scene, rounds, instants, forces, swings).trajectory
 
 
-def play(
+def build_timed_motion(
     scene: MotionScene,
     rounds: Rounds,
     instants: Instants,
     forces: Forces,
     swings: tuple[Array, ...] | None = None,
-) -> Played:
-    """Body poses and joint commands at a fixed rate, within joint bounds and speeds.
+) -> TimedMotion:
+    """Build body poses and joint commands at a fixed rate, within joint bounds and speeds.
 
-    The mean speed of the body is the spec's unless joint speeds ask for more time. Every segment
-    takes a whole number of samples, so that the samples meet every instant. swings: way points of
-    every limb move, looked for if not given. Raises ReachFailure
-    where a limb cannot follow or its command leaves the joint bounds, NotProved where a swing is
-    blocked, and UsageError for a motion of more samples than a plan holds.
+    The mean speed of the body is the spec's unless joint speeds need more time. Every segment takes
+    a whole number of samples, so that every instant is sampled.
+
+    Args:
+        scene: The scene.
+        rounds: The postures.
+        instants: The instants.
+        forces: Forces at the instants.
+        swings: Way points of every swing; None plans them.
+
+    Raises:
+        ReachFailure: A limb cannot follow, or its command leaves the joint bounds.
+        Unresolved: A swing is blocked.
+        UsageError: The motion has more samples than a plan can hold.
     """
     robot = scene.robot
     paths = plan_swing_paths(scene, rounds, instants) if swings is None else swings
@@ -86,55 +96,57 @@ def play(
     steps = instants.count // 2
     nominal = travel / scene.spec.trajectory.speed / steps  # [s] one limb step
     rate = scene.spec.trajectory.rate
-    least = np.ceil(_least_durations(scene, frames) * rate)
+    min_samples = np.ceil(_compute_min_durations(scene, frames) * rate)
     count = np.maximum(
-        np.rint(frames.duration_fraction * nominal * rate), least
+        np.rint(frames.duration_fraction * nominal * rate), min_samples
     )  # samples of each segment
-    if count.sum() >= _MOST_SAMPLES:
+    if count.sum() >= _MAX_SAMPLES:
         raise UsageError(
             f"the motion takes {count.sum() / rate:.3g} s, {count.sum():.3g} samples at {rate:g} "
-            f"Hz; a plan holds {_MOST_SAMPLES}: raise trajectory.speed or lower trajectory.rate"
+            f"Hz; a plan holds {_MAX_SAMPLES}: raise trajectory.speed or lower trajectory.rate"
         )
-    ends = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    segment_ends = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
 
-    sample = np.arange(ends[-1] + 1)
-    segment = np.clip(np.searchsorted(ends, sample, side="right") - 1, 0, len(count) - 1)
-    share = (sample - ends[segment]) / count[segment]
-    moving = _between(frames, segment, _ease(share))
-    driven = _driven(scene, moving, [frames.label[s] for s in segment])
+    sample = np.arange(segment_ends[-1] + 1)
+    segment = np.clip(np.searchsorted(segment_ends, sample, side="right") - 1, 0, len(count) - 1)
+    fraction = (sample - segment_ends[segment]) / count[segment]
+    states = _interpolate_states(frames, segment, _ease(fraction))
+    joints = _compute_joint_motion(scene, states, [frames.label[s] for s in segment])
     contact = frames.contact[segment]
-    motion = Trajectory(sample / rate, moving.com, moving.rpy, driven.command, contact)
-    torque_use = float((np.abs(driven.torque) / robot.max_torque).max())
+    motion = Trajectory(sample / rate, states.com, states.rpy, joints.command, contact)
+    torque_use = float((np.abs(joints.torque) / robot.max_torque).max())
     if robot.gripper is None:
-        return Played(motion, torque_use)
+        return TimedMotion(motion, torque_use)
     from climbplan.climb.forces.grips.plan import find_firm_limbs
 
-    grips = GripForces.unpacked(driven.contact_state[..., :PACKED])
+    grips = GripForces.unpacked(joints.contact_state[..., :PACKED])
     assert scene.grippers is not None
-    firm = _gripped_firmly(grips.grip, motion.contact, find_firm_limbs(scene.grippers, instants))
-    return Played(replace(motion, grips=replace(grips, grip=firm), force=driven.force), torque_use)
+    firm = _apply_firm_grips(grips.grip, motion.contact, find_firm_limbs(scene.grippers, instants))
+    return TimedMotion(
+        replace(motion, grips=replace(grips, grip=firm), force=joints.force), torque_use
+    )
 
 
-def _gripped_firmly(grip: Array, contact: BoolArray, may: BoolArray) -> Array:
-    """(S, N) gripping force [N]: while limbs that may (N,) stand, the most that they are to grip.
+def _apply_firm_grips(grip: Array, contact: BoolArray, is_firm_limb: BoolArray) -> Array:
+    """Raise gripping forces (S, N) to their maximum over each contact of firm limbs (N,) [N].
 
-    Fingers that close with no more than a hold asks for that bears nothing yet slip off it when
-    they pull their gripper on to it.
+    Fingers that close with the small force of an unloaded hold slip off when they pull the gripper
+    to it.
     """
-    out = grip.copy()
-    for limb in np.flatnonzero(may):
+    firm = grip.copy()
+    for limb in np.flatnonzero(is_firm_limb):
         for first, after in spans_of(contact[:, limb]):
-            out[first:after, limb] = grip[first:after, limb].max()
-    return out
+            firm[first:after, limb] = grip[first:after, limb].max()
+    return firm
 
 
-def _ease(share: Array) -> Array:
-    """Smooth start and end: 0 and 1 with zero slope."""
-    return share**2 * (3.0 - 2.0 * share)
+def _ease(fraction: Array) -> Array:
+    """Ease a fraction in and out: from 0 to 1 with zero slope at both ends."""
+    return fraction**2 * (3.0 - 2.0 * fraction)
 
 
 @dataclass(frozen=True)
-class _Moving:
+class _MotionStates:
     """S states of the motion."""
 
     com: Array  # (S, 3)
@@ -143,20 +155,20 @@ class _Moving:
     force: Array  # (S, N, 3)
     carried: Array  # (S, N, 3)
     normal: Array  # (S, N, 3) under toes that press
-    held: Array  # (S, N, 10)
+    contact_state: Array  # (S, N, 10)
     contact: BoolArray  # (S, N)
     region: IntArray  # (S, N) that toes stand on
     weight: Array  # (S, 3) moment of the weight that the forces balance [N m]
 
 
-def _between(frames: Keyframes, segment: IntArray, share: Array) -> _Moving:
-    """States at shares (S,) of segments (S,)."""
+def _interpolate_states(frames: Keyframes, segment: IntArray, fraction: Array) -> _MotionStates:
+    """Interpolate states at fractions (S,) of segments (S,)."""
 
     def mix(values: Array) -> Array:
-        s = share.reshape(-1, *[1] * (values.ndim - 1))
+        s = fraction.reshape(-1, *[1] * (values.ndim - 1))
         return np.asarray((1 - s) * values[segment] + s * values[segment + 1])
 
-    return _Moving(
+    return _MotionStates(
         mix(frames.com),
         mix(frames.rpy),
         mix(frames.toes),
@@ -170,125 +182,131 @@ def _between(frames: Keyframes, segment: IntArray, share: Array) -> _Moving:
     )
 
 
-def _least_durations(scene: MotionScene, frames: Keyframes) -> Array:
-    """Time (F-1,) each segment needs for the joints to stay within their speeds [s]."""
+def _compute_min_durations(scene: MotionScene, frames: Keyframes) -> Array:
+    """Compute durations (F-1,) of segments by joint speeds and inertia [s]."""
     robot, count = scene.robot, len(frames.duration_fraction)
-    segment = np.repeat(np.arange(count), _PROBES)
-    share = np.tile(np.linspace(0.0, 1.0, _PROBES), count)
-    moving = _between(frames, segment, _ease(share))
-    angles = _driven(scene, moving, [frames.label[s] for s in segment]).command
-    turned = np.abs(np.diff(angles.reshape(count, _PROBES, *angles.shape[1:]), axis=1))
-    fastest = (turned * (_PROBES - 1) / robot.max_joint_speed).max(axis=(1, 2, 3))
-    return np.maximum(_SPEED_MARGIN * fastest + 1e-3, _balanced_durations(robot, frames))
+    segment = np.repeat(np.arange(count), _NUM_PROBES)
+    fraction = np.tile(np.linspace(0.0, 1.0, _NUM_PROBES), count)
+    states = _interpolate_states(frames, segment, _ease(fraction))
+    angles = _compute_joint_motion(scene, states, [frames.label[s] for s in segment]).command
+    joint_steps = np.abs(np.diff(angles.reshape(count, _NUM_PROBES, *angles.shape[1:]), axis=1))
+    largest_ratio = (joint_steps * (_NUM_PROBES - 1) / robot.max_joint_speed).max(axis=(1, 2, 3))
+    return np.maximum(
+        _SPEED_MARGIN * largest_ratio + 1e-3, _compute_inertial_durations(robot, frames)
+    )
 
 
-def _balanced_durations(robot: Robot, frames: Keyframes) -> Array:
-    """Time (F-1,) in which the body goes each way without more inertia than contacts bear [s].
+def _compute_inertial_durations(robot: Robot, frames: Keyframes) -> Array:
+    """Compute durations (F-1,) of segments for which contacts can bear the body's inertia [s].
 
-    Plans are statics: a body that speeds up by a asks toes for m a beside what is planned. That is
-    to be less than half of the pressure that margins let a toe miss. On flat feet it moves the
-    centre of pressure by a h / g, with h the body's height over the sole, which is to be a small
-    part of the sole. Grippers hold the body from all sides.
+    Plans are quasi-static: an acceleration a adds m a to the planned forces. It is bounded to half
+    of the pressure margin of toes. On flat feet it moves the centre of pressure by a h / g, with
+    body height h over the sole, which is bounded to a small part of the sole. Grippers support the
+    body in all directions.
     """
-    way = np.linalg.norm(np.diff(frames.com, axis=0), axis=1)
+    distance = np.linalg.norm(np.diff(frames.com, axis=0), axis=1)
     if robot.gripper is not None:
-        return np.zeros(len(way))
+        return np.zeros(len(distance))
     # `_ease` has its largest second derivative, 6, at both ends
     if robot.sole is None:
-        return np.asarray(np.sqrt(6.0 * way / (SPEEDING_UP * robot.gravity)))
+        return np.asarray(np.sqrt(6.0 * distance / (MAX_ACCELERATION * robot.gravity)))
     toes = np.minimum(frames.toes[:-1], frames.toes[1:])
     height = np.maximum(frames.com[1:, 2] - toes[..., 2].min(axis=1), 0.0)
-    moved = _ROCKING * float(robot.sole.half_size.min())
-    return np.asarray(np.sqrt(6.0 * way * height / (robot.gravity * moved)))
+    pressure_offset = _PRESSURE_OFFSET_FRACTION * float(robot.sole.half_size.min())
+    return np.asarray(np.sqrt(6.0 * distance * height / (robot.gravity * pressure_offset)))
 
 
-def _weighed(scene: MotionScene, moving: _Moving, angles: Array) -> _Moving:
-    """Forces that balance the weight where it acts at angles (S, N, J).
+def _balance_weight(scene: MotionScene, states: _MotionStates, angles: Array) -> _MotionStates:
+    """Correct forces to balance the weight where it acts at angles (S, N, J).
 
-    The moment that is missing is brought by what stands, the more the harder it presses: by moments
-    on soles, by forces of palms and fingers, or else of toes.
+    The missing moment is distributed to standing limbs by their pressure: as moments on soles, as
+    forces of palms and fingers, or as forces on toes.
     """
     robot = scene.robot
     if robot.links is None:
-        return moving
-    off = moving.weight - weight_moment(robot, moving.rpy, angles)
+        return states
+    missing_moment = states.weight - weight_moment(robot, states.rpy, angles)
     if scene.grippers is not None:
-        return _weighed_by_grips(scene.grippers, moving, off)
-    pressure = np.maximum((moving.force * moving.normal).sum(axis=-1), 0.0) * moving.contact
+        return _balance_weight_by_grips(scene.grippers, states, missing_moment)
+    pressure = np.maximum((states.force * states.normal).sum(axis=-1), 0.0) * states.contact
     if robot.sole is not None:
-        held = moving.contact_state.copy()
-        part = pressure / np.maximum(pressure.sum(axis=1, keepdims=True), 1e-300)
-        held[..., PACKED:] += part[..., None] * off[:, None]
-        return replace(moving, contact_state=held)
-    arms = contact_points(robot, moving.toes, moving.normal) - moving.com[:, None]
+        contact_state = states.contact_state.copy()
+        load_fraction = pressure / np.maximum(pressure.sum(axis=1, keepdims=True), 1e-300)
+        contact_state[..., PACKED:] += load_fraction[..., None] * missing_moment[:, None]
+        return replace(states, contact_state=contact_state)
+    arms = contact_points(robot, states.toes, states.normal) - states.com[:, None]
     root = np.repeat(np.sqrt(pressure), 3, axis=1)  # (S, 3 N)
     grasp = grasp_matrix(arms) * root[:, None]
-    wrench = np.concatenate([np.zeros_like(off), off], axis=1)
-    more = root * (np.linalg.pinv(grasp, rcond=_IN_LINE) @ wrench[..., None])[..., 0]
-    return replace(moving, force=moving.force + more.reshape(moving.force.shape))
+    wrench = np.concatenate([np.zeros_like(missing_moment), missing_moment], axis=1)
+    added_force = root * (np.linalg.pinv(grasp, rcond=_RANK_TOLERANCE) @ wrench[..., None])[..., 0]
+    return replace(states, force=states.force + added_force.reshape(states.force.shape))
 
 
-def _weighed_by_grips(grippers: Grippers, moving: _Moving, off: Array) -> _Moving:
-    """Grips that bring a moment off (S, 3) too, and the moments at wrists that go with them."""
+def _balance_weight_by_grips(
+    grippers: Grippers, states: _MotionStates, missing_moment: Array
+) -> _MotionStates:
+    """Correct grips to add a missing moment (S, 3), with the corresponding wrist moments."""
     from climbplan.climb.forces.grips.moment_distribution import distribute_moment
 
-    arm = -grippers.gripper.length * moving.normal
+    arm = -grippers.gripper.length * states.normal
     force, grips = distribute_moment(
         grippers,
-        moving.normal,
-        moving.region,
-        moving.contact,
-        moving.toes + arm - moving.com[:, None],
-        moving.force,
-        GripForces.unpacked(moving.contact_state[..., :PACKED]),
-        off,
-        _IN_LINE,
+        states.normal,
+        states.region,
+        states.contact,
+        states.toes + arm - states.com[:, None],
+        states.force,
+        GripForces.unpacked(states.contact_state[..., :PACKED]),
+        missing_moment,
+        _RANK_TOLERANCE,
     )
-    held = np.concatenate([grips.packed, grips.moment + np.cross(arm, force)], axis=-1)
-    return replace(moving, force=force, contact_state=held)
+    contact_state = np.concatenate([grips.packed, grips.moment + np.cross(arm, force)], axis=-1)
+    return replace(states, force=force, contact_state=contact_state)
 
 
 @dataclass(frozen=True)
-class _Driven:
-    """What joints do at S states."""
+class _JointMotion:
+    """Joint commands and torques at S states."""
 
     command: Array  # (S, N, J)
     torque: Array  # (S, N, J) of motors, which hold the links' own weight too
     force: Array  # (S, N, 3) that balance the weight
-    held: Array  # (S, N, 10) likewise
+    contact_state: Array  # (S, N, 10) likewise
 
 
-def _driven(scene: MotionScene, moving: _Moving, where: list[str]) -> _Driven:
-    """Joint commands that hold toes and forces; raises ReachFailure."""
+def _compute_joint_motion(
+    scene: MotionScene, states: _MotionStates, where: list[str]
+) -> _JointMotion:
+    """Compute joint commands that realise toes and forces; raise ReachFailure if impossible."""
     robot = scene.robot
-    toes_body = to_body(moving.com, moving.rpy, moving.toes)
-    turns = sole_turns(robot, moving.rpy, moving.normal)
+    toes_body = to_body(states.com, states.rpy, states.toes)
+    turns = sole_turns(robot, states.rpy, states.normal)
     solution = inverse(robot, toes_body, turns)
     for s in np.flatnonzero(~solution.valid.all(axis=1)):
         require_reachable(robot, toes_body[s], where[s], None if turns is None else turns[s])
     angles = solution.best()
-    moving = _weighed(scene, moving, angles)
-    jacobian = contact_jacobian(robot, moving.rpy, angles, moving.normal)
-    torques = np.einsum("snij,sni->snj", jacobian, moving.force)
+    states = _balance_weight(scene, states, angles)
+    jacobian = contact_jacobian(robot, states.rpy, angles, states.normal)
+    torques = np.einsum("snij,sni->snj", jacobian, states.force)
     if robot.gripper is not None or robot.sole is not None:
         axes = joint_axes_body(robot, angles) @ np.swapaxes(
-            rotation_world_body(moving.rpy)[:, None], -1, -2
+            rotation_world_body(states.rpy)[:, None], -1, -2
         )
-        torques += (axes @ moving.contact_state[..., PACKED:, None])[..., 0]
+        torques += (axes @ states.contact_state[..., PACKED:, None])[..., 0]
     command = angles - joint_softness(robot) * torques
-    if moving.carried.any():
-        command -= (joint_turns(robot, jacobian) @ moving.carried[..., None])[..., 0]
-    beyond = np.maximum(robot.joint_lower - command, command - robot.joint_upper)
-    if beyond.max() > _BOUND_SLACK:
-        s, limb, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
-        amount = format_joint_position(robot, int(limb), int(joint), float(beyond.max()), ".2g")
-        over = f"{amount} past its bound"
+    if states.carried.any():
+        command -= (joint_turns(robot, jacobian) @ states.carried[..., None])[..., 0]
+    excess = np.maximum(robot.joint_lower - command, command - robot.joint_upper)
+    if excess.max() > _BOUND_TOLERANCE:
+        s, limb, joint = np.unravel_index(int(np.argmax(excess)), excess.shape)
+        amount = format_joint_position(robot, int(limb), int(joint), float(excess.max()), ".2g")
+        excess_text = f"{amount} past its bound"
         name = robot.joint_name(int(limb), int(joint))
-        reason = f"toe with the planned force: commanded {name} {over}"
+        reason = f"toe with the planned force: commanded {name} {excess_text}"
         raise ReachFailure(robot.limb_names[limb], reason, 0.0, where[s])
-    return _Driven(
+    return _JointMotion(
         command,
-        torques + link_torques(robot, moving.rpy, angles),
-        moving.force,
-        moving.contact_state,
+        torques + link_torques(robot, states.rpy, angles),
+        states.force,
+        states.contact_state,
     )

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.climb.clearance.limbs import standing_room
+from climbplan.climb.clearance.limbs import compute_standing_clearance
 from climbplan.climb.postures.coxa_wedges import add_coxa_wedges
 from climbplan.climb.postures.limb_shape import LimbShape, linearise_limb
 from climbplan.climb.scene.climb_scene import ClimbScene
@@ -202,7 +202,7 @@ def _add_limb_clearance(
     postures: (M, N, 18) toe, com and Theta before and after each round.
     """
     robot, terrain = scene.robot, scene.terrain
-    clearance = standing_room(scene) + margins.limbs
+    clearance = compute_standing_clearance(scene) + margins.limbs
     knee_clearance = clearance + _KNEE_TOLERANCE + margins.knees
     rotation = LinearisedRotation.from_scene(scene)
     if not terrain.obstacles:

@@ -1,1 +1,1 @@
-"""Robots proposed from their URDF, put to the test of climbs."""
+"""Robots proposed from their URDF, tested by planning climbs."""

@@ -59,7 +59,7 @@ class Outcome:
         return self.plan is not None, not self.implausible, self.standing, self.margin_fraction
 
     def is_good_enough(self, min_margin_fraction: float) -> bool:
-        """Return whether no better plan is needed; the fraction counts if no worlds were sampled."""
+        """Return whether no better plan is needed; the fraction counts without sampled worlds."""
         if self.plan is None or self.implausible:
             return False
         return (
@@ -83,4 +83,5 @@ class Outcome:
         if self.margin_fraction > NEGLIGIBLE_MARGIN:
             return f"{self.what}: verified"
         worst = "; ".join(self.plan.forces.notes)
-        return f"{self.what}: verified, but may fall: {self.margin_fraction:.0%} of its margins ({worst})"
+        margin_text = f"{self.margin_fraction:.0%} of its margins"
+        return f"{self.what}: verified, but may fall: {margin_text} ({worst})"

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray, spans_of
-from climbplan.climb.check.anew.feet import foot_arm, rolling
-from climbplan.climb.check.anew.soles import lying
-from climbplan.climb.check.anew.static_pose import Braced, settle
+from climbplan.climb.check.anew.feet import build_rolling_robot, compute_contact_arm
+from climbplan.climb.check.anew.soles import compute_sole_axes
+from climbplan.climb.check.anew.static_pose import BracedRobot, solve_equilibrium
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.played import sample_instants
 from climbplan.climb.simulation.control.feedforward import compute_links_moment
@@ -153,18 +153,18 @@ def predict_sag(plan: ClimbPlan, conditions: Conditions, rows: IntArray, toes: A
         plan, motor_stiffness(robot, conditions) / (1 - structure_fraction)
     )
     normal = instants.normal[rows]
-    braced = Braced(
-        rolling(stiffened, axes, instants.joint_angles[rows], normal),
-        toes + foot_arm(robot, normal),
+    braced = BracedRobot(
+        build_rolling_robot(stiffened, axes, instants.joint_angles[rows], normal),
+        toes + compute_contact_arm(robot, normal),
         instants.contact[rows],
         forces.joint_command[rows],
         instants.joint_angles[rows],
         load,
         moment,
-        None if robot.sole is None else lying(robot.sole, normal),
+        None if robot.sole is None else compute_sole_axes(robot.sole, normal),
     )
     with np.errstate(all="ignore"):  # toes that slid away may leave no equilibrium: NaN
-        return np.asarray(-settle(braced, instants.com[rows], axes).shift)
+        return np.asarray(-solve_equilibrium(braced, instants.com[rows], axes).shift)
 
 
 def _replace_stiffness(plan: ClimbPlan, stiffness: Array) -> Robot:

@@ -152,7 +152,7 @@ class _MujocoRun:
         trajectory, conditions = self.plan.trajectory, self.conditions
         self._place()
         if self.regulator is not None:
-            self._initial_correction = self.regulator.told(0).copy()
+            self._initial_correction = self.regulator.compute_joint_offsets(0).copy()
         self._hold_command(self.command[0] + self._initial_correction, SETTLING_TIME)
         planned = rotation_world_body(trajectory.rpy)
         wrench = self._compute_loads()

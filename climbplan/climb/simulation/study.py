@@ -24,10 +24,10 @@ from climbplan.climb.simulation.risk.multilevel_splitting import (
 )
 from climbplan.climb.simulation.sweep import SweepPoint, SweepSettings, sweep
 from climbplan.climb.simulation.variations import draw_conditions, run_climb_trial
-from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import LIMB_MASS_SHARE, Conditions, require_possible
 from climbplan.simulation.mujoco_loading import load_mujoco
 from climbplan.simulation.pictures import Camera, open_camera
+from climbplan.simulation.request import SimulationRequest
 from climbplan.simulation.trials import Trial, run_trials
 
 _log = logging.getLogger(__name__)

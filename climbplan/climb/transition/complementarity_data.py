@@ -141,7 +141,10 @@ def _build_parameters(scene: TransitionScene, shape: Shape, surfaces: IntArray) 
         "mu": np.array([r.friction for r in surfaces_used]) / scene.spec.force.safety_friction,
         "load": load_wrench(scene.spec, scene.robot, scene.start.rpy) / scene.robot.weight,
         # Limbs stay bent as they are at the start
-        **{name: np.tile(toe_values[name].ravel(), POINTS) for name in shape.stated.parameter_shapes},
+        **{
+            name: np.tile(toe_values[name].ravel(), POINTS)
+            for name in shape.stated.parameter_shapes
+        },
     }
     return {**build_robot_parameters(scene, scene.start.toes), **convert_to_columns(parameters)}
 

@@ -1,10 +1,10 @@
-"""The complementarity method: a homotopy from a random start, and from others near where it ends.
+"""Solve the program with complementarity constraints by homotopy in an exact penalty, multi-start.
 
-A homotopy ends at a point where all pairs complement each other, or at one where some do not. From
-the latter limbs that are at odds with their pairs, and some by chance, are given other rounds to
-move in, and the program is solved again from there. What complements is a contact sequence with
-its surfaces. The motion is planned again with that fixed, so that nothing of any tolerance is left
-in a plan.
+A homotopy solves the program for increasing weights of the complementarity products. If all pairs
+are complementary at its end, the point is a contact sequence with its surfaces. The motion is then
+planned again with that sequence fixed, so no tolerance of complementarity remains in a plan.
+Otherwise limbs that violate their pairs, and some random ones, are assigned other rounds to move
+in, and the program is solved again from there.
 """
 
 from __future__ import annotations
@@ -16,82 +16,93 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.transition.complementarity_numbers import FreeMotion, found_at, free_motion
+from climbplan.climb.transition.complementarity_data import (
+    FreeMotion,
+    build_free_motion,
+    compute_dependent_variables,
+)
 from climbplan.climb.transition.footholds import (
     GOAL,
     START,
     Footholds,
     Poses,
-    footholds_of,
-    reach_of,
+    compute_reach,
+    list_footholds,
 )
-from climbplan.climb.transition.pose_ways import Sequence, State
+from climbplan.climb.transition.pose_paths import Sequence, State
 from climbplan.climb.transition.scene import TransitionScene
-from climbplan.climb.transition.search import toe_step_limits
-from climbplan.climb.transition.stances import Laboratory
+from climbplan.climb.transition.search import compute_step_limits
+from climbplan.climb.transition.stance_forces import SearchTables
 
-PENALTIES = (0.3, 3.0, 30.0)  # weights of the products; the last two from where limbs were moved
-_HOLDS = 1e-5  # largest violation of the rows of a point that complements
-_MOVED = 0.02  # [m] a shorter step is none
+PENALTIES = (0.3, 3.0, 30.0)  # weights of the products; the last two after a perturbation
+_FEASIBILITY_TOLERANCE = 1e-5  # of the constraints of a complementary point
+_MIN_STEP = 0.02  # [m] shorter steps are none
 _NOISE = 0.05  # [m] on random starts
-_TRIES = 60  # homotopies of one start
-_DRAWS = 50  # of rounds for the limbs until they are new ones
-_PRESS = 0.3  # of the weight, from which pressures start
+_MAX_HOMOTOPIES = 60  # homotopies of one start
+_MAX_DRAWS = 50  # of rounds for limbs, until they differ from earlier ones
+_INITIAL_PRESSURE = 0.3  # initial pressure by the weight
 
-Carry = Callable[[Laboratory, Sequence], str]
+Carry = Callable[[SearchTables, Sequence], str]
 
 
 @dataclass(frozen=True)
-class Start:
-    """What became of one random start."""
+class StartResult:
+    """The result of one random start."""
 
     seed: int
     reason: str  # why there is no motion, empty if there is one
-    tries: int  # homotopies, the first from the random start itself
-    complemented: int  # of them ended with all pairs complementing each other
+    num_homotopies: int  # homotopies, the first from the random start itself
+    num_complementary: int  # of them ended with all pairs complementing each other
     seconds: float  # with what `carry` took
     iterations: int  # of IPOPT
 
 
-def run_start(scene: TransitionScene, seed: int, carry: Carry, deadline: float = np.inf) -> Start:
-    """Homotopies from a random start on until one is carried through.
+def run_from_start(
+    scene: TransitionScene, seed: int, try_sequence: Carry, deadline: float = np.inf
+) -> StartResult:
+    """Run homotopies from a random start until one leads to a motion.
 
-    carry: called with each contact sequence found until it returns no reason against it. deadline
-    in `time.monotonic` seconds.
+    Args:
+        scene: The scene.
+        seed: Seed of the start and of perturbations.
+        try_sequence: Called with each new contact sequence; returns a reason against it or "".
+        deadline: Time limit in `time.monotonic` seconds.
     """
     begin = time.perf_counter()
-    motion, holds = free_motion(scene), footholds_of(scene)
+    motion, footholds = build_free_motion(scene), list_footholds(scene)
     rng = np.random.default_rng(seed)
-    v = np.clip(_random_start(motion, rng), motion.lower, motion.upper)
-    drawn: set[bytes] = set()
-    carried: set[bytes] = set()
-    iterations = complemented = tries = 0
+    v = np.clip(_draw_start(motion, rng), motion.lower, motion.upper)
+    drawn_paths: set[bytes] = set()
+    tried_sequences: set[bytes] = set()
+    iterations = num_complementary = num_homotopies = 0
     reason = "no point found at which all pairs complement each other"
     penalties: tuple[float, ...] = PENALTIES
-    while tries < _TRIES and time.monotonic() < deadline:
-        tries += 1
-        v, used, good = _homotopy(motion, v, penalties, deadline)
-        iterations += used
-        if good:
-            complemented += 1
-            lab, sequence = sequence_at(motion, v)
-            fresh = sequence.moved.tobytes() not in carried
-            carried.add(sequence.moved.tobytes())
-            if fresh and admissible(scene, sequence.moved):
-                reason = carry(lab, sequence)
+    while num_homotopies < _MAX_HOMOTOPIES and time.monotonic() < deadline:
+        num_homotopies += 1
+        v, num_iterations, is_complementary_point = _run_homotopy(motion, v, penalties, deadline)
+        iterations += num_iterations
+        if is_complementary_point:
+            num_complementary += 1
+            tables, sequence = extract_sequence(motion, v)
+            is_new = sequence.moves.tobytes() not in tried_sequences
+            tried_sequences.add(sequence.moves.tobytes())
+            if is_new and is_admissible(scene, sequence.moves):
+                reason = try_sequence(tables, sequence)
                 if not reason:
                     seconds = time.perf_counter() - begin
-                    return Start(seed, "", tries, complemented, seconds, iterations)
-        v = _moved_elsewhere(motion, holds, v, rng, drawn)
+                    return StartResult(
+                        seed, "", num_homotopies, num_complementary, seconds, iterations
+                    )
+        v = _perturb_rounds(motion, footholds, v, rng, drawn_paths)
         penalties = PENALTIES[1:]
     seconds = time.perf_counter() - begin
-    return Start(seed, reason, tries, complemented, seconds, iterations)
+    return StartResult(seed, reason, num_homotopies, num_complementary, seconds, iterations)
 
 
-def _homotopy(
+def _run_homotopy(
     motion: FreeMotion, v: Array, penalties: tuple[float, ...], deadline: float
 ) -> tuple[Array, int, bool]:
-    """The point where a homotopy ends, IPOPT's iterations, and whether all pairs complement."""
+    """Run a homotopy; return its end, IPOPT's iterations, and whether that is complementary."""
     program, iterations = motion.program.penalised, 0
     bounds = motion.bounds(program.stated)
     for penalty in penalties:
@@ -99,31 +110,31 @@ def _homotopy(
         point = program.solver.solve(v, p, bounds, deadline)
         v = np.clip(point.v, motion.lower, motion.upper)
         iterations += point.iterations
-    return v, iterations, complements(motion, v)
+    return v, iterations, is_complementary(motion, v)
 
 
-def complements(motion: FreeMotion, v: Array) -> bool:
-    """Whether all pairs of a point complement each other and all other rows hold."""
+def is_complementary(motion: FreeMotion, v: Array) -> bool:
+    """Return whether all pairs of a point are complementary and all other constraints hold."""
     stated = motion.program.stated
     rows = np.array(motion.program.rows(v, stated.theta(motion.parameters))).ravel()
     bounds = motion.bounds(stated)
-    found = stated.residuals(rows, (bounds.row_lower, bounds.row_upper))
-    return all(block.residual <= _HOLDS for block in found)
+    residuals = stated.residuals(rows, (bounds.row_lower, bounds.row_upper))
+    return all(block.residual <= _FEASIBILITY_TOLERANCE for block in residuals)
 
 
-def _random_start(motion: FreeMotion, rng: np.random.Generator) -> Array:
-    """Poses and toes somewhere on their ways, holds and pressures at random."""
+def _draw_start(motion: FreeMotion, rng: np.random.Generator) -> Array:
+    """Draw a start: poses and toes on their straight paths, contacts and pressures at random."""
     scene, shape = motion.scene, motion.shape
     n, m = shape.limbs, shape.rounds
     start, goal = scene.start, scene.goal
-    share = np.sort(rng.uniform(0.0, 1.0, (m + 1, n)), axis=0)[1:, :, None]
+    fractions = np.sort(rng.uniform(0.0, 1.0, (m + 1, n)), axis=0)[1:, :, None]
     pose, toe = np.empty((m, 6)), np.empty((m, n, 3))
     force, hold = np.zeros((m, n * shape.surfaces, 3)), np.empty((m, n))
     for j in range(m):
-        part = j / m
-        pose[j, :3] = start.com + part * (goal.com - start.com) + _NOISE * rng.uniform(-1, 1, 3)
-        pose[j, 3:] = start.rpy + part * (goal.rpy - start.rpy) + _NOISE * rng.uniform(-1, 1, 3)
-        toe[j] = start.toes + share[j] * (goal.toes - start.toes)
+        fraction = j / m
+        pose[j, :3] = start.com + fraction * (goal.com - start.com) + _NOISE * rng.uniform(-1, 1, 3)
+        pose[j, 3:] = start.rpy + fraction * (goal.rpy - start.rpy) + _NOISE * rng.uniform(-1, 1, 3)
+        toe[j] = start.toes + fractions[j] * (goal.toes - start.toes)
         toe[j] += _NOISE * rng.uniform(-1, 1, (n, 3))
         force[j, :, 0] = rng.uniform(0.0, 0.5, n * shape.surfaces)
         hold[j] = rng.uniform(0.2, 0.8, n)
@@ -135,107 +146,123 @@ def _random_start(motion: FreeMotion, rng: np.random.Generator) -> Array:
             "hold": hold,
             "face_weight": 1 / max(shape.faces, 1),
             "s": 0.3,
-            **found_at(scene, pose, toe),
+            **compute_dependent_variables(scene, pose, toe),
         }
     )
 
 
-def _moved_elsewhere(
-    motion: FreeMotion, holds: Footholds, v: Array, rng: np.random.Generator, known: set[bytes]
+def _perturb_rounds(
+    motion: FreeMotion,
+    footholds: Footholds,
+    v: Array,
+    rng: np.random.Generator,
+    known_paths: set[bytes],
 ) -> Array:
-    """A point like v in which some limbs move in other rounds, those at odds first."""
+    """Perturb a point: some limbs move in other rounds, those that violate their pairs first."""
     shape, scene = motion.shape, motion.scene
-    hold, step = motion.value("hold", v), _steps(motion, v)
-    odds = (hold * step**2).sum(axis=0) + (hold * (1 - hold)).sum(axis=0)
-    own = np.argmax((1 - hold) * step, axis=0)  # (N,) the round in which each limb moves most
+    hold, step = motion.value("hold", v), _compute_steps(motion, v)
+    conflict = (hold * step**2).sum(axis=0) + (hold * (1 - hold)).sum(axis=0)
+    main_round = np.argmax(
+        (1 - hold) * step, axis=0
+    )  # (N,) the round in which each limb moves most
     path = np.full((shape.rounds, shape.limbs), START)
-    after = np.arange(shape.rounds)[:, None] >= own
-    path[after] = GOAL
-    worst = np.argsort(-odds)[: rng.integers(1, 3)]
-    for _ in range(_DRAWS):
-        some = rng.choice(shape.limbs, rng.integers(1, max(2, shape.limbs // 2 + 1)), replace=False)
-        drawn = path.copy()
-        for limb in set(worst) | set(some) | set(_too_far(scene, drawn)):
-            drawn[:, limb] = _random_path(scene, holds, int(limb), rng)
-        moved = np.diff(np.vstack([np.full(shape.limbs, START), drawn]), axis=0) != 0
-        if admissible(scene, moved) and moved.tobytes() not in known:
+    is_after = np.arange(shape.rounds)[:, None] >= main_round
+    path[is_after] = GOAL
+    worst = np.argsort(-conflict)[: rng.integers(1, 3)]
+    for _ in range(_MAX_DRAWS):
+        random_limbs = rng.choice(
+            shape.limbs, rng.integers(1, max(2, shape.limbs // 2 + 1)), replace=False
+        )
+        candidate = path.copy()
+        for limb in set(worst) | set(random_limbs) | set(_find_long_steps(scene, candidate)):
+            candidate[:, limb] = _draw_path(scene, footholds, int(limb), rng)
+        moves = np.diff(np.vstack([np.full(shape.limbs, START), candidate]), axis=0) != 0
+        if is_admissible(scene, moves) and moves.tobytes() not in known_paths:
             break
-    known.add(moved.tobytes())
-    return np.clip(_along(motion, holds, v, drawn, moved), motion.lower, motion.upper)
+    known_paths.add(moves.tobytes())
+    return np.clip(
+        _place_on_path(motion, footholds, v, candidate, moves), motion.lower, motion.upper
+    )
 
 
-def _too_far(scene: TransitionScene, path: IntArray) -> IntArray:
-    """Limbs whose way goes straight to a goal that is further than one step."""
-    far = np.linalg.norm(scene.goal.toes - scene.start.toes, axis=1) > toe_step_limits(scene)
-    return np.flatnonzero(far & (path <= GOAL).all(axis=0))
+def _find_long_steps(scene: TransitionScene, path: IntArray) -> IntArray:
+    """Find limbs that move straight to a goal that is farther than one step."""
+    is_far = np.linalg.norm(scene.goal.toes - scene.start.toes, axis=1) > compute_step_limits(scene)
+    return np.flatnonzero(is_far & (path <= GOAL).all(axis=0))
 
 
-def _random_path(
-    scene: TransitionScene, holds: Footholds, limb: int, rng: np.random.Generator
+def _draw_path(
+    scene: TransitionScene, footholds: Footholds, limb: int, rng: np.random.Generator
 ) -> IntArray:
-    """Footholds (M,) of a limb after each round: its goal at once, or by one between."""
+    """Draw footholds (M,) of a limb after each round: its goal, at once or by an intermediate."""
     m = scene.spec.task.rounds
     path = np.full(m, START)
-    between = [c for c in range(2, holds.count) if holds.real[limb, c]]
-    straight = np.linalg.norm(holds.toe[limb, GOAL] - holds.toe[limb, START])
-    far = straight > toe_step_limits(scene)[limb]
-    if between and m > 1 and far:
+    intermediate = [c for c in range(2, footholds.count) if footholds.real[limb, c]]
+    straight = np.linalg.norm(footholds.toe[limb, GOAL] - footholds.toe[limb, START])
+    is_far = straight > compute_step_limits(scene)[limb]
+    if intermediate and m > 1 and is_far:
         first, last = np.sort(rng.choice(m, 2, replace=False))
-        path[first:] = rng.choice(between)
+        path[first:] = rng.choice(intermediate)
         path[last:] = GOAL
     else:
         path[rng.integers(m) :] = GOAL
     return path
 
 
-def _along(
-    motion: FreeMotion, holds: Footholds, v: Array, path: IntArray, moved: BoolArray
+def _place_on_path(
+    motion: FreeMotion, footholds: Footholds, v: Array, path: IntArray, moves: BoolArray
 ) -> Array:
-    """v with toes on footholds (M, N), limbs that move not holding, others pressing."""
+    """Place the toes of a point on footholds (M, N); standing limbs press, moving ones do not."""
     shape, stated = motion.shape, motion.program.stated
     limb = np.arange(shape.limbs)
-    region = np.vstack([motion.scene.start.region, holds.region[limb, path]])[:-1]
+    region = np.vstack([motion.scene.start.region, footholds.region[limb, path]])[:-1]
     force = np.zeros((shape.rounds, shape.limbs, shape.surfaces, 3))
-    first = np.argmax(motion.surfaces == region[:, :, None], axis=2)
-    force[np.arange(shape.rounds)[:, None], limb, first, 0] = np.where(moved, 0.0, _PRESS)
-    out = v.copy()
-    toes = holds.toe[limb, path]
-    out[stated.place("toe")] = toes.reshape(shape.rounds, -1)
-    for name, value in found_at(motion.scene, motion.value("pose", v), toes).items():
-        out[stated.place(name)] = value
-    out[stated.place("hold")] = np.where(moved, 0.05, 0.95)
-    out[stated.place("force")] = force.reshape(shape.rounds, -1)
-    return out
+    surface_slot = np.argmax(motion.surfaces == region[:, :, None], axis=2)
+    force[np.arange(shape.rounds)[:, None], limb, surface_slot, 0] = np.where(
+        moves, 0.0, _INITIAL_PRESSURE
+    )
+    point = v.copy()
+    toes = footholds.toe[limb, path]
+    point[stated.place("toe")] = toes.reshape(shape.rounds, -1)
+    for name, value in compute_dependent_variables(
+        motion.scene, motion.value("pose", v), toes
+    ).items():
+        point[stated.place(name)] = value
+    point[stated.place("hold")] = np.where(moves, 0.05, 0.95)
+    point[stated.place("force")] = force.reshape(shape.rounds, -1)
+    return point
 
 
-def admissible(scene: TransitionScene, moved: BoolArray) -> bool:
-    """Some limbs move in every round, never too many, and all that have to."""
-    most = scene.robot.limb_count - scene.spec.task.supporting
-    counts = moved.sum(axis=1)
-    far = np.linalg.norm(scene.goal.toes - scene.start.toes, axis=1) > _MOVED
-    return bool(counts.min() > 0 and counts.max() <= most and (moved.any(axis=0) >= far).all())
+def is_admissible(scene: TransitionScene, moves: BoolArray) -> bool:
+    """Return whether some limbs move in every round, never too many, and all that have to."""
+    max_moving = scene.robot.limb_count - scene.spec.task.min_supporting_limbs
+    counts = moves.sum(axis=1)
+    must_move = np.linalg.norm(scene.goal.toes - scene.start.toes, axis=1) > _MIN_STEP
+    return bool(
+        counts.min() > 0 and counts.max() <= max_moving and (moves.any(axis=0) >= must_move).all()
+    )
 
 
-def _steps(motion: FreeMotion, v: Array) -> Array:
-    """(M, N) toe steps [m]."""
+def _compute_steps(motion: FreeMotion, v: Array) -> Array:
+    """Compute toe steps (M, N) [m]."""
     toes = np.concatenate([motion.scene.start.toes[None], motion.value("toe", v)])
     return np.asarray(np.linalg.norm(np.diff(toes, axis=0), axis=-1))
 
 
-def sequence_at(motion: FreeMotion, v: Array) -> tuple[Laboratory, Sequence]:
-    """The contact sequence of a point whose pairs complement each other, and what it is made of."""
+def extract_sequence(motion: FreeMotion, v: Array) -> tuple[SearchTables, Sequence]:
+    """Extract the contact sequence of a complementary point, with tables of its footholds."""
     scene, m = motion.scene, motion.shape.rounds
-    moved = (motion.value("hold", v) < 0.5) & (_steps(motion, v) > _MOVED)
+    moves = (motion.value("hold", v) < 0.5) & (_compute_steps(motion, v) > _MIN_STEP)
     pose = np.vstack([motion.value("pose", v), np.append(scene.goal.com, scene.goal.rpy)])
     toes = np.concatenate([scene.start.toes[None], motion.value("toe", v)])  # (M + 1, N, 3)
-    lab = _laboratory(scene, toes, Poses(pose[:, :3], pose[:, 3:]), motion.surfaces)
-    return lab, Sequence(_states(moved), tuple(range(m + 1)), 0.0, np.inf)
+    tables = _build_tables(scene, toes, Poses(pose[:, :3], pose[:, 3:]), motion.surfaces)
+    return tables, Sequence(_build_states(moves), tuple(range(m + 1)), 0.0, np.inf)
 
 
-def _laboratory(
+def _build_tables(
     scene: TransitionScene, toes: Array, poses: Poses, surfaces: IntArray
-) -> Laboratory:
-    """Footholds start, goal, and one after each round but the last, on their nearest surface."""
+) -> SearchTables:
+    """Build tables: footholds at start, goal, and after each round, on their nearest surfaces."""
     m, n = len(toes) - 1, toes.shape[1]
     toe = np.concatenate([toes[:1], toes[-1:], toes[1:-1]]).swapaxes(0, 1)
     toe[:, GOAL] = scene.goal.toes
@@ -251,15 +278,15 @@ def _laboratory(
         normal[region == index] = surface.normal_at(toe[region == index])
         mu[region == index] = surface.friction
     holds = Footholds(toe, region, normal, mu, np.ones((n, m + 1), bool))
-    return Laboratory(scene, holds, poses, reach_of(scene, holds, poses))
+    return SearchTables(scene, holds, poses, compute_reach(scene, holds, poses))
 
 
-def _states(moved: BoolArray) -> tuple[State, ...]:
+def _build_states(moves: BoolArray) -> tuple[State, ...]:
     """Foothold numbers after each round: a limb's last move takes it to its goal."""
-    m, n = moved.shape
+    m, n = moves.shape
     states = np.full((m + 1, n), START)
     for j in range(m):
         for i in range(n):
-            last = not moved[j + 1 :, i].any()
-            states[j + 1, i] = (GOAL if last else 2 + j) if moved[j, i] else states[j, i]
+            is_last_move = not moves[j + 1 :, i].any()
+            states[j + 1, i] = (GOAL if is_last_move else 2 + j) if moves[j, i] else states[j, i]
     return tuple(tuple(int(x) for x in row) for row in states)

@@ -147,7 +147,9 @@ def _explain_forces(search: SequenceSearch, sequences: list[Sequence]) -> list[C
         stance_poses = []
         for j, (a, b) in enumerate(itertools.pairwise(sequence.states)):
             stance = get_stance(a, b)
-            poses = [int(p) for p in np.flatnonzero(np.isfinite(search.compute_uses(j, a, b)))]
+            poses = [
+                int(p) for p in np.flatnonzero(np.isfinite(search.compute_torque_use(j, a, b)))
+            ]
             stance_poses.append((stance, poses))
             for pose in poses:
                 cells.setdefault((stance, pose), len(cells))

@@ -1,4 +1,4 @@
-"""Optimise poses and footholds of a fixed contact sequence by IPOPT, from the path of the search."""
+"""Optimise poses and footholds of a fixed contact sequence by IPOPT, from the search's path."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The transition planner: contact sequences, balanced poses, and a verified motion (chapter 5.3)."""
+"""The transition planner: contact sequences, balanced poses and a verified motion (ch. 5.3)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import IntArray
-from climbplan.climb.gait.balance import balancing_shifts
+from climbplan.climb.gait.balance import find_balancing_shifts
 from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.plan.climb_plan import (
     ClimbPlan,
@@ -72,8 +72,8 @@ def find_balanced_poses(scene: TransitionScene, deadline: float) -> Poses:
     # The search's friction pyramids are inscribed in the cones of the balance
     cone_scale = float(np.cos(np.pi / scene.spec.force.facets))
     max_shift = scene.spec.posture.steps.com_max
-    com = straight_path.com[pose_index] + balancing_shifts(
-        scene, lifts, max_shift, cone_scale, follow=False
+    com = straight_path.com[pose_index] + find_balancing_shifts(
+        scene, lifts, max_shift, cone_scale, allow_sequence=False
     )
     rows: dict[tuple[int, ...], int] = {}
     for row, cell in enumerate(np.rint(com / _POSE_TOLERANCE).astype(int).tolist()):

@@ -133,7 +133,7 @@ def _build_start_point(motion: FreeMotion, tables: SearchTables, sequence: Seque
     shape, scene = motion.shape, tables.scene
     m, n = shape.rounds, shape.limbs
     poses, limb = np.array(sequence.poses)[:-1], np.arange(n)
-    force, use = compute_search_forces(tables, sequence)
+    force, torque_use = compute_search_forces(tables, sequence)
     region = tables.footholds.region[limb, np.array(sequence.states)[:-1]]  # (M, N)
     axes = np.array([contact_frame(region.normal).axes for region in scene.terrain.regions])
     surface_slot = np.argmax(motion.surfaces == region[:, :, None], axis=2)
@@ -155,6 +155,6 @@ def _build_start_point(motion: FreeMotion, tables: SearchTables, sequence: Seque
             "force": local.reshape(m, -1),
             "hold": ~sequence.moves,
             "face_weight": (active_faces / active_faces.sum(axis=-1, keepdims=True)).reshape(m, -1),
-            "s": use[:, None],
+            "s": torque_use[:, None],
         }
     )

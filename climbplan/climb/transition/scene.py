@@ -102,7 +102,8 @@ def _require_clearance(scene: TransitionScene, name: str, stance: Stance) -> Non
     scan = scene.terrain.scan
     if (
         scan is not None
-        and (clearance := float(compute_raw_body_distance(scan, hull, min_clearance))) < min_clearance
+        and (clearance := float(compute_raw_body_distance(scan, hull, min_clearance)))
+        < min_clearance
     ):
         clearance_text = (
             f"the body {1e3 * min_clearance:.0f} mm clear of {THE_SCAN} "

@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.climb.check.verification import verification_of
-from climbplan.climb.clearance.swing import SwingMeets
+from climbplan.climb.clearance.swing import SwingCollision
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait.instants import build_instants_at, compute_joint_angles
 from climbplan.climb.motion.in_hand import plan_with_torque_reserve
@@ -324,7 +324,7 @@ class _SequencePlanner:
             )
         except NoPlanFound as error:
             self.reason = " ".join(str(error).split())
-            self._separate |= isinstance(error, LimbCollision | SwingMeets)
+            self._separate |= isinstance(error, LimbCollision | SwingCollision)
             leaves_reach = isinstance(error, ReachFailure)
         else:
             if verification.passed:

@@ -124,7 +124,7 @@ def _solve_batch(tables: SearchTables, statement: ForceStatement) -> tuple[Array
         # Contact rows -n . f <= 0 become -n . f <= -min_load: each supporting limb carries load
         rows.upper[:, rows.contact] -= min_load / statement.unit
         optima = solve_daqp(group, rows)
-        force[group.instant[:, None], group.limb] = group.forces(optima.x[:, 1:])
+        force[group.instant[:, None], group.limb] = group.compute_forces(optima.x[:, 1:])
         is_solved[group.instant] = optima.solved
     force[~is_solved] = 0.0
     residuals = check_forces(statement, force)

@@ -106,7 +106,7 @@ def describe_collision(scene: TransitionScene, instants: Instants) -> str | None
             name = scene.terrain.link_solids[nearest.solid].name
             return f"{where}, {link} would be {-1e3 * nearest.distance:.1f} mm deep in {name!r}"
     overlap = find_standing_overlap(scene, instants)
-    return None if overlap is None else f"{overlap[1]}, {overlap[0].words(robot)}"
+    return None if overlap is None else f"{overlap[1]}, {overlap[0].describe(robot)}"
 
 
 def _is_clear(distance: Array, min_distance: float) -> BoolArray:

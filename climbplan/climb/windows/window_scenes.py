@@ -21,9 +21,7 @@ from climbplan.robots.rotations import rotation_world_body
 
 LOOSE_GAP = 0.02  # relative, of windows but the last, as half of each is planned again
 _PACE_FRACTIONS = (1.0, 0.5)  # fractions of what a window can cover, as targets in turn
-_GOAL_WEIGHT_FACTOR = (
-    0.1  # on the weights of toes and angles at the end of a window but the last
-)
+_GOAL_WEIGHT_FACTOR = 0.1  # on the weights of toes and angles at the end of a window but the last
 _LAG_GAIN = 4.0  # on the relative lag behind an even pace
 _FREE_TOLERANCE = 1e3  # [m] of the end of a window but the last
 _RADIUS_MARGIN = 2e-3  # [m]

@@ -1,13 +1,12 @@
-"""Long climbs a window of rounds at a time, each by exact search, joined into one plan.
+"""Plan long climbs by a receding horizon: windows of rounds, each solved exactly, joined to a plan.
 
-A window has W rounds and begins where the one before it was cut. All but the last aim at a point
-of the body's way, as far on as W rounds can take it: body and toes are drawn there by the cost of
-the posture problem, and need not reach it. Half of a window's rounds are kept, the other half is
-planned again in the next, so that a window never ends where nothing goes on. The last window has
-the goal as the spec states it.
+A window has W rounds and begins where the one before it was cut. All but the last approach a point
+of the body's path that W rounds can cover, by the cost of the posture problem. Half of a window's
+rounds are committed, the other half is planned again in the next window, which avoids dead ends.
+The last window has the goal of the spec.
 
-Which windows may follow is in `window_scenes.py`. What is kept of a window passes the exact
-kinematic, clearance and force checks before the next begins.
+`window_scenes.py` lists possible windows. Committed rounds pass the exact kinematic, clearance and
+force checks before the next window begins.
 """
 
 from __future__ import annotations
@@ -18,9 +17,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from climbplan.climb.clearance.body import body_shortfall
-from climbplan.climb.clearance.limbs import limb_shortfall
-from climbplan.climb.clearance.swing import swing_paths
+from climbplan.climb.clearance.body import compute_body_shortfall
+from climbplan.climb.clearance.limbs import find_limb_shortfall
+from climbplan.climb.clearance.swing import plan_swing_paths
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.motion.motion import (
@@ -31,50 +30,50 @@ from climbplan.climb.motion.motion import (
     plan_support,
 )
 from climbplan.climb.plan.climb_plan import Rounds
-from climbplan.climb.postures.least_cost import least_cost
+from climbplan.climb.postures.cost_bound import bound_posture_cost
 from climbplan.climb.postures.planner import PostureResult
 from climbplan.climb.scene.climb_scene import ClimbScene, Stance
-from climbplan.climb.windows.body_way import BodyWay
+from climbplan.climb.windows.body_way import BodyPath
 from climbplan.climb.windows.window_scenes import (
     LOOSE_GAP,
-    Behind,
-    by_method,
-    next_windows,
-    with_rounds,
+    WindowStart,
+    list_windows,
+    replace_method,
+    replace_rounds,
 )
-from climbplan.errors import LimitReached, NoPlanFound, NotProved
+from climbplan.errors import LimitReached, NoPlanFound, Unresolved
 
-_KEPT = 0.5  # share of a window's rounds
-_PROGRESS = 5e-3  # [m] of the way that the rounds kept cover at least
-_NODES = 100  # of a search for a window by branch and bound, at most
-_BACKINGS = 6  # times that rounds are given up at most
+_COMMITTED_FRACTION = 0.5  # of a window's rounds
+_MIN_PROGRESS = 5e-3  # [m] of the path that committed rounds cover
+_MAX_NODES = 100  # of a window's branch and bound
+_MAX_BACKTRACKS = 6  # times that rounds are discarded
 _METHODS = ("micp", "nlp")  # of `auto`, in turn
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass
-class _Done:
-    """What was planned so far."""
+class _Progress:
+    """The rounds planned so far."""
 
     rounds: Rounds
     covered: float  # [m] of the way
     windows: int = 0
-    backed: int = 0  # times that rounds were given up because no window went on from them
+    num_backtracks: int = 0  # times that rounds were given up because no window went on from them
     nodes: int = 0
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
     @property
     def stance(self) -> Stance:
-        """Where the next window begins."""
+        """Stance at which the next window begins."""
         r = self.rounds
         return Stance(r.com[-1], r.rpy[-1], r.toes[-1], r.region[-1])
 
     @property
-    def behind(self) -> Behind:
-        """What the next window goes on from."""
-        return Behind(self.stance, self.rounds.count, self.covered, self.backed)
+    def window_start(self) -> WindowStart:
+        """State from which the next window continues."""
+        return WindowStart(self.stance, self.rounds.count, self.covered, self.num_backtracks)
 
 
 @dataclass(frozen=True)
@@ -88,33 +87,47 @@ class WindowedMotion:
 def plan_in_windows(
     scene: ClimbScene, window: int, clock: StageClock, deadline: float
 ) -> WindowedMotion:
-    """Postures, instants and forces of a climb, `window` rounds at a time.
+    """Plan postures, instants and forces of a climb, `window` rounds at a time.
 
-    deadline: `time.monotonic` [s]. Where no window goes on, the last rounds are planned
-    again at another pace. Raises NotProved where a window has no plan, with its place, and
-    LimitReached.
+    If no window continues a plan, its last rounds are planned again at another pace.
+
+    Args:
+        scene: The scene.
+        window: Rounds of a window.
+        clock: Times the stages.
+        deadline: Time limit in `time.monotonic` seconds.
+
+    Raises:
+        Unresolved: A window has no plan; the message names its place.
+        LimitReached: The time limit was reached.
     """
-    way = BodyWay.of(scene)
+    path = BodyPath.from_scene(scene)
     start = scene.start
-    first = Rounds(start.com[None], start.rpy[None], start.toes[None], start.region[None])
-    done = _Done(first, 0.0)
+    first_rounds = Rounds(start.com[None], start.rpy[None], start.toes[None], start.region[None])
+    progress = _Progress(first_rounds, 0.0)
     while True:
         if time.monotonic() > deadline:
-            raise LimitReached(f"{_where(done, way)}: no time left", stage="posture")
+            raise LimitReached(f"{_format_place(progress, path)}: no time left", stage="posture")
         try:
-            found = _next(scene, way, window, done, clock, deadline)
+            planned = _plan_next_window(scene, path, window, progress, clock, deadline)
         except NoPlanFound as failure:
-            if done.backed == _BACKINGS or not _back(done, way, window):
+            if progress.num_backtracks == _MAX_BACKTRACKS or not _backtrack(progress, path, window):
                 raise
-            _log.info("window    back to round %d: %s", done.rounds.count, failure)
+            _log.info("window    back to round %d: %s", progress.rounds.count, failure)
             continue
-        _append(done, found, way)
+        _append_window(progress, planned, path)
         _log.info(
             "window    %d: round %d, %.2f of %.2f m, %d nodes",
-            *(done.windows, done.rounds.count, done.covered, way.length, done.nodes),
+            *(
+                progress.windows,
+                progress.rounds.count,
+                progress.covered,
+                path.length,
+                progress.nodes,
+            ),
         )
-        if found.last:
-            return _joined(scene, done, window, clock)
+        if planned.last:
+            return _join_windows(scene, progress, window, clock)
 
 
 @dataclass(frozen=True)
@@ -125,110 +138,131 @@ class _Window:
     last: bool
 
 
-def _next(
-    scene: ClimbScene, way: BodyWay, window: int, done: _Done, clock: StageClock, deadline: float
+def _plan_next_window(
+    scene: ClimbScene,
+    path: BodyPath,
+    window: int,
+    progress: _Progress,
+    clock: StageClock,
+    deadline: float,
 ) -> _Window:
-    """The first of several windows that has a plan; raises the failure of the first."""
+    """Plan the first of several windows that has a plan; raise the failure of the first."""
     failure: NoPlanFound | None = None
     for method in _METHODS if scene.spec.solver.method == "auto" else (None,):
-        for part, last in next_windows(scene, way, window, done.behind):
-            chosen = part if method is None else by_method(part, method)
+        for window_scene, last in list_windows(scene, path, window, progress.window_start):
+            chosen = window_scene if method is None else replace_method(window_scene, method)
             try:
-                count = part.spec.task.round_count
-                kept = count if last else max(int(_KEPT * count), 1)
-                motion = plan_motion(chosen, clock, None, deadline, kept, _NODES)
+                count = window_scene.spec.task.round_count
+                committed = count if last else max(int(_COMMITTED_FRACTION * count), 1)
+                motion = plan_motion(chosen, clock, None, deadline, committed, _MAX_NODES)
                 motion = plan_support(chosen, motion, clock, deadline).motion
             except NoPlanFound as error:
                 _log.info("window    %s: %s", chosen.spec.solver.method, error)
                 failure = failure or error
                 continue
-            reached = way.nearest(motion.posture.rounds.com[-1], done.covered)
-            if last or reached - done.covered >= _PROGRESS:
+            covered = path.project(motion.posture.rounds.com[-1], progress.covered)
+            if last or covered - progress.covered >= _MIN_PROGRESS:
                 return _Window(motion, last)
-    place = ", ".join(f"{v:.2f}" for v in done.stance.com)
+    place = ", ".join(f"{v:.2f}" for v in progress.stance.com)
     detail = "no progress" if failure is None else failure.message
-    raise NotProved(
-        f"{_where(done, way)}, with the body at ({place}): {detail}",
+    raise Unresolved(
+        f"{_format_place(progress, path)}, with the body at ({place}): {detail}",
         [] if failure is None else failure.conflicts,
         because="what was planned before it is kept: other postures there may lead on",
         stage="posture" if failure is None else failure.stage,
     ) from failure
 
 
-def _back(done: _Done, way: BodyWay, window: int) -> bool:
-    """Give up the last rounds, and twice as many when that did not help; False at the start."""
-    count = done.rounds.count
+def _backtrack(progress: _Progress, path: BodyPath, window: int) -> bool:
+    """Discard the last rounds, twice as many if that did not help; return False at the start."""
+    count = progress.rounds.count
     if count == 0:
         return False
-    done.backed += 1
-    kept = max(count - max(int(_KEPT * window), 1) * ((done.backed + 1) // 2), 0)
-    done.rounds = done.rounds.first(kept)
-    done.covered = 0.0
-    for com in done.rounds.com:
-        done.covered = way.nearest(com, done.covered)
+    progress.num_backtracks += 1
+    committed = max(
+        count - max(int(_COMMITTED_FRACTION * window), 1) * ((progress.num_backtracks + 1) // 2), 0
+    )
+    progress.rounds = progress.rounds.first(committed)
+    progress.covered = 0.0
+    for com in progress.rounds.com:
+        progress.covered = path.project(com, progress.covered)
     return True
 
 
-def _append(done: _Done, found: _Window, way: BodyWay) -> None:
-    new, old = found.motion.posture.rounds, done.rounds
-    done.rounds = Rounds(
-        np.concatenate([old.com, new.com[1:]]),
-        np.concatenate([old.rpy, new.rpy[1:]]),
-        np.concatenate([old.toes, new.toes[1:]]),
-        np.concatenate([old.region, new.region[1:]]),
+def _append_window(progress: _Progress, planned: _Window, path: BodyPath) -> None:
+    added, previous = planned.motion.posture.rounds, progress.rounds
+    progress.rounds = Rounds(
+        np.concatenate([previous.com, added.com[1:]]),
+        np.concatenate([previous.rpy, added.rpy[1:]]),
+        np.concatenate([previous.toes, added.toes[1:]]),
+        np.concatenate([previous.region, added.region[1:]]),
     )
-    done.covered = way.nearest(done.rounds.com[-1], done.covered)
-    done.windows += 1
-    done.nodes += found.motion.posture.nodes
-    done.notes += [f"window {done.windows}: {note}" for note in found.motion.tightenings]
+    progress.covered = path.project(progress.rounds.com[-1], progress.covered)
+    progress.windows += 1
+    progress.nodes += planned.motion.posture.nodes
+    progress.notes += [f"window {progress.windows}: {note}" for note in planned.motion.tightenings]
 
 
-def _joined(scene: ClimbScene, done: _Done, window: int, clock: StageClock) -> WindowedMotion:
-    """The whole, by the same exact checks as its windows."""
-    from climbplan.climb.postures.nlp.check import posture_cost
+def _join_windows(
+    scene: ClimbScene, progress: _Progress, window: int, clock: StageClock
+) -> WindowedMotion:
+    """Join the windows, with the same exact checks of the whole."""
+    from climbplan.climb.postures.nlp.check import compute_posture_cost
 
-    whole = with_rounds(scene, done.rounds.count)
+    whole_scene = replace_rounds(scene, progress.rounds.count)
     with clock.stage("kinematics"):
-        instants = plan_instants(whole, done.rounds)
-        short = limb_shortfall(whole, done.rounds, instants)
-        too_near = short is not None and short.missing > 1e-9
-        if too_near or body_shortfall(whole, done.rounds).max(initial=0.0) > 1e-9:
-            what = f"{short.where}, {short.words(whole)}" if short and too_near else "the body"
-            raise NotProved(
-                f"windows do not join: {what}",
+        instants = plan_instants(whole_scene, progress.rounds)
+        shortfall = find_limb_shortfall(whole_scene, progress.rounds, instants)
+        is_too_near = shortfall is not None and shortfall.missing > 1e-9
+        if (
+            is_too_near
+            or compute_body_shortfall(whole_scene, progress.rounds).max(initial=0.0) > 1e-9
+        ):
+            place = (
+                f"{shortfall.where}, {shortfall.describe(whole_scene)}"
+                if shortfall and is_too_near
+                else "the body"
+            )
+            raise Unresolved(
+                f"windows do not join: {place}",
                 because="each was checked alone",
                 stage="kinematics",
             )
-        swings = None if short is None else swing_paths(whole, done.rounds, instants)
-    objective, bound = posture_cost(whole, done.rounds), least_cost(whole)
+        swings = (
+            None if shortfall is None else plan_swing_paths(whole_scene, progress.rounds, instants)
+        )
+    objective, bound = (
+        compute_posture_cost(whole_scene, progress.rounds),
+        bound_posture_cost(whole_scene),
+    )
     note = (
-        f"planned in {done.windows} windows of at most {window} rounds, each by exact search: "
+        f"planned in {progress.windows} windows of at most {window} rounds, each by exact search: "
         f"optimal a window at a time, to {LOOSE_GAP:.0%}, the whole may be done with less; the "
         "bound is that of the straight way"
     )
     posture = PostureResult(
-        rounds=done.rounds,
+        rounds=progress.rounds,
         status="feasible",
         objective=objective,
         bound=bound,
         gap=max(objective - bound, 0.0) / max(abs(objective), 1e-9),
-        nodes=done.nodes,
+        nodes=progress.nodes,
         solver=f"windows of {window} rounds",
         sizes={
-            "windows": done.windows,
+            "windows": progress.windows,
             "window_rounds": window,
             "bound_holds_for": "the straight way of body and toes in as many rounds",
         },
         warnings=(note,),
     )
-    motion = Motion(posture, instants, tuple(done.notes), swings)
+    motion = Motion(posture, instants, tuple(progress.notes), swings)
     with clock.stage("force"):
-        forces = plan_forces(whole, instants)
-    return WindowedMotion(whole, SupportedMotion(motion, forces))
+        forces = plan_forces(whole_scene, instants)
+    return WindowedMotion(whole_scene, SupportedMotion(motion, forces))
 
 
-def _where(done: _Done, way: BodyWay) -> str:
+def _format_place(progress: _Progress, path: BodyPath) -> str:
     return (
-        f"window {done.windows + 1}, after {done.rounds.count} rounds and {done.covered:.2f} of "
-        f"{way.length:.2f} m"
+        f"window {progress.windows + 1}, after {progress.rounds.count} rounds and "
+        f"{progress.covered:.2f} of {path.length:.2f} m"
     )

@@ -15,7 +15,7 @@ import yaml
 from benchmarks.climb.random_climbs import random_climb
 from climbplan.arrays import Array
 from climbplan.climb.clearance.body import compute_body_shortfall, hull_world
-from climbplan.climb.clearance.limbs import BETWEEN, compute_limb_points
+from climbplan.climb.clearance.limbs import INTERPOLATION_MARGIN, compute_limb_points
 from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.check import check_postures, compute_posture_cost
@@ -142,7 +142,9 @@ def test_way_round_the_obstacle() -> None:
     share = np.linspace(0.0, 1.0, scene.spec.task.rounds + 1)[:, None]
     line = scene.start.com + share * (scene.goal.com - scene.start.com)
     start = build_straight_guess(scene, 0, 0.0).rounds
-    assert compute_body_shortfall(scene, replace(start, com=line)).max() > 0.1  # the beam is in the way
+    assert (
+        compute_body_shortfall(scene, replace(start, com=line)).max() > 0.1
+    )  # the beam is in the way
     assert compute_body_shortfall(scene, start).max() < 0.02  # already the start goes round it
     attempts = [
         solve_from(scene, build_straight_guess(scene, k, float(k > 0)), FOREVER) for k in range(2)
@@ -190,7 +192,7 @@ def test_limbs_do_not_pass_through_what_the_convex_plan_ignores() -> None:
     assert [violation.name for violation in failing] == ["limbs.clearance"]
     assert "RF" in str(failing[0]) or "LF" in str(failing[0])
     # The way out is no shorter than the links are deep
-    asked = blocked.robot.limb_radius + BETWEEN
+    asked = blocked.robot.limb_radius + INTERPOLATION_MARGIN
     assert failing[0].amount >= asked - link_room(blocked, free.rounds).min() - 1e-3
 
 
@@ -207,7 +209,9 @@ def test_links_beside_a_bar_need_room_for_their_radius() -> None:
         found = {v.name: v for v in check_postures(under, free.rounds)}["limbs.clearance"]
         # Between the instants, too, the highest point may rise a little
         assert found.holds == holds or found.amount < 1e-4
-        assert found.amount == pytest.approx(scene.robot.limb_radius + BETWEEN - gap, abs=1e-3)
+        assert found.amount == pytest.approx(
+            scene.robot.limb_radius + INTERPOLATION_MARGIN - gap, abs=1e-3
+        )
 
 
 def test_parting_planes_touch_the_solid_and_part_what_is_apart() -> None:

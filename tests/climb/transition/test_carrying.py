@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from climbplan.climb.motion.motion import StageClock
-from climbplan.climb.transition import carrying
+from climbplan.climb.transition import sequence_planning
 from climbplan.climb.transition.motion import Motion
 from climbplan.errors import NoPlanFound, ReachFailure
 
@@ -24,7 +24,7 @@ class _Planner:
         self.asked: list[tuple[float, float, float]] = []  # S_tau, share, room
 
     def plan_motion(
-        self, lab: Any, sequence: Any, asked: float, share: float, *rest: Any
+        self, tables: Any, sequence: Any, asked: float, share: float, *rest: Any
     ) -> Motion:
         room = rest[-1]
         self.asked.append((asked, share, room))
@@ -37,37 +37,47 @@ class _Planner:
         return rounds, SimpleNamespace(passed=True)
 
 
-def _carried(monkeypatch: pytest.MonkeyPatch, planner: _Planner) -> carrying.Attempt:
-    monkeypatch.setattr(carrying, "plan_motion", planner.plan_motion)
-    monkeypatch.setattr(carrying, "verified", planner.verified)
+def _carried(monkeypatch: pytest.MonkeyPatch, planner: _Planner) -> sequence_planning.Attempt:
+    monkeypatch.setattr(sequence_planning, "plan_motion", planner.plan_motion)
+    monkeypatch.setattr(sequence_planning, "verify_motion", planner.verified)
     spec = SimpleNamespace(
         force=SimpleNamespace(safety_torque=_LEAST), margins=SimpleNamespace(asked=True)
     )
     clock = StageClock(lambda stage, fraction: None)
     run: Any = SimpleNamespace(scene=SimpleNamespace(spec=spec), clock=clock)
-    sequence: Any = SimpleNamespace(safety_torque=2.0, moved=None)
-    lab: Any = None  # only the planner, which is not asked, would look at it
-    return carrying.carry_through(run, lab, sequence)
+    sequence: Any = SimpleNamespace(safety_torque=2.0, moves=None)
+    tables: Any = None  # only the planner, which is not asked, would look at it
+    return sequence_planning.plan_and_verify_sequence(run, tables, sequence)
 
 
 def test_a_joint_past_its_bound_is_given_more_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    planner = _Planner(1.0, carrying._ROOMS[1], ReachFailure("LF", "past its bound"))
-    assert _carried(monkeypatch, planner).complete is not None
-    assert [room for _, _, room in planner.asked] == list(carrying._ROOMS[:2])
-    assert {share for _, share, _ in planner.asked} == {carrying._SHARES[0]}  # no margin given up
+    planner = _Planner(
+        1.0, sequence_planning._JOINT_MARGINS[1], ReachFailure("LF", "past its bound")
+    )
+    assert _carried(monkeypatch, planner).motion is not None
+    assert [room for _, _, room in planner.asked] == list(sequence_planning._JOINT_MARGINS[:2])
+    assert {share for _, share, _ in planner.asked} == {
+        sequence_planning._MARGIN_FRACTIONS[0]
+    }  # no margin given up
 
 
 def test_other_failures_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
     planner = _Planner(1.0, np.inf, NoPlanFound("no forces", stage="force"))
     attempt = _carried(monkeypatch, planner)
-    assert (attempt.complete, attempt.reason) == (None, "no forces")
-    assert {room for _, _, room in planner.asked} == {carrying._ROOMS[0]}
-    every = [(f * _LEAST, share) for share in carrying._SHARES for f in carrying._FIRMER]
+    assert (attempt.motion, attempt.reason) == (None, "no forces")
+    assert {room for _, _, room in planner.asked} == {sequence_planning._JOINT_MARGINS[0]}
+    every = [
+        (f * _LEAST, share)
+        for share in sequence_planning._MARGIN_FRACTIONS
+        for f in sequence_planning._TORQUE_FACTORS
+    ]
     assert [(asked, share) for asked, share, _ in planner.asked] == every
 
 
 def test_what_a_motion_has_already_is_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     planner = _Planner(1.4, np.inf, NoPlanFound("no forces", stage="force"))
-    assert _carried(monkeypatch, planner).complete is None
+    assert _carried(monkeypatch, planner).motion is None
     asked = {asked for asked, _, _ in planner.asked}
-    assert asked == {f * _LEAST for f in carrying._FIRMER if f == 1.0 or f > planner.has}
+    assert asked == {
+        f * _LEAST for f in sequence_planning._TORQUE_FACTORS if f == 1.0 or f > planner.has
+    }

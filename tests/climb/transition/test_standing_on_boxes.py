@@ -10,7 +10,11 @@ import pytest
 
 from climbplan.arrays import Array
 from climbplan.climb.check.verification import verification_of, verify
-from climbplan.climb.clearance.limbs import BETWEEN, compute_link_distances, taper_links
+from climbplan.climb.clearance.limbs import (
+    INTERPOLATION_MARGIN,
+    compute_link_distances,
+    taper_links,
+)
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.schema.transition_loading import load_transition
@@ -57,7 +61,7 @@ def room_on_a_box(limb: Array, radius: float, foot: float = 0.0) -> float:
 
 
 def test_a_tibia_narrows_to_its_toe_where_it_stands() -> None:
-    at_narrow = SLENDER * NARROW - BETWEEN
+    at_narrow = SLENDER * NARROW - INTERPOLATION_MARGIN
     assert room_on_a_box(UPRIGHT, 0.005) == pytest.approx(NARROW - 0.005)
     assert room_on_a_box(UPRIGHT, 0.02) == pytest.approx(NARROW - at_narrow)
     # Deeper than that a link that stands is as much in the way as any other
@@ -70,14 +74,14 @@ def test_a_tibia_that_lies_along_what_it_stands_on_is_too_near(degrees: float, k
     leaning = UPRIGHT.copy()
     leaning[0, 2] = toe + 0.4 * np.array([np.cos(slope), 0.0, np.sin(slope)])
     leaning[0, :2] = leaning[0, 2] + [[0.5, 0.0, 0.5], [0.2, 0.0, 0.5]]
-    assert (room_on_a_box(leaning, 0.025) >= BETWEEN) == kept
+    assert (room_on_a_box(leaning, 0.025) >= INTERPOLATION_MARGIN) == kept
 
 
 def test_a_spherical_foot_has_the_room_of_its_radius() -> None:
     lifted = UPRIGHT + np.array([0.0, 0.0, 0.02])  # toes are centres of feet
     assert room_on_a_box(lifted, 0.01, 0.02) == pytest.approx(0.01)
     # A thicker link is a cone about the foot
-    assert room_on_a_box(lifted, 0.03, 0.02) == pytest.approx(BETWEEN)
+    assert room_on_a_box(lifted, 0.03, 0.02) == pytest.approx(INTERPOLATION_MARGIN)
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from scenes import PlannedScenes
 from climbplan.climb.check.verification import verify, verify_and_mark
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
-from climbplan.climb.planner.chaining import started
 from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.planner.start_from_plan import resolve_start_plan
 from climbplan.climb.schema.loading import load_climb, load_text
 from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.planner import plan_transition
@@ -100,7 +100,7 @@ def test_another_robot_or_a_failed_plan_is_no_start(ground: Path) -> None:
 
 def test_a_climb_with_a_start_of_its_own_stays_as_it_is() -> None:
     loaded = load_text(ONWARDS.replace("{plan: ground/plan.h5}", "{com: [0, 0, 0.3]}"), "own")
-    assert started(loaded) is loaded
+    assert resolve_start_plan(loaded) is loaded
 
 
 @pytest.fixture(scope="module")

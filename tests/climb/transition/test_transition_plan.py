@@ -82,7 +82,8 @@ def test_tampering_is_found(file: Path, change: object, check: str) -> None:
 
 def test_pairs_in_three_rounds(tmp_path: Path) -> None:
     loaded = load_transition(
-        FLAT, ["task.rounds=3", "task.sequence=2-2-2", "search.heights=3", "search.most=20"]
+        FLAT,
+        ["task.rounds=3", "task.sequence=2-2-2", "search.heights=3", "search.max_sequences=20"],
     )
     pairs = plan_transition(loaded)
     write_climb(pairs, tmp_path / "plan.h5")

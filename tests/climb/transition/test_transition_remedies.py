@@ -8,14 +8,14 @@ import pytest
 
 from climbplan.climb.schema.transition_loading import LoadedTransition, load_transition
 from climbplan.climb.transition.planner import plan_transition
-from climbplan.errors import NotProved, Remedy
+from climbplan.errors import Remedy, Unresolved
 from climbplan.schema.overrides import Override
 
 SPECS = Path(__file__).parents[3] / "specs"
 
 
-def _refused(loaded: LoadedTransition) -> NotProved:
-    with pytest.raises(NotProved) as caught:
+def _refused(loaded: LoadedTransition) -> Unresolved:
+    with pytest.raises(Unresolved) as caught:
         plan_transition(loaded)
     return caught.value
 

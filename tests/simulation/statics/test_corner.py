@@ -37,7 +37,7 @@ def slid(before: list[float], now: list[float]) -> tuple[ContactState, ContactSo
     one, flags = np.zeros(1, np.int64), np.zeros(1, np.int64)
     contacts = ContactState(
         np.ones(1, np.int64), one, one + 2, np.array([before]), flags,
-        np.full((1, 2), -1), flags, flags,
+        np.full((1, 2), -1),
     )  # fmt: skip
     solution = ContactSolution(
         np.full(1, SLIDES), one, one + 2, np.array([now]), np.array([[0.0, 0.0, 1.0]]),

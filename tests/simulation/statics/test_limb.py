@@ -57,9 +57,9 @@ def limb() -> Array:
 
 def work(joints: int = 3) -> Workspace:
     return Workspace(
-        np.zeros((12, 3)), np.zeros((8, 3, 3)), np.zeros(6), np.zeros((6, 6)), np.zeros(6),
-        np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros((4, joints)),
-        np.zeros((joints, joints)),
+        np.zeros(6), np.zeros((6, 6)), np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)),
+        np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros((12, 3)), np.zeros((6, 3, 3)),
+        np.zeros((4, joints)), np.zeros((joints, 3)), np.zeros((joints, joints)),
     )  # fmt: skip
 
 

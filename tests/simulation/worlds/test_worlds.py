@@ -17,10 +17,10 @@ from climbplan.climb.simulation.study import simulate_plan
 from climbplan.climb.simulation.worlds.perturbed_terrain import perturb_terrain
 from climbplan.climb.simulation.worlds.uncertainty import build_layout, draw_numbers
 from climbplan.climb.simulation.worlds.uncertainty_spec import read_uncertainty
-from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.motors import motor_stiffness
 from climbplan.simulation.pictures import open_camera
+from climbplan.simulation.request import SimulationRequest
 from climbplan.terrain.surfaces import Region
 
 Planned = Callable[..., ClimbPlan]

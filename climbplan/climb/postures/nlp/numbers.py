@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.climb.clearance.limbs import standing_room
+from climbplan.climb.clearance.limbs import compute_standing_clearance
 from climbplan.climb.gait.gait import interpolate_poses
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.layout import (
@@ -95,7 +95,7 @@ def build_shape(scene: ClimbScene) -> Shape:
 
 
 def build_parameters(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
-    """Return the parameters of a scene's NLP: start posture, fixed choices (P, M) and all numbers."""
+    """Return the parameters of a scene's NLP: start, fixed choices (P, M) and all numbers."""
     shape, start = build_shape(scene), scene.start
     posture = {"com": start.com[:, None], "rpy": start.rpy[:, None], "toes": start.toes.T}
     return {
@@ -126,7 +126,7 @@ def _build_numbers(scene: ClimbScene) -> dict[str, Array]:
         "stance_radius": robot.stance_radius,
         "lift": scene.spec.trajectory.swing_clearance,
         "clearance": spec.body_clearance,
-        "limb_room": standing_room(scene),
+        "limb_room": compute_standing_clearance(scene),
         "hull_radius": np.linalg.norm(robot.body_hull, axis=1).max(),
         "com_max": steps.com_max,
         "com_min": steps.com_min,

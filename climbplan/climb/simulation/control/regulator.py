@@ -13,7 +13,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.played import sample_instants, true_angles
 from climbplan.climb.simulation.control.odometry import find_trusted_toes
 from climbplan.climb.simulation.control.steady_rate import compute_stable_rates
-from climbplan.control.joint_regulator import Corrections, Pose, RegulatorTables, chains_of
+from climbplan.control.joint_regulator import Corrections, Pose, RegulatorTables, build_chains
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.robots.chain_pose import ChainZero
 from climbplan.robots.five_bar import FiveBar
@@ -164,7 +164,7 @@ class JointOdometry:
         tables = build_regulator_tables(plan) if tables is None else tables
         self._robot = plan.robot
         has_linkage = isinstance(plan.robot.mechanism, FiveBar)
-        self._chains = None if has_linkage else chains_of(tables)
+        self._chains = None if has_linkage else build_chains(tables)
         self._pose = Pose(tables, toes)
 
     def pose(self, sample: int, angles: Array) -> tuple[Array, Array]:

@@ -31,7 +31,7 @@ from climbplan.climb.simulation.model.gripper_model import (
     name_wrist_joint,
 )
 from climbplan.mechanics.friction import contact_frame
-from climbplan.mechanics.grip import GripCones, grip_cones, parts_of
+from climbplan.mechanics.grip import GripCones, grip_cones, split_into_parts
 from climbplan.simulation.conditions import Conditions
 from climbplan.terrain.holds import flat_hold
 from climbplan.terrain.model import Terrain
@@ -71,11 +71,11 @@ def distribute_grip_force(cones: GripCones, forces: Array) -> tuple[float, Array
         cone, end = rows.copy(), offsets.copy()
         cone[0], end[0] = mu * rows[0], mu * offsets[0] + cones.spines[index]
         cone[0, 3] = -1.0
-        program.cone(f"cone.{index}", cone, end)
+        program.add_second_order_cone(f"cone.{index}", cone, end)
         pressure_rows = rows[:1].copy()
         pressure_rows[0, 3] = -1.0
-        program.below(f"press.{index}", pressure_rows, offsets[:1])
-    program.below("least", np.array([[0.0, 0.0, 0.0, -1.0]]), np.zeros(1))
+        program.add_inequality(f"press.{index}", pressure_rows, offsets[:1])
+    program.add_inequality("least", np.array([[0.0, 0.0, 0.0, -1.0]]), np.zeros(1))
     solution = program.minimise(np.array([0.0, 0.0, 0.0, 1.0]))
     if solution is None:
         return np.inf, np.zeros(3)
@@ -343,7 +343,7 @@ class Grips:
         wrench, grip = closed.filtered_wrench, self._gripping[sample, limb]
         span = self.gripper.finger_span
         axis = closed.target.axis
-        return parts_of(wrench[:3], np.array(grip), wrench[3:], palm, axis, span)
+        return split_into_parts(wrench[:3], np.array(grip), wrench[3:], palm, axis, span)
 
     def _compute_lacking_force(self, limb: int, closed: _ClosedGrip, sample: int) -> float:
         """Compute the cone violation of a grip under the best distribution of its load [N]."""

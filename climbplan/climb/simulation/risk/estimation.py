@@ -32,8 +32,8 @@ from climbplan.climb.simulation.worlds.uncertainty import (
     sample_conditions,
 )
 from climbplan.climb.simulation.worlds.uncertainty_spec import KEYS, read_uncertainty
-from climbplan.simulation.asked import Engine
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.request import Engine
 
 _CAUSES = ("", "a toe loses its surface", "a toe slides", "a motor is too weak", "no balance")
 _GRIP_LOST = "a grip lets go"

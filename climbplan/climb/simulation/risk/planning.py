@@ -33,8 +33,8 @@ from climbplan.errors import NoPlanFound
 from climbplan.progress import Progress
 from climbplan.robots.joint_units import torque_unit
 from climbplan.schema.robots.uncertainty import UncertaintySpec
-from climbplan.simulation.asked import Engine
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.request import Engine
 
 ENGINE: Engine = "statics"
 NUM_SEARCH_WORLDS = 300  # worlds in which the plans of a search are compared

@@ -13,8 +13,8 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.world_sample import WorldSample, wilson_interval
 from climbplan.climb.simulation.risk.estimation import RiskEstimate, count_causes, estimate_risk
 from climbplan.errors import UsageError
-from climbplan.simulation.asked import Engine
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.request import Engine
 
 ENGINE: Engine = "statics"
 NUM_WORLDS = 200

@@ -19,7 +19,7 @@ from climbplan.climb.simulation.statics.linear_algebra import (
     _rotate,
 )
 from climbplan.climb.simulation.statics.state import Motion, RegulatorState, Workspace
-from climbplan.control.joint_regulator import BACK, FORCE_RATE, MOST_OFFSET, RATE
+from climbplan.control.joint_regulator import DECAY_RATE, FORCE_RATE, MAX_OFFSET, RATE
 
 CONTROL_PERIOD = 0.01  # [s] between readings of the regulator, as `replay.py` has it
 _MIN_STANDING_TOES = 3  # of an estimate of the pose
@@ -239,7 +239,7 @@ def _update_offsets(
     for i in range(n):
         if not motion.contact[previous, i]:
             for a in range(3):
-                offset[i, a] *= max(0.0, 1.0 - BACK * span)
+                offset[i, a] *= max(0.0, 1.0 - DECAY_RATE * span)
             continue
         for a in range(3):
             total = 0.0
@@ -253,7 +253,7 @@ def _update_offsets(
             _cross(rotation_error, motion.moment_arm[previous, i], rotation_shift)
             for a in range(3):
                 offset[i, a] -= RATE * span * (position_error[a] + rotation_shift[a])
-        _limit_norm(offset[i], MOST_OFFSET)
+        _limit_norm(offset[i], MAX_OFFSET)
 
 
 @compiled

@@ -11,8 +11,8 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import Array
-from climbplan.climb.forces.clarabel import clarabel_settings
-from climbplan.climb.forces.literal import LiteralProblem
+from climbplan.climb.forces.clarabel import build_clarabel_settings
+from climbplan.climb.forces.unreduced import UnreducedProblem
 from climbplan.errors import MissingSolver
 from climbplan.mechanics.friction import contact_frame
 
@@ -27,7 +27,7 @@ class LiteralAnswer:
     s: float
 
 
-def solve_literal(problem: LiteralProblem) -> LiteralAnswer | None:
+def solve_literal(problem: UnreducedProblem) -> LiteralAnswer | None:
     """The literal form by Clarabel's native interface; None if it finds no optimum."""
     n = len(problem.normal)
     f, wall, tau, s = 6, 6 + 3 * n, 6 + 6 * n, 6 + 9 * n
@@ -69,7 +69,7 @@ def solve_literal(problem: LiteralProblem) -> LiteralAnswer | None:
     b[:6] = problem.load
     equal = sum(len(block) for block in blocks[:4])
     inequal = sum(len(block) for block in blocks[4:8])
-    b[equal + inequal - 2] = problem.largest_s
+    b[equal + inequal - 2] = problem.max_s
     cost = np.zeros(size)
     cost[s] = 1.0
     cost[f:wall] = -problem.weight * (problem.normal * problem.contact[:, None]).ravel()
@@ -80,14 +80,14 @@ def solve_literal(problem: LiteralProblem) -> LiteralAnswer | None:
     ]
     P = sparse.csc_matrix((size, size))
     A = sparse.csc_matrix(np.vstack(blocks))
-    solution = clarabel.DefaultSolver(P, cost, A, b, cones, clarabel_settings()).solve()
+    solution = clarabel.DefaultSolver(P, cost, A, b, cones, build_clarabel_settings()).solve()
     if str(solution.status) not in ("Solved", "AlmostSolved"):
         return None
     x = np.array(solution.x)
     return LiteralAnswer(x[f:wall].reshape(n, 3), x[wall:tau].reshape(n, 3), x[:6], float(x[s]))
 
 
-def solve_cvxpy(problem: LiteralProblem) -> LiteralAnswer | None:
+def solve_cvxpy(problem: UnreducedProblem) -> LiteralAnswer | None:
     """The same form written in CVXPY; None if its solver finds no optimum.
 
     Raises MissingSolver if CVXPY, an optional dependency, is not installed.
@@ -96,7 +96,7 @@ def solve_cvxpy(problem: LiteralProblem) -> LiteralAnswer | None:
     n = len(problem.normal)
     com, s = cp.Variable(6), cp.Variable()
     f, wall, tau = cp.Variable((n, 3)), cp.Variable((n, 3)), cp.Variable((n, 3))
-    constraints = [s >= 0, s <= problem.largest_s]
+    constraints = [s >= 0, s <= problem.max_s]
     pushed: Any = 0
     for i in range(n):
         K, B, normal = problem.stiffness[i], problem.motion[i], problem.normal[i]

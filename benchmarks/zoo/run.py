@@ -111,7 +111,7 @@ def _rows(zoo: Zoo, columns: Sequence[str], files: Path) -> list[Row]:
             return [Row(zoo.name, 0.0, 0, 0.0, column, False, "", why, 0.0) for column in columns]
         place = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         trials, robot = ProposalTrials(found, place), found.robot
-        keep_robot(files, zoo, trials.found)
+        keep_robot(files, zoo, trials.proposal)
         spent = time.process_time() - begin
         own = [round(robot.mass, 2), robot.limb_count, round(spent, 2)]
         out = []

@@ -1,4 +1,4 @@
-"""Files for a robot from its URDF alone: the robot, and specs that plan as they are."""
+"""Generate a robot file and specs that can be planned from a URDF alone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from climbplan.errors import UsageError
 from climbplan.reports.robot_page import robot_page
 from climbplan.robots.urdf.proposal.generator import propose_robot, read_tree
 from climbplan.robots.urdf.proposal.robot_document import format_robot_document, format_urdf_path
-from climbplan.walking.planner.proposed import ProposedWalk, walk_proposed
+from climbplan.walking.planner.proposed_walk import ProposedWalk, plan_proposed_walk
 
 _CHOICE_SEED, _CHOICE_WORLDS = 1_000_003, 100  # of worlds by which postures are chosen
 _TRIANGLES = 800  # of one shape in the pictures of a page
@@ -25,7 +25,7 @@ _TRIANGLES = 800  # of one shape in the pictures of a page
 
 @dataclass(frozen=True)
 class NewRobot:
-    """Files by name, and what there is to say of them."""
+    """The text of each generated file by name, and notes for the user."""
 
     name: str
     files: dict[str, str]
@@ -33,9 +33,9 @@ class NewRobot:
 
 
 def list_file_names(urdf: Path) -> list[str]:
-    """Files that `new_robot` may write, known before anything is planned.
+    """List the files that `new_robot` may write, before anything is planned.
 
-    Raises SpecError for what is wrong in the URDF.
+    Raises SpecError for mistakes in the URDF.
     """
     name = format_file_name(read_tree(urdf).name)
     specs = ("ground", "chimney", "bracing", "wall", "wall_bracing", "walk", "walking")
@@ -48,23 +48,31 @@ def new_robot(
     report: Callable[[str], None] = lambda words: None,
     toes: Sequence[str] = (),
 ) -> NewRobot:
-    """Propose a robot from a URDF, and plan with it; paths in the files are for `directory`.
+    """Generate a robot configuration from a URDF and plan with it.
 
-    toes: links that its legs end in; left out: they are looked for.
-    A spec that does not lead to a plan is written all the same, and told. Raises SpecError for what
-    is wrong in the URDF and UsageError where no robot can be proposed.
+    Specs that do not lead to a plan are returned as well; the notes say so.
+
+    Args:
+        urdf: the URDF file.
+        directory: directory that paths in the files are relative to.
+        report: called with the name of each stage.
+        toes: links that the legs end in; () searches for them.
+
+    Raises:
+        SpecError: the URDF has mistakes.
+        UsageError: no robot configuration can be generated from it.
     """
     report("proposing legs, toes and postures")
     proposal = propose_robot(urdf, toes=toes)
     planned = plan_proposal(proposal, directory, report, _sample_for_choice)
-    proposal = planned.found
+    proposal = planned.proposal
     report("counting falls in worlds that nothing was chosen by")
     outcomes: list[Outcome | ProposedWalk] = [_in_fresh_worlds(one) for one in planned.outcomes]
     walks = {}
     if planned.walks:
         report("planning a walk at speed")
         walk_file, walking_file = f"{planned.name}_walk.yaml", f"{planned.name}_walking.yaml"
-        walk = walk_proposed(proposal, f"{planned.name}.yaml", walking_file)
+        walk = plan_proposed_walk(proposal, f"{planned.name}.yaml", walking_file)
         outcomes.append(walk)
         if walk.text:
             walks[walk_file] = walk.text
@@ -92,7 +100,7 @@ def _sample_for_choice(plan: ClimbPlan) -> WorldSample | None:
 
 
 def _in_fresh_worlds(outcome: Outcome) -> Outcome:
-    """The outcome with the sample that planning its spec stores, and what it needs to stand."""
+    """Return the outcome with the sample that planning its spec stores, and what it needs."""
     plan = outcome.plan
     if plan is None or outcome.sample is None:
         return outcome

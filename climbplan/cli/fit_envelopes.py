@@ -20,6 +20,7 @@ _CONDITIONS = "   (1) meets  (2) excludes  (3) projects"
 def fit_envelopes(
     context: typer.Context,
     spec: Spec,
+    *,
     out: Out = None,
     assignments: Set = None,
     seed: Seed = None,

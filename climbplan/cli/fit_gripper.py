@@ -14,6 +14,7 @@ from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Verbose
 def fit_gripper(
     context: typer.Context,
     data: Annotated[Path, typer.Argument(metavar="DATA.csv", help="Measured grips.")],
+    *,
     out: Out = None,
     seed: Seed = None,
     as_json: Json = False,
@@ -38,15 +39,15 @@ def fit_gripper(
         grips = read_grips(data)
         model = fit(grips, seed or 0)
         calibration = cross_validate(grips, seed=seed or 0)
-        share = calibration.share_above(grips, 0.95)
+        fraction_above = calibration.share_above(grips, 0.95)
         session.note(
             f"{data.stem}   {len(grips.force)} grips, noise {model.noise:.2f} N, "
-            f"held-out error {calibration.rmse:.2f} N, {share:.1%} above their 95 % bound"
+            f"held-out error {calibration.rmse:.2f} N, {fraction_above:.1%} above their 95 % bound"
         )
         write_report(model, calibration, grips, data.stem, directory.path)
         directory.publish()
     if as_json:
-        told = report_dict(model, calibration, grips, data.stem)
-        print_json({**told, "file": str(target / RESULT)})
+        report = report_dict(model, calibration, grips, data.stem)
+        print_json({**report, "file": str(target / RESULT)})
     else:
         print_result(str(target / RESULT))

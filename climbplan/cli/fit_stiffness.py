@@ -17,6 +17,7 @@ def fit_stiffness(
     data: Annotated[
         Path, typer.Argument(metavar="DATA.csv", help="Tests or stiffness matrices of one limb.")
     ],
+    *,
     robot: Annotated[
         str,
         typer.Option(
@@ -53,8 +54,8 @@ def fit_stiffness(
     limb_of = build_robot(load_any_robot(robot))
     names = limb_of.limb_names
     if limb is not None and limb not in names:
-        near = nearest(limb, list(names))
-        hint = f"; did you mean {near!r}?" if near else ""
+        suggestion = nearest(limb, list(names))
+        hint = f"; did you mean {suggestion!r}?" if suggestion else ""
         raise UsageError(f"--limb {limb!r}: {limb_of.name} has the limbs {', '.join(names)}{hint}")
     number = 0 if limb is None else names.index(limb)
     target = out if out is not None else Path("outputs", data.stem)
@@ -63,20 +64,20 @@ def fit_stiffness(
         from climbplan.reports.fits.stiffness_report import RESULT, report_dict, write_report
 
         with StageProgress(session) as progress:
-            found = identify(
+            identification = identify(
                 data, limb_of, seed or 0, lambda part: progress.report("fit", part), number
             )
-        for line in found.measurements.skipped:
+        for line in identification.measurements.skipped:
             session.note(f"left out: {line}")
-        best = found.best
+        best = identification.best
         session.note(
             f"{data.stem}   {limb_of.name}: {len(best.matrices)} matrices, {best.model.name}"
         )
-        for line in found.findings:
+        for line in identification.findings:
             session.note(f"  {line}")
-        write_report(found, data.stem, directory.path)
+        write_report(identification, data.stem, directory.path)
         directory.publish()
     if as_json:
-        print_json({**report_dict(found, data.stem), "file": str(target / RESULT)})
+        print_json({**report_dict(identification, data.stem), "file": str(target / RESULT)})
     else:
         print_result(str(target / RESULT))

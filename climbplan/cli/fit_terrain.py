@@ -18,6 +18,7 @@ MOST_OPENING = 0.5  # [m]
 def fit_terrain(
     context: typer.Context,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Mesh, point cloud or height map.")],
+    *,
     out: Out = None,
     settings: Annotated[
         list[str] | None,
@@ -54,13 +55,13 @@ def fit_terrain(
     session = context.ensure_object(Session)
     target = out if out is not None else Path("outputs", f"{file.stem}_terrain")
     if holds is not None:
-        _fit_holds(session, file, target, holds, settings or [], as_json, force)
+        _fit_holds(session, file, target, holds, settings or [], as_json, force=force)
         return
     with OutputDirectory(target, force=force) as directory:
         from climbplan.reports.fits.terrain_report import RESULT, report_dict, write_report
-        from climbplan.scan.study import fit, scan_of
+        from climbplan.scan.study import build_scan_spec, fit
 
-        scan = scan_of(file, settings or [])
+        scan = build_scan_spec(file, settings or [])
         with StageProgress(session) as progress:
             fitted = fit(scan, lambda part: progress.report("fit", part))
         for note in fitted.raw.notes:
@@ -82,6 +83,7 @@ def _fit_holds(
     opening: float,
     settings: list[str],
     as_json: bool,
+    *,
     force: bool,
 ) -> None:
     from climbplan.cli.output_directory import OutputDirectory
@@ -95,15 +97,15 @@ def _fit_holds(
         from climbplan.reports.fits.terrain_report import RESULT
         from climbplan.scan.holds import Grasping
         from climbplan.scan.reading import read_scan
-        from climbplan.scan.study import scan_of
+        from climbplan.scan.study import build_scan_spec
 
-        scan = scan_of(file, settings)
+        scan = build_scan_spec(file, settings)
         raw = read_scan(scan, Path())
-        found = graspable(raw, scan, Grasping(opening), file.stem)
-        for note in (*raw.notes, found.headline):
+        graspable_spots = graspable(raw, scan, Grasping(opening), file.stem)
+        for note in (*raw.notes, graspable_spots.headline):
             session.note(f"{file.stem}   {note}")
-        report = found.report
-        write_holds(found, directory.path)
+        report = graspable_spots.report
+        write_holds(graspable_spots, directory.path)
         directory.publish()
     if as_json:
         print_json({**report, "file": str(target / RESULT)})

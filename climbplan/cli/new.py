@@ -24,6 +24,7 @@ def new(
             "robot, module.",
         ),
     ],
+    *,
     directory: Annotated[
         Path, typer.Argument(metavar="DIR", help="Where to write it [default: here].")
     ] = Path(),
@@ -72,7 +73,9 @@ def new(
     assumed marked.
     """
     if urdf is not None or package is not None:
-        _new_robot(context, kind, urdf, package, example, _links(toes), directory, force)
+        _new_robot(
+            context, kind, urdf, package, example, _links(toes), directory=directory, force=force
+        )
         return
     if toes is not None:
         raise UsageError("--toes is of a robot from a URDF: expected --urdf or --package with it")
@@ -145,6 +148,7 @@ def _new_robot(
     package: str | None,
     example: str | None,
     toes: tuple[str, ...],
+    *,
     directory: Path,
     force: bool,
 ) -> None:

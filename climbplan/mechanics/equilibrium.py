@@ -15,10 +15,13 @@ _RANK_TOLERANCE = 1e-8  # of the largest singular value; collinear contacts end 
 
 
 def total_load(robot: Robot, external_wrench: Array, rpy: Array, angles: Array) -> Array:
-    """Weight, which acts in the centre of mass, plus an external wrench.
+    """Return the weight, which acts in the centre of mass, plus an external wrench (..., 6).
 
-    external_wrench: (..., 6) force and moment about the body origin [N, N m], world frame; rpy:
-    (..., 3) [rad]; angles: (..., N, J) of the joints. Returns (..., 6).
+    Args:
+        robot: The robot.
+        external_wrench: Force and moment about the body origin (..., 6) [N, N m], world frame.
+        rpy: (..., 3) [rad].
+        angles: Joint angles (..., N, J) [rad].
     """
     weight = np.array([0.0, 0.0, -robot.weight, 0.0, 0.0, 0.0])
     load = np.asarray(external_wrench + weight)
@@ -28,7 +31,7 @@ def total_load(robot: Robot, external_wrench: Array, rpy: Array, angles: Array) 
 
 
 def weight_moment(robot: Robot, rpy: Array, angles: Array) -> Array:
-    """Moment (..., 3) of the weight about the body origin [N m], world frame.
+    """Return the moment (..., 3) of the weight about the body origin [N m], world frame.
 
     rpy: (..., 3) [rad]; angles: (..., N, J).
     """
@@ -37,7 +40,7 @@ def weight_moment(robot: Robot, rpy: Array, angles: Array) -> Array:
 
 
 def link_torques(robot: Robot, rpy: Array, angles: Array) -> Array:
-    """Torques (..., N, J) of the links' own weight [N m], which motors hold beside J^T f.
+    """Return torques (..., N, J) of the links' own weight [N m], in addition to J^T f.
 
     rpy: (..., 3) [rad]; angles: (..., N, J). Zero where limbs weigh nothing.
     """
@@ -48,7 +51,7 @@ def link_torques(robot: Robot, rpy: Array, angles: Array) -> Array:
 
 
 def grasp_matrix(arms: Array) -> Array:
-    """G with [sum f; sum r x f] = G [f_1; ...; f_n], eqs. (4.15) and (4.16).
+    """Return G with [sum f; sum r x f] = G [f_1; ...; f_n], eqs. (4.15) and (4.16).
 
     arms: (..., n, 3) from the body origin to the contacts [m]. Returns (..., 6, 3 n).
     """
@@ -60,7 +63,7 @@ def grasp_matrix(arms: Array) -> Array:
 
 
 def wrench_of(arms: Array, force: Array) -> Array:
-    """Sum of forces and of their moments: (..., n, 3) arms and forces to (..., 6)."""
+    """Return the sum of forces and of their moments: (..., n, 3) arms and forces to (..., 6)."""
     return np.concatenate([force.sum(axis=-2), np.cross(arms, force).sum(axis=-2)], axis=-1)
 
 
@@ -75,23 +78,29 @@ class Balance:
 
 
 def balance_load(arms: Array, load: Array, length: float) -> list[tuple[IntArray, Balance]]:
-    """Contact forces that balance loads, batched over instants with equally many contacts.
+    """Return the contact forces that balance loads, for instants with equally many contacts.
 
-    arms: (B, n, 3) [m]; load: (B, 6) [N, N m] on the body; length [m] makes moments comparable
-    with forces. Returns pairs of indices into the batch and their Balance, one pair for each rank
-    that occurs: on two contacts (or on contacts in a line) one moment component cannot be resisted.
+    On two contacts, or on contacts in a line, one moment component cannot be resisted.
+
+    Args:
+        arms: (B, n, 3) [m].
+        load: (B, 6) on the body [N, N m].
+        length: Scale [m] that makes moments comparable with forces.
+
+    Returns:
+        Pairs of indices into the batch and their Balance, one pair for each rank that occurs.
     """
     scale = np.array([1.0] * 3 + [1 / length] * 3)
     grasp = grasp_matrix(arms) * scale[:, None]
     need = -load * scale
     left, sigma, right = np.linalg.svd(grasp, full_matrices=True)
     rank = (sigma > _RANK_TOLERANCE * sigma[:, :1]).sum(axis=1)
-    parts = []
+    balances = []
     for r in np.unique(rank):
-        at = np.flatnonzero(rank == r)
-        along = np.einsum("bij,bi->bj", left[at], need[at])  # load along the left vectors
-        particular = np.einsum("brk,br->bk", right[at, :r], along[:, :r] / sigma[at, :r])
-        residual = np.linalg.norm(along[:, r:], axis=1)
-        null_space = np.swapaxes(right[at, r:], 1, 2)
-        parts.append((at, Balance(particular, null_space, rank[at], residual)))
-    return parts
+        rows = np.flatnonzero(rank == r)
+        components = np.einsum("bij,bi->bj", left[rows], need[rows])  # load along the left vectors
+        particular = np.einsum("brk,br->bk", right[rows, :r], components[:, :r] / sigma[rows, :r])
+        residual = np.linalg.norm(components[:, r:], axis=1)
+        null_space = np.swapaxes(right[rows, r:], 1, 2)
+        balances.append((rows, Balance(particular, null_space, rank[rows], residual)))
+    return balances

@@ -19,12 +19,12 @@ class ContactFrame:
 
     @property
     def axes(self) -> Array:
-        """(..., 3, 3) rows normal, tangent, bitangent."""
+        """Rows normal, tangent, bitangent, (..., 3, 3)."""
         return np.stack([self.normal, self.tangent, self.bitangent], axis=-2)
 
 
 def contact_frame(normal: Array) -> ContactFrame:
-    """Frames for unit normals (..., 3): the bitangent as upright as the surface allows.
+    """Return frames for unit normals (..., 3): the bitangent as upright as the surface allows.
 
     On a level surface, where no tangent is upright, the frame follows the world's x axis.
     """
@@ -45,49 +45,56 @@ class ContactForce:
 
 
 def split_force(force: Array, normal: Array) -> ContactForce:
-    """Normal and tangential parts of forces (..., 3) on surfaces with unit normals (..., 3)."""
+    """Split forces (..., 3) into normal and tangential parts on surfaces with normals (..., 3)."""
     pressure = np.einsum("...i,...i->...", force, normal)
     tangential = force - pressure[..., None] * normal
     return ContactForce(pressure, tangential, np.sqrt((tangential**2).sum(axis=-1)))
 
 
 def critical_friction(force: Array, normal: Array) -> Array:
-    """Least friction coefficient |f_t| / f_n that holds each force (..., 3).
+    """Return the smallest friction coefficient |f_t| / f_n that holds each force (..., 3).
 
     0 where there is no force at all, infinite where the force pulls or only shears.
     """
-    parts = split_force(force, normal)
-    loaded = parts.shear > 0
-    critical = np.full(parts.shear.shape, np.inf)
-    np.divide(parts.shear, parts.normal, out=critical, where=loaded & (parts.normal > 0))
-    return np.where(loaded | (parts.normal < 0), critical, 0.0)
+    split = split_force(force, normal)
+    loaded = split.shear > 0
+    critical = np.full(split.shear.shape, np.inf)
+    np.divide(split.shear, split.normal, out=critical, where=loaded & (split.normal > 0))
+    return np.where(loaded | (split.normal < 0), critical, 0.0)
 
 
 def project_to_cone(force: Array, normal: Array, mu: Array) -> Array:
-    """Forces (..., 3) with their tangential part shortened until |f_t| <= mu n . f >= 0.
+    """Shorten the tangential part of forces (..., 3) until |f_t| <= mu n . f >= 0.
 
-    mu: (...). Not the nearest point of the cone: what changes is the shear only, except where a
-    force pulls on the surface. Meant to take rounding away from friction.
+    mu: (...). This is not the nearest point of the cone: only the shear changes, except where a
+    force
+    pulls on the surface. It removes rounding errors of friction.
     """
-    parts = split_force(force, normal)
-    pressure = np.maximum(parts.normal, 0.0)
+    split = split_force(force, normal)
+    pressure = np.maximum(split.normal, 0.0)
     allowed = mu * pressure
     factor = np.ones_like(allowed)
-    np.divide(allowed, parts.shear, out=factor, where=parts.shear > allowed)
-    return np.asarray(pressure[..., None] * normal + factor[..., None] * parts.tangential)
+    np.divide(allowed, split.shear, out=factor, where=split.shear > allowed)
+    return np.asarray(pressure[..., None] * normal + factor[..., None] * split.tangential)
 
 
 def regular_corners(count: int) -> Array:
-    """Angles (count,) of a regular polygon's corners, from the tangent [rad]."""
+    """Return angles (count,) of a regular polygon's corners, from the tangent [rad]."""
     return 2 * np.pi * np.arange(count) / count
 
 
 def pyramid_rows(mu: Array, corners: Array) -> Array:
-    """Rows a with a . (n . f, t . f, b . f) <= 0 for the pyramid inscribed in |f_t| <= mu n . f.
+    """Return rows a with a . (n . f, t . f, b . f) <= 0 for a pyramid in the friction cone.
 
-    mu: (...); corners: (..., F) increasing angles of the polygon's corners within one turn, from
-    the tangent [rad]. Returns (..., F, 3). Every corner lies on the cone, so a force inside the
-    pyramid is inside the cone.
+    Args:
+        mu: Friction coefficient (...): the cone is |f_t| <= mu n . f.
+        corners: Increasing angles (..., F) of the polygon's corners within one turn, from the
+            tangent
+            [rad].
+
+    Returns:
+        The rows (..., F, 3). Every corner lies on the cone, so a force inside the pyramid is inside
+        the cone.
     """
     following = np.concatenate([corners[..., 1:], corners[..., :1] + 2 * np.pi], axis=-1)
     middle, half = (corners + following) / 2, (following - corners) / 2

@@ -1,9 +1,9 @@
 """A trained model of a spine gripper's shear force as plain arrays (chapter 3.4).
 
-Inputs s = (alpha, beta, gamma, lambda): orientation of the gripper [rad] and friction coefficient
-of the surface; output is the shear force f^g it holds. Squared-exponential kernel, eq. (3.4), on
-standardised inputs; predictive mean and variance by eqs. (3.5), (3.6). What a planner may count on
-is the lower confidence bound at a chosen risk.
+Inputs s = (alpha, beta, gamma, lambda) are the orientation of the gripper [rad] and the friction
+coefficient of the surface. The output is the shear force f^g that it holds. The kernel is squared
+exponential, eq. (3.4), on standardised inputs; predictive mean and variance follow eqs. (3.5) and
+(3.6). A planner relies on the lower confidence bound at a chosen risk.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ _NUMBERS = ("signal", "length", "noise")
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a gripper holds at some states."""
+    """The predicted shear force of a gripper at some states."""
 
     mean: Array  # (m,) [N]
     deviation: Array  # (m,) of one measured force, its noise included [N]
 
     def bound(self, risk: float) -> Array:
-        """(m,) force that a grip exceeds but for the risk, at least zero [N]."""
+        """Return the force (m,) that a grip exceeds except for the risk, at least zero [N]."""
         return np.maximum(self.mean + ndtri(risk) * self.deviation, 0.0)
 
 
@@ -55,7 +55,7 @@ class GripperModel:
     noise: float  # sigma_n [N]
 
     def predict(self, state: Array) -> Prediction:
-        """Mean and standard deviation at states (m, 4), eqs. (3.5), (3.6)."""
+        """Return mean and standard deviation at states (m, 4), eqs. (3.5), (3.6)."""
         offset = float(self.force.mean())
         factor = cholesky(
             self._kernel(self.state, self.state) + self.noise**2 * np.eye(len(self.state)),
@@ -74,31 +74,33 @@ class GripperModel:
 
 
 def builtin_models() -> list[str]:
-    """Names of the gripper models that come with the package."""
+    """List the gripper models that come with the package."""
     directory = files("climbplan").joinpath("robots", "grippers")
     names = [entry.name for entry in directory.iterdir()]
     return sorted(name.removesuffix(".json") for name in names if name.endswith(".json"))
 
 
 def load_model(reference: str, directory: Path | None = None) -> GripperModel:
-    """A built-in model by name, or one that `fit-gripper` wrote, relative to `directory`.
+    """Load a built-in model by name, or one that `fit-gripper` wrote, relative to `directory`.
 
-    Raises UsageError for a name or file that is not a whole gripper model.
+    Raises:
+        UsageError: There is no such model, or the file is not a whole gripper model.
     """
     if not reference.endswith(".json"):
-        known = builtin_models()
-        if reference not in known:
+        names = builtin_models()
+        if reference not in names:
             raise UsageError(
-                f"gripper model {reference!r}: expected a built-in one ({', '.join(known)}) or "
+                f"gripper model {reference!r}: expected a built-in one ({', '.join(names)}) or "
                 "the path of a gripper.json that fit-gripper wrote"
             )
         holder = files("climbplan").joinpath("robots", "grippers", f"{reference}.json")
-        return _model_of(holder.read_text(encoding="utf-8"), reference)
+        return _parse_model(holder.read_text(encoding="utf-8"), reference)
     path = (directory or Path()) / reference
-    return _model_of(read_text(path, _MAX_BYTES, "a gripper model"), str(path))
+    return _parse_model(read_text(path, _MAX_BYTES, "a gripper model"), str(path))
 
 
-def _model_of(text: str, where: str) -> GripperModel:
+def _parse_model(text: str, where: str) -> GripperModel:
+    """Parse and validate the JSON text of a gripper model."""
     with reading(where, "a gripper model in JSON"):
         data = json.loads(text)
     if not isinstance(data, dict) or data.get("format") != FORMAT:
@@ -107,25 +109,28 @@ def _model_of(text: str, where: str) -> GripperModel:
         raise UsageError(
             f"{where}: format version {data.get('format_version')!r}, expected {FORMAT_VERSION}"
         )
-    state = _numbers(data, "state", where)
+    state = _parse_numbers(data, "state", where)
     if state.ndim != 2 or state.shape[1] != INPUTS or len(state) == 0:
         raise UsageError(f"{where}: state has shape {state.shape}, expected (n, {INPUTS})")
     if len(state) > MAX_ROWS:
         raise UsageError(f"{where}: {len(state)} states, expected at most {MAX_ROWS}")
     arrays = {"force": len(state), "center": INPUTS, "scale": INPUTS}
-    found: dict[str, Any] = {name: _numbers(data, name, where) for name in arrays}
+    arrays_found: dict[str, Any] = {name: _parse_numbers(data, name, where) for name in arrays}
     for name, size in arrays.items():
-        if found[name].shape != (size,):
-            raise UsageError(f"{where}: {name} has shape {found[name].shape}, expected ({size},)")
+        if arrays_found[name].shape != (size,):
+            raise UsageError(
+                f"{where}: {name} has shape {arrays_found[name].shape}, expected ({size},)"
+            )
     numbers: dict[str, Any] = {
-        name: float(_numbers(data, name, where).reshape(())) for name in _NUMBERS
+        name: float(_parse_numbers(data, name, where).reshape(())) for name in _NUMBERS
     }
-    if min(numbers.values()) <= 0 or found["scale"].min() <= 0:
+    if min(numbers.values()) <= 0 or arrays_found["scale"].min() <= 0:
         raise UsageError(f"{where}: expected signal, length, noise and scale > 0")
-    return GripperModel(state=state, **found, **numbers)
+    return GripperModel(state=state, **arrays_found, **numbers)
 
 
-def _numbers(data: dict[str, Any], name: str, where: str) -> Array:
+def _parse_numbers(data: dict[str, Any], name: str, where: str) -> Array:
+    """Return a finite array of the data; raises UsageError otherwise."""
     try:
         with reading(where, "a gripper model", damage=(OverflowError, RecursionError)):
             values = np.array(data[name], float)

@@ -1,4 +1,4 @@
-"""The decorator of this room's compiled functions."""
+"""The decorator of this package's compiled functions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distances of segments from many triangles: links, and ways of toes, against a raw surface."""
+"""Distances of segments (links, swing paths of toes) from the triangles of a raw surface."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from climbplan.scan.compiling import compiled
 
 
 @compiled
-def _nearest_place(p: Array, a: Array, b: Array, c: Array) -> Array:
-    """The place of a triangle nearest to a point (C. Ericson, 2004, section 5.1.5)."""
+def _find_nearest_point(p: Array, a: Array, b: Array, c: Array) -> Array:
+    """Return the point of a triangle nearest to a point (C. Ericson, 2004, section 5.1.5)."""
     ab, ac, ap = b - a, c - a, p - a
     d1 = ab[0] * ap[0] + ab[1] * ap[1] + ab[2] * ap[2]
     d2 = ac[0] * ap[0] + ac[1] * ap[1] + ac[2] * ap[2]
@@ -42,15 +42,15 @@ def _nearest_place(p: Array, a: Array, b: Array, c: Array) -> Array:
 
 
 @compiled
-def _point_triangle(p: Array, a: Array, b: Array, c: Array) -> float:
-    """Square of the distance of a point from a triangle."""
-    off = p - _nearest_place(p, a, b, c)
+def _compute_point_distance(p: Array, a: Array, b: Array, c: Array) -> float:
+    """Return the squared distance of a point from a triangle."""
+    off = p - _find_nearest_point(p, a, b, c)
     return float(off[0] * off[0] + off[1] * off[1] + off[2] * off[2])
 
 
 @compiled
-def _segments(p: Array, q: Array, r: Array, s: Array) -> float:
-    """Square of the distance of two segments p q and r s."""
+def _compute_segment_distance(p: Array, q: Array, r: Array, s: Array) -> float:
+    """Return the squared distance of two segments p q and r s."""
     u, v, w = q - p, s - r, p - r
     a = u[0] * u[0] + u[1] * u[1] + u[2] * u[2]
     e = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -76,7 +76,7 @@ def _segments(p: Array, q: Array, r: Array, s: Array) -> float:
 
 @compiled
 def _crosses(p: Array, q: Array, a: Array, b: Array, c: Array) -> bool:
-    """Whether a segment passes through a triangle."""
+    """Return whether a segment passes through a triangle."""
     along = q - p
     e, f, s = b - a, c - a, p - a
     px = along[1] * f[2] - along[2] * f[1]
@@ -99,15 +99,21 @@ def _crosses(p: Array, q: Array, a: Array, b: Array, c: Array) -> bool:
 
 
 @compiled
-def _apart(p: Array, q: Array, x: Array, y: Array, z: Array) -> float:
-    """Square of the distance of a segment from a triangle that it does not pass through."""
-    away = min(_segments(p, q, x, y), _segments(p, q, y, z), _segments(p, q, z, x))
-    return float(min(away, _point_triangle(p, x, y, z), _point_triangle(q, x, y, z)))
+def _compute_triangle_distance(p: Array, q: Array, x: Array, y: Array, z: Array) -> float:
+    """Return the squared distance of a segment from a triangle that it does not pass through."""
+    away = min(
+        _compute_segment_distance(p, q, x, y),
+        _compute_segment_distance(p, q, y, z),
+        _compute_segment_distance(p, q, z, x),
+    )
+    return float(
+        min(away, _compute_point_distance(p, x, y, z), _compute_point_distance(q, x, y, z))
+    )
 
 
 @compiled
-def _boxes(corners: Array) -> tuple[Array, Array]:
-    """Lowest and highest corners (T, 3) of boxes round triangles (T, 3, 3)."""
+def _compute_boxes(corners: Array) -> tuple[Array, Array]:
+    """Return the lowest and highest corners (T, 3) of boxes around triangles (T, 3, 3)."""
     low, high = np.empty((len(corners), 3)), np.empty((len(corners), 3))
     for t in range(len(corners)):
         for k in range(3):
@@ -117,8 +123,8 @@ def _boxes(corners: Array) -> tuple[Array, Array]:
 
 
 @compiled
-def _box_gap(p: Array, q: Array, low: Array, high: Array) -> float:
-    """Square of the distance of a box from that round a segment: none is nearer."""
+def _bound_distance(p: Array, q: Array, low: Array, high: Array) -> float:
+    """Return a lower bound of the squared distance: that of a box from the box around a segment."""
     gap = 0.0
     for k in range(3):
         a, b = min(p[k], q[k]), max(p[k], q[k])
@@ -129,50 +135,62 @@ def _box_gap(p: Array, q: Array, low: Array, high: Array) -> float:
 
 
 @compiled
-def nearest_triangles(
-    starts: Array, ends: Array, corners: Array, enough: float
+def find_nearest_triangles(
+    starts: Array, ends: Array, corners: Array, max_distance: float
 ) -> tuple[Array, IntArray]:
-    """Least distances (S,) of segments (S, 3) from triangles (T, 3, 3), and the nearest (S,).
+    """Return the smallest distances (S,) of segments from triangles, and which are nearest (S,).
 
-    Distances are `enough` [m] at most, with no nearest triangle (-1) then, and zero where a segment
-    passes through one.
+    A distance is zero where a segment passes through a triangle.
+
+    Args:
+        starts: (S, 3) [m].
+        ends: (S, 3) [m].
+        corners: Triangles (T, 3, 3) [m].
+        max_distance: Distance [m] that is returned, with no triangle (-1), if all are farther.
     """
-    out = np.full(len(starts), enough)
+    out = np.full(len(starts), max_distance)
     nearest = np.full(len(starts), -1, np.int64)
-    low, high = _boxes(corners)
+    low, high = _compute_boxes(corners)
     for i in range(len(starts)):
         p, q = starts[i], ends[i]
-        best = enough * enough
+        best = max_distance * max_distance
         for t in range(len(corners)):
-            gap = _box_gap(p, q, low[t], high[t])
+            gap = _bound_distance(p, q, low[t], high[t])
             if gap >= best:
                 continue
             x, y, z = corners[t, 0], corners[t, 1], corners[t, 2]
             if _crosses(p, q, x, y, z):
                 best, nearest[i] = 0.0, t
                 break
-            away = _apart(p, q, x, y, z)
+            away = _compute_triangle_distance(p, q, x, y, z)
             if away < best:
                 best, nearest[i] = away, t
         out[i] = np.sqrt(best)
     return out, nearest
 
 
-def segment_distances(starts: Array, ends: Array, corners: Array, enough: float) -> Array:
-    """The distances of `nearest_triangles`."""
-    # For arrays that must not be written all would be compiled anew
+def compute_triangle_distances(
+    starts: Array, ends: Array, corners: Array, max_distance: float
+) -> Array:
+    """Return the distances of `nearest_triangles`, for arrays of any layout."""
+    # Read-only arrays would be compiled separately
     starts, ends, corners = (np.require(a, float, ["C", "W"]) for a in (starts, ends, corners))
-    return nearest_triangles(starts, ends, corners, enough)[0]
+    return find_nearest_triangles(starts, ends, corners, max_distance)[0]
 
 
 @compiled
-def contact_surfaces(
+def find_contact_surfaces(
     places: Array, normals: Array, corners: Array, facing: float, rising: float, slack: float
 ) -> BoolArray:
-    """Which triangles (T, 3, 3) are of the surface that each contact is on, (C, T).
+    """Return the triangles (T, 3, 3) of the surface that each contact is on, (C, T).
 
-    places, normals (unit): (C, 3). facing: least cosine of normals; rising: tangent of the slope by
-    which a triangle's place nearest to the contact may rise above its plane, beside `slack` [m].
+    Args:
+        places: Contacts (C, 3) [m].
+        normals: Unit normals (C, 3).
+        corners: Triangles [m].
+        facing: Smallest cosine between normals.
+        rising: Tangent of the slope by which a triangle's nearest point may rise above its plane.
+        slack: Height in addition to that [m].
     """
     out = np.zeros((len(places), len(corners)), np.bool_)
     for t in range(len(corners)):
@@ -186,33 +204,41 @@ def contact_surfaces(
             n = normals[i]
             if nx * n[0] + ny * n[1] + nz * n[2] < facing * size:
                 continue
-            off = _nearest_place(places[i], a, b, c) - places[i]
-            height = off[0] * n[0] + off[1] * n[1] + off[2] * n[2]
-            square = off[0] * off[0] + off[1] * off[1] + off[2] * off[2]
-            aside = np.sqrt(max(square - height * height, 0.0))
-            out[i, t] = height <= slack + rising * aside
+            offset = _find_nearest_point(places[i], a, b, c) - places[i]
+            height = offset[0] * n[0] + offset[1] * n[1] + offset[2] * n[2]
+            square = offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]
+            lateral = np.sqrt(max(square - height * height, 0.0))
+            out[i, t] = height <= slack + rising * lateral
     return out
 
 
 @compiled
-def missing_room(
+def compute_missing_clearance(
     starts: Array,
     ends: Array,
     need: Array,
     contact: IntArray,
-    own: BoolArray,
+    on_surface: BoolArray,
     corners: Array,
-    most: float,
+    max_missing: float,
 ) -> tuple[Array, IntArray]:
-    """By how much segments (S, 3) come too close to triangles (T, 3, 3), and to which, (S,).
+    """Return by how much segments (S, 3) come too close to triangles (T, 3, 3), and to which, (S,).
 
-    need: (S, 1 + C) [m], the room from triangles at large, then that from those of each contact; a
-    negative one asks for nothing. contact: (S, C), rows of `own` (U, T), -1 for none. Zero and -1
-    where nothing is missing; `most` where a segment passes through a triangle.
+    Zero and -1 where nothing is missing.
+
+    Args:
+        starts: (S, 3) [m].
+        ends: (S, 3) [m].
+        need: Clearances (S, 1 + C) from triangles in general, then from those of each contact [m];
+            negative for none.
+        contact: Rows (S, C) of `on_surface`, -1 for none.
+        on_surface: (U, T) triangles of the surface of each contact.
+        corners: Triangles (T, 3, 3) [m].
+        max_missing: Result where a segment passes through a triangle [m].
     """
     short = np.zeros(len(starts))
     nearest = np.full(len(starts), -1, np.int64)
-    low, high = _boxes(corners)
+    low, high = _compute_boxes(corners)
     for i in range(len(starts)):
         p, q = starts[i], ends[i]
         if np.isnan(p).any() or np.isnan(q).any():
@@ -221,21 +247,21 @@ def missing_room(
         for j in range(contact.shape[1]):
             widest = max(widest, need[i, 1 + j])
         for t in range(len(corners)):
-            gap = _box_gap(p, q, low[t], high[t])
+            gap = _bound_distance(p, q, low[t], high[t])
             if widest < 0 or gap > widest * widest:
                 continue
-            asked = need[i, 0]
+            required = need[i, 0]
             for j in range(contact.shape[1]):
-                if contact[i, j] >= 0 and own[contact[i, j], t]:
-                    asked = min(asked, need[i, 1 + j])
-            if asked < 0 or gap > (asked - short[i]) ** 2:
+                if contact[i, j] >= 0 and on_surface[contact[i, j], t]:
+                    required = min(required, need[i, 1 + j])
+            if required < 0 or gap > (required - short[i]) ** 2:
                 continue
             x, y, z = corners[t, 0], corners[t, 1], corners[t, 2]
             if _crosses(p, q, x, y, z):
-                short[i], nearest[i] = most, t
+                short[i], nearest[i] = max_missing, t
                 break
-            away = _apart(p, q, x, y, z)
-            missing = asked - np.sqrt(away)
+            away = _compute_triangle_distance(p, q, x, y, z)
+            missing = required - np.sqrt(away)
             if missing > short[i]:
                 short[i], nearest[i] = missing, t
     return short, nearest

@@ -13,21 +13,21 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.reading import ANY_ERROR, read_text, reading
-from climbplan.scan.clouds import cloud, read_array
-from climbplan.scan.raw import RawScan, ScanError, mesh, placed
+from climbplan.scan.clouds import build_cloud, read_array
+from climbplan.scan.raw import RawScan, ScanError, build_mesh, transform_to_world
 from climbplan.schema.terrain.scan import ScanSpec
 
 HEIGHTS = (".tif", ".tiff", ".png", ".csv")
 _PIXEL_SCALE, _TIEPOINT, _NO_DATA = 33550, 33922, 42113  # tags of GeoTIFF
-_MOST = 25_000_000  # heights in a file
-_MOST_CSV = 500_000_000  # [bytes]
-MOST_HEIGHTS = 500_000  # that become triangles; of more every second, third, ... is taken
-_BAND = 256  # rows that are looked at together
+_MAX_HEIGHTS = 25_000_000  # in a file
+_MAX_CSV_SIZE = 500_000_000  # [bytes]
+MAX_USED_HEIGHTS = 500_000  # that become triangles; of more every second, third, ... is taken
+_BAND = 256  # rows that are processed together
 
 
 @dataclass(frozen=True)
 class _Grid:
-    """Heights in rows and columns, and where their points are in the file's frame."""
+    """Heights in rows and columns, and their positions in the file's frame."""
 
     heights: Array  # (R, C), NaN where there is none
     x: Array  # (C,) [m]
@@ -36,20 +36,25 @@ class _Grid:
     height: float  # [m] of one unit of `heights`
 
     def points(self, rows: slice) -> Array:
-        """(R', C, 3) points of some rows [m]."""
+        """Return points (R', C, 3) of some rows [m]."""
         x, y = np.broadcast_arrays(self.x, self.y[rows, None])
         return np.stack([x, y, self.height * self.heights[rows]], axis=-1) + self.origin
 
-    def part(self, rows: slice, columns: slice) -> _Grid:
-        """Return some rows and columns."""
+    def select(self, rows: slice, columns: slice) -> _Grid:
+        """Return the grid of some rows and columns."""
         heights = self.heights[rows, columns]
         return _Grid(heights, self.x[columns], self.y[rows], self.origin, self.height)
 
 
 def read_heights(path: Path, spec: ScanSpec) -> RawScan:
-    """Two triangles a cell, north up: x grows with columns and y against rows in images.
+    """Read a height map as two triangles a cell, north up.
 
-    In NPY and CSV y grows with rows. Cells without a number are holes. Raises ScanError.
+    In images x grows with columns and y against rows; in NPY and CSV y grows with rows. Cells
+    without
+    a number are holes.
+
+    Raises:
+        ScanError: The file is no height map.
     """
     suffix = path.suffix.lower()
     image = suffix in (".tif", ".tiff", ".png")
@@ -61,8 +66,8 @@ def read_heights(path: Path, spec: ScanSpec) -> RawScan:
         heights = read_array(path) if suffix == ".npy" else _read_csv(path)
     if heights.ndim != 2 or min(heights.shape) < 2:
         raise ScanError(f"{path}: expected a table of heights, got shape {heights.shape}")
-    if heights.size > _MOST:
-        raise ScanError(f"{path}: {heights.size} heights, expected at most {_MOST}")
+    if heights.size > _MAX_HEIGHTS:
+        raise ScanError(f"{path}: {heights.size} heights, expected at most {_MAX_HEIGHTS}")
     if cell is None:
         raise ScanError(f"{path}: a height map without `cell`, expected the width of a cell [m]")
     if spec.origin is not None:
@@ -78,15 +83,21 @@ def read_heights(path: Path, spec: ScanSpec) -> RawScan:
         y = -row * cell  # a tiepoint is the north-west corner
     x = np.asarray(np.arange(columns) * cell, float)
     grid = _Grid(heights, x, np.asarray(y, float), origin, spec.height)
-    return _triangles(path, grid, spec, image)
+    return _triangulate(path, grid, spec, image)
 
 
-def _triangles(path: Path, grid: _Grid, spec: ScanSpec, image: bool) -> RawScan:
-    """Return the triangles of a grid, of as few heights as can be borne; raises ScanError."""
+def _triangulate(path: Path, grid: _Grid, spec: ScanSpec, image: bool) -> RawScan:
+    """Return the triangles of a grid, thinned to `MAX_USED_HEIGHTS`.
+
+    Raises ScanError without any. image: whether y runs against the rows.
+    """
     grid = _within_crop(grid, spec)
-    every, size = max(1, math.ceil(math.sqrt(grid.heights.size / MOST_HEIGHTS))), grid.heights.shape
+    every, size = (
+        max(1, math.ceil(math.sqrt(grid.heights.size / MAX_USED_HEIGHTS))),
+        grid.heights.shape,
+    )
     if every > 1:
-        grid = grid.part(slice(None, None, every), slice(None, None, every))
+        grid = grid.select(slice(None, None, every), slice(None, None, every))
     heights = grid.heights
     rows, columns = heights.shape
     points = grid.points(slice(None))
@@ -101,15 +112,15 @@ def _triangles(path: Path, grid: _Grid, spec: ScanSpec, image: bool) -> RawScan:
     triangles = triangles[np.isfinite(flat[triangles]).all(axis=(1, 2))]
     missing = int((~np.isfinite(heights)).sum())
     flat = np.where(np.isfinite(flat), flat, 0.0)
-    raw = mesh(flat, triangles)
+    raw = build_mesh(flat, triangles)
     if not len(triangles):
         raise ScanError(f"{path}: no four heights beside one another are numbers")
     if every > 1:
-        raw = raw.noted(
+        raw = raw.add_notes(
             f"of {size[0]} x {size[1]} heights every {every}th row and column taken: `crop` keeps "
             "the details of a part"
         )
-    return raw.noted(f"{missing} of {heights.size} heights missing") if missing else raw
+    return raw.add_notes(f"{missing} of {heights.size} heights missing") if missing else raw
 
 
 _CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
@@ -124,23 +135,24 @@ def _within_crop(grid: _Grid, spec: ScanSpec) -> _Grid:
     used_rows, used_columns = np.zeros(rows, bool), np.zeros(columns, bool)
     for start in range(0, rows, _BAND):
         band = slice(start, min(start + _BAND, rows))
-        points = placed(cloud(grid.points(band).reshape(-1, 3)), spec).vertices
+        points = transform_to_world(build_cloud(grid.points(band).reshape(-1, 3)), spec).vertices
         inside = ((points >= lower) & (points <= upper)).all(axis=1).reshape(-1, columns)
         used_rows[band] = inside.any(axis=1)
         used_columns |= inside.any(axis=0)
     if not used_rows.any():
         return grid
-    return grid.part(_around(used_rows), _around(used_columns))
+    return grid.select(_find_range(used_rows), _find_range(used_columns))
 
 
-def _around(used: np.ndarray) -> slice:
+def _find_range(is_used: np.ndarray) -> slice:
     """Return the range of what is used, one wider at both ends."""
-    first, last = np.flatnonzero(used)[[0, -1]]
+    first, last = np.flatnonzero(is_used)[[0, -1]]
     return slice(max(0, int(first) - 1), int(last) + 2)
 
 
 def _read_csv(path: Path) -> Array:
-    text = read_text(path, _MOST_CSV, "a table of heights")
+    """Read a table of heights."""
+    text = read_text(path, _MAX_CSV_SIZE, "a table of heights")
     with reading(path, "a table of heights", ScanError), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of files without data, which are refused later
         delimiter = next((d for d in ",;\t" if d in text), None)
@@ -151,7 +163,10 @@ def _read_csv(path: Path) -> Array:
 
 
 def _read_image(path: Path) -> tuple[Array, float | None, Array | None]:
-    """Heights, width of a cell and place of the first one, as far as the file says them."""
+    """Return heights, width of a cell and position of the first one.
+
+    Width and position are None where the file does not say them.
+    """
     from PIL import Image
 
     expected = "an image of heights"
@@ -159,9 +174,9 @@ def _read_image(path: Path) -> tuple[Array, float | None, Array | None]:
         warnings.simplefilter("ignore")  # of damaged tags, which are not needed
         warnings.simplefilter("error", Image.DecompressionBombWarning)
         with Image.open(path) as image:
-            if image.width * image.height > _MOST:
+            if image.width * image.height > _MAX_HEIGHTS:
                 size = image.width * image.height
-                raise ScanError(f"{path}: {size} heights, expected at most {_MOST}")
+                raise ScanError(f"{path}: {size} heights, expected at most {_MAX_HEIGHTS}")
             if image.mode in ("RGB", "RGBA", "P", "CMYK", "YCbCr"):
                 raise ScanError(f"{path}: a picture in colours, expected one height a pixel")
             heights = np.asarray(image, float)
@@ -173,23 +188,23 @@ def _read_image(path: Path) -> tuple[Array, float | None, Array | None]:
         pass
     if _PIXEL_SCALE not in tags:
         return heights, None, None
-    across, along = _numbers(path, "ModelPixelScale", tags[_PIXEL_SCALE], 2)
+    across, along = _parse_numbers(path, "ModelPixelScale", tags[_PIXEL_SCALE], 2)
     if not (0 < across < np.inf and abs(across - along) < 1e-6 * across):
         raise ScanError(f"{path}: cells of {across:g} by {along:g}, expected square ones")
     if _TIEPOINT not in tags:
         return heights, across, None
-    column, row, _, east, north = _numbers(path, "ModelTiepoint", tags[_TIEPOINT], 5)
+    column, row, _, east, north = _parse_numbers(path, "ModelTiepoint", tags[_TIEPOINT], 5)
     return heights, across, np.array([east - column * across, north + row * across, 0.0])
 
 
-def _numbers(path: Path, name: str, value: Any, count: int) -> Sequence[float]:
+def _parse_numbers(path: Path, name: str, value: Any, count: int) -> Sequence[float]:
     """Return the first numbers of a tag of GeoTIFF; raise ScanError for another type or fewer."""
     values = value if isinstance(value, tuple) else (value,)
     try:
-        numbers = [float(one) for one in values[:count]]
+        numbers = [float(item) for item in values[:count]]
     except (TypeError, ValueError, ArithmeticError):
         numbers = []
     if len(numbers) < count or isinstance(value, str | bytes) or not np.isfinite(numbers).all():
-        got = repr(value)[:60]
-        raise ScanError(f"{path}: tag {name} is {got}, expected {count} numbers or more")
+        found_value = repr(value)[:60]
+        raise ScanError(f"{path}: tag {name} is {found_value}, expected {count} numbers or more")
     return numbers

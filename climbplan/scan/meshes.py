@@ -19,16 +19,18 @@ _COLLADA = "; DAE files need pycollada: pip install 'climbplan[scan]'"
 
 
 def read_mesh(path: Path) -> RawScan:
-    """All geometry of a file at its place in the scene; points where it has no triangles.
+    """Read all geometry of a file at its place in the scene; points where it has no triangles.
 
-    Materials of an OBJ and colours of faces or vertices become labels. Raises ScanError for what
-    trimesh cannot read.
+    Materials of an OBJ and colours of faces or vertices become labels.
+
+    Raises:
+        ScanError: trimesh cannot read the file.
     """
     import trimesh
 
     suffix = path.suffix.lower().removeprefix(".")
     expected = f"a {suffix.upper()} mesh"
-    with reading(path, expected, ScanError, damage=ANY_ERROR), _silent("trimesh"):
+    with reading(path, expected, ScanError, damage=ANY_ERROR), _silence_logger("trimesh"):
         with path.open("rb") as file:
             try:
                 scene: Any = trimesh.load_scene(
@@ -39,22 +41,22 @@ def read_mesh(path: Path) -> RawScan:
                     raise
                 reason = f"({first_line(error)}){_COLLADA}"
                 raise ScanError(f"{path}: not {expected} {reason}") from error
-        parts = list(scene.dump()) if hasattr(scene, "dump") else [scene]
+        geometries = list(scene.dump()) if hasattr(scene, "dump") else [scene]
     vertices: list[Array] = []
     triangles: list[IntArray] = []
     label: list[IntArray] = []
     labels: dict[str, int] = {"": 0}
     count = 0
-    for part in parts:
-        own = np.asarray(getattr(part, "vertices", np.zeros((0, 3))), float).reshape(-1, 3)
-        faces = np.asarray(getattr(part, "faces", np.zeros((0, 3))), np.int64).reshape(-1, 3)
-        if len(faces) and (faces.min() < 0 or faces.max() >= len(own)):
+    for geometry in geometries:
+        points = np.asarray(getattr(geometry, "vertices", np.zeros((0, 3))), float).reshape(-1, 3)
+        faces = np.asarray(getattr(geometry, "faces", np.zeros((0, 3))), np.int64).reshape(-1, 3)
+        if len(faces) and (faces.min() < 0 or faces.max() >= len(points)):
             raise ScanError(f"{path}: a triangle names a corner that is not there")
-        vertices.append(own)
+        vertices.append(points)
         triangles.append(faces + count)
         with reading(path, expected, ScanError, damage=ANY_ERROR):
-            label.append(_labels(part, len(faces), labels))
-        count += len(own)
+            label.append(_read_labels(geometry, len(faces), labels))
+        count += len(points)
     if not count:
         raise ScanError(f"{path}: no geometry in it, expected triangles")
     return RawScan(
@@ -66,8 +68,8 @@ def read_mesh(path: Path) -> RawScan:
 
 
 @contextmanager
-def _silent(logger: str) -> Iterator[None]:
-    """Keep a library from logging tracebacks of textures that it does not find; none is needed."""
+def _silence_logger(logger: str) -> Iterator[None]:
+    """Keep a library from logging tracebacks of textures that it does not find: none is needed."""
     log = logging.getLogger(logger)
     before = log.level
     log.setLevel(logging.CRITICAL + 1)
@@ -77,9 +79,9 @@ def _silent(logger: str) -> Iterator[None]:
         log.setLevel(before)
 
 
-def _labels(part: Any, faces: int, labels: dict[str, int]) -> IntArray:
-    """(T,) the name of the material or the colour of every triangle, as numbers in `labels`."""
-    visual: Any = getattr(part, "visual", None)
+def _read_labels(geometry: Any, faces: int, labels: dict[str, int]) -> IntArray:
+    """Return the material or colour of every triangle (T,), as numbers in `labels`."""
+    visual: Any = getattr(geometry, "visual", None)
     kind = getattr(visual, "kind", None)
     if faces and kind in ("face", "vertex"):
         colors = np.asarray(visual.face_colors)[:, :3]

@@ -1,4 +1,4 @@
-"""A scanned wall with what grippers can hold on it, as `terrain.panel` of a spec."""
+"""A scanned wall with its graspable holds, as `terrain.panel` of a spec."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ _DIGITS = 4  # of a length [m]
 _MARGIN = 0.05  # [m] of the panel around the scan
 
 
-def holds_headline(wall: Wall, grasping: Grasping) -> str:
-    """What was found, in a line."""
+def format_wall_summary(wall: Wall, grasping: Grasping) -> str:
+    """Return a one-line summary of the holds."""
     backs = [-hold.undercut_deg for hold in wall.holds]
     return (
         f"{len(wall.holds)} graspable spots within an opening of {1e3 * grasping.opening:.0f} mm, "
@@ -22,11 +22,12 @@ def holds_headline(wall: Wall, grasping: Grasping) -> str:
     )
 
 
-def panel_of(wall: Wall) -> dict[str, Any]:
-    """The wall as `terrain.panel` of a spec, where it stands, at its holds' depth.
+def build_panel(wall: Wall) -> dict[str, Any]:
+    """Return the wall as `terrain.panel` of a spec, in its place, at its holds' depth.
 
-    The plane in which grips are is that of the median hold; others are off it by what their `rise`
-    in the report differs.
+    The plane of grips is that of the median hold. Others are off it by the difference of their
+    `rise`
+    in the report.
     """
     rise = float(np.median([hold.rise for hold in wall.holds]))
     (left, right), (low, high) = wall.extent

@@ -1,4 +1,4 @@
-"""A scan as it was read: triangles, or points without any, and what was done to it."""
+"""A scan as it was read: triangles, or points without any, and notes on its processing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _UP = {
 
 
 class ScanError(UsageError):
-    """A file that no terrain can be made of: what it is, and what was expected."""
+    """A file that cannot become a terrain: what it is, and what was expected."""
 
 
 @dataclass(frozen=True)
@@ -39,16 +39,16 @@ class RawScan:
 
     @property
     def corners(self) -> Array:
-        """(T, 3, 3) corners of the triangles [m]."""
+        """Corners (T, 3, 3) of the triangles [m]."""
         return self.vertices[self.triangles]
 
-    def noted(self, *notes: str) -> RawScan:
-        """The same with more said about it."""
+    def add_notes(self, *notes: str) -> RawScan:
+        """Return the same scan with further notes."""
         return replace(self, notes=(*self.notes, *notes))
 
 
-def mesh(vertices: Array, triangles: IntArray) -> RawScan:
-    """Triangles without materials."""
+def build_mesh(vertices: Array, triangles: IntArray) -> RawScan:
+    """Return triangles without materials."""
     return RawScan(
         np.asarray(vertices, float),
         np.asarray(triangles, np.int64).reshape(-1, 3),
@@ -56,31 +56,39 @@ def mesh(vertices: Array, triangles: IntArray) -> RawScan:
     )
 
 
-def placed(raw: RawScan, spec: ScanSpec) -> RawScan:
-    """The scan in the world: scaled, turned upright, and moved to where the spec has it."""
-    turn = rotation_world_body(np.deg2rad(spec.transform.rpy_deg)) @ np.array(_UP[spec.up], float)
-    vertices = spec.scale * raw.vertices @ turn.T + np.array(spec.transform.move)
-    normals = None if raw.normals is None else raw.normals @ turn.T
+def transform_to_world(raw: RawScan, spec: ScanSpec) -> RawScan:
+    """Return the scan in the world frame: scaled, turned upright, and moved as the spec says."""
+    rotation = rotation_world_body(np.deg2rad(spec.transform.rpy_deg)) @ np.array(
+        _UP[spec.up], float
+    )
+    vertices = spec.scale * raw.vertices @ rotation.T + np.array(spec.transform.move)
+    normals = None if raw.normals is None else raw.normals @ rotation.T
     return replace(raw, vertices=vertices, normals=normals)
 
 
-def cropped(raw: RawScan, lower: Array, upper: Array) -> RawScan:
-    """What reaches into a box: whole triangles, not cut at its faces."""
+def select_within_box(raw: RawScan, lower: Array, upper: Array) -> RawScan:
+    """Return what reaches into a box: whole triangles, not cut at its faces.
+
+    Args:
+        raw: The scan.
+        lower: Lower corner (3,) [m].
+        upper: Upper corner (3,) [m].
+    """
     if not len(raw.triangles):
         keep = ((raw.vertices >= lower) & (raw.vertices <= upper)).all(axis=1)
         normals = None if raw.normals is None else raw.normals[keep]
         return replace(raw, vertices=raw.vertices[keep], normals=normals)
     corners = raw.corners
     inside = (corners.min(axis=1) <= upper) & (corners.max(axis=1) >= lower)
-    return chosen(raw, inside.all(axis=1))
+    return select_triangles(raw, inside.all(axis=1))
 
 
-def chosen(raw: RawScan, keep: BoolArray) -> RawScan:
-    """Some triangles, and the vertices that they use."""
-    used, triangles = np.unique(raw.triangles[keep], return_inverse=True)
+def select_triangles(raw: RawScan, keep: BoolArray) -> RawScan:
+    """Return some triangles (T,) and the vertices that they use."""
+    vertex_numbers, triangles = np.unique(raw.triangles[keep], return_inverse=True)
     return replace(
         raw,
-        vertices=raw.vertices[used],
+        vertices=raw.vertices[vertex_numbers],
         triangles=triangles.reshape(-1, 3).astype(np.int64),
         label=raw.label[keep],
     )

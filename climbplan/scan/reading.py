@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.reading import reading
-from climbplan.scan.cleaning import cleaned, without_outliers
+from climbplan.scan.cleaning import clean_mesh, remove_outliers
 from climbplan.scan.clouds import CLOUDS, read_cloud
 from climbplan.scan.heights import HEIGHTS, read_heights
 from climbplan.scan.meshes import MESHES, read_mesh
-from climbplan.scan.raw import RawScan, ScanError, cropped, placed
-from climbplan.scan.relief import surface_of_cloud
+from climbplan.scan.raw import RawScan, ScanError, select_within_box, transform_to_world
+from climbplan.scan.relief import triangulate_cloud
 from climbplan.schema.terrain.scan import ScanSpec
 
 _log = logging.getLogger(__name__)
@@ -28,10 +28,14 @@ EXPECTED = (
 
 
 def read_scan(spec: ScanSpec, directory: Path) -> RawScan:
-    """The scan that a spec names, as clean triangles in the world; notes say what was done.
+    """Read the scan that a spec names, as clean triangles in the world; notes say what was done.
 
-    A relative path starts from `directory`. Raises ScanError with what is wrong with the file and
-    what was expected.
+    Args:
+        spec: The keys of the scan.
+        directory: Where a relative path starts.
+
+    Raises:
+        ScanError: What is wrong with the file and what was expected.
     """
     path = directory / spec.file
     # Cleaning, too, is done in bounded memory
@@ -40,30 +44,32 @@ def read_scan(spec: ScanSpec, directory: Path) -> RawScan:
 
 
 def _clean_scan(path: Path, spec: ScanSpec) -> RawScan:
-    raw = _read(path, spec)
+    """Return the scan in the world, cropped and cleaned."""
+    raw = _read_file(path, spec)
     if not len(raw.vertices):
         raise ScanError(f"{path}: empty, expected triangles, points or heights")
     finite = np.asarray(np.isfinite(raw.vertices).all(axis=1))
     if not finite.any():
         raise ScanError(f"{path}: no coordinate is a number, expected lengths")
-    raw = _without_infinite(raw, finite)
-    raw = placed(raw, spec)
+    raw = _remove_infinite(raw, finite)
+    raw = transform_to_world(raw, spec)
     _require_size(raw, path, spec)
     if spec.crop is not None:
         lower, upper = np.array(spec.crop.lower), np.array(spec.crop.upper)
-        extent = _extent(raw)
-        raw = cropped(raw, lower, upper)
+        extent = _format_extent(raw)
+        raw = select_within_box(raw, lower, upper)
         if not len(raw.vertices):
             raise ScanError(f"{path}: nothing is left within `crop`; the scan reaches {extent}")
     if not len(raw.triangles):
-        raw = surface_of_cloud(without_outliers(raw), path)
-    clean = cleaned(raw)
+        raw = triangulate_cloud(remove_outliers(raw), path)
+    clean = clean_mesh(raw)
     if not len(clean.triangles):
         raise ScanError(f"{path}: no triangle has an area, expected a surface")
     return clean
 
 
-def _read(path: Path, spec: ScanSpec) -> RawScan:
+def _read_file(path: Path, spec: ScanSpec) -> RawScan:
+    """Read a file by its suffix."""
     suffix = path.suffix.lower()
     if path.is_dir():
         raise ScanError(f"{path}: a directory, {EXPECTED}")
@@ -83,8 +89,8 @@ def _read(path: Path, spec: ScanSpec) -> RawScan:
     return read_cloud(path)
 
 
-def _without_infinite(raw: RawScan, finite: np.ndarray) -> RawScan:
-    """Vertices that are no numbers, and triangles on them, left out and told."""
+def _remove_infinite(raw: RawScan, finite: np.ndarray) -> RawScan:
+    """Return the scan without vertices that are no numbers and their triangles, with a note."""
     lost = int((~finite).sum())
     if not lost:
         return raw
@@ -102,20 +108,20 @@ def _without_infinite(raw: RawScan, finite: np.ndarray) -> RawScan:
     )
 
 
-def _extent(raw: RawScan) -> str:
-    """Where a scan is: "x -1 to 1, y -1 to 1, z 0 to 2.5 m"."""
+def _format_extent(raw: RawScan) -> str:
+    """Return the bounds of a scan: "x -1 to 1, y -1 to 1, z 0 to 2.5 m"."""
     low, high = raw.vertices.min(axis=0), raw.vertices.max(axis=0)
     ends = (f"{axis} {a:.4g} to {b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True))
     return f"{', '.join(ends)} m"
 
 
 def _require_size(raw: RawScan, path: Path, spec: ScanSpec) -> None:
-    """Lengths that a robot could climb in; else the unit is another one."""
+    """Raise ScanError for lengths in which no robot could climb: the unit is then another one."""
     size = float(np.ptp(raw.vertices, axis=0).max())
     if size > LARGEST and spec.crop is None:
         raise ScanError(
-            f"{path}: {size:.4g} m across ({_extent(raw)}); is its unit the metre? Expected at "
-            f"most {LARGEST:g} m: `scale: 0.001` reads millimetres, `crop` takes a part"
+            f"{path}: {size:.4g} m across ({_format_extent(raw)}); is its unit the metre? Expected "
+            f"at most {LARGEST:g} m: `scale: 0.001` reads millimetres, `crop` takes a part"
         )
     if size < SMALLEST:
         raise ScanError(

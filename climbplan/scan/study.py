@@ -1,4 +1,4 @@
-"""A scan on its own: what is found in it, without a robot or a way."""
+"""Study of a scan alone: its contact regions, without a robot or a path."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from climbplan.errors import SpecError
-from climbplan.scan.cleaning import areas
-from climbplan.scan.fitting import FoundRegion, found_regions
+from climbplan.scan.cleaning import compute_areas
+from climbplan.scan.contact_regions import FoundRegion, find_contact_regions
 from climbplan.scan.raw import RawScan, ScanError
 from climbplan.scan.reading import read_scan
 from climbplan.schema.kinds import validate
@@ -27,17 +27,17 @@ class FittedScan:
 
     @property
     def area(self) -> float:
-        """Of the raw surface [m^2]."""
-        return float(areas(self.raw).sum())
+        """The area of the raw surface [m^2]."""
+        return float(compute_areas(self.raw).sum())
 
     @property
     def found_area(self) -> float:
-        """Of all regions; on curved surfaces they overlap [m^2]."""
+        """The area of all regions, which overlap on curved surfaces [m^2]."""
         return sum(region.area for region in self.regions)
 
     @property
     def headline(self) -> str:
-        """What was found, in a line."""
+        """A one-line summary of the result."""
         return (
             f"{len(self.raw.triangles)} triangles of {self.area:.3g} m^2, "
             f"{len(self.regions)} contact regions of {self.found_area:.3g} m^2 within "
@@ -45,8 +45,16 @@ class FittedScan:
         )
 
 
-def scan_of(file: Path, settings: Sequence[str]) -> ScanSpec:
-    """The keys of `terrain.scan` for a file, with some set; raises SpecError."""
+def build_scan_spec(file: Path, settings: Sequence[str]) -> ScanSpec:
+    """Build the keys of `terrain.scan` for a file, with some set.
+
+    Args:
+        file: The scan.
+        settings: Overrides, KEY=VALUE.
+
+    Raises:
+        SpecError: A setting is wrong.
+    """
     text = write_yaml({"file": str(file)})
     document = apply_overrides(parse_yaml(text, str(file)), list(settings))
     scan, findings = validate(document, ScanSpec)
@@ -56,14 +64,19 @@ def scan_of(file: Path, settings: Sequence[str]) -> ScanSpec:
 
 
 def fit(scan: ScanSpec, report: Callable[[float], None]) -> FittedScan:
-    """Read a scan and find its regions; raises ScanError.
+    """Read a scan and find its regions.
 
-    report: called with the share that is done.
+    Args:
+        scan: Its keys.
+        report: Called with the fraction that is done.
+
+    Raises:
+        ScanError: There is no contact region.
     """
     report(0.0)
     raw = read_scan(scan, Path())
     report(0.2)
-    regions = found_regions(raw, scan)
+    regions = find_contact_regions(raw, scan)
     report(1.0)
     if not regions:
         raise ScanError(

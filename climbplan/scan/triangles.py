@@ -1,4 +1,4 @@
-"""Many triangles at a time: in boxes and frames, between heights, and met by rays."""
+"""Batches of triangles: bounds, frames, clipping between heights, and ray casting."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from climbplan.scan.compiling import compiled
 
 
 @compiled
-def circles(corners: Array) -> tuple[Array, Array]:
-    """Middles (T, 2) of triangles (T, 3, 3) seen along the normal, and how far corners are off."""
+def compute_bounding_circles(corners: Array) -> tuple[Array, Array]:
+    """Return middles (T, 2) of triangles (T, 3, 3) seen along the normal, and their radii."""
     middle, radius = np.empty((len(corners), 2)), np.empty(len(corners))
     for t in range(len(corners)):
         for k in range(2):
             middle[t, k] = (corners[t, 0, k] + corners[t, 1, k] + corners[t, 2, k]) / 3
-        most = 0.0
+        squared_radius = 0.0
         for c in range(3):
             across = corners[t, c, 0] - middle[t, 0]
             along = corners[t, c, 1] - middle[t, 1]
-            most = max(most, across * across + along * along)
-        radius[t] = np.sqrt(most)
+            squared_radius = max(squared_radius, across * across + along * along)
+        radius[t] = np.sqrt(squared_radius)
     return middle, radius
 
 
 @compiled
-def within_box(corners: Array, lower: Array, upper: Array) -> np.ndarray:
-    """(T,) whether the bounds of triangles meet a box."""
+def find_within_box(corners: Array, lower: Array, upper: Array) -> np.ndarray:
+    """Return whether the bounds of triangles meet a box, (T,)."""
     out = np.empty(len(corners), np.bool_)
     for t in range(len(corners)):
         meets = True
@@ -40,16 +40,16 @@ def within_box(corners: Array, lower: Array, upper: Array) -> np.ndarray:
 
 
 @compiled
-def in_frame(
+def transform_to_frame(
     corners: Array, number: IntArray, origin: Array, axes: Array
 ) -> tuple[Array, Array, Array]:
-    """Corners (K, 3, 3) of some triangles in a frame, with their least and largest (K, 3).
+    """Return corners (K, 3, 3) of some triangles in a frame, and their bounds (K, 3).
 
-    The same corner of two triangles has the same digits, which a product of matrices of different
-    lengths does not promise: a coverage whose edges do not match is no coverage.
+    The same corner of two triangles has the same digits, unlike in matrix products of different
+    lengths: polygons whose edges do not match form no coverage.
     """
     out = np.empty((len(number), 3, 3))
-    least, most = np.empty((len(number), 3)), np.empty((len(number), 3))
+    lowest, highest = np.empty((len(number), 3)), np.empty((len(number), 3))
     for i in range(len(number)):
         t = number[i]
         for k in range(3):
@@ -60,16 +60,16 @@ def in_frame(
                 value += (corners[t, c, 2] - origin[2]) * axes[k, 2]
                 out[i, c, k] = value
                 low, high = min(low, value), max(high, value)
-            least[i, k], most[i, k] = low, high
-    return out, least, most
+            lowest[i, k], highest[i, k] = low, high
+    return out, lowest, highest
 
 
 @compiled
-def clipped(corners: Array, low: float, high: float) -> tuple[Array, IntArray]:
-    """Corners (K, 2) and their numbers of what of triangles (T, 3, 3) is between two heights."""
+def clip_to_heights(corners: Array, low: float, high: float) -> tuple[Array, IntArray]:
+    """Clip triangles (T, 3, 3) between two heights; return corners (K, 2) and their counts."""
     points = np.empty((5 * len(corners), 2))
     counts = np.zeros(len(corners), np.int64)
-    used, kept = 0, 0
+    num_points, num_pieces = 0, 0
     for t in range(len(corners)):
         piece = np.empty((5, 3))
         for c in range(3):
@@ -78,39 +78,45 @@ def clipped(corners: Array, low: float, high: float) -> tuple[Array, IntArray]:
         size = 3
         for side in range(2):
             sign = 1.0 if side == 0 else -1.0
-            least = low if side == 0 else -high
+            limit = low if side == 0 else -high
             after = np.empty((5, 3))
             count = 0
             for k in range(size):
-                here, there = piece[k], piece[(k + 1) % size]
-                a, b = sign * here[2] - least, sign * there[2] - least
+                start, end = piece[k], piece[(k + 1) % size]
+                a, b = sign * start[2] - limit, sign * end[2] - limit
                 if a >= 0:
                     for j in range(3):
-                        after[count, j] = here[j]
+                        after[count, j] = start[j]
                     count += 1
                 if a * b < 0:
                     for j in range(3):
-                        after[count, j] = here[j] + a / (a - b) * (there[j] - here[j])
+                        after[count, j] = start[j] + a / (a - b) * (end[j] - start[j])
                     count += 1
             piece, size = after, count
         if size >= 3:
             for k in range(size):
-                points[used + k, 0], points[used + k, 1] = piece[k, 0], piece[k, 1]
-            used += size
-            counts[kept] = size
-            kept += 1
-    return points[:used].copy(), counts[:kept].copy()
+                points[num_points + k, 0], points[num_points + k, 1] = piece[k, 0], piece[k, 1]
+            num_points += size
+            counts[num_pieces] = size
+            num_pieces += 1
+    return points[:num_points].copy(), counts[:num_pieces].copy()
 
 
 @compiled
-def first_met(
+def cast_rays(
     places: Array, direction: Array, corners: Array, far: float
 ) -> tuple[Array, np.ndarray]:
-    """Ways (P,) [m] from places along a unit direction to the first triangle, and its number.
+    """Cast parallel rays; return the distances (P,) [m] and the numbers of the first triangles.
 
-    Infinite and -1 where none is met within `far` [m].
+    Infinite and -1 without a hit within `far` [m].
+
+    Args:
+        places: Starts (P, 3) [m].
+        direction: Unit direction (3,).
+        corners: Triangles (T, 3, 3) [m].
+        far: Length of the rays [m].
     """
-    ways = np.full(len(places), np.inf)
+    distances = np.full(len(places), np.inf)
     number = np.full(len(places), -1, np.int64)
     for t in range(len(corners)):
         e, f = corners[t, 1] - corners[t, 0], corners[t, 2] - corners[t, 0]
@@ -134,15 +140,15 @@ def first_met(
             v = (direction[0] * qx + direction[1] * qy + direction[2] * qz) / det
             if v < -1e-9 or u + v > 1 + 1e-9:
                 continue
-            way = (f[0] * qx + f[1] * qy + f[2] * qz) / det
-            if -1e-9 < way <= far and way < ways[p]:
-                ways[p], number[p] = way, t
-    return ways, number
+            distance = (f[0] * qx + f[1] * qy + f[2] * qz) / det
+            if -1e-9 < distance <= far and distance < distances[p]:
+                distances[p], number[p] = distance, t
+    return distances, number
 
 
 @compiled
-def buried(places: Array, directions: Array, corners: Array, far: float) -> np.ndarray:
-    """(P,) whether the first surface that a ray meets within `far` [m] shows its back."""
+def find_buried(places: Array, directions: Array, corners: Array, far: float) -> np.ndarray:
+    """Return whether the first surface that a ray meets within `far` [m] shows its back, (P,)."""
     out = np.zeros(len(places), np.bool_)
     for p in range(len(places)):
         origin, along = places[p], directions[p]

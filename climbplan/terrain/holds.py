@@ -1,4 +1,4 @@
-"""Holds: surfaces whose two sides a gripper's fingers press on."""
+"""Holds: surfaces whose two sides the fingers of a gripper press on."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from climbplan.errors import UsageError
 from climbplan.schema.terrain.panel import FLAT_DEG, HoldSpec, PanelSpec, RegionHoldSpec
 
 PANEL = "panel"
-_ALONG = 1e-3  # share of an axis that lies in its region, at least
+_MIN_IN_PLANE = 1e-3  # fraction of an axis that lies in its region
 
 
 @dataclass(frozen=True)
 class Hold:
-    """How a contact region can be gripped.
+    """The geometry of a contact region that can be gripped.
 
     The gripped sides have unit normals +-cos(undercut) axis - sin(undercut) normal, out of the
     hold: an undercut hold is wider at its top, and its sides press fingers towards the surface. At
@@ -25,7 +25,7 @@ class Hold:
 
     axis: Array  # (3,) unit, in the surface: from one finger to the other
     undercut: float  # [rad]
-    orientation: Array  # (3,) turn against the gripper about its x, y, z axes [rad]
+    orientation: Array  # (3,) rotation relative to the gripper about its x, y, z axes [rad]
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class PanelFrame:
 
 
 def panel_frame(panel: PanelSpec) -> PanelFrame:
-    """Across, up the slope and out of it: with heading 0 across is x, at 90 degrees -y is out."""
+    """Return the axes of a panel: with heading 0 across is x, at 90 degrees -y is out."""
     angle, heading = np.deg2rad(panel.angle_deg), np.deg2rad(panel.heading_deg)
     cos, sin = float(np.cos(angle)), float(np.sin(angle))
     x, y = float(np.cos(heading)), float(np.sin(heading))
@@ -52,7 +52,10 @@ def panel_frame(panel: PanelSpec) -> PanelFrame:
 def rectangle_on(
     panel: PanelSpec, across: tuple[float, float], along: tuple[float, float], off: float = 0.0
 ) -> Array:
-    """Corners (4, 3) of a rectangle on the panel, or `off` [m] before it, seen anticlockwise."""
+    """Return corners (4, 3) of a rectangle on the panel, seen anticlockwise.
+
+    off: distance before the panel [m].
+    """
     frame = panel_frame(panel)
     corners = ((0, 0), (1, 0), (1, 1), (0, 1))
     return np.array(
@@ -67,7 +70,7 @@ def rectangle_on(
 
 
 def hold_extent(spec: HoldSpec) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Where the grip's centre may be: from and to, across and up along the panel [m]."""
+    """Return the extent of the grip's centre: from and to, across and up along the panel [m]."""
     u, v = spec.at
     return (
         (u - spec.width / 2, u + spec.width / 2),
@@ -76,7 +79,7 @@ def hold_extent(spec: HoldSpec) -> tuple[tuple[float, float], tuple[float, float
 
 
 def hold_of(panel: PanelSpec, spec: HoldSpec) -> Hold:
-    """A hold of a panel."""
+    """Return a hold of a panel."""
     frame = panel_frame(panel)
     turn = np.deg2rad(spec.axis_deg)
     return Hold(
@@ -87,11 +90,15 @@ def hold_of(panel: PanelSpec, spec: HoldSpec) -> Hold:
 
 
 def hold_on(normal: Array, spec: RegionHoldSpec) -> Hold:
-    """A hold of a region with that unit normal; raises UsageError for an axis along it."""
+    """Return a hold of a region with that unit normal.
+
+    Raises:
+        UsageError: Its axis points along the normal.
+    """
     axis = np.array(spec.axis, float)
     axis -= (axis @ normal) * normal
     length = float(np.linalg.norm(axis))
-    if length < _ALONG * np.linalg.norm(spec.axis):
+    if length < _MIN_IN_PLANE * np.linalg.norm(spec.axis):
         raise UsageError("the axis of its hold points along its normal")
     return Hold(
         axis=axis / length,
@@ -101,7 +108,7 @@ def hold_on(normal: Array, spec: RegionHoldSpec) -> Hold:
 
 
 def flat_hold(normal: Array) -> Hold:
-    """What a plane surface is to a gripper: both fingers on the plane, any axis in it."""
+    """Return a plane surface as a hold: both fingers on the plane, with any axis in it."""
     reference = np.eye(3)[int(np.argmin(np.abs(normal)))]
     axis = np.cross(normal, reference)
     return Hold(axis / np.linalg.norm(axis), float(np.deg2rad(FLAT_DEG)), np.zeros(3))

@@ -36,13 +36,13 @@ class FreeRegion:
 
 @dataclass(frozen=True)
 class Terrain:
-    """Contact surfaces and what must be kept clear."""
+    """Contact surfaces, obstacles and free space of a task."""
 
     surfaces: tuple[Surface, ...]  # Regions, or one Tube
     allowed: BoolArray  # (N, R) limb i may stand on surface r
     obstacles: tuple[Solid, ...]
     free_choices: tuple[tuple[FreeRegion, ...], ...]  # the body is in one region of every choice
-    scan: RawSurface | None = None  # what the regions were found in
+    scan: RawSurface | None = None  # in which the regions were found
 
     @property
     def curved(self) -> bool:
@@ -51,21 +51,22 @@ class Terrain:
 
     @cached_property
     def regions(self) -> tuple[Region, ...]:
-        """The flat regions (none in a tube)."""
+        """The flat regions; none in a tube."""
         return tuple(s for s in self.surfaces if isinstance(s, Region))
 
     @cached_property
     def bounds(self) -> Array:
-        """Least and largest coordinates of the flat regions, (2, R, 3) [m]."""
+        """Lower and upper bounds of the coordinates of the flat regions, (2, R, 3) [m]."""
         return bounds_of(self.regions)
 
     @cached_property
     def stood_upon(self) -> BoolArray:
-        """(N, O) obstacles with a face on which a surface lies that limb i may stand on."""
-        # Regions of a scan lie as near to what was scanned as they were asked to
-        near = _ON_FACE if self.scan is None else self.scan.flatness
+        """Whether limb i may stand on a surface on a face of each obstacle, (N, O)."""
+        # Regions of a scan lie within its flatness of the triangles
+        tolerance = _ON_FACE if self.scan is None else self.scan.flatness
         lies = [
-            [lies_on(surface, solid, near) for solid in self.obstacles] for surface in self.surfaces
+            [lies_on(surface, solid, tolerance) for solid in self.obstacles]
+            for surface in self.surfaces
         ]
         return self.allowed @ np.array(lies, bool).reshape(len(self.surfaces), len(self.obstacles))
 
@@ -73,8 +74,7 @@ class Terrain:
     def _backed(self) -> tuple[Region, ...]:
         """Flat regions with material behind them.
 
-        Of regions found in a scan that is the scan itself: what is behind one may be before the
-        next.
+        Behind regions of a scan lies the scan itself: what is behind one may be before the next.
         """
         if self.scan is None:
             return self.regions
@@ -87,14 +87,14 @@ class Terrain:
 
     @cached_property
     def link_solids(self) -> tuple[Solid | Tube, ...]:
-        """What links keep off: `solids`, and the walls of tubes, from inside."""
+        """The obstacles of links: `solids`, and the walls of tubes, from inside."""
         return (*self.solids, *(s for s in self.surfaces if isinstance(s, Tube)))
 
     @cached_property
     def stood_solids(self) -> BoolArray:
-        """(N, S) whether limb i may stand on a face of each of `link_solids`.
+        """Whether limb i may stand on a face of each of `link_solids`, (N, S).
 
-        The material behind a surface has its plane in common with others that lie beside it.
+        The material behind a surface shares its plane with that of surfaces next to it.
         """
         if self.curved:
             same = np.ones((len(self.surfaces), 1), bool)
@@ -106,13 +106,13 @@ class Terrain:
             same = (np.array(off) < _ON_FACE) & (along > 0)
         return np.asarray(np.hstack([self.stood_upon, self.allowed @ same]))
 
-    def moved(self, standoff: float) -> Terrain:
-        """The terrain with surfaces that far into free space, for where else toes are [m]."""
+    def offset_surfaces(self, standoff: float) -> Terrain:
+        """Return the terrain with surfaces offset into free space by `standoff` [m]."""
         surfaces = tuple(surface.lifted(standoff) for surface in self.surfaces)
         return replace(self, surfaces=surfaces)
 
     def nearest_surface(self, limb: int, point: Array) -> int:
-        """Index of the surface nearest to a point among those the limb may use."""
+        """Return the index of the surface nearest to a point among those the limb may use."""
         candidates = np.flatnonzero(self.allowed[limb])
         if self.curved:
             distances = [self.surfaces[r].distance(point) for r in candidates]
@@ -120,18 +120,21 @@ class Terrain:
         return nearest_region(self.regions, self.bounds, candidates, point)
 
 
-def lies_on(surface: Surface, solid: Solid, near: float = _ON_FACE) -> bool:
-    """Whether a flat surface covers part of a face of a solid, within `near` [m]."""
+def lies_on(surface: Surface, solid: Solid, tolerance: float = _ON_FACE) -> bool:
+    """Return whether a flat surface covers part of a face of a solid.
+
+    tolerance: distance [m] within which they coincide.
+    """
     if not isinstance(surface, Region):
         return False
     distance = surface.material @ solid.A.T - solid.b  # (V, F)
-    on_face = np.abs(distance).max(axis=0) < near
-    inside = bool((distance < near).all())
+    on_face = np.abs(distance).max(axis=0) < tolerance
+    inside = bool((distance < tolerance).all())
     return inside and bool((on_face & (solid.A @ surface.normal > 0)).any())
 
 
-def _wall_regions(walls: WallsSpec, friction: float) -> tuple[Region, Region]:
-    """Left and right wall as regions; with an angle they open towards +y."""
+def _build_walls(walls: WallsSpec, friction: float) -> tuple[Region, Region]:
+    """Return the left and right wall as regions; with an angle they open towards +y."""
     tilt = np.deg2rad(walls.angle_deg) / 2
     along, up = np.array(walls.along), np.array(walls.up)
     built = []
@@ -148,41 +151,45 @@ def _wall_regions(walls: WallsSpec, friction: float) -> tuple[Region, Region]:
     return built[0], built[1]
 
 
-def _level_region(
+def _build_level_region(
     name: str, across: tuple[float, float], along: tuple[float, float], z: float, friction: float
 ) -> Region:
-    """A level rectangle seen from above."""
+    """Return a level rectangle seen from above."""
     corners = [(across[i], along[j], z) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
     return Region.from_vertices(name, np.array(corners, float), friction)
 
 
-def _ground_region(ground: GroundSpec, friction: float) -> Region:
-    return _level_region("ground", ground.across, ground.along, ground.height, friction)
+def _build_ground(ground: GroundSpec, friction: float) -> Region:
+    """Return the ground as a region."""
+    return _build_level_region("ground", ground.across, ground.along, ground.height, friction)
 
 
-def _panel_region(panel: PanelSpec, friction: float) -> Region:
-    """The panel itself, on which no limb stands."""
+def _build_panel(panel: PanelSpec, friction: float) -> Region:
+    """Return the panel itself, on which no limb stands."""
     return Region.from_vertices(PANEL, rectangle_on(panel, panel.across, panel.along), friction)
 
 
-def _hold_region(spec: TerrainSpec, panel: PanelSpec, name: str, hold: HoldSpec) -> Region:
+def _build_hold_region(spec: TerrainSpec, panel: PanelSpec, name: str, hold: HoldSpec) -> Region:
+    """Return a hold of the panel as a region."""
     friction = panel.friction if hold.friction is None else hold.friction
     corners = rectangle_on(panel, *hold_extent(hold))
-    region = Region.from_vertices(name, corners, _friction(friction, spec))
+    region = Region.from_vertices(name, corners, _choose_friction(friction, spec))
     return replace(region, hold=hold_of(panel, hold))
 
 
-def _gripped(region: Region, hold: RegionHoldSpec) -> Region:
+def _add_hold(region: Region, hold: RegionHoldSpec) -> Region:
+    """Return the region with its hold."""
     try:
         return replace(region, hold=hold_on(region.normal, hold))
     except UsageError as error:
         raise UsageError(f"region {region.name!r}: {error}") from error
 
 
-def _box_top(box: BoxSpec, friction: float) -> Region:
+def _build_box_top(box: BoxSpec, friction: float) -> Region:
+    """Return the top of a box as a region."""
     sides = zip(box.lower[:2], box.upper[:2], strict=True)
     across, along = sides
-    return _level_region(box.name, across, along, box.upper[2], friction)
+    return _build_level_region(box.name, across, along, box.upper[2], friction)
 
 
 def _warn_of_hidden_patches(surfaces: list[Surface]) -> None:
@@ -197,11 +204,11 @@ def _warn_of_hidden_patches(surfaces: list[Surface]) -> None:
         if not same_plane or first.friction == second.friction:
             continue
         # Convex polygons overlap unless an edge of one has the other beyond it.
-        apart = max(
+        separation = max(
             (second.vertices @ first.A.T - first.b).min(axis=0).max(),
             (first.vertices @ second.A.T - second.b).min(axis=0).max(),
         )
-        if apart < -1e-6:
+        if separation < -1e-6:
             _log.warning(
                 "regions %r and %r overlap in one plane with different friction: toes there may be "
                 "planned with either; if one is a patch, leave it out of the other",
@@ -210,10 +217,10 @@ def _warn_of_hidden_patches(surfaces: list[Surface]) -> None:
             )
 
 
-def _free_choices(
+def _list_free_choices(
     spec: TerrainSpec, obstacles: tuple[Solid, ...]
 ) -> tuple[tuple[FreeRegion, ...], ...]:
-    """Stated free regions, or for each obstacle the half-spaces beyond its faces."""
+    """Return the stated free regions, or for each obstacle the half-spaces beyond its faces."""
     if spec.free_regions:
         solids = [Solid.from_spec(s) for s in spec.free_regions]
         return (tuple(FreeRegion(s.name, s.A, s.b) for s in solids),)
@@ -226,14 +233,16 @@ def _free_choices(
     )
 
 
-def _friction(own: float | None, spec: TerrainSpec) -> float:
-    return spec.friction if own is None else own
+def _choose_friction(stated: float | None, spec: TerrainSpec) -> float:
+    """Return the friction of a surface: its own, else the terrain's."""
+    return spec.friction if stated is None else stated
 
 
 def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
-    """The terrain of a spec for a robot.
+    """Build the terrain of a spec for a robot.
 
-    Raises UsageError for a region that is empty, not flat or not convex, and for a flat solid.
+    Raises:
+        UsageError: A region is empty, not flat or not convex, or a solid is flat.
     """
     surfaces: list[Surface] = []
     allowed: list[list[bool]] = []
@@ -244,21 +253,21 @@ def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
         )
         allowed.append([True] * robot.limb_count)
     if spec.walls is not None:
-        for region in _wall_regions(spec.walls, _friction(spec.walls.friction, spec)):
+        for region in _build_walls(spec.walls, _choose_friction(spec.walls.friction, spec)):
             surfaces.append(region)
             allowed.append([side in (region.name, "any") for side in robot.sides])
     if spec.ground is not None:
-        surfaces.append(_ground_region(spec.ground, _friction(spec.ground.friction, spec)))
+        surfaces.append(_build_ground(spec.ground, _choose_friction(spec.ground.friction, spec)))
         allowed.append([True] * robot.limb_count)
     for box in spec.boxes:
-        surfaces.append(_box_top(box, _friction(box.friction, spec)))
+        surfaces.append(_build_box_top(box, _choose_friction(box.friction, spec)))
         allowed.append([box.limbs is None or name in box.limbs for name in robot.limb_names])
     if spec.panel is not None:
         for name, hold in spec.panel.holds.items():
-            surfaces.append(_hold_region(spec, spec.panel, name, hold))
+            surfaces.append(_build_hold_region(spec, spec.panel, name, hold))
             allowed.append([hold.limbs is None or limb in hold.limbs for limb in robot.limb_names])
     for item in spec.regions:
-        friction = _friction(item.friction, spec)
+        friction = _choose_friction(item.friction, spec)
         if item.rectangle is not None:
             flat = item.rectangle
             region = Region.from_rectangle(
@@ -272,13 +281,13 @@ def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
         else:
             region = Region.from_vertices(item.name, np.array(item.vertices), friction)
         if item.hold is not None:
-            region = _gripped(region, item.hold)
+            region = _add_hold(region, item.hold)
         surfaces.append(region)
         allowed.append([item.limbs is None or name in item.limbs for name in robot.limb_names])
     if robot.standoff:
         surfaces = [surface.lifted(robot.standoff) for surface in surfaces]
     if spec.panel is not None:
-        panel = _panel_region(spec.panel, _friction(spec.panel.friction, spec))
+        panel = _build_panel(spec.panel, _choose_friction(spec.panel.friction, spec))
         surfaces.insert(0, panel)
         allowed.insert(0, [False] * robot.limb_count)
     _warn_of_hidden_patches(surfaces)
@@ -288,5 +297,5 @@ def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
         surfaces=tuple(surfaces),
         allowed=np.array(allowed, bool).T,
         obstacles=obstacles,
-        free_choices=_free_choices(spec, obstacles),
+        free_choices=_list_free_choices(spec, obstacles),
     )

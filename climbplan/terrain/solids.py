@@ -27,7 +27,11 @@ class Solid:
 
     @classmethod
     def from_points(cls, name: str, points: Array) -> Self:
-        """The hull of points (K, 3); raises UsageError if it has no volume."""
+        """Build the hull of points (K, 3).
+
+        Raises:
+            UsageError: It has no volume.
+        """
         try:
             hull = ConvexHull(points)
         except QhullError as error:
@@ -38,19 +42,22 @@ class Solid:
 
     @classmethod
     def from_box(cls, name: str, lower: Array, upper: Array) -> Self:
-        """An axis-aligned box."""
+        """Build an axis-aligned box."""
         corners = np.array(list(itertools.product(*zip(lower, upper, strict=True))), float)
         faces = np.vstack([np.eye(3), -np.eye(3)])
         return cls(name, corners, faces, np.concatenate([upper, -np.asarray(lower)]).astype(float))
 
     @classmethod
     def from_spec(cls, spec: SolidSpec) -> Self:
-        """A box or hull as written in a spec."""
+        """Build a box or hull as written in a spec."""
         if spec.vertices is not None:
             return cls.from_points(spec.name, np.array(spec.vertices, float))
         return cls.from_box(spec.name, np.array(spec.lower, float), np.array(spec.upper, float))
 
     def face_distance(self, points: Array) -> Array:
-        """Largest face distance of points (..., 3): a lower bound on the distance, < 0 inside."""
+        """Return the largest face distance of points (..., 3), negative inside.
+
+        It is a lower bound on the distance.
+        """
         distance: Array = (points @ self.A.T - self.b).max(axis=-1)
         return distance

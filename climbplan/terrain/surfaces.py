@@ -17,7 +17,7 @@ SLAB_THICKNESS = 0.05  # [m] depth of the material behind a region, for collisio
 
 
 class Surface(Protocol):
-    """What toes stand on."""
+    """The interface of surfaces that toes stand on."""
 
     @property
     def name(self) -> str:
@@ -29,19 +29,19 @@ class Surface(Protocol):
 
     @property
     def standoff(self) -> float:
-        """How far it lies before the material [m]."""
+        """The distance of toes from the material [m]."""
 
     def lifted(self, standoff: float) -> Self:
-        """The places of toes that stay so far off it [m]."""
+        """Return the positions of toes that stay so far off it [m]."""
 
     def normal_at(self, points: Array) -> Array:
-        """Unit normals (..., 3) at points (..., 3) on the surface, into free space."""
+        """Return unit normals (..., 3) at points (..., 3) on the surface, into free space."""
 
     def distance(self, point: Array) -> float:
-        """Distance of a point (3,) from the surface [m], boundary included."""
+        """Return the distance of a point (3,) from the surface [m], boundary included."""
 
     def project(self, point: Array) -> Array:
-        """The surface point (3,) nearest to a point."""
+        """Return the surface point (3,) nearest to a point."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,11 @@ class Region:
 
     @classmethod
     def from_vertices(cls, name: str, vertices: Array, friction: float) -> Self:
-        """A polygon from its corners; raises UsageError if it is not flat, convex and non-empty."""
+        """Build a polygon from its corners.
+
+        Raises:
+            UsageError: It is not flat, convex and non-empty.
+        """
         vertices = np.asarray(vertices, float)
         edges = np.roll(vertices, -1, axis=0) - vertices
         area_vector = 0.5 * np.cross(vertices - vertices[0], edges).sum(axis=0)
@@ -85,7 +89,7 @@ class Region:
     def from_rectangle(
         cls, name: str, center: Array, normal: Array, width: float, height: float, friction: float
     ) -> Self:
-        """A rectangle whose width is horizontal (along x if the normal is vertical)."""
+        """Build a rectangle whose width is horizontal (along x if the normal is vertical)."""
         length = float(np.linalg.norm(normal))
         if length < 1e-9:
             raise UsageError(f"region {name!r}: its normal has no length")
@@ -100,15 +104,15 @@ class Region:
         return cls.from_vertices(name, corners, friction)
 
     def normal_at(self, points: Array) -> Array:
-        """The plane's unit normal, the same everywhere."""
+        """Return the plane's unit normal, the same everywhere."""
         return np.broadcast_to(self.normal, points.shape)
 
     def distance(self, point: Array) -> float:
-        """Distance from the polygon [m]."""
+        """Return the distance from the polygon [m]."""
         return float(np.linalg.norm(point - self.project(point)))
 
     def project(self, point: Array) -> Array:
-        """Nearest point of the polygon."""
+        """Return the nearest point of the polygon."""
         foot = point - (self.normal @ point - self.offset) * self.normal
         if (self.A @ foot <= self.b).all():
             return np.asarray(foot)
@@ -119,11 +123,11 @@ class Region:
 
     @property
     def material(self) -> Array:
-        """(K, 3) corners of what toes touch, behind the places of toes that stay off it [m]."""
+        """Corners (K, 3) of the material, behind the positions of toes that stay off it [m]."""
         return self.vertices - self.standoff * self.normal if self.standoff else self.vertices
 
     def slab(self) -> Solid:
-        """The material behind the region."""
+        """Return the material behind the region."""
         front, offset = self.material, self.offset - self.standoff
         behind = front - SLAB_THICKNESS * self.normal
         return Solid(
@@ -134,7 +138,7 @@ class Region:
         )
 
     def lifted(self, standoff: float) -> Self:
-        """The places of toes that stay so far off this region: wrists, centres of feet [m]."""
+        """Return the positions of toes (wrists, centres of feet) that far off this region [m]."""
         return replace(
             self,
             vertices=self.vertices + standoff * self.normal,
@@ -161,7 +165,7 @@ class Tube:
         return self.radius + self.standoff
 
     def lifted(self, standoff: float) -> Self:
-        """The places of toes that stay so far off the wall [m]."""
+        """Return the positions of toes that stay so far off the wall [m]."""
         if not self.radius > standoff:
             raise UsageError(
                 f"tube {self.name!r} of radius {self.radius:g} m: expected more than the "
@@ -170,17 +174,17 @@ class Tube:
         return replace(self, radius=self.radius - standoff, standoff=standoff)
 
     def normal_at(self, points: Array) -> Array:
-        """Unit normals towards the axis."""
+        """Return unit normals towards the axis."""
         inward = np.zeros_like(points)
         inward[..., :2] = self.center - points[..., :2]
         return inward / np.linalg.norm(inward, axis=-1, keepdims=True)
 
     def distance(self, point: Array) -> float:
-        """Distance from the tube's wall [m]."""
+        """Return the distance from the tube's wall [m]."""
         return float(np.linalg.norm(point - self.project(point)))
 
     def project(self, point: Array) -> Array:
-        """Nearest point of the wall."""
+        """Return the nearest point of the wall."""
         outward = point[:2] - self.center
         length = float(np.linalg.norm(outward))
         direction = outward / length if length > 1e-12 else np.array([1.0, 0.0])

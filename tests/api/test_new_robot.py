@@ -132,7 +132,9 @@ def test_urdfs_of_packages() -> None:
     except PackageNotFoundError:
         pytest.skip("example-robot-data is not installed")
     assert find_package_urdf("example-robot-data:solo12").name == "solo12.urdf"
-    assert find_package_urdf("example-robot-data:anymal_c").parts[-3] == "anymal_c_simple_description"
+    assert (
+        find_package_urdf("example-robot-data:anymal_c").parts[-3] == "anymal_c_simple_description"
+    )
     # As the list of what there is calls them
     for name in ("anymal_b_simple_description/anymal", "solo_description/solo12"):
         assert find_package_urdf(f"example-robot-data:{name}").stem == name.partition("/")[2]

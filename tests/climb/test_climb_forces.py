@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from benchmarks.climb.literal_solvers import solve_cvxpy, solve_literal
 from climbplan.arrays import Array
 from climbplan.climb.forces import solving as forces_module
-from climbplan.climb.forces.unreduced import build_unreduced_problems
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.forces.reduction import ReducedForces
 from climbplan.climb.forces.solving import SolvedForces, solve_forces
@@ -26,6 +25,7 @@ from climbplan.climb.forces.statement import (
     compute_commands,
     compute_objective,
 )
+from climbplan.climb.forces.unreduced import build_unreduced_problems
 from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene.climb_scene import ClimbScene
@@ -218,7 +218,9 @@ def test_pyramids_come_close_to_the_cones(
 def test_more_facets_come_closer(statement: ForceStatement, exact: SolvedForces) -> None:
     best = compute_objective(statement, exact.force)
     off = [
-        (compute_objective(statement, solve_forces(statement, "daqp", facets).force) / best - 1).max()
+        (
+            compute_objective(statement, solve_forces(statement, "daqp", facets).force) / best - 1
+        ).max()
         for facets in (4, 8, 64)
     ]
     assert off[0] > off[1] > off[2]
@@ -391,4 +393,6 @@ def test_more_friction_never_hurts(
     after = solve_forces(better, "daqp", 16)
     assert not len(after.missing)
     # Pyramids differ a little from one friction to the next.
-    assert compute_objective(better, after.force) <= compute_objective(worse, before.force) * (1 + PYRAMID)
+    assert compute_objective(better, after.force) <= compute_objective(worse, before.force) * (
+        1 + PYRAMID
+    )

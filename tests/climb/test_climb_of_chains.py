@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.coupled.planner import plan_coupled
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.planner.planner import plan_climb
@@ -46,5 +46,5 @@ def test_coupled_postures_of_a_chain(spec: Path, method: str) -> None:
 def test_a_climb_by_every_method(spec: Path, method: str, tmp_path: Path) -> None:
     plan = plan_climb(load_climb(spec, [*ONE_ROUND, f"solver.method={method}"]))
     write_climb(plan, tmp_path / "plan.h5")
-    verification = verification_of(read_climb(tmp_path / "plan.h5"))
+    verification = verify_plan(read_climb(tmp_path / "plan.h5"))
     assert verification.passed, verification.table()

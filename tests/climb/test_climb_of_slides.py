@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from urdf_statics import Played
 
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.exports.motion import read_motion as climb_motion
 from climbplan.climb.exports.table import export_csv
 from climbplan.climb.plan.climb_plan import ClimbPlan
@@ -32,7 +32,7 @@ from climbplan.climb.simulation.model.mjcf import build_mjcf, compute_link_mass
 from climbplan.climb.simulation.replay import simulate
 from climbplan.climb.simulation.statics.engine import prepare_steps, simulate_steps
 from climbplan.climb.simulation.statics.outcome import HAS_FALLEN
-from climbplan.control.joint_regulator import chains_of
+from climbplan.control.joint_regulator import build_chains
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.exports.gains import read_gains
 from climbplan.robots.kinematics import inverse, joint_points_body, to_body, toe_body
@@ -79,7 +79,7 @@ def _stored(plan: ClimbPlan, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_plans_are_verified_from_the_file_alone(plan: ClimbPlan, stored: Path) -> None:
-    verification = verification_of(read_as_found(stored))
+    verification = verify_plan(read_as_found(stored))
     assert verification.passed, verification.failed
     chain = read_climb(stored).robot.mechanism
     assert isinstance(chain, SerialChain)
@@ -113,7 +113,7 @@ def test_changed_numbers_are_found(
         with pytest.raises(PlanFileError, match="slides along a unit"):
             read_as_found(path)
         return
-    assert check in [found.name for found in verification_of(read_as_found(path)).failed]
+    assert check in [found.name for found in verify_plan(read_as_found(path)).failed]
 
 
 def test_the_model_is_the_robot(plan: ClimbPlan) -> None:
@@ -124,7 +124,7 @@ def test_the_model_is_the_robot(plan: ClimbPlan) -> None:
     address = [model.joint(name).qposadr[0] for name in names]
     kinds = np.array([model.joint(name).type[0] for name in names]).reshape(robot.slides.shape)
     assert ((kinds == mujoco.mjtJoint.mjJNT_SLIDE) == robot.slides).all()
-    chains = chains_of(build_regulator_tables(plan))
+    chains = build_chains(build_regulator_tables(plan))
     for _ in range(5):
         angles = rng.uniform(robot.joint_lower, robot.joint_upper) * robot.has_joint
         data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
@@ -184,7 +184,9 @@ def test_units_are_told(plan: ClimbPlan, stored: Path, tmp_path: Path) -> None:
         read_gains("150", motion.joints.names, motion.joints.slides)
     strong = np.where(plan.robot.slides, plan.robot.max_torque, 1e6)
     forces = replace(plan.forces, safety_torque=plan.forces.safety_torque)
-    told = describe_min_safety(replace(plan, robot=replace(plan.robot, max_torque=strong), forces=forces))
+    told = describe_min_safety(
+        replace(plan, robot=replace(plan.robot, max_torque=strong), forces=forces)
+    )
     assert re.search(r"_extend [\d.]+ N$", told)
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.climb.check.anew.soles import corner_forces, corners, lying
-from climbplan.climb.check.feet import feet_check
-from climbplan.climb.check.forces import force_checks
-from climbplan.climb.check.subject import subject_of
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.anew.soles import distribute_to_corners, compute_corner_offsets, compute_sole_axes
+from climbplan.climb.check.feet import check_feet
+from climbplan.climb.check.forces import check_forces
+from climbplan.climb.check.subject import build_subject
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.forces.explanation import NoForces
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait.instants import build_instants_at
@@ -49,13 +49,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> ClimbPlan:
 
 def failed(plan: ClimbPlan) -> set[str]:
     """Names of checks of forces and feet that fail."""
-    subject = subject_of(plan)
-    made = [*force_checks(subject), *feet_check(subject)]
+    subject = build_subject(plan)
+    made = [*check_forces(subject), *check_feet(subject)]
     return {check.name for check in made if not check.passed}
 
 
 def test_the_plan_is_verified_with_its_soles(made: ClimbPlan) -> None:
-    verification = verification_of(made)
+    verification = verify_plan(made)
     assert verification.passed, verification.table()
     assert not verification.fragile
     assert set(FEET_LIMITS) | set(SOLE_LIMITS) <= {check.name for check in verification.checks}
@@ -114,15 +114,15 @@ def test_corner_forces_make_the_wrench_within_friction() -> None:
     scene = scene_of()
     sole = scene.robot.sole
     assert sole is not None
-    axes = lying(sole, np.array([[0.0, 0.0, 1.0]] * 3))
-    arms = corners(sole, axes)
+    axes = compute_sole_axes(sole, np.array([[0.0, 0.0, 1.0]] * 3))
+    arms = compute_corner_offsets(sole, axes)
     # Pressed in the middle; at a corner; turned on the spot by more than even pressure holds
     force = np.array([[5.0, 0.0, 100.0], [0.0, 10.0, 100.0], [0.0, 0.0, 100.0]])
     at = np.array([[0.0, 0.0, 0.0], [0.05, 0.1, 0.0], [0.0, 0.0, 0.0]])
     moment = np.cross(at, force)
     moment[2, 2] = 0.6 * 100.0 * np.hypot(0.055, 0.11)
     mu = np.full(3, 0.7)
-    found = corner_forces(sole, axes, force, moment, mu, 1e-6)
+    found = distribute_to_corners(sole, axes, force, moment, mu, 1e-6)
     np.testing.assert_allclose(found.sum(axis=1), force, atol=1e-9)
     np.testing.assert_allclose(np.cross(arms, found).sum(axis=1), moment, atol=1e-9)
     pressure, shear = found[..., 2], np.linalg.norm(found[..., :2], axis=-1)
@@ -130,7 +130,7 @@ def test_corner_forces_make_the_wrench_within_friction() -> None:
     assert (shear <= 0.7 * pressure + 1e-9).all()
     # More than friction holds at the corners
     moment[2, 2] = 0.8 * 100.0 * np.hypot(0.055, 0.11)
-    none = corner_forces(sole, axes, force, moment, mu, 1e-6)[2]
+    none = distribute_to_corners(sole, axes, force, moment, mu, 1e-6)[2]
     assert (np.linalg.norm(none[:, :2], axis=-1) > 0.7 * none[:, 2]).any()
 
 
@@ -179,7 +179,7 @@ def test_toes_left_open_stand_with_their_whole_soles() -> None:
 @pytest.mark.slow
 def test_a_biped_goes_up_stairs(tmp_path: Path) -> None:
     plan = plan_climb(load_climb(SPECS / "climb_biped_stairs.yaml", []))
-    verification = verification_of(plan)
+    verification = verify_plan(plan)
     assert verification.passed, verification.table()
     assert set(plan.rounds.region[-1]) == {2}
 

@@ -13,7 +13,7 @@ import pytest
 from urdf_statics import Played
 from urdf_walkers import QUADRUPED
 
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.exports.motion import read_motion as climb_motion
 from climbplan.climb.exports.regulator_files import write_regulator
 from climbplan.climb.exports.table import export_csv
@@ -55,7 +55,7 @@ def _stored(plan: ClimbPlan, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_plan_is_verified_from_its_file_alone(plan: ClimbPlan, stored: Path) -> None:
-    verification = verification_of(read_as_found(stored))
+    verification = verify_plan(read_as_found(stored))
     assert verification.passed, verification.failed
     assert len(verification.checks) >= 41
     assert plan.robot.joint_count == 4
@@ -97,7 +97,10 @@ def test_exported_motions_are_in_balance_on_the_urdf(plan: ClimbPlan, stored: Pa
 
 def test_gains_of_rigid_simulators(stored: Path) -> None:
     """The same commands, on angles without the structure's give, under gains K (1 - share)."""
-    planned, rigid = climb_motion(stored), adapt_motion(climb_motion(stored), ControllerOptions(gains="rigid"))
+    planned, rigid = (
+        climb_motion(stored),
+        adapt_motion(climb_motion(stored), ControllerOptions(gains="rigid")),
+    )
     own, joints = planned.joints, rigid.joints
     assert own is not None
     assert joints is not None
@@ -169,7 +172,7 @@ def test_what_is_changed_is_found(
     path = Path(shutil.copy(stored, tmp_path / "plan.h5"))
     with h5py.File(path, "r+") as file:
         change(file)
-    failed = {found.name for found in verification_of(read_as_found(path)).failed}
+    failed = {found.name for found in verify_plan(read_as_found(path)).failed}
     assert check in failed
 
 
@@ -183,7 +186,7 @@ def test_the_pages_example_plans_a_robot_of_ones_own(tmp_path: Path) -> None:
     (tmp_path / "climb.yaml").write_text(block)
     plan = plan_climb(load_climb(tmp_path / "climb.yaml"))
     write_climb(plan, tmp_path / "plan.h5")
-    assert verification_of(read_as_found(tmp_path / "plan.h5")).passed
+    assert verify_plan(read_as_found(tmp_path / "plan.h5")).passed
 
 
 def test_going_on_where_a_walker_stands(stored: Path, plan: ClimbPlan, tmp_path: Path) -> None:
@@ -193,7 +196,7 @@ def test_going_on_where_a_walker_stands(stored: Path, plan: ClimbPlan, tmp_path:
         (tmp_path / name).write_bytes(content)
     on = ["task.rounds=1", "task.goal.com=[0,0,0.2]", f"task.start={{plan: {stored}}}"]
     marked = Path(shutil.copy(stored, tmp_path / "verified.h5"))
-    mark_verified(marked, verification_of(read_as_found(marked)))
+    mark_verified(marked, verify_plan(read_as_found(marked)))
     on[-1] = f"task.start={{plan: {marked}}}"
     loaded = resolve_start_plan(load_climb(tmp_path / "climb.yaml", on))
     assert loaded.spec.task.start.com == tuple(plan.rounds.com[-1])

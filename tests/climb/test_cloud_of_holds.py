@@ -12,10 +12,10 @@ import yaml
 
 import climbplan
 from climbplan.errors import NoPlanFound
-from climbplan.scan.holds import Grasping, found_holds
-from climbplan.scan.panel import panel_of
+from climbplan.scan.holds import Grasping, find_wall_holds
+from climbplan.scan.panel import build_panel
 from climbplan.scan.reading import read_scan
-from climbplan.scan.study import scan_of
+from climbplan.scan.study import build_scan_spec
 from climbplan.schema.robots.source import robot_text
 
 ACROSS = (-0.18, 0.18)  # [m] where the scanned patch, smaller than a stance, is repeated
@@ -30,7 +30,9 @@ def repeated() -> dict[str, Any]:
     file = folder / "vertical_bouldering_holds.pcd"
     if not file.exists():
         pytest.skip(f"{file} is not there")
-    panel = panel_of(found_holds(read_scan(scan_of(file, []), Path()), Grasping(OPENING)))
+    panel = build_panel(
+        find_wall_holds(read_scan(build_scan_spec(file, []), Path()), Grasping(OPENING))
+    )
     own = list(panel["holds"].values())
     middle = np.mean([hold["at"] for hold in own], axis=0)
     places = [np.array([x, z]) - middle for x in ACROSS for z in UP]

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from urdf_walkers import Walker
 
-from climbplan.climb.check.anew.kinematics import limbs_at
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.anew.kinematics import build_limbs
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.forces.grips.moment_distribution import distribute_moment
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
-from climbplan.mechanics.grip import Grippers, grip_cones, parts_of
+from climbplan.mechanics.grip import Grippers, grip_cones, split_into_parts
 from climbplan.mechanics.gripper_model import load_model
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.gripper import Gripper
@@ -85,7 +85,7 @@ def test_the_last_link_turns_with_the_joints(robot: Robot) -> None:
         ) / 2e-6
         np.testing.assert_allclose(change, np.cross(rows[..., joint, None, :], link), atol=1e-8)
     still = np.zeros((5, 3)), np.broadcast_to(np.eye(3), (5, 3, 3))
-    np.testing.assert_allclose(limbs_at(robot, *still, angles).last_link(), link, atol=1e-12)
+    np.testing.assert_allclose(build_limbs(robot, *still, angles).last_link(), link, atol=1e-12)
 
 
 def test_legs_that_no_wrist_fits_are_refused(tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_a_robot_from_a_urdf_hangs_on_its_grippers(tmp_path: Path) -> None:
     spec = written(tmp_path)
     plan = plan_climb(load_climb(spec, ["task.rounds=1", "task.goal.com=[0,-0.3595,0.075]"]))
     write_climb(plan, tmp_path / "plan.h5")
-    verification = verification_of(read_climb(tmp_path / "plan.h5"))
+    verification = verify_plan(read_climb(tmp_path / "plan.h5"))
     assert verification.passed, verification.table()
     assert set(GRIP_LIMITS) <= {check.name for check in verification.checks}
     assert plan.grips is not None
@@ -153,7 +153,7 @@ def test_a_missing_moment_is_shared_by_parts_that_press() -> None:
     assert not change[0, 3].any()
     assert not shared.packed[0, 3].any()
     axis = grippers.axis[region]
-    parts = parts_of(more, shared.grip, shared.moment, shared.palm, axis, gripper.finger_span)
+    parts = split_into_parts(more, shared.grip, shared.moment, shared.palm, axis, gripper.finger_span)
     cones = grip_cones(normal, axis, undercut[region], np.full((1, 4), 0.5), np.full((1, 4), 4.0))
     assert cones.pressure(parts).min() > -1e-12
     assert cones.excess(parts, 1.0).max() < 1e-12

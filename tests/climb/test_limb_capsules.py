@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 from climbplan.arrays import Array
-from climbplan.climb.check.convex import hull_distance
+from climbplan.climb.check.convex import bound_hull_distance
 from climbplan.climb.clearance.limbs import (
-    BETWEEN,
+    INTERPOLATION_MARGIN,
     compute_limb_points,
     compute_link_distances,
+    compute_standing_clearance,
     find_limb_shortfall,
-    standing_room,
 )
 from climbplan.climb.clearance.swing import (
     Swing,
     SwingBlocked,
+    list_swings,
+    plan_swing_path,
     plan_swing_paths,
-    swing_path,
-    swings_of,
 )
 from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.motion.motion import StageClock, plan_motion
@@ -78,7 +78,7 @@ def test_link_distances_agree_with_least_distance_programming() -> None:
         starts, ends = rng.uniform(-0.9, 0.9, (2, 200, 3))
         ends[:60] = starts[:60] + np.eye(3)[rng.integers(0, 3, 60)] * 0.4
         exact = np.array(
-            [hull_distance(np.stack(x), solid.vertices) for x in zip(starts, ends, strict=True)]
+            [bound_hull_distance(np.stack(x), solid.vertices) for x in zip(starts, ends, strict=True)]
         )
         found = compute_link_distances(solid, starts, ends)
         apart = exact > 1e-9
@@ -136,7 +136,9 @@ def test_standing_limbs_are_measured_at_their_thickness(
     height = float(last[..., 2].max())
     short = find_limb_shortfall(with_obstacle(scene, lid(height + 0.02)), rounds, instants)
     assert short is not None
-    assert short.missing == pytest.approx(scene.robot.limb_radius + BETWEEN - 0.02, abs=1e-9)
+    assert short.missing == pytest.approx(
+        scene.robot.limb_radius + INTERPOLATION_MARGIN - 0.02, abs=1e-9
+    )
     assert short.obstacle == "lid"
     assert short.where.startswith("round 3, push")
     words = short.describe(scene)
@@ -152,13 +154,15 @@ def test_a_swing_without_room_says_what_is_missing(
     standing: tuple[ClimbScene, Rounds, Instants],
 ) -> None:
     scene, rounds, instants = standing
-    swing = swings_of(scene, rounds, instants)[0]
-    limb = compute_limb_points(scene, swing.com[None], swing.rpy[None], rounds.toes[:1])[0, swing.limb]
-    room = scene.robot.limb_radius + BETWEEN
+    swing = list_swings(scene, rounds, instants)[0]
+    limb = compute_limb_points(scene, swing.com[None], swing.rpy[None], rounds.toes[:1])[
+        0, swing.limb
+    ]
+    room = scene.robot.limb_radius + INTERPOLATION_MARGIN
     # Room enough while it stands; a lifted toe raises the knee
     under = with_obstacle(scene, lid(float(limb[:, 2].max()) + room + 0.005))
     with pytest.raises(SwingBlocked) as caught:
-        swing_path(under, swing)
+        plan_swing_path(under, swing)
     said = str(caught.value)
     assert swing.where in said
     assert f"{scene.robot.limb_names[swing.limb]}'s " in said
@@ -167,17 +171,17 @@ def test_a_swing_without_room_says_what_is_missing(
     above = densely(scene, swing, np.stack([swing.old, swing.new]) + 0.05 * swing.normals)
     needed = float(above[..., 2].max())
     free = with_obstacle(scene, lid(needed + room + 1e-4))
-    np.testing.assert_array_equal(swing_path(free, swing), swing_path(scene, swing))
+    np.testing.assert_array_equal(plan_swing_path(free, swing), plan_swing_path(scene, swing))
 
 
 def test_swings_go_round_what_only_their_links_would_touch(
     standing: tuple[ClimbScene, Rounds, Instants],
 ) -> None:
     scene, rounds, instants = standing
-    first = swings_of(scene, rounds, instants)[1]
+    first = list_swings(scene, rounds, instants)[1]
     aside = np.array([0.0, 0.12, 0.0])
     swing = replace(first, old=first.old - aside, new=first.old + aside)
-    straight = swing_path(scene, swing)
+    straight = plan_swing_path(scene, swing)
     chain = densely(scene, swing, straight)
     # A small block just above the knee at the middle of the swing
     centre = chain[len(chain) // 2, 2] + [0.0, 0.0, 0.02]
@@ -185,9 +189,11 @@ def test_swings_go_round_what_only_their_links_would_touch(
     blocked = with_obstacle(scene, block)
     before = compute_link_distances(block, chain[:, :-1], chain[:, 1:]).min()
     assert before < scene.robot.limb_radius
-    path = swing_path(blocked, swing)
+    path = plan_swing_path(blocked, swing)
     after = densely(scene, swing, path)
-    assert compute_link_distances(block, after[:, :-1], after[:, 1:]).min() >= scene.robot.limb_radius
+    assert (
+        compute_link_distances(block, after[:, :-1], after[:, 1:]).min() >= scene.robot.limb_radius
+    )
     assert len(path) > len(straight)
 
 
@@ -209,16 +215,21 @@ def test_the_climb_round_the_beam_keeps_every_swing_clear(
     assert short.missing <= 1e-9
     assert motion.swings is not None
     beam = scene.terrain.obstacles[0]
-    for swing, path in zip(swings_of(scene, rounds, instants), motion.swings, strict=True):
+    for swing, path in zip(list_swings(scene, rounds, instants), motion.swings, strict=True):
         chain = densely(scene, swing, path)
-        assert compute_link_distances(beam, chain[:, :-1], chain[:, 1:]).min() > scene.robot.limb_radius
+        assert (
+            compute_link_distances(beam, chain[:, :-1], chain[:, 1:]).min()
+            > scene.robot.limb_radius
+        )
 
 
 def test_limb_clearance_is_kept_beside_the_radius(demo_climb: SceneMaker) -> None:
     wide = demo_climb(**{"posture.limb_clearance": 0.04})
-    assert standing_room(wide) == pytest.approx(0.04 + wide.robot.limb_radius)
+    assert compute_standing_clearance(wide) == pytest.approx(0.04 + wide.robot.limb_radius)
     none = demo_climb(**{"posture.limb_clearance": 0.0})
-    assert standing_room(none) == pytest.approx(BETWEEN + wide.robot.limb_radius)
+    assert compute_standing_clearance(none) == pytest.approx(
+        INTERPOLATION_MARGIN + wide.robot.limb_radius
+    )
 
 
 @pytest.mark.slow
@@ -239,6 +250,6 @@ def test_swings_are_those_of_the_motion(standing: tuple[ClimbScene, Rounds, Inst
     scene, rounds, instants = standing
     paths = plan_swing_paths(scene, rounds, instants)
     assert len(paths) == rounds.count * scene.robot.limb_count
-    moves = swings_of(scene, rounds, instants)
+    moves = list_swings(scene, rounds, instants)
     np.testing.assert_array_equal(moves[-1].new, rounds.toes[-1, moves[-1].limb])
     np.testing.assert_array_equal(moves[0].old, rounds.toes[0, moves[0].limb])

@@ -16,7 +16,7 @@ from known_surfaces import box, joined, quad, rough_chimney, rough_shaft
 
 import climbplan
 from climbplan.arrays import Array
-from climbplan.climb.check.anew.capsules import capsules_at
+from climbplan.climb.check.anew.capsules import build_capsules
 from climbplan.climb.check.scan_links import Contacts as Checked
 from climbplan.climb.check.scan_links import judge_scan_links
 from climbplan.climb.check.subject import Subject
@@ -52,7 +52,7 @@ def both(raw: RawScan, points: Array, places: Array, normals: Array) -> tuple[fl
         capsules=None, mechanism=None, limb_count=1, joint_count=3, limb_radius=RADIUS
     )
     none = np.zeros(0)
-    capsules = tuple(capsules_at(cast("Robot", robot), none, none, none, points))
+    capsules = tuple(build_capsules(cast("Robot", robot), none, none, none, points))
     check = judge_scan_links(
         "scan.limbs", subject, capsules, Checked(places[None, None], normals[None, None]), str
     )

@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin  # type: ignore[import-untyped]
 import pytest
 
-from climbplan.climb.check.anew.kinematics import body_axes
-from climbplan.climb.check.anew.weights import link_torques as torques_anew
-from climbplan.climb.check.anew.weights import weight_on
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.anew.kinematics import compute_body_axes
+from climbplan.climb.check.anew.weights import compute_link_torques as torques_anew
+from climbplan.climb.check.anew.weights import compute_weight_wrench
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found, read_climb, write_climb
 from climbplan.climb.planner.planner import plan_climb
@@ -77,8 +77,8 @@ def test_centre_of_mass_and_torques_are_pinocchios(name: str) -> None:
                     index = found.model.idx_vs[found.model.getJointId(label)]
                     assert told[k, limb, joint] == pytest.approx(-held[index], abs=1e-6)
     # And as the checker has them, which computes them anew
-    axes = body_axes(rpy)
-    np.testing.assert_allclose(weight_on(robot, axes, angles), load, atol=1e-9)
+    axes = compute_body_axes(rpy)
+    np.testing.assert_allclose(compute_weight_wrench(robot, axes, angles), load, atol=1e-9)
     np.testing.assert_allclose(torques_anew(robot, axes, angles), told, atol=1e-9)
 
 
@@ -97,12 +97,12 @@ def test_what_a_robot_weighs_beside_its_urdf_acts_in_its_origin() -> None:
 
 
 def test_plans_balance_links_where_they_are(plan: ClimbPlan, tmp_path: Path) -> None:
-    assert verification_of(plan).passed
+    assert verify_plan(plan).passed
     assert plan.robot.links is not None
     centre = plan.robot.centre_of_mass(plan.instants.joint_angles)
     assert np.linalg.norm(centre, axis=1).max() > 0.01
     weightless = replace(plan, robot=replace(plan.robot, links=None))
-    failed = {check.name for check in verification_of(weightless).failed}
+    failed = {check.name for check in verify_plan(weightless).failed}
     assert {"force.equilibrium", "trajectory.command", "torque.from_angles"} <= failed
     path = tmp_path / "plan.h5"
     write_climb(plan, path)
@@ -124,7 +124,7 @@ def test_other_numbers_of_links_are_found(
     write_climb(plan, path)
     with h5py.File(path, "r+") as file:
         file[dataset][0] += 0.01
-    assert failing in {check.name for check in verification_of(read_as_found(path)).failed}
+    assert failing in {check.name for check in verify_plan(read_as_found(path)).failed}
     with h5py.File(path, "r+") as file:
         file["robot/links/mass"][0, 0] += 1.0
     with pytest.raises(PlanFileError, match=r"expected masses that are 16\.6 kg together"):
@@ -139,7 +139,7 @@ def test_plans_of_before_say_that_they_count_links_to_the_body(
         return replace(scene, robot=replace(scene.robot, links=None))
 
     monkeypatch.setattr("climbplan.climb.planner.planner.build_scene", weightless)
-    found = verification_of(plan_climb(loaded))
+    found = verify_plan(plan_climb(loaded))
     assert found.passed
     assert "links without mass" in found.model
     assert any("the weight of links, 52 % of all" in words for words in found.leaves_out)

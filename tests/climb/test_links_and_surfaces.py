@@ -11,10 +11,10 @@ import pytest
 from a1_specs import CHIMNEY, a1_urdf, written
 from coal_oracle import UrdfGeometry
 
-from climbplan.climb.check.clearance import clearance_checks
-from climbplan.climb.check.motion_state import motion_of
-from climbplan.climb.check.subject import subject_of
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.clearance import check_clearance
+from climbplan.climb.check.motion_state import reconstruct_motion
+from climbplan.climb.check.subject import build_subject
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
@@ -122,9 +122,9 @@ def _climb(tmp_path_factory: pytest.TempPathFactory) -> ClimbPlan:
 
 
 def test_no_part_of_a_urdf_is_inside_a_wall(climb: ClimbPlan) -> None:
-    assert verification_of(climb).passed
-    subject, moving = subject_of(climb), climb.trajectory
-    motion = motion_of(subject)
+    assert verify_plan(climb).passed
+    subject, moving = build_subject(climb), climb.trajectory
+    motion = reconstruct_motion(subject)
     angles = np.where(motion.lifted[..., None], moving.joint_command, motion.standing.angles)
     geometry = UrdfGeometry.of(climb.robot, a1_urdf())
     deepest = max(
@@ -144,7 +144,7 @@ def test_a_link_in_the_wall_that_its_toe_stands_on_fails(climb: ClimbPlan) -> No
     hips = capsules.joint == 0
     thick = replace(capsules, radius=np.where(hips, 0.12, capsules.radius))
     plan = replace(climb, robot=replace(climb.robot, capsules=thick))
-    check = next(c for c in clearance_checks(subject_of(plan)) if c.name == "limbs.capsules")
+    check = next(c for c in check_clearance(build_subject(plan)) if c.name == "limbs.capsules")
     assert not check.passed
     assert "hip_joint and " in check.worst_at
     assert check.worst_at.endswith(("left", "right"))

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.forces.margins import (
     apply_margins,
     compute_margin_fraction,
@@ -56,7 +56,9 @@ def test_forces_keep_all_margins_where_they_can(
     assert compute_margin_fraction(statement, margins, bare).min() < 0.9
     assert not len(found.solved.missing)
     assert (found.margin_fraction == 1.0).all()
-    np.testing.assert_array_equal(found.margin_fraction, compute_margin_fraction(statement, margins, found.solved.force))
+    np.testing.assert_array_equal(
+        found.margin_fraction, compute_margin_fraction(statement, margins, found.solved.force)
+    )
     whole = check_forces(apply_margins(statement, margins), found.solved.force)
     assert whole.worst.max() < 1e-7
     deep = compute_free_penetration(statement, found.solved.force)[statement.contact]
@@ -71,7 +73,9 @@ def test_margins_that_cannot_be_had_are_shared(
     greedy = MarginsSpec(normal_force=0.9, friction=0.0, depth=0.0, stiffness=0.0)
     scene = with_spec_margins(demo_scene, greedy)
     statement = build_force_statement(scene, demo_instants)
-    bare = compute_margin_fraction(statement, greedy, plan_forces(demo_scene, demo_instants, solver).force)
+    bare = compute_margin_fraction(
+        statement, greedy, plan_forces(demo_scene, demo_instants, solver).force
+    )
     found = plan_forces(scene, demo_instants, solver)
     assert check_forces(statement, found.force).worst.max() < 1e-7
     assert found.margin_share is not None
@@ -106,7 +110,9 @@ def test_free_depth_is_where_commands_put_free_toes(
     # A thousandth of the forces bends limbs along straight lines
     little = 1e-3 * found.force
     np.testing.assert_allclose(
-        compute_free_penetration(statement, little), compute_penetration(statement, little), atol=2e-7
+        compute_free_penetration(statement, little),
+        compute_penetration(statement, little),
+        atol=2e-7,
     )
 
 
@@ -139,7 +145,7 @@ def test_motors_have_a_part_of_their_limits_left(
 
 def test_checks_recompute_margins_and_call_a_plan_fragile(tmp_path: Path) -> None:
     standing = plan_climb(load_climb(NONPARALLEL, SHORT))
-    kept = verification_of(standing)
+    kept = verify_plan(standing)
     assert kept.passed
     assert kept.fragile == ()
     names = {check.name for check in kept.checks if check.name.startswith("robust.")}
@@ -147,14 +153,14 @@ def test_checks_recompute_margins_and_call_a_plan_fragile(tmp_path: Path) -> Non
         f"robust.{x}" for x in ("pressure", "friction", "slip", "depth", "torque", "stiffness")
     }
     weak = replace(standing.robot, max_torque=0.55 * standing.robot.max_torque)
-    tired = verification_of(replace(standing, robot=weak)).fragile
+    tired = verify_plan(replace(standing, robot=weak)).fragile
     assert len(tired) == 1
     assert "of 10 % of the limit" in tired[0]
     # The same text on forces that were planned without margins
     bare = plan_climb(load_climb(NONPARALLEL, [*SHORT, "margins=none"]))
-    assert not [c for c in verification_of(bare).checks if c.name.startswith("robust.")]
+    assert not [c for c in verify_plan(bare).checks if c.name.startswith("robust.")]
     swapped = replace(bare, spec_text=standing.spec_text, spec_sha256=standing.spec_sha256)
-    found = verification_of(swapped)
+    found = verify_plan(swapped)
     assert found.passed
     assert found.badge == "verified"
     assert any("commanded penetration -" in words for words in found.fragile)
@@ -197,7 +203,7 @@ def test_a_transition_keeps_its_margins() -> None:
     outward = plan.forces.toe_command - plan.instants.toes
     depth = -np.einsum("kni,kni->kn", outward, plan.instants.normal)[plan.instants.contact]
     assert depth.min() > 0.95 * 0.005
-    assert verification_of(plan).fragile == ()
+    assert verify_plan(plan).fragile == ()
 
 
 def test_a_surface_may_lack_friction_and_single_rounds_may_ask_for_more() -> None:
@@ -209,12 +215,12 @@ def test_a_surface_may_lack_friction_and_single_rounds_may_ask_for_more() -> Non
     mu = kept.instants.mu
     assert (bare.forces.mu_critical / mu).max() > 0.67
     assert (kept.forces.mu_critical / mu).max() < 0.65 + 1e-6
-    assert verification_of(kept).fragile == ()
-    checked = {check.name: check for check in verification_of(kept).checks}
+    assert verify_plan(kept).fragile == ()
+    checked = {check.name: check for check in verify_plan(kept).checks}
     assert checked["robust.slip"].margin.endswith(" of 35 %")
     swapped = replace(bare, spec_text=kept.spec_text, spec_sha256=kept.spec_sha256)
     assert any(
-        "loss of friction before it slides" in words for words in verification_of(swapped).fragile
+        "loss of friction before it slides" in words for words in verify_plan(swapped).fragile
     )
     more = plan_climb(load_climb(NONPARALLEL, [*SHORT, "margins.rounds={2: 2.0}"]))
     pressure = np.einsum("kni,kni->kn", more.forces.force, more.instants.normal)

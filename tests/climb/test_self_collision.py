@@ -13,11 +13,11 @@ import pytest
 from urdf_walkers import QUADRUPED
 
 from climbplan.arrays import Array
-from climbplan.climb.check.anew.capsules import capsules_at
-from climbplan.climb.check.anew.kinematics import body_axes, limbs_at
-from climbplan.climb.check.convex import hull_of
-from climbplan.climb.check.self_collision import parts_apart, segments_apart
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.anew.capsules import build_capsules
+from climbplan.climb.check.anew.kinematics import compute_body_axes, build_limbs
+from climbplan.climb.check.convex import build_hull
+from climbplan.climb.check.self_collision import measure_part_clearances, measure_segment_distances
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.clearance.limb_pairs import compute_self_shortfall
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_text
@@ -55,11 +55,11 @@ def residuals(robot: Robot, angles: Array) -> Array:
     """(P,) residual of the check in every posture."""
     count = len(angles)
     com = np.random.default_rng(1).random((count, 3))
-    axes = body_axes(np.random.default_rng(2).uniform(-1, 1, (count, 3)))
-    points = limbs_at(robot, com, axes, angles).points
-    links = tuple(capsules_at(robot, com, axes, angles, points))
-    parts = [hull_of("body", part) for part in robot.body_parts or (robot.body_hull,)]
-    return np.asarray(-parts_apart(robot, parts, links, com, axes).room.min(axis=1))
+    axes = compute_body_axes(np.random.default_rng(2).uniform(-1, 1, (count, 3)))
+    points = build_limbs(robot, com, axes, angles).points
+    links = tuple(build_capsules(robot, com, axes, angles, points))
+    parts = [build_hull("body", part) for part in robot.body_parts or (robot.body_hull,)]
+    return np.asarray(-measure_part_clearances(robot, parts, links, com, axes).room.min(axis=1))
 
 
 def coal_room(links: Capsules, p: int, one: tuple[int, int], other: tuple[int, int]) -> float:
@@ -93,10 +93,10 @@ def test_segments_are_as_far_apart_as_coal_says() -> None:
     )
     truth = np.array([coal_room(links, p, (0, 0), (0, 1)) + 2e-3 for p in range(400)])
     planner = compute_segment_distances(one[:, 0], one[:, 1], other[:, 0], other[:, 1])
-    checker = segments_apart(one, other, np.inf)
+    checker = measure_segment_distances(one, other, np.inf)
     np.testing.assert_allclose(planner, truth, atol=1e-6)
     np.testing.assert_allclose(checker, truth, atol=1e-6)
-    assert (segments_apart(one, other, 0.2) <= planner + 1e-12).all()  # never too large
+    assert (measure_segment_distances(one, other, 0.2) <= planner + 1e-12).all()  # never too large
 
 
 def silvia(folder: Path) -> Robot:
@@ -138,7 +138,8 @@ def test_no_posture_passes_that_coal_refuses(tmp_path: Path, made: Any) -> None:
     assert refused[met].all()
     # Planner and checker agree on every posture, the body among what is looked at
     single = [
-        compute_self_shortfall(robot, limb_capsules(robot, angles[p : p + 1])).missing for p in range(200)
+        compute_self_shortfall(robot, limb_capsules(robot, angles[p : p + 1])).missing
+        for p in range(200)
     ]
     single, near = np.array(single), near[:200]
     measured = np.abs(near) < 2e-3
@@ -194,10 +195,10 @@ def test_a_plan_whose_limbs_meet_is_refused() -> None:
     loaded = load_text(example_text("climb_steps"), "climb_steps", usual)
     plan = plan_climb(loaded)
     names = ("limbs.self_collision", "trajectory.self_collision")
-    checks = {check.name: check for check in verification_of(plan).checks}
+    checks = {check.name: check for check in verify_plan(plan).checks}
     assert all(checks[name].passed for name in names)
     assert "clear" in checks[names[0]].margin
     thick = replace(plan.robot, limb_radius=0.2)
-    failed = {c.name: c for c in verification_of(replace(plan, robot=thick)).failed}
+    failed = {c.name: c for c in verify_plan(replace(plan, robot=thick)).failed}
     assert set(names) <= set(failed)
     assert "too close" in failed[names[0]].margin

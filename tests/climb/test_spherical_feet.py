@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.planner.planner import plan_climb
@@ -46,12 +46,12 @@ def made(spec: Path, tmp_path_factory: pytest.TempPathFactory) -> ClimbPlan:
 
 
 def failed(plan: ClimbPlan) -> set[str]:
-    return {check.name for check in verification_of(plan).checks if not check.passed}
+    return {check.name for check in verify_plan(plan).checks if not check.passed}
 
 
 def test_the_plan_is_verified_with_its_feet(made: ClimbPlan) -> None:
     assert made.robot.foot == Foot(RADIUS)
-    verification = verification_of(made)
+    verification = verify_plan(made)
     assert verification.passed, verification.table()
     assert set(FEET_LIMITS) <= {check.name for check in verification.checks}
     # Centres of feet stay their radius off the walls

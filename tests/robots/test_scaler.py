@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.climb.check.anew.five_bars import five_bars_at, settled_five_bars
+from climbplan.climb.check.anew.five_bars import build_five_bars, solve_five_bars
 from climbplan.errors import SpecError
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.gripper import wrists_at
@@ -80,14 +80,14 @@ def test_jacobian_turning_and_hessian_by_differences(robot: Robot, angles: np.nd
 
 
 def test_checks_build_the_same_legs_anew(robot: Robot, legs: FiveBar, angles: np.ndarray) -> None:
-    anew = five_bars_at(legs, angles)
+    anew = build_five_bars(legs, angles)
     np.testing.assert_allclose(anew.toe, toe_body(robot, angles), atol=1e-12)
     columns = np.cross(anew.axes, anew.toe[..., None, :] - anew.joints)
     jacobian = np.swapaxes(columns, -1, -2) @ anew.drive
     np.testing.assert_allclose(jacobian, jacobian_body(robot, angles), atol=1e-8)
     turning = np.swapaxes(anew.drive, -1, -2) @ anew.axes
     np.testing.assert_allclose(turning, joint_axes_body(robot, angles), atol=1e-8)
-    settled = settled_five_bars(legs, anew.toe, angles + 0.05)
+    settled = solve_five_bars(legs, anew.toe, angles + 0.05)
     np.testing.assert_allclose(settled, angles, atol=1e-9)
 
 

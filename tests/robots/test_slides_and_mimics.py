@@ -10,7 +10,7 @@ import pinocchio
 import pytest
 from random_chains import random_robot
 
-from climbplan.climb.check.anew.chains import chains_at
+from climbplan.climb.check.anew.chains import build_chains
 from climbplan.robots.kinematics import inverse, jacobian_body, toe_body, toe_hessian
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
@@ -125,7 +125,7 @@ def test_the_checker_and_programs_have_the_same_limbs(both: tuple[UrdfRobot, Rob
     """Three times written: planning's product of exponentials, the checker's, and CasADi's."""
     _, robot = both
     chain, angles = chain_of(robot), drawn(robot, 5)
-    pose, anew = chain.pose(angles), chains_at(chain, angles)
+    pose, anew = chain.pose(angles), build_chains(chain, angles)
     np.testing.assert_allclose(anew.toe, pose.toe, atol=1e-12)
     np.testing.assert_allclose(anew.joints, pose.joints, atol=1e-12)
     np.testing.assert_allclose(anew.jacobian(), pose.jacobian, atol=1e-12)

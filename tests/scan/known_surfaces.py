@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.scan.raw import RawScan, mesh
+from climbplan.scan.raw import RawScan, build_mesh
 
 ROOM = 0.01  # [m]
 
@@ -24,7 +24,7 @@ def grid(across: Array, along: Array, height: Callable[[Array, Array], Array]) -
     """A sheet over a grid, facing up."""
     u, v = np.meshgrid(across, along, indexing="ij")
     points = np.stack([u, v, height(u, v)], axis=-1).reshape(-1, 3)
-    return mesh(points, sheet(len(across), len(along)))
+    return build_mesh(points, sheet(len(across), len(along)))
 
 
 def sheet(rows: int, columns: int) -> IntArray:
@@ -36,7 +36,7 @@ def sheet(rows: int, columns: int) -> IntArray:
 
 def joined(*parts: RawScan) -> RawScan:
     counts = np.cumsum([0, *(len(p.vertices) for p in parts)])
-    return mesh(
+    return build_mesh(
         np.concatenate([p.vertices for p in parts]),
         np.concatenate([p.triangles + n for p, n in zip(parts, counts, strict=False)]),
     )
@@ -44,7 +44,7 @@ def joined(*parts: RawScan) -> RawScan:
 
 def quad(corners: list[tuple[float, float, float]]) -> RawScan:
     """Four corners, anticlockwise seen from free space."""
-    return mesh(np.array(corners, float), np.array([[0, 1, 2], [0, 2, 3]]))
+    return build_mesh(np.array(corners, float), np.array([[0, 1, 2], [0, 2, 3]]))
 
 
 def box(lower: tuple[float, float, float], upper: tuple[float, float, float]) -> RawScan:
@@ -68,7 +68,7 @@ def plate() -> Known:
     line = np.linspace(0, 1, 21)
     raw = grid(line, line, lambda u, v: 0 * u)
     turn = np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])
-    return Known(mesh(raw.vertices @ turn.T, raw.triangles), inner(1, 1))
+    return Known(build_mesh(raw.vertices @ turn.T, raw.triangles), inner(1, 1))
 
 
 def stairs() -> Known:
@@ -105,7 +105,7 @@ def holed() -> Known:
     points = np.stack([rim + s * (border - rim) for s in np.linspace(0, 1, 9)], axis=1)
     flat = np.concatenate([points, np.zeros((*points.shape[:2], 1))], axis=-1).reshape(-1, 3)
     triangles = sheet(65, 9)[:, ::-1]
-    return Known(mesh(flat, triangles), inner(2, 2) - np.pi * (0.3 + ROOM) ** 2)
+    return Known(build_mesh(flat, triangles), inner(2, 2) - np.pi * (0.3 + ROOM) ** 2)
 
 
 def tube() -> Known:
@@ -113,7 +113,7 @@ def tube() -> Known:
     turn, z = np.linspace(0, 2 * np.pi, 121), np.linspace(0, 1, 31)
     t, h = np.meshgrid(turn, z, indexing="ij")
     points = np.stack([0.6 * np.cos(t), 0.6 * np.sin(t), h], axis=-1).reshape(-1, 3)
-    return Known(mesh(points, sheet(121, 31)[:, ::-1]), 2 * np.pi * 0.6 * (1 - 2 * ROOM))
+    return Known(build_mesh(points, sheet(121, 31)[:, ::-1]), 2 * np.pi * 0.6 * (1 - 2 * ROOM))
 
 
 def octagon() -> Known:
@@ -121,7 +121,7 @@ def octagon() -> Known:
     turn = np.linspace(0, 2 * np.pi, 9)
     points = [(0.6 * np.cos(t), 0.6 * np.sin(t), z) for t in turn for z in (0.0, 1.0)]
     side = 2 * 0.6 * np.sin(np.pi / 8)
-    return Known(mesh(np.array(points), sheet(9, 2)[:, ::-1]), 8 * inner(side, 1))
+    return Known(build_mesh(np.array(points), sheet(9, 2)[:, ::-1]), 8 * inner(side, 1))
 
 
 def waves() -> Known:
@@ -155,7 +155,7 @@ def dome() -> Known:
     a, t = np.meshgrid(tilt, turn, indexing="ij")
     points = np.stack([np.sin(a) * np.cos(t), np.sin(a) * np.sin(t), np.cos(a)], axis=-1)
     area = 2 * np.pi * (np.cos(0.2 + ROOM) - np.cos(1.2 - ROOM))
-    return Known(mesh(points.reshape(-1, 3), sheet(41, 121)), area)
+    return Known(build_mesh(points.reshape(-1, 3), sheet(41, 121)), area)
 
 
 SURFACES = (plate, stairs, block, angle, holed, tube, octagon, waves, noisy, sunk, dome)
@@ -174,7 +174,7 @@ def rough_sheet(
     i, j = np.meshgrid(*(np.linspace(0, 1, n) for n in counts), indexing="ij")
     points = np.array(origin) + i[..., None] * u + j[..., None] * v
     points = points + rough * rng.uniform(-1, 1, counts)[..., None] * normal
-    return mesh(points.reshape(-1, 3), sheet(*counts))
+    return build_mesh(points.reshape(-1, 3), sheet(*counts))
 
 
 def rough_chimney() -> RawScan:

@@ -8,20 +8,25 @@ import numpy as np
 import pytest
 from known_surfaces import box, joined, quad
 
-from climbplan.scan.body_holds import BodyHold, bodies, body_holds, body_regions
-from climbplan.scan.cleaning import cleaned
+from climbplan.scan.body_holds import (
+    BodyHold,
+    find_body_holds,
+    find_closed_bodies,
+    format_body_regions,
+)
+from climbplan.scan.cleaning import clean_mesh
 from climbplan.scan.holds import Grasping
-from climbplan.scan.raw import RawScan, ScanError, mesh
-from climbplan.scan.study import scan_of
+from climbplan.scan.raw import RawScan, ScanError, build_mesh
+from climbplan.scan.study import build_scan_spec
 from climbplan.schema.terrain.terrain import RegionSpec
 from climbplan.terrain.holds import hold_on
 
-SCAN = scan_of(Path("cubes.stl"), [])
+SCAN = build_scan_spec(Path("cubes.stl"), [])
 CUBE = ((-0.05, -0.05, 0.5), (0.05, 0.05, 0.6))
 
 
 def found(raw: RawScan, opening: float = 0.11) -> tuple[BodyHold, ...]:
-    return body_holds(cleaned(raw), SCAN, Grasping(opening))
+    return find_body_holds(clean_mesh(raw), SCAN, Grasping(opening))
 
 
 @pytest.mark.slow
@@ -42,9 +47,9 @@ def test_a_cube_is_gripped_from_six_faces_in_two_directions_each() -> None:
 def test_what_is_open_or_wider_than_the_opening_is_none() -> None:
     ground = quad([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
     raw = joined(ground, box(*CUBE))
-    assert bodies(cleaned(raw)).sum() == 12
+    assert find_closed_bodies(clean_mesh(raw)).sum() == 12
     assert len(found(raw)) == 12
-    assert not bodies(cleaned(ground)).any()
+    assert not find_closed_bodies(clean_mesh(ground)).any()
     with pytest.raises(ScanError, match=r"6 contact regions none .* opening of 90 mm"):
         found(raw, opening=0.09)
 
@@ -65,7 +70,7 @@ def test_sides_of_a_wedge_lean_back_as_they_do() -> None:
     vertices = raw.vertices.copy()
     lean = np.tan(np.deg2rad(20.0))
     vertices[:, :2] -= np.sign(vertices[:, :2]) * vertices[:, 2:] * lean
-    holds = found(mesh(vertices, raw.triangles))
+    holds = found(build_mesh(vertices, raw.triangles))
     above = [h for h in holds if h.normal[2] > 0.9]
     below = [h for h in holds if h.normal[2] < -0.9]
     assert [h.undercut_deg for h in above] == pytest.approx([-20.0] * 2, abs=0.1)
@@ -74,7 +79,7 @@ def test_sides_of_a_wedge_lean_back_as_they_do() -> None:
 
 def test_holds_are_regions_of_a_spec() -> None:
     holds = found(box(*CUBE))
-    for own, hold in zip(body_regions(holds, SCAN), holds, strict=True):
+    for own, hold in zip(format_body_regions(holds, SCAN), holds, strict=True):
         spec = RegionSpec.model_validate(own)
         assert spec.hold is not None
         stated = hold_on(hold.normal, spec.hold)

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from known_surfaces import box, joined, plate
 
-from climbplan.scan.free_space import free_space, pieces_of
+from climbplan.scan.free_space import inflate_free_space, split_path
 from climbplan.terrain.solids import Solid
 
 HULL = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.2, 0.2) for z in (-0.05, 0.05)])
 
 
 def test_a_way_is_cut_into_pieces_that_join() -> None:
-    pieces = pieces_of(np.array([[0, 0, 0], [1, 0, 0], [1, 0.1, 0.0]]))
+    pieces = split_path(np.array([[0, 0, 0], [1, 0, 0], [1, 0.1, 0.0]]))
     np.testing.assert_allclose(pieces[1:, 0], pieces[:-1, 1])
     assert np.linalg.norm(np.diff(pieces, axis=1), axis=-1).max() <= 0.4 + 1e-9
 
@@ -21,8 +21,8 @@ def test_a_way_is_cut_into_pieces_that_join() -> None:
 def test_free_space_holds_the_sweep_and_no_triangle() -> None:
     walls = joined(box((0.3, -1, -1), (0.5, 1, 1)), box((-1, -1, -0.5), (1, 1, -0.3)))
     ends = np.array([[0, 0, 0], [0.0, 0.3, 0.1]])
-    found = free_space(ends, HULL, walls.corners)
-    assert found.least_room == pytest.approx(0.2, abs=1e-6)
+    found = inflate_free_space(ends, HULL, walls.corners)
+    assert found.min_clearance == pytest.approx(0.2, abs=1e-6)
     solid = Solid.from_points("free", found.vertices)
     sweep = np.concatenate([end + HULL for end in ends])
     assert (sweep @ solid.A.T <= solid.b + 1e-6).all()
@@ -37,4 +37,4 @@ def test_a_way_through_the_surface_has_no_room() -> None:
     raw = plate().raw
     middle = raw.vertices.mean(axis=0)
     ends = middle + np.array([[0, 0, -0.2], [0, 0, 0.2]])
-    assert free_space(ends, HULL, raw.corners).least_room <= 0
+    assert inflate_free_space(ends, HULL, raw.corners).min_clearance <= 0

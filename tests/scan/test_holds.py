@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from climbplan.reports.fits.holds_report import graspable, write_holds
-from climbplan.scan.clouds import cloud
-from climbplan.scan.holds import Grasping, Wall, found_holds
-from climbplan.scan.panel import panel_of
+from climbplan.scan.clouds import build_cloud
+from climbplan.scan.holds import Grasping, Wall, find_wall_holds
+from climbplan.scan.panel import build_panel
 from climbplan.scan.raw import RawScan, ScanError
 from climbplan.scan.reading import read_scan
-from climbplan.scan.relief import surface_of_cloud
-from climbplan.scan.study import scan_of
+from climbplan.scan.relief import triangulate_cloud
+from climbplan.scan.study import build_scan_spec
 from climbplan.schema.terrain.panel import PanelSpec
 from climbplan.terrain.holds import panel_frame
 
@@ -65,11 +65,11 @@ def scan_with(holds: list[tuple]) -> RawScan:
         [across, up, normal]
     )
     normals = np.broadcast_to(normal, points.shape)
-    return surface_of_cloud(cloud(points, normals), Path("wall.xyz"))
+    return triangulate_cloud(build_cloud(points, normals), Path("wall.xyz"))
 
 
 def wall_of(holds: list[tuple], grasping: Grasping = GRASPING) -> Wall:
-    return found_holds(scan_with(holds), grasping)
+    return find_wall_holds(scan_with(holds), grasping)
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +120,7 @@ def test_what_a_gripper_cannot_open_to_is_refused_with_amounts() -> None:
 
 
 def test_a_panel_of_a_spec_is_written(wall: Wall, tmp_path: Path) -> None:
-    panel = PanelSpec.model_validate(panel_of(wall))
+    panel = PanelSpec.model_validate(build_panel(wall))
     assert len(panel.holds) == len(wall.holds)
     assert panel.angle_deg == pytest.approx(80.0, abs=0.5)
     across, up, normal = frame()
@@ -133,7 +133,7 @@ def test_a_panel_of_a_spec_is_written(wall: Wall, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_holds_of_a_scan_are_written(tmp_path: Path) -> None:
     raw, wall = scan_with(HOLDS), wall_of(HOLDS)
-    write_holds(graspable(raw, scan_of(Path("wall.xyz"), []), GRASPING, "wall"), tmp_path)
+    write_holds(graspable(raw, build_scan_spec(Path("wall.xyz"), []), GRASPING, "wall"), tmp_path)
     report = json.loads((tmp_path / "report.json").read_text())
     assert len(report["holds"]) == len(wall.holds)
     assert "graspable spots within an opening of 60 mm" in (tmp_path / "terrain.yaml").read_text()
@@ -145,8 +145,8 @@ def test_the_shared_cloud_has_ten_holds_for_a_gripper_that_opens_wide() -> None:
     file = folder / "vertical_bouldering_holds.pcd"
     if not file.exists():
         pytest.skip(f"{file} is not there")
-    raw = read_scan(scan_of(file, []), Path())
-    wall = found_holds(raw, Grasping(0.07))
+    raw = read_scan(build_scan_spec(file, []), Path())
+    wall = find_wall_holds(raw, Grasping(0.07))
     assert len(wall.holds) == 10  # as many as are seen
-    assert len(found_holds(raw, Grasping(0.05)).holds) < 4  # they are wider than that
+    assert len(find_wall_holds(raw, Grasping(0.05)).holds) < 4  # they are wider than that
     assert wall.angle_deg == pytest.approx(75.6, abs=0.5)

@@ -14,7 +14,7 @@ from mutation_sources import npy_of_shape, png_of_size
 from PIL import Image, TiffImagePlugin
 
 from climbplan.scan import cleaning, heights
-from climbplan.scan.cleaning import unique_rows
+from climbplan.scan.cleaning import find_unique_rows
 from climbplan.scan.raw import RawScan, ScanError
 from climbplan.scan.reading import read_scan
 from climbplan.schema.terrain.scan import ScanSpec
@@ -91,7 +91,7 @@ def test_pictures_that_expand_are_thinned(tmp_path: Path) -> None:
     assert path.stat().st_size < 30_000
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     raw = heights.read_heights(path, ScanSpec(file=str(path), cell=0.01))
-    assert len(raw.vertices) <= heights.MOST_HEIGHTS
+    assert len(raw.vertices) <= heights.MAX_USED_HEIGHTS
     assert "of 4999 x 5000 heights every 8th row and column taken" in raw.notes[0]
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**20  # [KiB]
 
@@ -99,7 +99,7 @@ def test_pictures_that_expand_are_thinned(tmp_path: Path) -> None:
 def test_a_part_of_large_maps_keeps_its_details(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(heights, "MOST_HEIGHTS", 300)
+    monkeypatch.setattr(heights, "MAX_USED_HEIGHTS", 300)
     path = tmp_path / "a.npy"
     np.save(path, np.random.default_rng(0).random((60, 60)))
     crop = {"lower": (1.0, 2.0, -1.0), "upper": (1.5, 2.5, 2.0)}
@@ -112,9 +112,9 @@ def test_a_part_of_large_maps_keeps_its_details(
 
 def test_distinct_rows_are_those_of_numpy() -> None:
     rows = np.random.default_rng(0).integers(-2, 3, (500, 3))
-    distinct, number = unique_rows(rows)
+    distinct, number = find_unique_rows(rows)
     same, other = np.unique(rows, axis=0, return_inverse=True)
     assert (distinct == same).all()
     assert (number == other.reshape(-1)).all()
-    none = cleaning.ordered(RawScan(np.eye(3), np.zeros((2, 3), int), np.zeros(2, int)))
+    none = cleaning.merge_corners(RawScan(np.eye(3), np.zeros((2, 3), int), np.zeros(2, int)))
     assert len(none.triangles) == 0

@@ -13,7 +13,7 @@ from known_surfaces import block, plate
 from PIL import Image, TiffImagePlugin
 
 from climbplan.errors import ExitCode
-from climbplan.scan.cleaning import areas
+from climbplan.scan.cleaning import compute_areas
 from climbplan.scan.raw import ScanError
 from climbplan.scan.reading import read_scan
 from climbplan.schema.terrain.scan import ScanSpec
@@ -35,7 +35,7 @@ def test_meshes_come_back_as_they_were(tmp_path: Path, kind: str) -> None:
     trimesh.Trimesh(raw.vertices, raw.triangles, process=False).export(path)
     found = read(path)
     assert len(found.triangles) == 12
-    assert areas(found).sum() == pytest.approx(areas(raw).sum(), rel=1e-5)
+    assert compute_areas(found).sum() == pytest.approx(compute_areas(raw).sum(), rel=1e-5)
 
 
 def test_scale_up_transform_and_crop(tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_clouds_become_surfaces(tmp_path: Path, kind: str) -> None:
         text = "\n".join(" ".join(map(str, p)) for p in points).encode()
         path.write_bytes(head + (text if "ascii" in kind else points.tobytes()))
     found = read(path)
-    assert areas(found).sum() == pytest.approx(1.0, rel=0.02)
+    assert compute_areas(found).sum() == pytest.approx(1.0, rel=0.02)
     assert any("as a relief that faces" in note for note in found.notes)
 
 

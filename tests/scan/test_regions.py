@@ -9,10 +9,10 @@ import pytest
 import shapely
 from known_surfaces import ROOM, SURFACES, Known, angle, block, grid, holed, plate, sunk, tube
 
-from climbplan.scan.cleaning import cleaned
-from climbplan.scan.convex import convex_pieces, peeled
-from climbplan.scan.distances import segment_distances
-from climbplan.scan.fitting import FoundRegion, found_regions
+from climbplan.scan.cleaning import clean_mesh
+from climbplan.scan.contact_regions import FoundRegion, find_contact_regions
+from climbplan.scan.convex import decompose_convex, extract_convex_pieces
+from climbplan.scan.distances import compute_triangle_distances
 from climbplan.scan.raw import RawScan
 from climbplan.schema.terrain.scan import ScanSpec
 
@@ -55,8 +55,8 @@ def covered_area(raw: RawScan, regions: tuple[FoundRegion, ...], count: int) -> 
 )
 def test_regions_cover_what_is_there_within_the_flatness(surface) -> None:
     known: Known = surface()
-    raw = cleaned(known.raw)
-    regions = found_regions(raw, SPEC)
+    raw = clean_mesh(known.raw)
+    regions = find_contact_regions(raw, SPEC)
     share = covered_area(raw, regions, 20_000) / known.area
     assert LEAST_COVERAGE <= share <= LARGEST_COVERAGE
 
@@ -66,7 +66,7 @@ def test_regions_cover_what_is_there_within_the_flatness(surface) -> None:
         low, high = region.vertices.min(axis=0) - 0.02, region.vertices.max(axis=0) + 0.02
         near = (raw.corners.min(axis=1) <= high) & (raw.corners.max(axis=1) >= low)
         near = raw.corners[near.all(axis=1)]
-        off = segment_distances(points, points, near, 1.0)
+        off = compute_triangle_distances(points, points, near, 1.0)
         assert off.max() <= SPEC.flatness + 1e-9
 
 
@@ -81,14 +81,14 @@ def test_the_order_of_triangles_and_corners_changes_nothing(surface) -> None:
         vertices=raw.vertices[np.argsort(renamed)],
         triangles=np.roll(renamed[raw.triangles][shuffled], 1, axis=1),
     )
-    first, second = (found_regions(cleaned(r), SPEC) for r in (raw, other))
+    first, second = (find_contact_regions(clean_mesh(r), SPEC) for r in (raw, other))
     assert len(first) == len(second)
     for one, two in zip(first, second, strict=True):
         np.testing.assert_array_equal(one.vertices, two.vertices)
 
 
 def test_regions_keep_the_toes_radius_from_edges_and_holes() -> None:
-    for region in found_regions(cleaned(holed().raw), SPEC):
+    for region in find_contact_regions(clean_mesh(holed().raw), SPEC):
         away = np.abs(region.vertices[:, :2])
         assert (1.0 - away.max(axis=1) >= ROOM - 1e-6).all()
         edges = shapely.Polygon(region.vertices[:, :2])
@@ -97,7 +97,7 @@ def test_regions_keep_the_toes_radius_from_edges_and_holes() -> None:
 
 
 def test_no_region_lies_within_a_body_that_stands_in_the_ground() -> None:
-    for region in found_regions(cleaned(sunk().raw), SPEC):
+    for region in find_contact_regions(clean_mesh(sunk().raw), SPEC):
         if region.normal[2] > 0.9 and abs(region.middle[2]) < 1e-6:
             x, y = region.middle[:2]
             assert not (0 < x < 0.5 and 0 < y < 0.4)
@@ -112,16 +112,16 @@ def test_faces_that_look_up_from_under_a_plate_are_no_place_for_toes() -> None:
         triangles=np.concatenate([low.triangles, high.triangles + len(low.vertices)]),
         label=np.concatenate([low.label, low.label]),
     )
-    regions = found_regions(cleaned(both), SPEC)
+    regions = find_contact_regions(clean_mesh(both), SPEC)
     covered = sum(r.area for r in regions)
     assert covered == pytest.approx(plate().area, rel=0.12)  # of the upper one alone, nearly
 
 
 def test_steep_regions_can_be_left_out() -> None:
-    raw = cleaned(block().raw)
-    level = found_regions(raw, SPEC.model_copy(update={"steepest_deg": 40.0}))
+    raw = clean_mesh(block().raw)
+    level = find_contact_regions(raw, SPEC.model_copy(update={"steepest_deg": 40.0}))
     assert [r.normal[2] for r in level] == [pytest.approx(1.0)]
-    assert len(found_regions(raw, SPEC)) == 6
+    assert len(find_contact_regions(raw, SPEC)) == 6
 
 
 def test_convex_pieces_fill_a_polygon_with_a_hole() -> None:
@@ -129,19 +129,19 @@ def test_convex_pieces_fill_a_polygon_with_a_hole() -> None:
         [(0, 0), (4, 0), (4, 3), (2, 3), (2, 2), (0, 2)],
         [[(1, 0.5), (1, 1), (1.5, 1), (1.5, 0.5)]],
     )
-    pieces = [shapely.Polygon(p) for p in convex_pieces(outline)]
+    pieces = [shapely.Polygon(p) for p in decompose_convex(outline)]
     assert sum(p.area for p in pieces) == pytest.approx(outline.area)
     assert shapely.union_all(pieces).symmetric_difference(outline).area < 1e-9
     for piece in pieces:
         assert piece.convex_hull.area == pytest.approx(piece.area)
-    large = [shapely.Polygon(p) for p in peeled(outline, 3, 0.1)]
+    large = [shapely.Polygon(p) for p in extract_convex_pieces(outline, 3, 0.1)]
     assert len(large) == 3
     assert all(outline.buffer(1e-5).contains(p) for p in large)
     assert large[0].area >= 0.4 * outline.area
 
 
 def test_an_angle_is_two_regions_at_most() -> None:
-    assert len(found_regions(cleaned(angle().raw), SPEC)) <= 3
+    assert len(find_contact_regions(clean_mesh(angle().raw), SPEC)) <= 3
 
 
 @pytest.mark.slow
@@ -157,6 +157,6 @@ def test_two_hundred_thousand_triangles_become_regions() -> None:
         )
 
     raw = grid(line, line, height)
-    regions = found_regions(cleaned(raw), SPEC)
+    regions = find_contact_regions(clean_mesh(raw), SPEC)
     assert len(raw.triangles) > 199_000
     assert len(regions) > 100

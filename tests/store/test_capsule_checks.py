@@ -13,9 +13,9 @@ from example_climb import Climb
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from climbplan.climb.check.convex import ConvexBody, chain_separation, hull_distance, hull_of
-from climbplan.climb.check.distances import body_edges, chain_distance
-from climbplan.climb.check.subject import subject_of
+from climbplan.climb.check.convex import ConvexBody, measure_chain_separation, bound_hull_distance, build_hull
+from climbplan.climb.check.distances import find_body_edges, measure_chain_distance
+from climbplan.climb.check.subject import build_subject
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.schema.model import ClimbSpec
@@ -33,7 +33,7 @@ def body(draw: np.random.Generator) -> ConvexBody:
         corners = np.array([[i, j, k] for i in (-x, x) for j in (-y, y) for k in (-z, z)])
     else:
         corners = draw.uniform(-0.3, 0.3, (8, 3))
-    return hull_of("body", corners)
+    return build_hull("body", corners)
 
 
 @settings(max_examples=25, deadline=None)
@@ -44,11 +44,11 @@ def test_segment_distances_are_the_least_distances(seed: int) -> None:
     starts, ends = draw.uniform(-0.8, 0.8, (2, 60, 3))
     ends[:20] = starts[:20] + draw.uniform(-0.5, 0.5, (20, 1)) * np.eye(3)[draw.integers(0, 3, 20)]
     chains = np.stack([starts, ends], axis=-2)
-    distance = chain_distance(chains, solid, np.inf)[:, 0]
-    exact = np.array([hull_distance(chain, solid.corners) for chain in chains])
+    distance = measure_chain_distance(chains, solid, np.inf)[:, 0]
+    exact = np.array([bound_hull_distance(chain, solid.corners) for chain in chains])
     apart = exact > 1e-9
     np.testing.assert_allclose(distance[apart], exact[apart], atol=1e-9)
-    meeting = chain_separation(chains, solid, 0.0)[:, 0] < 0
+    meeting = measure_chain_separation(chains, solid, 0.0)[:, 0] < 0
     assert (distance[meeting] <= 0).all()
 
 
@@ -58,19 +58,19 @@ def test_bounds_settle_whether_there_is_enough_room(seed: int, enough: float) ->
     draw = np.random.default_rng(seed)
     solid = body(draw)
     chains = draw.uniform(-0.8, 0.8, (20, 4, 3))
-    exact, bounded = (chain_distance(chains, solid, e) for e in (np.inf, enough))
+    exact, bounded = (measure_chain_distance(chains, solid, e) for e in (np.inf, enough))
     assert (bounded <= exact + 1e-12).all()
     np.testing.assert_array_equal(bounded >= enough, exact >= enough)
 
 
 def test_a_point_is_a_segment_and_nan_stays() -> None:
-    solid = hull_of("cube", np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]))
-    assert len(body_edges(solid)) == 12
+    solid = build_hull("cube", np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]))
+    assert len(find_body_edges(solid)) == 12
     corner = np.array([1.3, 1.4, 1.0])
     chain = np.stack([corner, corner])
-    assert chain_distance(chain, solid, np.inf) == pytest.approx(0.5, abs=1e-12)
+    assert measure_chain_distance(chain, solid, np.inf) == pytest.approx(0.5, abs=1e-12)
     chain = np.array([[0.5, 0.5, 3.0], [np.nan, 0.0, 3.0]])
-    assert np.isnan(chain_distance(chain, solid, 0.1)).all()
+    assert np.isnan(measure_chain_distance(chain, solid, 0.1)).all()
 
 
 def checks_under_a_lid(climb: Climb, height: float, path: Path) -> dict[str, Check]:
@@ -90,7 +90,7 @@ def test_a_knee_closer_than_the_limb_radius_is_refused(
     climb: Climb, gap: float, passes: bool, tmp_path: Path
 ) -> None:
     assert climb.plan.robot.limb_radius == RADIUS
-    points = subject_of(climb.plan).limbs.points  # (K, N, 4, 3)
+    points = build_subject(climb.plan).limbs.points  # (K, N, 4, 3)
     knee = points[..., 2, 2]
     assert knee.max() == points[..., 2].max()  # knees are what is highest
     checks = checks_under_a_lid(climb, float(knee.max()) + gap, tmp_path / "plan.h5")
@@ -106,7 +106,7 @@ def test_a_knee_closer_than_the_limb_radius_is_refused(
 
 
 def test_a_swing_closer_than_the_limb_radius_is_refused(climb: Climb, tmp_path: Path) -> None:
-    highest = subject_of(climb.plan).limbs.points[..., 2].max()
+    highest = build_subject(climb.plan).limbs.points[..., 2].max()
     # Clear at every instant; knees rise further while toes swing between them
     low = checks_under_a_lid(climb, float(highest) + 0.0251, tmp_path / "plan.h5")
     high = checks_under_a_lid(climb, float(highest) + 0.2, tmp_path / "other.h5")

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import minimize
 
 from climbplan.arrays import Array
-from climbplan.climb.check.anew.chains import _settled, chains_at, settled_chains
+from climbplan.climb.check.anew.chains import _solve_newton, build_chains, solve_chain_equilibrium
 from climbplan.robots.serial_chain import SerialChain
 
 SPRING = np.array([[80.0, 60.0, 50.0, 40.0, 30.0, 30.0]])
@@ -30,7 +30,7 @@ def _chain() -> SerialChain:
 
 def test_the_same_limbs_by_another_way(chain: SerialChain) -> None:
     angles = np.random.default_rng(0).uniform(-2, 2, (30, 2, 6))
-    anew, there = chains_at(chain, angles), chain.pose(angles)
+    anew, there = build_chains(chain, angles), chain.pose(angles)
     np.testing.assert_allclose(anew.joints, there.joints, atol=1e-14)
     np.testing.assert_allclose(anew.axes, there.axes, atol=1e-14)
     np.testing.assert_allclose(anew.toe, there.toe, atol=1e-14)
@@ -55,7 +55,7 @@ def test_joints_settle_where_energy_is_least(chain: SerialChain) -> None:
         alike = rng.uniform(-0.8, 0.8, (1, 6))
         command = alike + rng.uniform(-0.05, 0.05, (1, 6))
         toe = limb.pose(alike).toe + rng.uniform(-5e-3, 5e-3, (1, 3))
-        settled = settled_chains(limb, toe, alike, command, SPRING)
+        settled = solve_chain_equilibrium(limb, toe, alike, command, SPRING)
         assert settled.missing.max() < 1e-12
         found = minimize(
             energy,
@@ -80,7 +80,7 @@ def test_commands_that_press_settle_in_the_planned_angles(chain: SerialChain) ->
     pose = limb.pose(planned)
     force = np.array([20.0, -15.0, 30.0])
     command = planned - (pose.jacobian[0].T @ force) / SPRING
-    settled = settled_chains(limb, pose.toe, planned + 1e-3, command, SPRING)
+    settled = solve_chain_equilibrium(limb, pose.toe, planned + 1e-3, command, SPRING)
     np.testing.assert_allclose(settled.angles, planned, atol=1e-10)
 
 
@@ -93,10 +93,10 @@ def test_limbs_far_from_the_planned_angles_are_found_from_their_commands(
     planned = there + rng.uniform(-1.3, 1.3, there.shape)
     limb = one(chain)
     toes = limb.pose(there).toe
-    first, rests = _settled(limb, toes, planned, there, SPRING, None)
+    first, rests = _solve_newton(limb, toes, planned, there, SPRING, None)
     lost = ~rests | (first.missing > 1e-7)
     assert 3 < lost.sum() < 50
-    found = settled_chains(limb, toes, planned, there, SPRING)
+    found = solve_chain_equilibrium(limb, toes, planned, there, SPRING)
     np.testing.assert_allclose(found.angles[lost], there[lost], atol=1e-9)
     np.testing.assert_array_equal(found.angles[~lost], first.angles[~lost])
     assert found.missing.max() < 1e-9
@@ -110,11 +110,11 @@ def test_limbs_whose_feet_roll_are_found_from_their_commands_too(chain: SerialCh
     limb = one(chain)
     ends = limb.toe_zero + rng.uniform(-0.02, 0.02, (60, 1, 3))
     rolls = replace(limb, toe_zero=ends)
-    toes = chains_at(rolls, there).toe
+    toes = build_chains(rolls, there).toe
     arm = rng.uniform(-0.01, 0.01, toes.shape)
-    _, rests = _settled(rolls, toes, planned, there, SPRING, arm)
+    _, rests = _solve_newton(rolls, toes, planned, there, SPRING, arm)
     assert 3 < (~rests).sum() < 50
-    found = settled_chains(rolls, toes, planned, there, SPRING, arm)
+    found = solve_chain_equilibrium(rolls, toes, planned, there, SPRING, arm)
     assert found.missing.max() < 1e-9
     np.testing.assert_allclose(found.angles[~rests], there[~rests], atol=1e-9)
 
@@ -123,4 +123,4 @@ def test_toes_out_of_reach_are_missed(chain: SerialChain) -> None:
     limb = one(chain)
     alike = np.full((1, 6), 0.3)
     far = limb.joint_zero[:, 0] + [3.0, 0.0, 0.0]
-    assert settled_chains(limb, far, alike, alike, SPRING).missing[0] > 1.0
+    assert solve_chain_equilibrium(limb, far, alike, alike, SPRING).missing[0] > 1.0

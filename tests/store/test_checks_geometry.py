@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from climbplan.climb.check.anew.kinematics import body_axes, limbs_at, placed, standing_limbs
+from climbplan.climb.check.anew.kinematics import compute_body_axes, build_limbs, transform_to_world, solve_standing_limbs
 from climbplan.climb.check.convex import (
     ConvexBody,
-    body_clearance,
-    chain_separation,
-    hull_distance,
-    hull_of,
+    measure_body_clearance,
+    measure_chain_separation,
+    bound_hull_distance,
+    build_hull,
 )
 from climbplan.robots.kinematics import jacobian_world, joint_points_body, toe_world
 from climbplan.robots.rotations import rotation_world_body
@@ -28,9 +28,9 @@ def test_rotation_and_limbs_agree_with_the_planner(climb: Climb) -> None:
     draw = np.random.default_rng(1)
     com, rpy = draw.normal(size=(50, 3)), draw.uniform(-3, 3, (50, 3))
     angles = draw.uniform(-3, 3, (50, robot.limb_count, 3))
-    axes = body_axes(rpy)
+    axes = compute_body_axes(rpy)
     np.testing.assert_allclose(np.swapaxes(axes, -1, -2), rotation_world_body(rpy), atol=1e-14)
-    limbs = limbs_at(robot, com, axes, angles)
+    limbs = build_limbs(robot, com, axes, angles)
     np.testing.assert_allclose(limbs.toe, toe_world(robot, com, rpy, angles), atol=1e-14)
     np.testing.assert_allclose(limbs.jacobian(), jacobian_world(robot, rpy, angles), atol=1e-14)
     joints = joint_points_body(robot, angles).reshape(50, -1, 3)
@@ -41,14 +41,14 @@ def test_rotation_and_limbs_agree_with_the_planner(climb: Climb) -> None:
 def test_jacobian_is_the_derivative_of_the_toe(climb: Climb) -> None:
     robot = climb.scene.robot
     draw = np.random.default_rng(2)
-    com, axes = np.zeros(3), body_axes(np.array([0.2, -0.3, 0.5]))
+    com, axes = np.zeros(3), compute_body_axes(np.array([0.2, -0.3, 0.5]))
     angles = draw.uniform(-1.5, 1.5, (robot.limb_count, 3))
-    jacobian = limbs_at(robot, com, axes, angles).jacobian()
+    jacobian = build_limbs(robot, com, axes, angles).jacobian()
     step = 1e-6
     for joint in range(3):
         shift = step * np.eye(3)[joint]
-        ahead = limbs_at(robot, com, axes, angles + shift).toe
-        behind = limbs_at(robot, com, axes, angles - shift).toe
+        ahead = build_limbs(robot, com, axes, angles + shift).toe
+        behind = build_limbs(robot, com, axes, angles - shift).toe
         np.testing.assert_allclose(jacobian[..., joint], (ahead - behind) / (2 * step), atol=1e-8)
 
 
@@ -59,13 +59,13 @@ def test_standing_limbs_find_the_angles_back(climb: Climb) -> None:
     angles = draw.uniform([-0.7, -0.5, -1.4], [0.7, 1.2, 2.0], shape)
     # Stretched limbs can bend either way from there.
     angles[..., 2] += np.where(np.abs(angles[..., 2] - np.pi / 2) < 0.1, 0.3, 0.0)
-    com, axes = draw.normal(size=(200, 3)), body_axes(draw.uniform(-1, 1, (200, 3)))
-    limbs = limbs_at(robot, com, axes, angles)
+    com, axes = draw.normal(size=(200, 3)), compute_body_axes(draw.uniform(-1, 1, (200, 3)))
+    limbs = build_limbs(robot, com, axes, angles)
     alike = angles + draw.uniform(-0.02, 0.02, shape)
     # A toe below its shoulder says nothing about the coxa.
     reach = limbs.toe - limbs.joints[..., 0, :]
     beside = np.linalg.norm(np.cross(reach, limbs.axes[..., 0, :]), axis=-1) > 5e-3
-    standing = standing_limbs(robot, com, axes, limbs.toe, alike, alike)
+    standing = solve_standing_limbs(robot, com, axes, limbs.toe, alike, alike)
     assert beside.mean() > 0.95
     np.testing.assert_allclose(standing.angles[beside], angles[beside], atol=1e-7)
     np.testing.assert_allclose(standing.points[beside], limbs.points[beside], atol=1e-9)
@@ -74,17 +74,17 @@ def test_standing_limbs_find_the_angles_back(climb: Climb) -> None:
 
 def test_missing_reach_is_measured(climb: Climb) -> None:
     robot = climb.scene.robot
-    com, axes = np.zeros(3), body_axes(np.zeros(3))
+    com, axes = np.zeros(3), compute_body_axes(np.zeros(3))
     angles = np.tile([0.0, 0.3, np.pi / 2], (robot.limb_count, 1))  # stretched
-    limbs = limbs_at(robot, com, axes, angles)
+    limbs = build_limbs(robot, com, axes, angles)
     shin = limbs.toe - limbs.joints[:, 2]
     beyond = limbs.toe + 0.01 * shin / np.linalg.norm(shin, axis=1, keepdims=True)
-    standing = standing_limbs(robot, com, axes, beyond, angles, angles)
+    standing = solve_standing_limbs(robot, com, axes, beyond, angles, angles)
     np.testing.assert_allclose(standing.missing, 0.01, atol=1e-9)
 
 
 def random_hull(draw: np.random.Generator, centre: np.ndarray, size: float) -> ConvexBody:
-    return hull_of("hull", centre + size * draw.uniform(-1, 1, (10, 3)))
+    return build_hull("hull", centre + size * draw.uniform(-1, 1, (10, 3)))
 
 
 def nearest_by_optimisation(first: np.ndarray, second: np.ndarray) -> float:
@@ -114,7 +114,7 @@ def test_hull_distance_is_the_least_distance(seed: int) -> None:
     draw = np.random.default_rng(seed)
     first = random_hull(draw, np.zeros(3), 0.3).corners
     second = random_hull(draw, draw.uniform(-1, 1, 3), 0.3).corners
-    distance = hull_distance(first, second)
+    distance = bound_hull_distance(first, second)
     assert distance == pytest.approx(nearest_by_optimisation(first, second), abs=2e-4)
 
 
@@ -126,10 +126,10 @@ def test_body_clearance_bounds_the_distance_and_settles_the_question(seed: int) 
     solid = random_hull(draw, np.array([0.7, 0.1, 0.0]), 0.3)
     share = np.linspace(0, 1, 40)[:, None]
     com = share * draw.uniform(-1, 1, 3)
-    axes = body_axes(share * draw.uniform(-1, 1, 3))
-    clear = body_clearance(com, axes, body, solid, asked)
+    axes = compute_body_axes(share * draw.uniform(-1, 1, 3))
+    clear = measure_body_clearance(com, axes, body, solid, asked)
     exact = np.array(
-        [hull_distance(hull, solid.corners) for hull in placed(com, axes, body.corners)]
+        [bound_hull_distance(hull, solid.corners) for hull in transform_to_world(com, axes, body.corners)]
     )
     assert (clear <= exact + 1e-9).all()
     assert ((clear >= asked) == (exact >= asked)).all()
@@ -143,7 +143,7 @@ def test_segments_are_as_deep_as_their_deepest_point(seed: int) -> None:
     draw = np.random.default_rng(seed)
     solid = random_hull(draw, np.zeros(3), 0.3)
     starts, ends = draw.uniform(-0.8, 0.8, (2, 50, 3))
-    separation = chain_separation(np.stack([starts, ends], axis=-2), solid, 0.0)[:, 0]
+    separation = measure_chain_separation(np.stack([starts, ends], axis=-2), solid, 0.0)[:, 0]
     share = np.linspace(0, 1, 4001)[:, None, None]
     points = starts + share * (ends - starts)
     sampled = solid.face_distances(points).max(axis=-1).min(axis=0)

@@ -260,7 +260,7 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
         asking("force: {safety_friction: 2.0}\n", limit("safety_friction", 2.0)),
         {"force.friction", "static.friction"},
     ),
-    "commands asked deeper": (asking("force: {least_depth: 0.05}\n"), {"force.inward"}),
+    "commands asked deeper": (asking("force: {min_penetration: 0.05}\n"), {"force.inward"}),
     "lifted limb pushes": (put("instants/force", (0, RF, 0), 1e-6), {"force.lifted_unloaded"}),
     "torque": (add("instants/joint_torques", (3, RM, 2), 0.01), {"torque.from_angles"}),
     "more torque margin": (

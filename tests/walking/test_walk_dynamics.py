@@ -14,15 +14,15 @@ from walk_tasks import LEGS, walk_task
 
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.check.reference_dynamics import (
-    continuous_rollout,
+    integrate_continuously,
     derivative,
     euler_rates,
-    knot_rollout,
-    knot_step,
+    integrate_knots,
+    integrate_knot,
     runge_kutta,
 )
 from climbplan.walking.dynamics.dynamics import BodyNumbers, sum_contact_wrench
-from climbplan.walking.dynamics.dynamics import knot_step as symbolic_step
+from climbplan.walking.dynamics.dynamics import integrate_knot as symbolic_step
 from climbplan.walking.dynamics.dynamics import state_derivative as symbolic_rates
 from climbplan.walking.kernels import compiling, dynamics_step
 from climbplan.walking.kernels.discrete_rollout import roll_out_knots
@@ -86,7 +86,7 @@ def test_expressions_agree_with_numpy(integrator: Integrator) -> None:
         BodyNumbers.of(BODY), 0.08, mean, NAMES[0], *sum_contact_wrench(*NAMES[1:])
     )
     declared = ca.Function("step", NAMES, [stated])
-    after = knot_step(BODY, integrator, 0.08, state, toes, force)
+    after = integrate_knot(BODY, integrator, 0.08, state, toes, force)
     found = np.asarray(declared(state, toes.ravel(), force.ravel())).ravel()
     np.testing.assert_allclose(found, after, atol=1e-10)
 
@@ -115,7 +115,7 @@ def test_compiled_steps_and_slopes(integrator: Integrator, legs: int) -> None:
     parts = [some_states(3), some_toes(3, legs), some_forces(3, legs)]
     after, slopes = compiled_slopes(integrator, parts[0], parts[1], parts[2])
     np.testing.assert_allclose(
-        after, knot_step(BODY, integrator, 0.08, parts[0], parts[1], parts[2]), atol=1e-10
+        after, integrate_knot(BODY, integrator, 0.08, parts[0], parts[1], parts[2]), atol=1e-10
     )
     h, column = 1e-5, 0
     for held in parts:
@@ -123,7 +123,7 @@ def test_compiled_steps_and_slopes(integrator: Integrator, legs: int) -> None:
             ends = []
             for move in (h, -2 * h):
                 held[(slice(None), *index)] += move
-                ends.append(knot_step(BODY, integrator, 0.08, parts[0], parts[1], parts[2]))
+                ends.append(integrate_knot(BODY, integrator, 0.08, parts[0], parts[1], parts[2]))
             held[(slice(None), *index)] += h
             slope = (ends[0] - ends[1]) / (2 * h)
             np.testing.assert_allclose(slopes[:, column], slope, atol=2e-6)
@@ -135,7 +135,7 @@ def test_compiled_knots_are_those_of_the_checker(integrator: Integrator) -> None
     start, toes, force = 0.2 * some_states(1)[0], some_toes(6), 0.2 * some_forces(5)
     steps = np.full(len(force), 0.08)
     found = roll_out_knots(BODY.parameters, steps, integrator == "mean", start, toes, force)
-    wanted = knot_rollout(BODY, integrator, 0.08, start, toes, force)
+    wanted = integrate_knots(BODY, integrator, 0.08, start, toes, force)
     np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-8)
 
 
@@ -208,9 +208,9 @@ def test_mean_steps_agree_with_continuous_time_and_euler_does_not() -> None:
     toes[..., 2] = 0
     force = np.zeros((1, LEGS, 3))
     force[0, [0, 3], 2] = body.mass * body.gravity / 2
-    smooth = continuous_rollout(body, 0.08, state, toes, force)[1]
+    smooth = integrate_continuously(body, 0.08, state, toes, force)[1]
     off = {
-        name: np.abs(knot_step(body, name, 0.08, state, toes[0], force[0]) - smooth)[6:].max()
+        name: np.abs(integrate_knot(body, name, 0.08, state, toes[0], force[0]) - smooth)[6:].max()
         for name in ("mean", "euler")
     }
     assert off["mean"] < 2e-3

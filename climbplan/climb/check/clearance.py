@@ -8,41 +8,41 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.climb.check.anew.capsules import Capsule
-from climbplan.climb.check.anew.kinematics import body_axes, placed
+from climbplan.climb.check.anew.kinematics import compute_body_axes, transform_to_world
 from climbplan.climb.check.convex import (
     ConvexBody,
-    body_clearance,
-    chain_separation,
-    polygon_normal,
+    compute_polygon_normal,
+    measure_body_clearance,
+    measure_chain_separation,
 )
-from climbplan.climb.check.distances import chain_distance
+from climbplan.climb.check.distances import measure_chain_distance
 from climbplan.climb.check.subject import Subject
 from climbplan.terrain.raw_surface import SLENDER
 from climbplan.terrain.surfaces import Region, Tube
 from climbplan.verification.check import Check, judge_worst
 
 _IN_SCAN = "all that is solid is in the scan"
-_MEASURED = 0.05  # [m] link distances below this are measured, beyond it a bound is enough
-_TOLD = 5e-3  # [m] room beside links up to which it is measured, not bounded
-_ON_FACE = 1e-6  # [m] a surface this close to an obstacle's face lies on it
+_MEASURED_DISTANCE = 0.05  # [m] link distances below this are measured, beyond it a bound is enough
+_REPORTED_CLEARANCE = 5e-3  # [m] room beside links up to which it is measured, not bounded
+_FACE_TOLERANCE = 1e-6  # [m] a surface this close to an obstacle's face lies on it
 _TOE_STRETCH = 0.05  # [m] last part of a limb, which has to come close to its surface
-_PIECES = 6  # of a last link up to where it has its whole radius
-_FOOT_ITSELF = 1e-3  # [m] by which the capsule of a foot may reach beyond its sphere
-_FAR = 1e3  # [m] of links of which no part is looked at
+_NUM_PIECES = 6  # of a last link up to where it has its whole radius
+_FOOT_TOLERANCE = 1e-3  # [m] by which the capsule of a foot may reach beyond its sphere
+_UNBOUNDED_CLEARANCE = 1e3  # [m] of links of which no part is looked at
 
 
-def clearance_checks(subject: Subject) -> Iterator[Check]:
+def check_clearance(subject: Subject) -> Iterator[Check]:
     """Body along the whole motion, and limbs at the instants."""
-    yield _body(subject)
-    yield _free_regions(subject)
-    yield _limbs(subject)
+    yield _check_body(subject)
+    yield _check_free_regions(subject)
+    yield _check_limbs(subject)
     yield judge_capsules("limbs.capsules", subject, subject.capsules, subject.at)
 
 
-def _body(subject: Subject) -> Check:
+def _check_body(subject: Subject) -> Check:
     """The hull at every instant and every sample of the motion, with exact rotation."""
     plan = subject.plan
-    asked = plan.limits.body_clearance
+    required = plan.limits.body_clearance
     poses = np.vstack(
         [
             np.hstack([plan.instants.com, plan.instants.rpy]),
@@ -50,25 +50,25 @@ def _body(subject: Subject) -> Check:
         ]
     )
     # The body stands still most of the time: look at each pose once.
-    moved = np.append(True, (np.diff(poses, axis=0) != 0).any(axis=1))
-    rows = np.flatnonzero(moved)
-    com, axes = poses[rows, :3], body_axes(poses[rows, 3:])
+    is_new_pose = np.append(True, (np.diff(poses, axis=0) != 0).any(axis=1))
+    rows = np.flatnonzero(is_new_pose)
+    com, axes = poses[rows, :3], compute_body_axes(poses[rows, 3:])
 
     if not subject.solids and not any(isinstance(s, Tube) for s in plan.terrain.surfaces):
         return judge_worst("body.clearance", np.zeros(1), lambda _: "", margin=_IN_SCAN)
     names: list[str] = []
-    clear: list[Array] = []
+    clearances: list[Array] = []
     for solid in subject.solids:
         names.append(solid.name)
-        clear.append(body_clearance(com, axes, subject.body, solid, asked))
+        clearances.append(measure_body_clearance(com, axes, subject.body, solid, required))
     for surface in plan.terrain.surfaces:
         if isinstance(surface, Tube):
-            corners = placed(com, axes, subject.body.corners)[..., :2] - surface.center
+            corners = transform_to_world(com, axes, subject.body.corners)[..., :2] - surface.center
             names.append(surface.name)
-            clear.append(surface.wall - np.linalg.norm(corners, axis=-1).max(axis=1))
-    least = np.stack(clear, axis=-1)  # (P, S)
+            clearances.append(surface.wall - np.linalg.norm(corners, axis=-1).max(axis=1))
+    min_clearance = np.stack(clearances, axis=-1)  # (P, S)
 
-    def where(pose: int, solid: int) -> str:
+    def describe_place(pose: int, solid: int) -> str:
         row = int(rows[pose])
         count = plan.instants.count
         moment = subject.at(row) if row < count else subject.at_time(row - count)
@@ -76,14 +76,14 @@ def _body(subject: Subject) -> Check:
 
     return judge_worst(
         "body.clearance",
-        asked - least,
-        where,
-        margin=f"{1e3 * least.min():.1f} mm, asked {1e3 * asked:.1f} mm",
-        used=asked / np.maximum(least, 1e-9),
+        required - min_clearance,
+        describe_place,
+        margin=f"{1e3 * min_clearance.min():.1f} mm, asked {1e3 * required:.1f} mm",
+        used=required / np.maximum(min_clearance, 1e-9),
     )
 
 
-def _free_regions(subject: Subject) -> Check:
+def _check_free_regions(subject: Subject) -> Check:
     """At the end of every round the hull lies in one free region of each choice.
 
     A choice of single half-spaces stands for an obstacle's faces: the obstacle itself is checked,
@@ -91,12 +91,12 @@ def _free_regions(subject: Subject) -> Check:
     """
     plan = subject.plan
     rounds = plan.rounds
-    corners = placed(rounds.com, body_axes(rounds.rpy), subject.body.corners)  # (M+1, V, 3)
+    corners = transform_to_world(rounds.com, compute_body_axes(rounds.rpy), subject.body.corners)  # (M+1, V, 3)
     outside = np.zeros((len(rounds.com), 1))
     for choice in plan.terrain.free_choices:
         if choice and any(len(free.b) > 1 for free in choice):
-            past = [(corners @ free.A.T - free.b).max(axis=(1, 2)) for free in choice]
-            outside = np.column_stack([outside, np.min(past, axis=0)])
+            violations = [(corners @ free.A.T - free.b).max(axis=(1, 2)) for free in choice]
+            outside = np.column_stack([outside, np.min(violations, axis=0)])
     return judge_worst(
         "body.free_region",
         np.where(outside < 0, 0.0, outside),
@@ -104,34 +104,34 @@ def _free_regions(subject: Subject) -> Check:
     )
 
 
-def _limbs(subject: Subject) -> Check:
+def _check_limbs(subject: Subject) -> Check:
     """Link axes at the instants; the margin leaves out the last stretch before the toes."""
     points = subject.limbs.points
-    depth = link_depths(subject, points, 0.0)
-    clear = -float(
-        link_depths(subject, _narrowed(subject, points), _MEASURED).max(initial=-_MEASURED)
+    depth = measure_link_depths(subject, points, 0.0)
+    clearance = -float(
+        measure_link_depths(subject, _shorten_last_links(subject, points), _MEASURED_DISTANCE).max(initial=-_MEASURED_DISTANCE)
     )
-    at_least = "at least " if clear >= _MEASURED else ""
-    margin = f"links {at_least}{1e3 * clear:.0f} mm clear"
+    qualifier = "at least " if clearance >= _MEASURED_DISTANCE else ""
+    margin = f"links {qualifier}{1e3 * clearance:.0f} mm clear"
     return judge_link_depths("limbs.clearance", subject, depth, subject.at, margin)
 
 
-def _narrowed(subject: Subject, points: Array) -> Array:
+def _shorten_last_links(subject: Subject, points: Array) -> Array:
     """Joints and toes (..., N, P, 3) without the last stretch before the toe."""
     shorter = points.copy()
-    last = points[..., -1, :] - points[..., -2, :]
-    length = np.maximum(np.linalg.norm(last, axis=-1, keepdims=True), 1e-12)
-    shorter[..., -1, :] -= last * np.minimum(_TOE_STRETCH / length, 1.0)
+    last_link = points[..., -1, :] - points[..., -2, :]
+    length = np.maximum(np.linalg.norm(last_link, axis=-1, keepdims=True), 1e-12)
+    shorter[..., -1, :] -= last_link * np.minimum(_TOE_STRETCH / length, 1.0)
     return shorter
 
 
-def link_depths(subject: Subject, points: Array, enough: float) -> Array:
+def measure_link_depths(subject: Subject, points: Array, sufficient: float) -> Array:
     """Depth of link axes in solids (..., N, P - 1, S) [m], negative outside.
 
     points: (..., N, P, 3) joints and toes. Outside, the value is minus a lower bound on the
     distance, measured closely only below `enough` [m].
     """
-    depths = [-chain_separation(points, solid, enough) for solid in subject.solids]
+    depths = [-measure_chain_separation(points, solid, sufficient) for solid in subject.solids]
     for surface in subject.plan.terrain.surfaces:
         if isinstance(surface, Tube):
             # The inside is convex: a segment stays in it if its ends do.
@@ -143,7 +143,7 @@ def link_depths(subject: Subject, points: Array, enough: float) -> Array:
 
 
 def judge_link_depths(
-    name: str, subject: Subject, depth: Array, moment: Callable[[int], str], margin: str
+    name: str, subject: Subject, depth: Array, describe_pose: Callable[[int], str], margin: str
 ) -> Check:
     """A check of link depths (P, N, links, S); `moment` describes the first index."""
     if not depth.shape[-1]:
@@ -151,15 +151,15 @@ def judge_link_depths(
     names = [solid.name for solid in subject.solids]
     names += [s.name for s in subject.plan.terrain.surfaces if isinstance(s, Tube)]
 
-    def where(p: int, limb: int, link: int, solid: int) -> str:
+    def describe_place(p: int, limb: int, link: int, solid: int) -> str:
         link_name = f"{subject.limb(limb, link)} link"
-        return f"{moment(p)}, {link_name} and {names[solid]}"
+        return f"{describe_pose(p)}, {link_name} and {names[solid]}"
 
-    return judge_worst(name, depth, where, margin)
+    return judge_worst(name, depth, describe_place, margin)
 
 
 def judge_capsules(
-    name: str, subject: Subject, capsules: Sequence[Capsule], moment: Callable[[int], str]
+    name: str, subject: Subject, capsules: Sequence[Capsule], describe_pose: Callable[[int], str]
 ) -> Check:
     """Return a check that links, as thick as they are, miss all solids and surfaces.
 
@@ -179,48 +179,48 @@ def judge_capsules(
     if not solids and not tubes:
         return judge_worst(name, np.zeros(1), lambda _: "", margin=_IN_SCAN)
     foot = subject.plan.robot.foot
-    near = [_standing_parts(c, 0.0 if foot is None or foot.sole else foot.radius) for c in capsules]
+    standing_parts = [_cut_last_link(c, 0.0 if foot is None or foot.sole else foot.radius) for c in capsules]
     axes = np.stack([capsule.axis for capsule in capsules], axis=1)  # (P, C, 2, 3)
     rows: list[Array] = []
-    every: list[ConvexBody | Tube] = [*solids, *tubes]
-    for solid, stands in zip(every, _stood_upon(subject), strict=True):
-        apart = _face_distances(axes, solid)
-        for number, capsule in enumerate(capsules):
-            close = np.flatnonzero(~(apart[:, number] >= capsule.radius + _TOLD))  # NaN stays
-            if not len(close):
+    all_solids: list[ConvexBody | Tube] = [*solids, *tubes]
+    for solid, may_stand in zip(all_solids, _find_standing_limbs(subject), strict=True):
+        distance = _measure_face_distances(axes, solid)
+        for index, capsule in enumerate(capsules):
+            close_poses = np.flatnonzero(~(distance[:, index] >= capsule.radius + _REPORTED_CLEARANCE))  # NaN stays
+            if not len(close_poses):
                 continue
-            parts = near[number] if stands[capsule.limb] else [(capsule.axis, capsule.radius)]
-            room = np.full(len(close), _FAR)
-            for axis, own in parts:
-                beyond = _distances(axis[close], solid, own + _TOLD) - own
-                room = np.minimum(room, beyond)
-            apart[close, number] = room + capsule.radius
-        rows.append(apart)
-    clear = np.stack(rows, axis=-1)  # (P, C, S)
+            pieces = standing_parts[index] if may_stand[capsule.limb] else [(capsule.axis, capsule.radius)]
+            clearance = np.full(len(close_poses), _UNBOUNDED_CLEARANCE)
+            for axis, piece_radius in pieces:
+                piece_clearance = _measure_distances(axis[close_poses], solid, piece_radius + _REPORTED_CLEARANCE) - piece_radius
+                clearance = np.minimum(clearance, piece_clearance)
+            distance[close_poses, index] = clearance + capsule.radius
+        rows.append(distance)
+    distances = np.stack(rows, axis=-1)  # (P, C, S)
     radius = np.array([capsule.radius for capsule in capsules])[:, None]
     names = [solid.name for solid in solids] + [tube.name for tube in tubes]
 
-    def where(p: int, number: int, solid: int) -> str:
+    def describe_place(p: int, number: int, solid: int) -> str:
         capsule = capsules[number]
         link_name = subject.limb(capsule.limb, capsule.link)
-        return f"{moment(p)}, {link_name} and {names[solid]}"
+        return f"{describe_pose(p)}, {link_name} and {names[solid]}"
 
-    used = radius / np.maximum(clear, 1e-9)
-    margin = told_room(clear - radius, radius)
-    return judge_worst(name, radius - clear, where, margin, used)
+    used = radius / np.maximum(distances, 1e-9)
+    margin = describe_clearance(distances - radius, radius)
+    return judge_worst(name, radius - distances, describe_place, margin, used)
 
 
-def told_room(room: Array, radius: Array) -> str:
+def describe_clearance(clearance: Array, radius: Array) -> str:
     """What links keep at least, with their radii, for a margin."""
-    least, thin, thick = float(room.min()), float(radius.min()), float(radius.max())
-    words = f"at least {1e3 * least:.1f} mm clear"
-    if not least >= 0:
-        words = f"{-1e3 * least:.1f} mm too close"
-    span = f"{1e3 * thick:.0f} mm" if thin == thick else f"{1e3 * thin:.0f} to {1e3 * thick:.0f} mm"
-    return f"links of radius {span} {words}"
+    min_clearance, min_radius, max_radius = float(clearance.min()), float(radius.min()), float(radius.max())
+    text = f"at least {1e3 * min_clearance:.1f} mm clear"
+    if not min_clearance >= 0:
+        text = f"{-1e3 * min_clearance:.1f} mm too close"
+    span = f"{1e3 * max_radius:.0f} mm" if min_radius == max_radius else f"{1e3 * min_radius:.0f} to {1e3 * max_radius:.0f} mm"
+    return f"links of radius {span} {text}"
 
 
-def _standing_parts(capsule: Capsule, foot: float) -> list[tuple[Array, float]]:
+def _cut_last_link(capsule: Capsule, foot: float) -> list[tuple[Array, float]]:
     """Parts of a link beside what its limb stands on: axes (P, 2, 3), and the room that they keep.
 
     A last link is cut into pieces, each as thick as at its thinner end.
@@ -228,31 +228,31 @@ def _standing_parts(capsule: Capsule, foot: float) -> list[tuple[Array, float]]:
     axis, radius = capsule.axis, capsule.radius
     if not np.isfinite(capsule.to_toe):
         return [(axis, radius)]
-    along = capsule.starts - capsule.ends
-    lengths = np.linalg.norm(along, axis=-1)
+    link_vector = capsule.starts - capsule.ends
+    lengths = np.linalg.norm(link_vector, axis=-1)
     length = float(np.max(lengths, initial=0.0, where=np.isfinite(lengths)))
     to_start = capsule.to_toe + length
-    if to_start + radius <= foot + _FOOT_ITSELF:
+    if to_start + radius <= foot + _FOOT_TOLERANCE:
         return []
     first = 0.0 if foot > 0 else _TOE_STRETCH
-    whole = max((radius - foot) / SLENDER, first)
-    cuts = [*np.linspace(first, whole, _PIECES + 1)] if whole > first else [first]
+    full_radius_distance = max((radius - foot) / SLENDER, first)
+    cuts = [*np.linspace(first, full_radius_distance, _NUM_PIECES + 1)] if full_radius_distance > first else [first]
     cuts = [cut for cut in (*cuts, to_start) if capsule.to_toe < cut <= to_start]
-    begin = capsule.to_toe if first <= capsule.to_toe else first
-    parts = []
-    for far in cuts:
-        if far <= begin:
+    piece_start = capsule.to_toe if first <= capsule.to_toe else first
+    pieces = []
+    for piece_end in cuts:
+        if piece_end <= piece_start:
             continue
-        share = (np.array([far, begin]) - capsule.to_toe) / max(length, 1e-9)
-        piece = capsule.ends[:, None] + share[:, None] * along[:, None]
-        parts.append((piece, min(radius, foot + SLENDER * begin)))
-        begin = far
-    if not parts and begin <= to_start:  # a sphere
-        parts.append((axis, min(radius, foot + SLENDER * begin)))
-    return parts
+        fractions = (np.array([piece_end, piece_start]) - capsule.to_toe) / max(length, 1e-9)
+        piece = capsule.ends[:, None] + fractions[:, None] * link_vector[:, None]
+        pieces.append((piece, min(radius, foot + SLENDER * piece_start)))
+        piece_start = piece_end
+    if not pieces and piece_start <= to_start:  # a sphere
+        pieces.append((axis, min(radius, foot + SLENDER * piece_start)))
+    return pieces
 
 
-def _face_distances(axes: Array, solid: ConvexBody | Tube) -> Array:
+def _measure_face_distances(axes: Array, solid: ConvexBody | Tube) -> Array:
     """Room (...) that a face of a solid leaves to axes (..., 2, 3): at most their distances."""
     if isinstance(solid, Tube):
         # The inside is convex: a segment is as far from the wall as the nearer of its ends
@@ -261,14 +261,14 @@ def _face_distances(axes: Array, solid: ConvexBody | Tube) -> Array:
     return solid.separation_by_faces(axes)[..., 0]
 
 
-def _distances(axis: Array, solid: ConvexBody | Tube, enough: float) -> Array:
+def _measure_distances(axis: Array, solid: ConvexBody | Tube, sufficient: float) -> Array:
     """Distances (P,) of an axis (P, 2, 3) from a solid, measured up to `enough` [m]."""
     if isinstance(solid, Tube):
-        return _face_distances(axis, solid)
-    return chain_distance(axis, solid, enough)[..., 0]
+        return _measure_face_distances(axis, solid)
+    return measure_chain_distance(axis, solid, sufficient)[..., 0]
 
 
-def _stood_upon(subject: Subject) -> Iterator[BoolArray]:
+def _find_standing_limbs(subject: Subject) -> Iterator[BoolArray]:
     """Yield for every solid and tube (N,) whether limbs may stand on it.
 
     They may stand on a solid if they may on a surface that lies on its face: the obstacle is behind
@@ -276,17 +276,17 @@ def _stood_upon(subject: Subject) -> Iterator[BoolArray]:
     """
     terrain = subject.plan.terrain
     obstacles = len(terrain.obstacles)
-    for number, solid in enumerate(subject.solids):
-        stands = np.zeros(subject.plan.robot.limb_count, bool)
-        for index, surface in enumerate(terrain.surfaces):
+    for solid_index, solid in enumerate(subject.solids):
+        may_stand = np.zeros(subject.plan.robot.limb_count, bool)
+        for surface_index, surface in enumerate(terrain.surfaces):
             if isinstance(surface, Region):
-                normal = polygon_normal(surface.vertices)
-                touched = surface.vertices - surface.standoff * normal
-                away = solid.face_distances(touched)  # (V, F)
-                face = (np.abs(away).max(axis=0) < _ON_FACE) & (solid.normals @ normal > 0)
-                if face.any() and (number >= obstacles or away.max() < _ON_FACE):
-                    stands |= terrain.allowed[:, index]
-        yield stands
-    for index, surface in enumerate(terrain.surfaces):
+                normal = compute_polygon_normal(surface.vertices)
+                contact_corners = surface.vertices - surface.standoff * normal
+                distances = solid.face_distances(contact_corners)  # (V, F)
+                face = (np.abs(distances).max(axis=0) < _FACE_TOLERANCE) & (solid.normals @ normal > 0)
+                if face.any() and (solid_index >= obstacles or distances.max() < _FACE_TOLERANCE):
+                    may_stand |= terrain.allowed[:, surface_index]
+        yield may_stand
+    for surface_index, surface in enumerate(terrain.surfaces):
         if isinstance(surface, Tube):
-            yield terrain.allowed[:, index]
+            yield terrain.allowed[:, surface_index]

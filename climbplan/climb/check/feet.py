@@ -13,62 +13,66 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.check.anew.soles import corners, lying, soles_at
-from climbplan.climb.check.convex import polygon_edges, polygon_normal
-from climbplan.climb.check.distances import chain_distance
-from climbplan.climb.check.raw_distances import distances
+from climbplan.climb.check.anew.soles import (
+    build_sole_axes,
+    compute_corner_offsets,
+    compute_sole_axes,
+)
+from climbplan.climb.check.convex import compute_polygon_edges, compute_polygon_normal
+from climbplan.climb.check.distances import measure_chain_distance
+from climbplan.climb.check.raw_distances import measure_triangle_distances
 from climbplan.climb.check.subject import Subject
 from climbplan.terrain.surfaces import Region, Tube
 from climbplan.verification.check import Check, judge_worst
 
-_TOLD = 0.05  # [m] room beside feet up to which it is measured
+_REPORTED_CLEARANCE = 0.05  # [m] room beside feet up to which it is measured
 
 
-def feet_check(subject: Subject) -> Iterator[Check]:
+def check_feet(subject: Subject) -> Iterator[Check]:
     """At the instants; nothing for point toes."""
     plan = subject.plan
     if plan.robot.sole is None:
         yield from judge_feet("limbs.feet", subject, plan.instants.toes, subject.at)
         return
-    soles = soles_at(plan.robot, subject.axes, plan.instants.joint_angles)
-    deep = _sole_depth(subject, subject.limbs.toe, soles)
-    lies = _off_surface(subject, soles)
-    worst = np.maximum(deep.max(axis=(-1, -2)), lies)
-    yield judge_worst("limbs.feet", worst, subject.at, _margin_of_soles(deep))
+    soles = build_sole_axes(plan.robot, subject.axes, plan.instants.joint_angles)
+    depth = _measure_sole_depth(subject, subject.limbs.toe, soles)
+    surface_error = _measure_surface_error(subject, soles)
+    worst = np.maximum(depth.max(axis=(-1, -2)), surface_error)
+    yield judge_worst("limbs.feet", worst, subject.at, _describe_sole_margin(depth))
 
 
 def judge_soles(
-    name: str, subject: Subject, toes: Array, soles: Array, moment: Callable[[int], str]
+    name: str, subject: Subject, toes: Array, soles: Array, describe_pose: Callable[[int], str]
 ) -> Iterator[Check]:
     """A check of soles about toes (P, N, 3) of rows (P, N, 3, 3), world, against all solids."""
     names = [solid.name for solid in subject.solids]
-    deep = _sole_depth(subject, toes, soles)
+    depth = _measure_sole_depth(subject, toes, soles)
 
-    def where(p: int, limb: int, corner: int, solid: int) -> str:
-        return f"{moment(p)}, sole of {subject.limb(limb)} and {names[solid]}"
+    def describe_place(p: int, limb: int, corner: int, solid: int) -> str:
+        return f"{describe_pose(p)}, sole of {subject.limb(limb)} and {names[solid]}"
 
-    yield judge_worst(name, deep, where, _margin_of_soles(deep))
-
-
-def _margin_of_soles(deep: Array) -> str:
-    return f"soles at most {max(1e3 * float(deep.max(initial=0.0)), 0.0):.2f} mm deep"
+    yield judge_worst(name, depth, describe_place, _describe_sole_margin(depth))
 
 
-def _sole_depth(subject: Subject, toes: Array, soles: Array) -> Array:
+def _describe_sole_margin(depth: Array) -> str:
+    return f"soles at most {max(1e3 * float(depth.max(initial=0.0)), 0.0):.2f} mm deep"
+
+
+def _measure_sole_depth(subject: Subject, toes: Array, soles: Array) -> Array:
     """(P, N, 5, S) how deep corners and middles of soles are in solids [m]; none without any."""
     sole = subject.plan.robot.sole
     assert sole is not None
     points = toes[..., None, :] + np.concatenate(
-        [corners(sole, soles), np.zeros((*toes.shape[:-1], 1, 3))], axis=-2
+        [compute_corner_offsets(sole, soles), np.zeros((*toes.shape[:-1], 1, 3))], axis=-2
     )
     if not subject.solids:
         return np.full((*points.shape[:-1], 1), -np.inf)
     pieces = np.stack([points, points], axis=-2)
-    room = [chain_distance(pieces, solid, _TOLD)[..., 0] for solid in subject.solids]
-    return -np.stack(room, axis=-1)
+    clearances = [measure_chain_distance(pieces, solid, _REPORTED_CLEARANCE)[..., 0] for solid in subject.solids]
+    return -np.stack(clearances, axis=-1)
 
 
-def _off_surface(subject: Subject, soles: Array) -> Array:
+def _measure_surface_error(subject: Subject, soles: Array) -> Array:
     """(K, N) how far standing soles lie off their surfaces or reach beyond them [m].
 
     A radian of the sole from where it is to lie counts as one metre.
@@ -76,50 +80,50 @@ def _off_surface(subject: Subject, soles: Array) -> Array:
     plan, sole = subject.plan, subject.plan.robot.sole
     assert sole is not None
     instants = plan.instants
-    off = np.linalg.norm(soles - lying(sole, instants.normal), axis=-1).max(axis=-1)
-    points = subject.limbs.toe[..., None, :] + corners(sole, soles)
+    error = np.linalg.norm(soles - compute_sole_axes(sole, instants.normal), axis=-1).max(axis=-1)
+    points = subject.limbs.toe[..., None, :] + compute_corner_offsets(sole, soles)
     for index, surface in enumerate(plan.terrain.surfaces):
-        here = instants.region == index
+        on_surface = instants.region == index
         if not isinstance(surface, Region):
-            off[here] = np.inf
+            error[on_surface] = np.inf
             continue
-        normal = polygon_normal(surface.vertices)
-        outward, offsets = polygon_edges(surface.vertices, normal)
-        past = (points[here] @ outward.T - offsets).max(axis=(-1, -2), initial=-np.inf)
-        high = np.abs((points[here] - surface.vertices[0]) @ normal).max(axis=-1, initial=0.0)
-        off[here] = np.maximum(off[here], np.maximum(past, high))
-    return np.where(instants.contact, off, -np.inf)
+        normal = compute_polygon_normal(surface.vertices)
+        outward, offsets = compute_polygon_edges(surface.vertices, normal)
+        edge_violation = (points[on_surface] @ outward.T - offsets).max(axis=(-1, -2), initial=-np.inf)
+        height_error = np.abs((points[on_surface] - surface.vertices[0]) @ normal).max(axis=-1, initial=0.0)
+        error[on_surface] = np.maximum(error[on_surface], np.maximum(edge_violation, height_error))
+    return np.where(instants.contact, error, -np.inf)
 
 
 def judge_feet(
-    name: str, subject: Subject, toes: Array, moment: Callable[[int], str]
+    name: str, subject: Subject, toes: Array, describe_pose: Callable[[int], str]
 ) -> Iterator[Check]:
     """A check of feet round toes (P, N, 3), world; `moment` describes a row."""
     foot, terrain = subject.plan.robot.foot, subject.plan.terrain
     if foot is None:
         return
-    enough = foot.radius + _TOLD
+    sufficient = foot.radius + _REPORTED_CLEARANCE
     points = np.stack([toes, toes], axis=-2)
     names = [solid.name for solid in subject.solids]
-    room = [chain_distance(points, solid, enough)[..., 0] for solid in subject.solids]
+    clearances = [measure_chain_distance(points, solid, sufficient)[..., 0] for solid in subject.solids]
     for surface in terrain.surfaces:
         if isinstance(surface, Tube):
             names.append(surface.name)
-            away = np.linalg.norm(toes[..., :2] - surface.center, axis=-1)
-            room.append(surface.wall - away)
+            distance = np.linalg.norm(toes[..., :2] - surface.center, axis=-1)
+            clearances.append(surface.wall - distance)
     if terrain.scan is not None:  # which regions lie so near, at most
-        places, number = np.unique(toes.reshape(-1, 3), axis=0, return_inverse=True)
-        away = distances(places, places, terrain.scan.corners, enough)[number.reshape(-1)]
+        unique_toes, inverse = np.unique(toes.reshape(-1, 3), axis=0, return_inverse=True)
+        distance = measure_triangle_distances(unique_toes, unique_toes, terrain.scan.corners, sufficient)[inverse.reshape(-1)]
         names.append("the scan")
-        room.append(away.reshape(toes.shape[:-1]) + terrain.scan.flatness)
-    if not room:
+        clearances.append(distance.reshape(toes.shape[:-1]) + terrain.scan.flatness)
+    if not clearances:
         yield judge_worst(name, np.zeros(1), lambda _: "", margin="nothing is solid")
         return
-    least = np.stack(room, axis=-1)
+    min_clearance = np.stack(clearances, axis=-1)
 
-    def where(p: int, limb: int, solid: int) -> str:
-        return f"{moment(p)}, foot of {subject.limb(limb)} and {names[solid]}"
+    def describe_place(p: int, limb: int, solid: int) -> str:
+        return f"{describe_pose(p)}, foot of {subject.limb(limb)} and {names[solid]}"
 
-    deep = max(-1e3 * float((least - foot.radius).min()), 0.0)
-    margin = f"feet of {1e3 * foot.radius:.0f} mm at most {deep:.2f} mm deep"
-    yield judge_worst(name, foot.radius - least, where, margin)
+    max_depth = max(-1e3 * float((min_clearance - foot.radius).min()), 0.0)
+    margin = f"feet of {1e3 * foot.radius:.0f} mm at most {max_depth:.2f} mm deep"
+    yield judge_worst(name, foot.radius - min_clearance, describe_place, margin)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import QhullError
 
 from climbplan.arrays import Array
-from climbplan.climb.check.convex import hull_of, polygon_edges, polygon_normal
+from climbplan.climb.check.convex import build_hull, compute_polygon_edges, compute_polygon_normal
 from climbplan.climb.plan.climb_plan import ClimbPlan, StepLimits
 from climbplan.robots.foot import Foot
 from climbplan.robots.model import Robot
@@ -19,11 +19,11 @@ from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Tube
 from climbplan.verification.check import Check, faults_check, judge
 
-_SAME_PLANE = 1e-6  # [m] and as a difference of unit normals
-_LEAST_AREA = 1e-8  # [m^2]
+_PLANE_TOLERANCE = 1e-6  # [m] and as a difference of unit normals
+_MIN_AREA = 1e-8  # [m^2]
 
 
-def spec_hash_check(plan: ClimbPlan) -> Check:
+def check_spec_hash(plan: ClimbPlan) -> Check:
     """The spec's text is the one the plan was made for."""
     digest = hashlib.sha256(plan.spec_text.encode()).hexdigest()
     differs = digest != plan.spec_sha256
@@ -31,33 +31,33 @@ def spec_hash_check(plan: ClimbPlan) -> Check:
     return judge("file.spec_hash", float(differs), place)
 
 
-def finite_check(not_finite: Sequence[str]) -> Check:
+def check_finite(not_finite: Sequence[str]) -> Check:
     """No NaN, and infinity only as a safety factor."""
     return faults_check("file.finite", not_finite)
 
 
-_FARTHEST = 10 * LENGTH.high  # [m] of a part of a robot from its body
+_MAX_DISTANCE = 10 * LENGTH.high  # [m] of a part of a robot from its body
 
 
-def robot_check(robot: Robot) -> Check:
+def check_robot(robot: Robot) -> Check:
     """Lengths, masses, torques and stiffnesses that a robot can have."""
-    return faults_check("robot.data", list(_robot_faults(robot)))
+    return faults_check("robot.data", list(_find_robot_faults(robot)))
 
 
-def terrain_check(terrain: Terrain, robot: Robot) -> Check:
+def check_terrain(terrain: Terrain, robot: Robot) -> Check:
     """Surfaces and solids that are what their corners say, and as far off as the robot's feet."""
-    faults = list(_terrain_faults(terrain))
+    faults = list(_find_terrain_faults(terrain))
     if robot.gripper is None:
         radius = 0.0 if robot.foot is None else robot.foot.radius
         faults += [
             f"{surface.name!r} does not stand off by the radius of the feet, {radius:g} m"
             for index, surface in enumerate(terrain.surfaces)
-            if terrain.allowed[:, index].any() and abs(surface.standoff - radius) > _SAME_PLANE
+            if terrain.allowed[:, index].any() and abs(surface.standoff - radius) > _PLANE_TOLERANCE
         ]
     return faults_check("terrain.data", faults)
 
 
-def limits_check(limits: StepLimits) -> Check:
+def check_limits(limits: StepLimits) -> Check:
     """Bounds that can be kept at all."""
     faults = [
         f"{name} {value:g} is not above zero"
@@ -85,7 +85,7 @@ def limits_check(limits: StepLimits) -> Check:
     return faults_check("limits.data", faults)
 
 
-def _robot_faults(robot: Robot) -> Iterator[str]:
+def _find_robot_faults(robot: Robot) -> Iterator[str]:
     # Joints of a chain may lie on one another.
     lengths = {} if robot.mechanism is not None else {"link_lengths": (robot.link_lengths, LENGTH)}
     ranges = lengths | {
@@ -93,15 +93,15 @@ def _robot_faults(robot: Robot) -> Iterator[str]:
         "joint_stiffness": (robot.joint_stiffness, STIFFNESS),
         "max_joint_speed": (robot.max_joint_speed, SPEED),
     }
-    for name, (values, allowed) in ranges.items():
-        out = ~((values >= allowed.low) & (values <= allowed.high)).all(axis=1)
-        for limb in np.flatnonzero(out):
-            yield f"{name} of {robot.limb_names[limb]} is not {allowed.expected}"
+    for name, (values, allowed_range) in ranges.items():
+        is_outside = ~((values >= allowed_range.low) & (values <= allowed_range.high)).all(axis=1)
+        for limb in np.flatnonzero(is_outside):
+            yield f"{name} of {robot.limb_names[limb]} is not {allowed_range.expected}"
     for limb in np.flatnonzero(~(robot.joint_upper > robot.joint_lower).all(axis=1)):
         yield f"joint_upper - joint_lower of {robot.limb_names[limb]} is not above zero"
     for name in ("shoulder_body", "stance_body", "body_hull"):
-        if not (np.abs(vars(robot)[name]) <= _FARTHEST).all():
-            yield f"{name} lies more than {_FARTHEST:g} m from the body"
+        if not (np.abs(vars(robot)[name]) <= _MAX_DISTANCE).all():
+            yield f"{name} lies more than {_MAX_DISTANCE:g} m from the body"
     if not MASS.holds(robot.mass):
         yield f"mass {robot.mass:g} kg is not {MASS.expected}"
     if not robot.gravity >= 0:
@@ -112,21 +112,21 @@ def _robot_faults(robot: Robot) -> Iterator[str]:
         yield "limb names are not unique"
     if not _has_volume(robot.body_hull):
         yield "body_hull spans no volume"
-    parts = [np.abs(part).max(initial=0.0) for part in robot.body_parts]
-    if not all(far <= _FARTHEST for far in parts) or not all(map(_has_volume, robot.body_parts)):
+    extents = [np.abs(part).max(initial=0.0) for part in robot.body_parts]
+    if not all(extent <= _MAX_DISTANCE for extent in extents) or not all(map(_has_volume, robot.body_parts)):
         yield "body_parts: expected bodies near the robot that span a volume"
-    thick = [robot.limb_radius] if robot.capsules is None else robot.capsules.radius.ravel()
-    if not all(THICKNESS.holds(float(radius)) for radius in thick):
+    radii = [robot.limb_radius] if robot.capsules is None else robot.capsules.radius.ravel()
+    if not all(THICKNESS.holds(float(radius)) for radius in radii):
         yield f"limb_radius or a radius of its capsules is not {THICKNESS.expected}"
     if robot.foot is not None:
-        yield from _foot_faults(robot, robot.foot)
+        yield from _find_foot_faults(robot, robot.foot)
         if not isinstance(robot.mechanism, SerialChain) or robot.gripper is not None:
             yield "foot: expected limbs that are chains of joints, without grippers"
     if isinstance(robot.mechanism, SerialChain):
-        yield from _chain_faults(robot, robot.mechanism)
+        yield from _find_chain_faults(robot, robot.mechanism)
 
 
-def _foot_faults(robot: Robot, foot: Foot) -> Iterator[str]:
+def _find_foot_faults(robot: Robot, foot: Foot) -> Iterator[str]:
     """Sizes of feet, and axes of soles that are not square."""
     if foot.sole is None:
         if not LENGTH.holds(foot.radius):
@@ -136,32 +136,32 @@ def _foot_faults(robot: Robot, foot: Foot) -> Iterator[str]:
         if not LENGTH.holds(size):
             yield f"foot: {name} {size:g} m is not {LENGTH.expected}"
     axes = foot.sole.axes_zero
-    square = np.abs(np.swapaxes(axes, -1, -2) @ axes - np.eye(3)).max() <= _SAME_PLANE
-    if not (square and (np.linalg.det(axes) > 0).all()):
+    is_orthonormal = np.abs(np.swapaxes(axes, -1, -2) @ axes - np.eye(3)).max() <= _PLANE_TOLERANCE
+    if not (is_orthonormal and (np.linalg.det(axes) > 0).all()):
         yield "foot: axes_zero are not right-handed and square"
     if robot.joint_count < 6:
         yield f"foot: flat feet on limbs of {robot.joint_count} joints"
 
 
-def _chain_faults(robot: Robot, chain: SerialChain) -> Iterator[str]:
+def _find_chain_faults(robot: Robot, chain: SerialChain) -> Iterator[str]:
     """What the file says twice of its chains."""
     ends = np.concatenate([chain.joint_zero, chain.toe_zero[:, None]], axis=1)
     lengths = np.linalg.norm(np.diff(ends, axis=1), axis=-1)
-    for name, stored, own in (
+    for name, stored, chain_value in (
         ("shoulder_body", robot.shoulder_body, chain.joint_zero[:, 0]),
         ("link_lengths", robot.link_lengths, lengths),
     ):
-        off = np.abs(stored - own).max(axis=1)
-        for limb in np.flatnonzero(~(off <= _SAME_PLANE)):
+        error = np.abs(stored - chain_value).max(axis=1)
+        for limb in np.flatnonzero(~(error <= _PLANE_TOLERANCE)):
             yield f"{name} of {robot.limb_names[limb]} is not that of its chain"
 
 
-def _terrain_faults(terrain: Terrain) -> Iterator[str]:
+def _find_terrain_faults(terrain: Terrain) -> Iterator[str]:
     for surface in terrain.surfaces:
         if not surface.friction > 0:
             yield f"friction {surface.friction:g} of {surface.name!r} is not above zero"
         if isinstance(surface, Region):
-            yield from _flat_faults(surface)
+            yield from _find_region_faults(surface)
         elif isinstance(surface, Tube) and not (
             surface.radius > 0 and surface.lower < surface.upper
         ):
@@ -170,42 +170,42 @@ def _terrain_faults(terrain: Terrain) -> Iterator[str]:
         if not _has_volume(solid.vertices):
             yield f"obstacle {solid.name!r} spans no volume"
             continue
-        hull = hull_of(solid.name, solid.vertices)
+        hull = build_hull(solid.name, solid.vertices)
         stored = np.column_stack([solid.A, solid.b])
         built = np.column_stack([hull.normals, hull.offsets])
-        apart = np.abs(stored[:, None] - built[None, :]).max(axis=-1)  # (stored, built)
+        distance = np.abs(stored[:, None] - built[None, :]).max(axis=-1)  # (stored, built)
         if not (
-            apart.size and max(apart.min(axis=0).max(), apart.min(axis=1).max()) <= _SAME_PLANE
+            distance.size and max(distance.min(axis=0).max(), distance.min(axis=1).max()) <= _PLANE_TOLERANCE
         ):
             yield f"half-spaces of obstacle {solid.name!r} are not those of its corners"
     for choice in terrain.free_choices:
         for free in choice:
-            if not np.allclose(np.linalg.norm(free.A, axis=1), 1.0, rtol=0, atol=_SAME_PLANE):
+            if not np.allclose(np.linalg.norm(free.A, axis=1), 1.0, rtol=0, atol=_PLANE_TOLERANCE):
                 yield f"half-spaces of free region {free.name!r} are not of unit length"
 
 
-def _flat_faults(region: Region) -> Iterator[str]:
+def _find_region_faults(region: Region) -> Iterator[str]:
     corners = region.vertices
     sides = np.roll(corners, -1, axis=0) - corners
     area = np.linalg.norm(np.cross(corners - corners[0], sides).sum(axis=0)) / 2
-    longest = np.linalg.norm(sides, axis=1).max()
-    if not (area > _LEAST_AREA and np.linalg.norm(sides, axis=1).min() > _SAME_PLANE):
+    max_side = np.linalg.norm(sides, axis=1).max()
+    if not (area > _MIN_AREA and np.linalg.norm(sides, axis=1).min() > _PLANE_TOLERANCE):
         yield f"surface {region.name!r} spans no area"
         return
-    normal = polygon_normal(corners)
-    if not np.abs((corners - corners[0]) @ normal).max() <= _SAME_PLANE:
+    normal = compute_polygon_normal(corners)
+    if not np.abs((corners - corners[0]) @ normal).max() <= _PLANE_TOLERANCE:
         yield f"surface {region.name!r} is not flat"
-    turns = np.cross(np.roll(sides, 1, axis=0), sides) @ normal
-    if not turns.min() >= -_SAME_PLANE * longest:
+    corner_products = np.cross(np.roll(sides, 1, axis=0), sides) @ normal
+    if not corner_products.min() >= -_PLANE_TOLERANCE * max_side:
         yield f"surface {region.name!r} is not convex"
-    outward, offsets = polygon_edges(corners, normal)
+    outward, offsets = compute_polygon_edges(corners, normal)
     differences = (
         region.normal - normal,
         region.offset - corners[0] @ normal,
         region.A - outward,
         region.b - offsets,
     )
-    if not max(float(np.abs(d).max()) for d in differences) <= _SAME_PLANE:
+    if not max(float(np.abs(d).max()) for d in differences) <= _PLANE_TOLERANCE:
         yield f"planes of surface {region.name!r} are not those of its corners"
 
 
@@ -213,7 +213,7 @@ def _has_volume(points: Array) -> bool:
     if len(points) < 4:
         return False
     try:
-        hull_of("", points)
+        build_hull("", points)
     except QhullError:
         return False
     return True

@@ -7,31 +7,37 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.check.anew.grips import PARTS, hands_at, holds_of, spine_bounds, wrist_axes
+from climbplan.climb.check.anew.grips import (
+    PART_NAMES,
+    bound_spine_forces,
+    build_holds,
+    compute_part_forces,
+    compute_wrist_axes,
+)
 from climbplan.climb.check.anew.kinematics import Limbs
 from climbplan.climb.check.subject import Subject
 from climbplan.robots.gripper import WRIST_JOINTS
 from climbplan.verification.check import Check, judge_worst
 
-_NO_SHEAR = 1e-6  # of the weight
+_SHEAR_TOLERANCE = 1e-6  # of the weight
 
 
-def wrist_moment_on_the_way(subject: Subject, normal: Array) -> Array | None:
+def compute_wrist_moment(subject: Subject, normal: Array) -> Array | None:
     """(T, N, 3) moment about the wrists' centres [N m]; None without grippers."""
     plan = subject.plan
     if plan.robot.gripper is None or plan.grips is None:
         return None
-    arm = -plan.robot.gripper.length * normal
-    return plan.grips.trajectory.moment + np.cross(arm, plan.grips.trajectory_force)
+    lever_arm = -plan.robot.gripper.length * normal
+    return plan.grips.trajectory.moment + np.cross(lever_arm, plan.grips.trajectory_force)
 
 
-def motion_grips(
+def check_grips_in_motion(
     subject: Subject,
     force: Array,
     limbs: Limbs,
     instant: IntArray,
     standing: BoolArray,
-    at: Callable[..., str],
+    describe_place: Callable[..., str],
 ) -> Iterator[Check]:
     """Checks of T samples: force (T, N, 3) as the joints press, limbs as they stand.
 
@@ -41,61 +47,61 @@ def motion_grips(
     gripper, grips = plan.robot.gripper, plan.grips
     if gripper is None or grips is None:
         return
-    holds = holds_of(plan)
+    holds = build_holds(plan)
     region, normal = plan.instants.region[instant], plan.instants.normal[instant]
-    bounds = spine_bounds(grips.model, grips.risk, holds)
-    hands = hands_at(force, grips.trajectory, normal, region, holds, bounds, gripper.finger_span)
-    there = standing[..., None]
-    excess = np.where(there, np.maximum(hands.shear - hands.held, -hands.pressure), -np.inf)
-    loaded = there & (hands.shear > _NO_SHEAR * subject.weight)
-    use = np.where(loaded, hands.share(), 0.0)
+    bounds = bound_spine_forces(grips.model, grips.risk, holds)
+    part_forces = compute_part_forces(force, grips.trajectory, normal, region, holds, bounds, gripper.finger_span)
+    is_standing = standing[..., None]
+    excess = np.where(is_standing, np.maximum(part_forces.shear - part_forces.held, -part_forces.pressure), -np.inf)
+    is_sheared = is_standing & (part_forces.shear > _SHEAR_TOLERANCE * subject.weight)
+    shear_ratio = np.where(is_sheared, part_forces.share(), 0.0)
 
-    def part(sample: int, limb: int, index: int) -> str:
-        return f"{at(sample, limb)} {PARTS[index]}"
+    def describe_part(sample: int, limb: int, index: int) -> str:
+        return f"{describe_place(sample, limb)} {PART_NAMES[index]}"
 
-    margin = f"S_mu {1 / use.max():.2f}" if use.any() else "no shear"
-    yield judge_worst("trajectory.grip", excess / subject.weight, part, margin, used=use)
-    off = np.linalg.norm(force - grips.trajectory_force, axis=-1) / subject.weight
-    yield judge_worst("trajectory.contact_force", off, at)
-    size = grips.trajectory.grip
-    idle = np.where(standing, 0.0, np.abs(grips.trajectory.packed).max(axis=-1))
+    margin = f"S_mu {1 / shear_ratio.max():.2f}" if shear_ratio.any() else "no shear"
+    yield judge_worst("trajectory.grip", excess / subject.weight, describe_part, margin, used=shear_ratio)
+    force_error = np.linalg.norm(force - grips.trajectory_force, axis=-1) / subject.weight
+    yield judge_worst("trajectory.contact_force", force_error, describe_place)
+    grip_force = grips.trajectory.grip
+    idle_grip = np.where(standing, 0.0, np.abs(grips.trajectory.packed).max(axis=-1))
     yield judge_worst(
         "trajectory.gripping",
-        np.maximum(np.maximum(size - gripper.max_force, -size), idle),
-        at,
-        margin=f"at most {size.max():.1f} N",
-        used=size / gripper.max_force if gripper.max_force > 0 else np.zeros_like(size),
+        np.maximum(np.maximum(grip_force - gripper.max_force, -grip_force), idle_grip),
+        describe_place,
+        margin=f"at most {grip_force.max():.1f} N",
+        used=grip_force / gripper.max_force if gripper.max_force > 0 else np.zeros_like(grip_force),
     )
 
-    def joint(sample: int, limb: int, index: int) -> str:
-        return f"{at(sample, limb)} {WRIST_JOINTS[index]}"
+    def describe_joint(sample: int, limb: int, index: int) -> str:
+        return f"{describe_place(sample, limb)} {WRIST_JOINTS[index]}"
 
     link = limbs.last_link()
-    angles = _wrist_angles(link, -normal, holds.axis[region])
-    over = np.maximum(gripper.wrist_lower - angles, angles - gripper.wrist_upper)
-    over = np.where(there, over, -np.inf)
-    half = (gripper.wrist_upper - gripper.wrist_lower) / 2
-    margin = f"{np.rad2deg(-over.max()):.1f} deg"
-    used = np.where(there, 1 + over / half, 0.0)
-    yield judge_worst("trajectory.wrist_bounds", over, joint, margin, used=used)
-    moment = wrist_moment_on_the_way(subject, normal)
+    angles = _solve_wrist_angles(link, -normal, holds.axis[region])
+    bound_violation = np.maximum(gripper.wrist_lower - angles, angles - gripper.wrist_upper)
+    bound_violation = np.where(is_standing, bound_violation, -np.inf)
+    half_range = (gripper.wrist_upper - gripper.wrist_lower) / 2
+    margin = f"{np.rad2deg(-bound_violation.max()):.1f} deg"
+    bound_ratio = np.where(is_standing, 1 + bound_violation / half_range, 0.0)
+    yield judge_worst("trajectory.wrist_bounds", bound_violation, describe_joint, margin, used=bound_ratio)
+    moment = compute_wrist_moment(subject, normal)
     assert moment is not None
-    torque = np.einsum("tnji,tni->tnj", wrist_axes(link, angles), moment)
-    share = np.where(there, np.abs(torque) / gripper.wrist_max_torque, 0.0)
-    most = np.where(there, np.abs(torque), 0.0).max()
+    torque = np.einsum("tnji,tni->tnj", compute_wrist_axes(link, angles), moment)
+    torque_ratio = np.where(is_standing, np.abs(torque) / gripper.wrist_max_torque, 0.0)
+    max_torque = np.where(is_standing, np.abs(torque), 0.0).max()
     yield judge_worst(
-        "trajectory.wrist_torque", share - 1.0, joint, f"at most {most:.2f} N m", used=share
+        "trajectory.wrist_torque", torque_ratio - 1.0, describe_joint, f"at most {max_torque:.2f} N m", used=torque_ratio
     )
 
 
-def _wrist_angles(link: Array, approach: Array, axis: Array) -> Array:
+def _solve_wrist_angles(link: Array, approach: Array, axis: Array) -> Array:
     """(..., 3) wrist angles that hold a gripper square, by the parts of its directions."""
     x, y, z = link[..., 0, :], link[..., 1, :], link[..., 2, :]
-    up = (approach * y).sum(axis=-1)
+    sine = (approach * y).sum(axis=-1)
     first = np.arctan2(-(approach * z).sum(axis=-1), (approach * x).sum(axis=-1))
-    second = np.arctan2(up, np.sqrt(np.maximum(1 - up**2, 0.0)))
-    flat = np.stack([first, second, np.zeros_like(first)], axis=-1)
-    tilted = wrist_axes(link, flat)[..., 1, :]
-    across = np.cross(tilted, approach)
-    third = np.arctan2((axis * tilted).sum(axis=-1), (axis * across).sum(axis=-1))
+    second = np.arctan2(sine, np.sqrt(np.maximum(1 - sine**2, 0.0)))
+    untwisted = np.stack([first, second, np.zeros_like(first)], axis=-1)
+    tilted = compute_wrist_axes(link, untwisted)[..., 1, :]
+    tilted_cross = np.cross(tilted, approach)
+    third = np.arctan2((axis * tilted).sum(axis=-1), (axis * tilted_cross).sum(axis=-1))
     return np.stack([first, second, third - np.pi * np.round(third / np.pi)], axis=-1)

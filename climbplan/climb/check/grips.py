@@ -9,16 +9,16 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.climb.check.anew.grips import (
-    PARTS,
-    Hands,
+    PART_NAMES,
+    GripForcesByPart,
     Holds,
-    gripper_frames,
-    hands_at,
-    holds_of,
-    spine_bounds,
-    wrist_axes,
+    bound_spine_forces,
+    build_holds,
+    compute_gripper_frames,
+    compute_part_forces,
+    compute_wrist_axes,
 )
-from climbplan.climb.check.self_collision import segments_apart
+from climbplan.climb.check.self_collision import measure_segment_distances
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.grips import GripPlan
@@ -26,10 +26,10 @@ from climbplan.robots.gripper import WRIST_JOINTS, Gripper
 from climbplan.terrain.surfaces import Region
 from climbplan.verification.check import Check, faults_check, judge_worst
 
-_TOLD = 0.02  # [m] room up to which it is measured
+_REPORTED_CLEARANCE = 0.02  # [m] room up to which it is measured
 
 
-def grips_apart(subject: Subject, gripper: Gripper, holds: Holds) -> Check:
+def check_gripper_clearance(subject: Subject, gripper: Gripper, holds: Holds) -> Check:
     """Room between grippers at every instant, of every two limbs that hold on [m].
 
     Each gripper is a T, as thick as a limb: from the wrist to the grip's centre, and from finger
@@ -40,47 +40,47 @@ def grips_apart(subject: Subject, gripper: Gripper, holds: Holds) -> Check:
     wrists = instants.toes
     palms = wrists - gripper.length * instants.normal
     fingers = gripper.finger_span / 2 * holds.axis[instants.region]
-    parts = (
+    bars = (
         np.stack([wrists, palms], axis=2),
         np.stack([palms - fingers, palms + fingers], axis=2),
     )  # (K, N, 2, 3)
-    thick = 2 * plan.robot.limb_radius
+    thickness = 2 * plan.robot.limb_radius
     pairs = list(itertools.combinations(range(len(names)), 2))
-    room = np.full((instants.count, len(pairs)), _TOLD)
-    for column, (one, other) in enumerate(pairs):
-        both = np.flatnonzero(instants.contact[:, one] & instants.contact[:, other])
-        for a, b in itertools.product(parts, parts):
-            away = segments_apart(a[both, one], b[both, other], thick + _TOLD) - thick
-            room[both, column] = np.minimum(room[both, column], away)
+    clearance = np.full((instants.count, len(pairs)), _REPORTED_CLEARANCE)
+    for column, (first, second) in enumerate(pairs):
+        both_standing = np.flatnonzero(instants.contact[:, first] & instants.contact[:, second])
+        for a, b in itertools.product(bars, bars):
+            bar_clearance = measure_segment_distances(a[both_standing, first], b[both_standing, second], thickness + _REPORTED_CLEARANCE) - thickness
+            clearance[both_standing, column] = np.minimum(clearance[both_standing, column], bar_clearance)
 
-    def where(k: int, column: int) -> str:
+    def describe_place(k: int, column: int) -> str:
         one, other = pairs[column]
         return f"{subject.at(k)}, {names[one]} and {names[other]}"
 
-    least = float(room.min())
-    words = "at least " if least >= _TOLD else ""
-    return judge_worst("grip.apart", -room, where, f"{words}{1e3 * least:.1f} mm between grippers")
+    min_clearance = float(clearance.min())
+    qualifier = "at least " if min_clearance >= _REPORTED_CLEARANCE else ""
+    return judge_worst("grip.apart", -clearance, describe_place, f"{qualifier}{1e3 * min_clearance:.1f} mm between grippers")
 
 
-_NO_SHEAR = 1e-6  # of the weight: less is rounding of forces that are zero
-_BISECTIONS = 60
-_FAR = 1e6  # [N] a pull that counts as any
+_SHEAR_TOLERANCE = 1e-6  # of the weight: less is rounding of forces that are zero
+_NUM_BISECTIONS = 60
+_MAX_PULL = 1e6  # [N] a pull that counts as any
 
 
-def gripper_check(plan: ClimbPlan) -> Check:
+def check_gripper_data(plan: ClimbPlan) -> Check:
     """Grippers, holds and the model of spines that can be; passes where there are none."""
     faults: list[str] = []
     gripper, grips = plan.robot.gripper, plan.grips
     for surface in plan.terrain.surfaces:
         if isinstance(surface, Region) and surface.hold is not None:
             hold = surface.hold
-            unit = abs(np.linalg.norm(hold.axis) - 1) < 1e-6
-            if not (unit and abs(hold.axis @ surface.normal) < 1e-6):
+            is_unit = abs(np.linalg.norm(hold.axis) - 1) < 1e-6
+            if not (is_unit and abs(hold.axis @ surface.normal) < 1e-6):
                 faults.append(f"fingers' axis on {surface.name!r} is no direction in it")
             if not -np.pi / 2 - 1e-9 <= hold.undercut < np.pi / 2:
                 faults.append(f"undercut of {surface.name!r} is not within -90 to 90 deg")
     if gripper is not None and grips is not None:
-        positive = {
+        positive_values = {
             "length": gripper.length,
             "finger_span": gripper.finger_span,
             "wrist_max_torque": gripper.wrist_max_torque.min(),
@@ -89,7 +89,7 @@ def gripper_check(plan: ClimbPlan) -> Check:
             "model length": grips.model.length,
             "model scale": grips.model.scale.min(),
         }
-        faults += [f"{name} is not above zero" for name, value in positive.items() if not value > 0]
+        faults += [f"{name} is not above zero" for name, value in positive_values.items() if not value > 0]
         if not gripper.max_force >= 0:
             faults.append("max_force is negative")
         if not 0 < grips.risk < 1:
@@ -104,43 +104,43 @@ def gripper_check(plan: ClimbPlan) -> Check:
     return faults_check("grip.data", faults)
 
 
-def grip_checks(subject: Subject) -> Iterator[Check]:
+def check_grips(subject: Subject) -> Iterator[Check]:
     """All checks of a plan with grippers."""
     plan = subject.plan
     gripper, grips = plan.robot.gripper, plan.grips
     if gripper is None or grips is None:
         return
-    holds = holds_of(plan)
-    bounds = spine_bounds(grips.model, grips.risk, holds)
-    off = np.abs(bounds - grips.spines)
-    yield judge_worst("grip.spines", off, lambda r: f"on {plan.terrain.surfaces[r].name!r}")
-    hands = _hands(subject, gripper, grips, holds, bounds, np.zeros(plan.instants.contact.shape))
-    yield from _cones(subject, hands)
-    yield from _gripping(subject, gripper, grips, hands)
-    yield from _wrists(subject, gripper, grips, holds)
-    yield grips_apart(subject, gripper, holds)
-    yield _pull_out(subject, grips, further_pull(subject, gripper, grips))
-    yield _factors(subject, gripper, grips, hands, bounds[plan.instants.region])
+    holds = build_holds(plan)
+    bounds = bound_spine_forces(grips.model, grips.risk, holds)
+    spine_error = np.abs(bounds - grips.spines)
+    yield judge_worst("grip.spines", spine_error, lambda r: f"on {plan.terrain.surfaces[r].name!r}")
+    part_forces = _compute_part_forces(subject, gripper, grips, holds, bounds, np.zeros(plan.instants.contact.shape))
+    yield from _check_cones(subject, part_forces)
+    yield from _check_gripping_force(subject, gripper, grips, part_forces)
+    yield from _check_wrists(subject, gripper, grips, holds)
+    yield check_gripper_clearance(subject, gripper, holds)
+    yield _check_pull_out(subject, grips, find_max_pull(subject, gripper, grips))
+    yield _check_stored_factors(subject, gripper, grips, part_forces, bounds[plan.instants.region])
 
 
-def _cones(subject: Subject, hands: Hands) -> Iterator[Check]:
+def _check_cones(subject: Subject, part_forces: GripForcesByPart) -> Iterator[Check]:
     """Palm and fingers press, and shear no more than friction and spines hold over S_mu."""
     contact = subject.plan.instants.contact[..., None]
 
-    def where(k: int, limb: int, part: int) -> str:
-        return f"{subject.at(k)}, {subject.limb(limb)} {PARTS[part]}"
+    def describe_place(k: int, limb: int, part: int) -> str:
+        return f"{subject.at(k)}, {subject.limb(limb)} {PART_NAMES[part]}"
 
-    lifts = np.where(contact, -hands.pressure, -np.inf) / subject.weight
-    yield judge_worst("grip.press", lifts, where)
-    asked = subject.plan.limits.safety_friction
-    loaded = contact & (hands.shear > _NO_SHEAR * subject.weight)
-    excess = np.where(contact, hands.shear - hands.held / asked, -np.inf) / subject.weight
-    use = np.where(loaded, hands.share(), 0.0)
-    margin = f"S_mu {1 / use.max():.2f}" if use.any() else "no shear"
-    yield judge_worst("grip.shear", excess, where, margin, used=use * asked)
+    pull = np.where(contact, -part_forces.pressure, -np.inf) / subject.weight
+    yield judge_worst("grip.press", pull, describe_place)
+    required = subject.plan.limits.safety_friction
+    is_sheared = contact & (part_forces.shear > _SHEAR_TOLERANCE * subject.weight)
+    excess = np.where(contact, part_forces.shear - part_forces.held / required, -np.inf) / subject.weight
+    shear_ratio = np.where(is_sheared, part_forces.share(), 0.0)
+    margin = f"S_mu {1 / shear_ratio.max():.2f}" if shear_ratio.any() else "no shear"
+    yield judge_worst("grip.shear", excess, describe_place, margin, used=shear_ratio * required)
 
 
-def _gripping(subject: Subject, gripper: Gripper, grips: GripPlan, hands: Hands) -> Iterator[Check]:
+def _check_gripping_force(subject: Subject, gripper: Gripper, grips: GripPlan, part_forces: GripForcesByPart) -> Iterator[Check]:
     """Gripping force within its limit over S_tau; no moment that fingers cannot carry."""
     plan = subject.plan
     force, contact = grips.instants.grip, plan.instants.contact
@@ -154,60 +154,60 @@ def _gripping(subject: Subject, gripper: Gripper, grips: GripPlan, hands: Hands)
         used=force / limit if limit > 0 else np.zeros_like(force),
     )
     # Without contact nothing is left at all
-    idle = grips.instants.packed
-    left = np.where(contact, 0.0, np.abs(idle).max(axis=-1))
-    size = np.linalg.norm(grips.instants.moment, axis=-1)
+    packed = grips.instants.packed
+    residual_grip = np.where(contact, 0.0, np.abs(packed).max(axis=-1))
+    moment_norm = np.linalg.norm(grips.instants.moment, axis=-1)
     yield judge_worst(
         "grip.moment",
-        np.maximum(hands.stray, left),
+        np.maximum(part_forces.stray, residual_grip),
         subject.at,
-        margin=f"moments up to {size.max():.2f} N m",
+        margin=f"moments up to {moment_norm.max():.2f} N m",
     )
 
 
-def _wrists(subject: Subject, gripper: Gripper, grips: GripPlan, holds: Holds) -> Iterator[Check]:
+def _check_wrists(subject: Subject, gripper: Gripper, grips: GripPlan, holds: Holds) -> Iterator[Check]:
     """Wrists hold the grippers square on their holds, within bounds and torques."""
     plan = subject.plan
     link = subject.limbs.last_link()
-    frames = gripper_frames(gripper, link, grips.wrist_angles)
+    frames = compute_gripper_frames(gripper, link, grips.wrist_angles)
     normal, axis = plan.instants.normal, holds.axis[plan.instants.region]
-    aside = np.linalg.norm(frames[..., 0, :] + normal, axis=-1)
+    approach_error = np.linalg.norm(frames[..., 0, :] + normal, axis=-1)
     closing = frames[..., 1, :]
     # Two fingers may be the other way round.
-    turned = np.minimum(
+    closing_error = np.minimum(
         np.linalg.norm(closing - axis, axis=-1), np.linalg.norm(closing + axis, axis=-1)
     )
-    yield judge_worst("wrist.square", np.maximum(aside, turned), subject.at)
+    yield judge_worst("wrist.square", np.maximum(approach_error, closing_error), subject.at)
 
-    def where(k: int, limb: int, joint: int) -> str:
+    def describe_place(k: int, limb: int, joint: int) -> str:
         return f"{subject.at(k)}, {subject.limb(limb)} {WRIST_JOINTS[joint]}"
 
     angles = grips.wrist_angles
-    over = np.maximum(gripper.wrist_lower - angles, angles - gripper.wrist_upper)
-    half = (gripper.wrist_upper - gripper.wrist_lower) / 2
-    margin = f"{np.rad2deg(-over.max()):.1f} deg"
-    yield judge_worst("wrist.bounds", over, where, margin, used=1 + over / half)
+    bound_violation = np.maximum(gripper.wrist_lower - angles, angles - gripper.wrist_upper)
+    half_range = (gripper.wrist_upper - gripper.wrist_lower) / 2
+    margin = f"{np.rad2deg(-bound_violation.max()):.1f} deg"
+    yield judge_worst("wrist.bounds", bound_violation, describe_place, margin, used=1 + bound_violation / half_range)
 
-    torque = np.einsum("knji,kni->knj", wrist_axes(link, angles), subject.wrist_moment)
+    torque = np.einsum("knji,kni->knj", compute_wrist_axes(link, angles), subject.wrist_moment)
     torque = np.where(plan.instants.contact[..., None], torque, 0.0)
-    yield judge_worst("wrist.from_forces", np.abs(torque - grips.wrist_torque), where)
-    use = np.abs(torque) / gripper.wrist_max_torque
-    asked = plan.limits.safety_torque
+    yield judge_worst("wrist.from_forces", np.abs(torque - grips.wrist_torque), describe_place)
+    torque_ratio = np.abs(torque) / gripper.wrist_max_torque
+    required = plan.limits.safety_torque
     yield judge_worst(
         "wrist.torque",
-        use - 1 / asked,
-        where,
+        torque_ratio - 1 / required,
+        describe_place,
         margin=f"at most {np.abs(torque).max():.2f} N m",
-        used=use * asked,
+        used=torque_ratio * required,
     )
 
 
-def _hands(
+def _compute_part_forces(
     subject: Subject, gripper: Gripper, grips: GripPlan, holds: Holds, bounds: Array, pull: Array
-) -> Hands:
+) -> GripForcesByPart:
     """What palms and fingers do at the instants, pulled off their surfaces by (K, N) more [N]."""
     plan, instants = subject.plan, subject.plan.instants
-    return hands_at(
+    return compute_part_forces(
         plan.forces.force - pull[..., None] * instants.normal,
         grips.instants,
         instants.normal,
@@ -218,81 +218,81 @@ def _hands(
     )
 
 
-def friction_in_hand(subject: Subject, gripper: Gripper, grips: GripPlan) -> Array:
+def compute_friction_reserve(subject: Subject, gripper: Gripper, grips: GripPlan) -> Array:
     """(K, N) share of its friction and spines that the worst part of a grip may lack."""
-    holds = holds_of(subject.plan)
+    holds = build_holds(subject.plan)
     contact = subject.plan.instants.contact
-    bounds = spine_bounds(grips.model, grips.risk, holds)
-    hands = _hands(subject, gripper, grips, holds, bounds, np.zeros(contact.shape))
-    loaded = contact[..., None] & (hands.shear > _NO_SHEAR * subject.weight)
-    return np.asarray(1 - np.where(loaded, hands.share(), 0.0).max(axis=-1))
+    bounds = bound_spine_forces(grips.model, grips.risk, holds)
+    part_forces = _compute_part_forces(subject, gripper, grips, holds, bounds, np.zeros(contact.shape))
+    is_sheared = contact[..., None] & (part_forces.shear > _SHEAR_TOLERANCE * subject.weight)
+    return np.asarray(1 - np.where(is_sheared, part_forces.share(), 0.0).max(axis=-1))
 
 
-def further_pull(subject: Subject, gripper: Gripper, grips: GripPlan) -> Array:
+def find_max_pull(subject: Subject, gripper: Gripper, grips: GripPlan) -> Array:
     """(K, N) further pull that grips hold [N], found by halving intervals; 0 of lifted limbs."""
     contact = subject.plan.instants.contact
-    holds = holds_of(subject.plan)
-    bounds = spine_bounds(grips.model, grips.risk, holds)
+    holds = build_holds(subject.plan)
+    bounds = bound_spine_forces(grips.model, grips.risk, holds)
 
-    def holds_at(pull: Array) -> Array:
-        hands = _hands(subject, gripper, grips, holds, bounds, pull)
+    def is_held(pull: Array) -> Array:
+        part_forces = _compute_part_forces(subject, gripper, grips, holds, bounds, pull)
         slack = 1e-9 * subject.weight
-        fine = (hands.shear <= hands.held + slack) & (hands.pressure >= -slack)
-        return np.asarray(fine[..., 1:].all(axis=-1))
+        is_inside = (part_forces.shear <= part_forces.held + slack) & (part_forces.pressure >= -slack)
+        return np.asarray(is_inside[..., 1:].all(axis=-1))
 
     low = np.zeros(contact.shape)
-    high = np.where(holds_at(np.full(contact.shape, _FAR)), np.inf, _FAR)
-    endless = np.isinf(high)
-    high = np.where(endless, 0.0, high)
-    for _ in range(_BISECTIONS):
+    high = np.where(is_held(np.full(contact.shape, _MAX_PULL)), np.inf, _MAX_PULL)
+    is_unbounded = np.isinf(high)
+    high = np.where(is_unbounded, 0.0, high)
+    for _ in range(_NUM_BISECTIONS):
         middle = (low + high) / 2
-        fine = holds_at(middle)
-        low, high = np.where(fine, middle, low), np.where(fine, high, middle)
-    return np.where(contact, np.where(endless, np.inf, low), 0.0)
+        is_feasible = is_held(middle)
+        low, high = np.where(is_feasible, middle, low), np.where(is_feasible, high, middle)
+    return np.where(contact, np.where(is_unbounded, np.inf, low), 0.0)
 
 
-def _pull_out(subject: Subject, grips: GripPlan, found: Array) -> Check:
+def _check_pull_out(subject: Subject, grips: GripPlan, max_pull: Array) -> Check:
     """The stored further pull that a grip holds (K, N) is what it does hold."""
     stored = grips.pull_margin
-    both = np.isinf(found) & np.isinf(stored)
-    off = np.abs(np.where(both, 0.0, found) - np.where(both, 0.0, stored)) / subject.weight
-    least = np.where(subject.plan.instants.contact, found, np.inf).min()
+    both_infinite = np.isinf(max_pull) & np.isinf(stored)
+    error = np.abs(np.where(both_infinite, 0.0, max_pull) - np.where(both_infinite, 0.0, stored)) / subject.weight
+    min_pull = np.where(subject.plan.instants.contact, max_pull, np.inf).min()
     return judge_worst(
-        "grip.pull_out", off, subject.at, margin=f"least further pull held {least:.1f} N"
+        "grip.pull_out", error, subject.at, margin=f"least further pull held {min_pull:.1f} N"
     )
 
 
-def _factors(
-    subject: Subject, gripper: Gripper, grips: GripPlan, hands: Hands, spines: Array
+def _check_stored_factors(
+    subject: Subject, gripper: Gripper, grips: GripPlan, part_forces: GripForcesByPart, spines: Array
 ) -> Check:
     """Stored safety factors are those of the stored grips."""
     plan = subject.plan
     forces, contact = plan.forces, plan.instants.contact[..., None]
-    loaded: BoolArray = contact & (hands.shear > _NO_SHEAR * subject.weight)
-    friction = np.where(loaded, hands.share(), 0.0).max(axis=(1, 2))
-    use = [
+    is_sheared: BoolArray = contact & (part_forces.shear > _SHEAR_TOLERANCE * subject.weight)
+    friction = np.where(is_sheared, part_forces.share(), 0.0).max(axis=(1, 2))
+    load_ratios = [
         (np.abs(subject.torques + subject.link_torques) / plan.robot.max_torque).max(axis=(1, 2)),
         (np.abs(grips.wrist_torque) / gripper.wrist_max_torque).max(axis=(1, 2)),
     ]
     if gripper.max_force > 0:
-        use.append((grips.instants.grip / gripper.max_force).max(axis=1))
-    tight = np.asarray(np.max(use, axis=0))
-    off = np.stack(
+        load_ratios.append((grips.instants.grip / gripper.max_force).max(axis=1))
+    max_ratio = np.asarray(np.max(load_ratios, axis=0))
+    error = np.stack(
         [
-            np.abs(1 / forces.safety_torque - tight),
+            np.abs(1 / forces.safety_torque - max_ratio),
             np.abs(1 / forces.safety_friction - friction),
-            np.abs(forces.mu_critical - _critical(hands, spines, loaded)).max(axis=1),
+            np.abs(forces.mu_critical - _compute_critical_mu(part_forces, spines, is_sheared)).max(axis=1),
         ],
         axis=1,
     )
     names = ("safety_torque", "safety_friction", "mu_critical")
-    return judge_worst("safety.stored", off, lambda k, row: f"{subject.at(k)}, {names[row]}")
+    return judge_worst("safety.stored", error, lambda k, row: f"{subject.at(k)}, {names[row]}")
 
 
-def _critical(hands: Hands, spines: Array, loaded: BoolArray) -> Array:
+def _compute_critical_mu(part_forces: GripForcesByPart, spines: Array, is_sheared: BoolArray) -> Array:
     """(K, N) friction coefficient at which a part slips, its spines holding as counted on."""
-    own = np.stack([0 * spines, spines / 2, spines / 2], axis=-1)
-    beyond = np.maximum(hands.shear - own, 0.0)
-    ratio = np.where(beyond > 0, np.inf, 0.0)
-    np.divide(beyond, hands.pressure, out=ratio, where=hands.pressure > 0)
-    return np.asarray(np.where(loaded, ratio, 0.0).max(axis=-1))
+    spine_parts = np.stack([0 * spines, spines / 2, spines / 2], axis=-1)
+    shear_excess = np.maximum(part_forces.shear - spine_parts, 0.0)
+    ratio = np.where(shear_excess > 0, np.inf, 0.0)
+    np.divide(shear_excess, part_forces.pressure, out=ratio, where=part_forces.pressure > 0)
+    return np.asarray(np.where(is_sheared, ratio, 0.0).max(axis=-1))

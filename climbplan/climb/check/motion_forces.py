@@ -11,9 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.climb.check.anew.feet import touching_limbs
-from climbplan.climb.check.anew.kinematics import StandingLimbs, limbs_at
-from climbplan.climb.check.anew.static_pose import force_of, held_motion, held_rows, joints_by_body
+from climbplan.climb.check.anew.feet import move_toes_to_contacts
+from climbplan.climb.check.anew.kinematics import StandingLimbs, build_limbs
+from climbplan.climb.check.anew.static_pose import (
+    build_foot_jacobian,
+    build_foot_motion,
+    solve_contact_force,
+    solve_joint_motion,
+)
 from climbplan.robots.model import Robot
 
 
@@ -27,7 +32,7 @@ class MotionForces:
     torque: Array  # (T, N, J) [N m]
 
 
-def motion_forces(
+def compute_motion_forces(
     robot: Robot,
     com: Array,
     axes: Array,
@@ -37,7 +42,7 @@ def motion_forces(
     load: Array,
     moment: Array | None = None,
     arm: Array | None = None,
-    flat: bool = False,
+    is_flat: bool = False,
 ) -> MotionForces:
     """Forces for bodies at com (T, 3), axes (T, 3, 3) with limbs commanded to command (T, N, J).
 
@@ -45,30 +50,30 @@ def motion_forces(
     of finite size touch [m]; flat: whether these are flat, and held as a whole.
     """
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
-    touching = contact[..., None]
-    torque = np.where(touching, spring * (standing.angles - command), 0.0)
-    limbs = limbs_at(robot, com, axes, standing.angles)
+    is_touching = contact[..., None]
+    torque = np.where(is_touching, spring * (standing.angles - command), 0.0)
+    limbs = build_limbs(robot, com, axes, standing.angles)
     toes = standing.points[..., -1, :]
     if arm is not None:
-        limbs, toes = touching_limbs(limbs, arm), toes + arm
-    jacobian = held_rows(limbs, flat)
-    wrists = np.zeros_like(torque)  # part of the torques that moments take
+        limbs, toes = move_toes_to_contacts(limbs, arm), toes + arm
+    jacobian = build_foot_jacobian(limbs, is_flat)
+    wrist_torque = np.zeros_like(torque)  # part of the torques that moments take
     if moment is not None:
-        wrists = np.where(touching, (limbs.turning() @ moment[..., None])[..., 0], 0.0)
+        wrist_torque = np.where(is_touching, (limbs.turning() @ moment[..., None])[..., 0], 0.0)
         load = load + np.concatenate([0 * load[:, :3], moment.sum(axis=1)], axis=1)
-    motion = held_motion(toes - com[:, None, :], flat)
-    bend = joints_by_body(jacobian, motion, spring) * touching[..., None]  # joints turn by -bend dx
-    torque_flat = (torque - wrists).reshape(len(com), -1)
-    bend_flat = bend.reshape(len(com), -1, 6)
-    firm = bend * spring[..., None]
-    stiffness = np.swapaxes(bend_flat, 1, 2) @ firm.reshape(bend_flat.shape)
+    motion = build_foot_motion(toes - com[:, None, :], is_flat)
+    joint_motion = solve_joint_motion(jacobian, motion, spring) * is_touching[..., None]  # joints turn by -bend dx
+    torque_flat = (torque - wrist_torque).reshape(len(com), -1)
+    bend_flat = joint_motion.reshape(len(com), -1, 6)
+    stiff_motion = joint_motion * spring[..., None]
+    stiffness = np.swapaxes(bend_flat, 1, 2) @ stiff_motion.reshape(bend_flat.shape)
     # B^T J^-T tau: the wrench of the forces about the body origin.
     wrench = (np.swapaxes(bend_flat, 1, 2) @ torque_flat[..., None])[..., 0] + load
     deflection = np.full((len(com), 6), np.nan)
-    fine = np.isfinite(stiffness).all(axis=(1, 2))
-    inverse = np.linalg.pinv(stiffness[fine], rcond=1e-10, hermitian=True)
-    deflection[fine] = (inverse @ wrench[fine][..., None])[..., 0]
-    torque = torque - (firm @ deflection[:, None, :, None])[..., 0]
-    push = np.where(touching, force_of(jacobian, torque - wrists), 0.0)
-    own = push[..., 3:] if flat else np.zeros_like(push)
-    return MotionForces(deflection, push[..., :3], own, torque)
+    is_finite = np.isfinite(stiffness).all(axis=(1, 2))
+    inverse = np.linalg.pinv(stiffness[is_finite], rcond=1e-10, hermitian=True)
+    deflection[is_finite] = (inverse @ wrench[is_finite][..., None])[..., 0]
+    torque = torque - (stiff_motion @ deflection[:, None, :, None])[..., 0]
+    foot_wrench = np.where(is_touching, solve_contact_force(jacobian, torque - wrist_torque), 0.0)
+    sole_moment = foot_wrench[..., 3:] if is_flat else np.zeros_like(foot_wrench)
+    return MotionForces(deflection, foot_wrench[..., :3], sole_moment, torque)

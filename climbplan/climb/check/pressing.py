@@ -7,72 +7,77 @@ from collections.abc import Iterator
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.check.anew.kinematics import body_axes, limbs_at
-from climbplan.climb.check.anew.weights import link_torques
-from climbplan.climb.check.friction_factor import friction_factor, least_factor
-from climbplan.climb.check.grip_motion import motion_grips, wrist_moment_on_the_way
-from climbplan.climb.check.motion_forces import motion_forces
-from climbplan.climb.check.motion_state import Motion, angles_of, instants_of, load_of
-from climbplan.climb.check.soles import sole_motion_checks
+from climbplan.climb.check.anew.kinematics import build_limbs, compute_body_axes
+from climbplan.climb.check.anew.weights import compute_link_torques
+from climbplan.climb.check.friction_factor import compute_friction_factor, format_min_factor
+from climbplan.climb.check.grip_motion import check_grips_in_motion, compute_wrist_moment
+from climbplan.climb.check.motion_forces import compute_motion_forces
+from climbplan.climb.check.motion_state import (
+    MotionState,
+    compute_load,
+    select_angles,
+    select_instants,
+)
+from climbplan.climb.check.soles import check_soles_in_motion
 from climbplan.robots.joint_units import format_largest_torques
 from climbplan.verification.check import Check, judge_worst
 
 
-def pressing_checks(motion: Motion) -> Iterator[Check]:
+def check_pressing(motion: MotionState) -> Iterator[Check]:
     """The commands hold the body on its path, and no limb slips or is overloaded on the way."""
     plan = motion.subject.plan
     robot, trajectory = plan.robot, plan.trajectory
-    k = instants_of(motion)
+    k = select_instants(motion)
     normal, mu = plan.instants.normal[k], plan.instants.mu[k]
-    found = motion_forces(
+    motion_forces = compute_motion_forces(
         robot,
         trajectory.com,
-        body_axes(trajectory.rpy),
+        compute_body_axes(trajectory.rpy),
         motion.standing,
         trajectory.joint_command,
         ~motion.lifted,
-        load_of(motion),
-        wrist_moment_on_the_way(motion.subject, normal),
+        compute_load(motion),
+        compute_wrist_moment(motion.subject, normal),
         motion.arm,
         motion.soles is not None,
     )
-    off = _lengths(found.deflection)
+    deflection = _measure_deflections(motion_forces.deflection)
     yield judge_worst(
         "trajectory.command",
-        np.where(np.isnan(off), np.inf, off),
+        np.where(np.isnan(deflection), np.inf, deflection),
         lambda sample, row: f"{motion.at(sample)}, {('shifted', 'turned')[row]}",
     )
 
     if motion.soles is not None:
-        yield from sole_motion_checks(motion, found, mu)
+        yield from check_soles_in_motion(motion, motion_forces, mu)
     elif robot.gripper is None:
-        yield _friction(motion, found.force, normal, mu)
+        yield _check_friction(motion, motion_forces.force, normal, mu)
     else:
-        limbs = limbs_at(robot, trajectory.com, body_axes(trajectory.rpy), motion.standing.angles)
-        yield from motion_grips(motion.subject, found.force, limbs, k, ~motion.lifted, motion.at)
-    held = found.torque + link_torques(robot, body_axes(trajectory.rpy), angles_of(motion))
-    use = np.abs(held) / robot.max_torque
-    most = f"at most {format_largest_torques(robot, held)}"
-    yield judge_worst("trajectory.torque", use - 1.0, motion.at, margin=most, used=use)
+        limbs = build_limbs(robot, trajectory.com, compute_body_axes(trajectory.rpy), motion.standing.angles)
+        yield from check_grips_in_motion(motion.subject, motion_forces.force, limbs, k, ~motion.lifted, motion.at)
+    motor_torque = motion_forces.torque + compute_link_torques(robot, compute_body_axes(trajectory.rpy), select_angles(motion))
+    torque_ratio = np.abs(motor_torque) / robot.max_torque
+    max_torque = f"at most {format_largest_torques(robot, motor_torque)}"
+    yield judge_worst("trajectory.torque", torque_ratio - 1.0, motion.at, margin=max_torque, used=torque_ratio)
 
 
-def _friction(motion: Motion, force: Array, normal: Array, mu: Array) -> Check:
+def _check_friction(motion: MotionState, force: Array, normal: Array, mu: Array) -> Check:
     """Forces (T, N, 3) within their friction cones."""
     pressure = np.einsum("tni,tni->tn", force, normal)
     shear = np.linalg.norm(force - pressure[..., None] * normal, axis=-1)
-    factor = friction_factor("trajectory.friction", shear, mu * pressure, motion.subject.weight)
-    factor = np.where(motion.lifted, np.inf, factor)
+    friction_factor = compute_friction_factor("trajectory.friction", shear, mu * pressure, motion.subject.weight)
+    friction_factor = np.where(motion.lifted, np.inf, friction_factor)
     excess = np.where(motion.lifted, -np.inf, shear - mu * pressure) / motion.subject.weight
     return judge_worst(
         "trajectory.friction",
         excess,
         motion.at,
-        margin=least_factor(factor),
-        used=1 / np.maximum(factor, 1e-300),
+        margin=format_min_factor(friction_factor),
+        used=1 / np.maximum(friction_factor, 1e-300),
     )
 
 
-def _lengths(deflection: Array) -> Array:
+def _measure_deflections(deflection: Array) -> Array:
     """(T, 2) shift [m] and turn [rad] of body deflections (T, 6)."""
     parts = (deflection[:, :3], deflection[:, 3:])
     return np.stack([np.linalg.norm(part, axis=1) for part in parts], axis=1)

@@ -18,21 +18,21 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.check.anew.capsules import Capsule
-from climbplan.climb.check.clearance import told_room
+from climbplan.climb.check.clearance import describe_clearance
 from climbplan.climb.check.convex import ConvexBody
-from climbplan.climb.check.distances import chain_distance, nearest_on
+from climbplan.climb.check.distances import find_nearest_on_segment, measure_chain_distance
 from climbplan.climb.check.subject import Subject
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.verification.check import Check, judge_worst
 
-_TOLD = 0.02  # [m] room between parts up to which it is measured, not bounded
-_OF_JOINT = 0.2  # of a radius: what of a link counts as the joint that carries it
-_SAME_PLACE = 0.01  # [m] within which joints of a hip are
-_NO_DIRECTION = 1e-12  # [m] a difference shorter than this has no direction
+_REPORTED_CLEARANCE = 0.02  # [m] room between parts up to which it is measured, not bounded
+_JOINT_FRACTION = 0.2  # of a radius: what of a link counts as the joint that carries it
+_HIP_TOLERANCE = 0.01  # [m] within which joints of a hip are
+_MIN_LENGTH = 1e-12  # [m] a difference shorter than this has no direction
 
 
-def self_collision_check(subject: Subject) -> Check:
+def check_self_collision(subject: Subject) -> Check:
     """At the instants."""
     pose = subject.plan.instants.com, subject.axes
     name = "limbs.self_collision"
@@ -45,28 +45,28 @@ def judge_self_collision(
     capsules: Sequence[Capsule],
     com: Array,
     axes: Array,
-    moment: Callable[[int], str],
+    describe_pose: Callable[[int], str],
 ) -> Check:
     """A check that links, as thick as they are, miss other limbs and the body.
 
     com: (P, 3), axes: (P, 3, 3) body axes as rows, at the poses of the capsules; `moment` describes
     a pose.
     """
-    found = parts_apart(subject.plan.robot, subject.body_parts, capsules, com, axes)
-    if not found.pairs:
+    clearances = measure_part_clearances(subject.plan.robot, subject.body_parts, capsules, com, axes)
+    if not clearances.pairs:
         return judge_worst(name, np.zeros(1), lambda _: "", margin="no parts that could touch")
 
-    def where(p: int, pair: int) -> str:
-        one, other = found.pairs[pair]
-        with_what = "the body" if other is None else subject.limb(other.limb, other.link)
-        return f"{moment(p)}, {subject.limb(one.limb, one.link)} and {with_what}"
+    def describe_place(p: int, pair: int) -> str:
+        first, second = clearances.pairs[pair]
+        second_name = "the body" if second is None else subject.limb(second.limb, second.link)
+        return f"{describe_pose(p)}, {subject.limb(first.limb, first.link)} and {second_name}"
 
-    used = found.radius / np.maximum(found.room + found.radius, 1e-9)
-    return judge_worst(name, -found.room, where, told_room(found.room, found.radius), used)
+    load_ratio = clearances.radius / np.maximum(clearances.room + clearances.radius, 1e-9)
+    return judge_worst(name, -clearances.room, describe_place, describe_clearance(clearances.room, clearances.radius), load_ratio)
 
 
 @dataclass(frozen=True)
-class PartsApart:
+class PartClearances:
     """Room between the parts of a robot in P poses."""
 
     room: Array  # (P, Q) [m], below zero where they touch
@@ -74,104 +74,104 @@ class PartsApart:
     pairs: tuple[tuple[Capsule, Capsule | None], ...]  # (Q,) None: the body
 
 
-def parts_apart(
+def measure_part_clearances(
     robot: Robot,
     body_parts: Sequence[ConvexBody],
     capsules: Sequence[Capsule],
     com: Array,
     axes: Array,
-) -> PartsApart:
+) -> PartClearances:
     """Room between links and body parts, and links of two limbs; arguments as above."""
-    left_out = {tuple(int(i) for i in row) for row in robot.touching}
-    first = robot.has_joint.argmax(axis=1)
-    hip = [_hip(robot, limb, int(first[limb])) for limb in range(robot.limb_count)]
-    clear: list[Array] = []
+    excluded_pairs = {tuple(int(i) for i in row) for row in robot.touching}
+    first_links = robot.has_joint.argmax(axis=1)
+    hip = [_find_hip_links(robot, limb, int(first_links[limb])) for limb in range(robot.limb_count)]
+    clearances: list[Array] = []
     radii: list[float] = []
     pairs: list[tuple[Capsule, Capsule | None]] = []
-    for one in capsules:
-        joined = {int(first[one.limb])} if robot.capsules is None else hip[one.limb]
-        if one.link in joined or (one.limb, one.number, -1, 0) in left_out:
+    for first_capsule in capsules:
+        joined_links = {int(first_links[first_capsule.limb])} if robot.capsules is None else hip[first_capsule.limb]
+        if first_capsule.link in joined_links or (first_capsule.limb, first_capsule.number, -1, 0) in excluded_pairs:
             continue
-        axis, radius = one.axis, one.radius
-        if robot.capsules is None and one.link == first[one.limb] + 1:
-            axis, radius = _past_joint(one)
-        seen = np.einsum("pij,pej->pei", axes, axis - com[:, None])
-        enough = radius + _TOLD
-        distance = np.min([chain_distance(seen, b, enough)[:, 0] for b in body_parts], axis=0)
-        clear.append(distance - radius)
-        radii.append(one.radius)
-        pairs.append((one, None))
-    for one, other in itertools.combinations(capsules, 2):
-        pair = (one.limb, one.number, other.limb, other.number)
-        if one.limb == other.limb or pair in left_out:
+        axis, radius = first_capsule.axis, first_capsule.radius
+        if robot.capsules is None and first_capsule.link == first_links[first_capsule.limb] + 1:
+            axis, radius = _shorten_past_joint(first_capsule)
+        axis_in_body = np.einsum("pij,pej->pei", axes, axis - com[:, None])
+        sufficient = radius + _REPORTED_CLEARANCE
+        distance = np.min([measure_chain_distance(axis_in_body, b, sufficient)[:, 0] for b in body_parts], axis=0)
+        clearances.append(distance - radius)
+        radii.append(first_capsule.radius)
+        pairs.append((first_capsule, None))
+    for first_capsule, second_capsule in itertools.combinations(capsules, 2):
+        pair = (first_capsule.limb, first_capsule.number, second_capsule.limb, second_capsule.number)
+        if first_capsule.limb == second_capsule.limb or pair in excluded_pairs:
             continue
-        hips = one.link in hip[one.limb] and other.link in hip[other.limb]
-        if hips and robot.capsules is not None:
+        are_hips = first_capsule.link in hip[first_capsule.limb] and second_capsule.link in hip[second_capsule.limb]
+        if are_hips and robot.capsules is not None:
             continue
-        thick = one.radius + other.radius
-        clear.append(segments_apart(one.axis, other.axis, thick + _TOLD) - thick)
-        radii.append(max(one.radius, other.radius))
-        pairs.append((one, other))
-    room = np.stack(clear, axis=1) if clear else np.zeros((len(com), 0))
-    return PartsApart(room, np.array(radii), tuple(pairs))
+        total_radius = first_capsule.radius + second_capsule.radius
+        clearances.append(measure_segment_distances(first_capsule.axis, second_capsule.axis, total_radius + _REPORTED_CLEARANCE) - total_radius)
+        radii.append(max(first_capsule.radius, second_capsule.radius))
+        pairs.append((first_capsule, second_capsule))
+    clearance = np.stack(clearances, axis=1) if clearances else np.zeros((len(com), 0))
+    return PartClearances(clearance, np.array(radii), tuple(pairs))
 
 
-def _hip(robot: Robot, limb: int, first: int) -> set[int]:
+def _find_hip_links(robot: Robot, limb: int, first: int) -> set[int]:
     """Links of a limb that end where it begins, and its first link."""
     links = {first}
     if isinstance(robot.mechanism, SerialChain):
         places = robot.mechanism.joint_zero[limb]
         for link in range(first, len(places) - 1):
-            if math.dist(places[link + 1], places[first]) >= _SAME_PLACE:
+            if math.dist(places[link + 1], places[first]) >= _HIP_TOLERANCE:
                 break
             links.add(link)
     return links
 
 
-def _past_joint(capsule: Capsule) -> tuple[Array, float]:
+def _shorten_past_joint(capsule: Capsule) -> tuple[Array, float]:
     """Axis (P, 2, 3) and radius of a straight link without the joint that carries it.
 
     The ball about that joint is part of the link before as well, which is left out. Of a capsule of
     radius r what is not within sqrt(r^2 + c^2 / 4) of the joint is within as much of its axis from
     c on.
     """
-    along = capsule.ends - capsule.starts
-    cut = _OF_JOINT * capsule.radius
-    share = np.minimum(cut / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9), 1.0)
-    axis = np.stack([capsule.starts + share * along, capsule.ends], axis=1)
+    link_vector = capsule.ends - capsule.starts
+    cut = _JOINT_FRACTION * capsule.radius
+    fraction = np.minimum(cut / np.maximum(np.linalg.norm(link_vector, axis=-1, keepdims=True), 1e-9), 1.0)
+    axis = np.stack([capsule.starts + fraction * link_vector, capsule.ends], axis=1)
     return axis, float(np.hypot(capsule.radius, cut / 2))
 
 
-def _norm(vectors: Array) -> Array:
+def _compute_norms(vectors: Array) -> Array:
     """Lengths (...) of vectors (..., 3)."""
     return np.sqrt(np.einsum("...k,...k->...", vectors, vectors))
 
 
-def segments_apart(one: Array, other: Array, enough: float) -> Array:
+def measure_segment_distances(first_segment: Array, second_segment: Array, sufficient: float) -> Array:
     """Distances (P,) of segments (P, 2, 3), or lower bounds that are at least `enough`; NaN stays.
 
     Where they are apart, the shortest way between them is along the normal of both, or from an end
     to its nearest place on the other. A plane leaves no more room than there is, whatever its
     direction, so no value is too large.
     """
-    middle = (one[:, 0] + one[:, 1] - other[:, 0] - other[:, 1]) / 2
-    half = (_norm(s[:, 1] - s[:, 0]) / 2 for s in (one, other))
-    out = np.asarray(_norm(middle) - sum(half))
-    near = ~(out >= enough)
-    if not near.any():
-        return out
-    a, b = one[near], other[near]
+    middle = (first_segment[:, 0] + first_segment[:, 1] - second_segment[:, 0] - second_segment[:, 1]) / 2
+    half = (_compute_norms(s[:, 1] - s[:, 0]) / 2 for s in (first_segment, second_segment))
+    distance = np.asarray(_compute_norms(middle) - sum(half))
+    is_near = ~(distance >= sufficient)
+    if not is_near.any():
+        return distance
+    a, b = first_segment[is_near], second_segment[is_near]
     u, v = a[:, 1] - a[:, 0], b[:, 1] - b[:, 0]
-    crossed = np.cross(u, v)
-    ways = [crossed, -crossed]
-    ways += [a[:, e] - nearest_on(a[:, e], b[:, 0], v) for e in (0, 1)]
-    ways += [nearest_on(b[:, e], a[:, 0], u) - b[:, e] for e in (0, 1)]
-    normals = np.stack(ways, axis=1)  # (S, 6, 3)
-    length = _norm(normals)
-    short = length < _NO_DIRECTION
-    normals = normals / np.where(short, 1.0, length)[..., None]
+    cross_direction = np.cross(u, v)
+    directions = [cross_direction, -cross_direction]
+    directions += [a[:, e] - find_nearest_on_segment(a[:, e], b[:, 0], v) for e in (0, 1)]
+    directions += [find_nearest_on_segment(b[:, e], a[:, 0], u) - b[:, e] for e in (0, 1)]
+    normals = np.stack(directions, axis=1)  # (S, 6, 3)
+    length = _compute_norms(normals)
+    is_degenerate = length < _MIN_LENGTH
+    normals = normals / np.where(is_degenerate, 1.0, length)[..., None]
     outer = np.minimum(*(np.einsum("sdk,sk->sd", normals, a[:, e]) for e in (0, 1)))
     inner = np.maximum(*(np.einsum("sdk,sk->sd", normals, b[:, e]) for e in (0, 1)))
-    gap = np.where(short, -np.inf, outer - inner).max(axis=1)
-    out[near] = np.where(np.isfinite(gap) | np.isnan(gap), gap, 0.0)  # crossing ones: zero
-    return out
+    gap = np.where(is_degenerate, -np.inf, outer - inner).max(axis=1)
+    distance[is_near] = np.where(np.isfinite(gap) | np.isnan(gap), gap, 0.0)  # crossing ones: zero
+    return distance

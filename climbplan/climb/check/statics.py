@@ -12,21 +12,21 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.check.anew.feet import foot_arm, rolling
-from climbplan.climb.check.anew.kinematics import turned
-from climbplan.climb.check.anew.soles import corners_of_wrench, lying
-from climbplan.climb.check.anew.static_pose import Braced, Settled, settle
-from climbplan.climb.check.friction_factor import friction_factor, least_factor
-from climbplan.climb.check.robust import robust_checks
-from climbplan.climb.check.soles import parted
+from climbplan.climb.check.anew.feet import build_rolling_robot, compute_contact_arm
+from climbplan.climb.check.anew.kinematics import rotate
+from climbplan.climb.check.anew.soles import compute_sole_axes, fit_corner_forces
+from climbplan.climb.check.anew.static_pose import BracedRobot, StaticEquilibrium, solve_equilibrium
+from climbplan.climb.check.friction_factor import compute_friction_factor, format_min_factor
+from climbplan.climb.check.robust import check_margins
+from climbplan.climb.check.soles import split_pressure_shear
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.schema.margins import MarginsSpec
 from climbplan.robots.joint_units import format_largest_torques
 from climbplan.verification.check import Check, judge_worst, unjudged
 
-LINEAR = "force.deflection_compensation: predicted is a linear model"
-MODEL = "linear sag"  # of the badge
-LACKS = {
+LINEAR_MODEL = "force.deflection_compensation: predicted is a linear model"
+MODEL_NAME = "linear sag"  # of the badge
+SHORTCOMINGS = {
     "static.pose": "joints that are springs hold the body elsewhere than planned: {figure}",
     "static.torque": "torques there exceed their limit over S_tau: {figure}",
     "static.friction": "forces there leave their friction cones over S_mu: {figure}",
@@ -37,108 +37,108 @@ LACKS = {
 }
 
 
-def static_checks(subject: Subject, margins: MarginsSpec | None = None) -> Iterator[Check]:
+def check_statics(subject: Subject, margins: MarginsSpec | None = None) -> Iterator[Check]:
     """Pose, torques, friction, stability at every instant, and the spec's margins of them."""
-    settled = _settled(subject)
-    for check in _checks(subject, settled):
-        yield told_of_sag(check) if subject.sags else check
+    equilibrium = _solve_equilibrium(subject)
+    for check in _check_equilibrium(subject, equilibrium):
+        yield mark_linear_model(check) if subject.sags else check
     if not subject.sags:
-        yield from robust_checks(subject, settled, margins)
+        yield from check_margins(subject, equilibrium, margins)
 
 
-def told_of_sag(check: Check) -> Check:
+def mark_linear_model(check: Check) -> Check:
     """A check of what springs really do, in a plan that follows the linear model of its sag."""
-    return unjudged(check, LINEAR, MODEL, LACKS.get(check.name, f"{check.name} {{figure}}"))
+    return unjudged(check, LINEAR_MODEL, MODEL_NAME, SHORTCOMINGS.get(check.name, f"{check.name} {{figure}}"))
 
 
-def _settled(subject: Subject) -> Settled:
+def _solve_equilibrium(subject: Subject) -> StaticEquilibrium:
     """Where the commands hold the body."""
     plan = subject.plan
     robot, instants, forces = plan.robot, plan.instants, plan.forces
-    sag = forces.com_deflection
-    angle = np.linalg.norm(sag[:, 3:], axis=1)
-    axis = sag[:, 3:] / np.maximum(angle, 1e-300)[:, None]
-    axes = turned(subject.axes, axis[:, None, :], angle[:, None])
-    braced = Braced(
-        rolling(robot, subject.axes, instants.joint_angles, instants.normal),
-        instants.toes + foot_arm(robot, instants.normal),
+    deflection = forces.com_deflection
+    angle = np.linalg.norm(deflection[:, 3:], axis=1)
+    axis = deflection[:, 3:] / np.maximum(angle, 1e-300)[:, None]
+    axes = rotate(subject.axes, axis[:, None, :], angle[:, None])
+    braced = BracedRobot(
+        build_rolling_robot(robot, subject.axes, instants.joint_angles, instants.normal),
+        instants.toes + compute_contact_arm(robot, instants.normal),
         instants.contact,
         forces.joint_command,
         instants.joint_angles,
         subject.load,
         subject.wrist_moment if plan.robot.gripper is not None else None,
-        None if robot.sole is None else lying(robot.sole, instants.normal),
+        None if robot.sole is None else compute_sole_axes(robot.sole, instants.normal),
     )
-    return settle(braced, instants.com + sag[:, :3], axes)
+    return solve_equilibrium(braced, instants.com + deflection[:, :3], axes)
 
 
-def _checks(subject: Subject, settled: Settled) -> Iterator[Check]:
+def _check_equilibrium(subject: Subject, equilibrium: StaticEquilibrium) -> Iterator[Check]:
     plan = subject.plan
     robot = plan.robot
-    shift = np.linalg.norm(settled.shift, axis=1)
-    turn = np.linalg.norm(settled.turn, axis=1)
-    lost = np.isnan(shift)
-    off = np.stack([shift, turn], axis=1)
+    shift = np.linalg.norm(equilibrium.shift, axis=1)
+    turn = np.linalg.norm(equilibrium.turn, axis=1)
+    is_lost = np.isnan(shift)
+    displacement = np.stack([shift, turn], axis=1)
     names = ("shifted", "turned")
     yield judge_worst(
         "static.pose",
-        np.where(np.isnan(off), np.inf, off),
+        np.where(np.isnan(displacement), np.inf, displacement),
         lambda k, row: f"{subject.at(k)}, {names[row]}",
-        margin=f"{1e3 * _largest(shift):.3f} mm, {np.rad2deg(_largest(turn)):.3f} deg"
-        + (f", none at {int(lost.sum())} instants" if lost.any() else ""),
+        margin=f"{1e3 * _find_max_finite(shift):.3f} mm, {np.rad2deg(_find_max_finite(turn)):.3f} deg"
+        + (f", none at {int(is_lost.sum())} instants" if is_lost.any() else ""),
     )
 
-    asked = plan.limits.safety_torque
-    held = settled.torque + subject.link_torques
-    use = np.abs(held) / robot.max_torque
+    required = plan.limits.safety_torque
+    motor_torque = equilibrium.torque + subject.link_torques
+    torque_ratio = np.abs(motor_torque) / robot.max_torque
     yield judge_worst(
         "static.torque",
-        use - 1 / asked,
+        torque_ratio - 1 / required,
         subject.at,
-        margin=f"at most {format_largest_torques(robot, held)}",
-        used=use * asked,
+        margin=f"at most {format_largest_torques(robot, motor_torque)}",
+        used=torque_ratio * required,
     )
 
     if plan.robot.gripper is None:
-        yield _friction(subject, settled)
-    left = settled.stiffness_left
-    least = float(np.min(left, initial=1.0, where=np.isfinite(left)))
+        yield _check_friction(subject, equilibrium)
+    stiffness_ratio = equilibrium.stiffness_left
+    min_ratio = float(np.min(stiffness_ratio, initial=1.0, where=np.isfinite(stiffness_ratio)))
     yield judge_worst(
         "static.stability",
-        -left,
+        -stiffness_ratio,
         subject.at,
-        margin=f"{100 * least:.0f} % of the stiffness left",
-        used=1.0 - left,
+        margin=f"{100 * min_ratio:.0f} % of the stiffness left",
+        used=1.0 - stiffness_ratio,
     )
 
 
-def _friction(subject: Subject, settled: Settled) -> Check:
+def _check_friction(subject: Subject, equilibrium: StaticEquilibrium) -> Check:
     """Contact forces where the body settles, within their cones over S_mu."""
     plan, instants = subject.plan, subject.plan.instants
-    asked = plan.limits.safety_friction
+    required = plan.limits.safety_friction
     sole, stored = plan.robot.sole, plan.forces.corner_force
     contact, mu = instants.contact, instants.mu
-    at: Callable[..., str] = subject.at
-    normal = np.einsum("kni,kni->kn", settled.force, instants.normal)
-    tangent = np.linalg.norm(settled.force - normal[..., None] * instants.normal, axis=-1)
+    describe_place: Callable[..., str] = subject.at
+    normal = np.einsum("kni,kni->kn", equilibrium.force, instants.normal)
+    tangent = np.linalg.norm(equilibrium.force - normal[..., None] * instants.normal, axis=-1)
     if sole is not None and stored is not None:  # each corner for itself
-        axes = lying(sole, instants.normal)
-        pushes = corners_of_wrench(sole, axes, stored, settled.force, settled.moment)
-        normal, tangent = parted(pushes, instants.normal)
-        contact, mu, at = contact[..., None], mu[..., None], subject.at_corner
-    held = mu * normal
-    excess = np.where(contact, tangent - held / asked, -np.inf)
-    factor = friction_factor("static.friction", tangent, held, subject.weight)
+        axes = compute_sole_axes(sole, instants.normal)
+        corner_forces = fit_corner_forces(sole, axes, stored, equilibrium.force, equilibrium.moment)
+        normal, tangent = split_pressure_shear(corner_forces, instants.normal)
+        contact, mu, describe_place = contact[..., None], mu[..., None], subject.at_corner
+    max_shear = mu * normal
+    excess = np.where(contact, tangent - max_shear / required, -np.inf)
+    factor = compute_friction_factor("static.friction", tangent, max_shear, subject.weight)
     factor = np.where(contact, factor, np.inf)
     return judge_worst(
         "static.friction",
         excess / subject.weight,
-        at,
-        margin=least_factor(factor),
-        used=asked / np.maximum(factor, 1e-300),
+        describe_place,
+        margin=format_min_factor(factor),
+        used=required / np.maximum(factor, 1e-300),
     )
 
 
-def _largest(values: Array) -> float:
+def _find_max_finite(values: Array) -> float:
     """Largest of what is there."""
     return float(np.max(values, initial=0.0, where=np.isfinite(values)))

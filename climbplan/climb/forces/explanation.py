@@ -1,4 +1,4 @@
-"""Why instants have no admissible forces, and what would help, in the robot's terms."""
+"""Explain in the robot's terms why instants have no admissible forces, and what would help."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ POSTURES_CHOSEN = "these are the forces of postures that the planner chose; othe
 
 @dataclass(frozen=True)
 class SufficientChanges:
-    """What would make instants feasible, each on its own; None where it would not."""
+    """Changes that make instants feasible, each on its own; None where no such change does."""
 
     friction_factor: float | None
     torque_factor: float | None
@@ -50,7 +50,15 @@ class NoForces(Unresolved):
         is_unstable: bool,
         common_remedies: tuple[Remedy, ...] | None = None,
     ) -> None:
-        """whole: remedies of all instants together; None where one instant alone has no forces."""
+        """Collect the conflicts of the instants.
+
+        Args:
+            message: First line of the error.
+            conflicts: One conflict per listed instant.
+            is_unstable: Whether the stability of the braced body takes part in every conflict.
+            common_remedies: Remedies of all instants together; None where a single instant has no
+                forces.
+        """
         self.is_unstable = (
             is_unstable  # the stability of the braced body takes part in every conflict
         )
@@ -59,7 +67,9 @@ class NoForces(Unresolved):
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:
-        """Those with which all instants have forces: what mends one of them is not enough."""
+        """Return remedies with which all instants have forces; a remedy of one instant is not
+        enough.
+        """
         return super().remedies if self._whole is None else self._whole
 
 
@@ -69,10 +79,16 @@ def explain_infeasible_forces(
     statement: ForceStatement,
     solved: SolvedForces,
 ) -> NoForces:
-    """The error that says which constraints of which instants conflict and what would help.
+    """Return the error that says which constraints of which instants conflict and what would help.
 
-    Raises LimitReached if an instant turns out feasible after all, which means that no solver could
-    be trusted with it.
+    Args:
+        scene: The scene.
+        instants: All instants.
+        statement: Their force problems.
+        solved: Answers, with the instants that have none.
+
+    Raises:
+        LimitReached: An instant is feasible after all, so that no solver could be trusted with it.
     """
     from climbplan.climb.forces.conflict import find_irreducible_conflict
     from climbplan.climb.forces.verified_remedies import keep_verified_remedies
@@ -136,9 +152,14 @@ def explain_infeasible_forces(
 def describe_fragile_instants(
     scene: MotionScene, instants: Instants, statement: ForceStatement, margin_fraction: Array
 ) -> tuple[str, ...]:
-    """Which instants keep less than their margins, and at the worst what conflicts and helps.
+    """Describe instants that do not reach their margins, with conflict and remedies of the worst
+    one.
 
-    asked: the problems with all of their margins; share: (K,) of them that forces keep.
+    Args:
+        scene: The scene.
+        instants: All instants.
+        statement: The force problems with all of their margins.
+        margin_fraction: (K,) fraction of the margins that forces reach.
     """
     from climbplan.climb.forces.conflict import find_irreducible_conflict
 
@@ -161,7 +182,9 @@ def describe_fragile_instants(
 def find_most_fragile(
     instants: Instants, margin_fraction: Array, limb_names: tuple[str, ...]
 ) -> tuple[int, str] | None:
-    """The instant that keeps the least share (K,) of its margins, and words; None if all do."""
+    """Return the instant with the smallest fraction (K,) of its margins, with a text; None if all
+    keep 1.
+    """
     fragile = np.flatnonzero(margin_fraction < 1.0)
     if not len(fragile):
         return None
@@ -176,7 +199,7 @@ def find_most_fragile(
 
 
 def _has_common_friction(scene: MotionScene) -> bool:
-    """Whether every surface has the terrain's own coefficient, so that its key changes all."""
+    """Return whether every surface has the terrain's coefficient, so that one key changes all."""
     friction = scene.spec.terrain.friction
     return all(surface.friction == friction for surface in scene.terrain.surfaces)
 
@@ -184,7 +207,7 @@ def _has_common_friction(scene: MotionScene) -> bool:
 def _select_load(
     scene: MotionScene, instants: Instants, statement: ForceStatement, k: int, cones: InstantCones
 ) -> LoadDirection:
-    """The payload if there is one and less of it would help, else the robot's own mass."""
+    """Return the payload if there is one and less of it would help, else the robot's own mass."""
     from climbplan.climb.forces.sufficient_changes import LoadDirection, find_feasible_masses
 
     gravity, payload = scene.robot.gravity, scene.spec.task.payload
@@ -204,7 +227,7 @@ def _select_load(
 def _compute_changes(
     cones: InstantCones, load: LoadDirection, previous: SufficientChanges | None
 ) -> SufficientChanges:
-    """Exact amounts for one instant; of friction only what exceeds the worst so far."""
+    """Return exact amounts for one instant; of friction only what exceeds the worst so far."""
     from climbplan.climb.forces.sufficient_changes import (
         find_feasible_masses,
         find_min_friction_factor,
@@ -225,7 +248,7 @@ def _compute_changes(
 
 
 def _combine_changes(a: SufficientChanges | None, b: SufficientChanges) -> SufficientChanges:
-    """What makes both instants feasible."""
+    """Return the changes that make both instants feasible."""
     from climbplan.climb.forces.sufficient_changes import Interval
 
     if a is None:
@@ -250,13 +273,13 @@ def _combine_changes(a: SufficientChanges | None, b: SufficientChanges) -> Suffi
 
 
 def _round_up(value: float) -> float:
-    """Slightly more than `value`, in three digits."""
+    """Return slightly more than `value`, in three digits."""
     digit = 10.0 ** (np.floor(np.log10(value)) - 2)
     return float(np.ceil(value * (1 + _ROUNDING_MARGIN) / digit) * digit)
 
 
 def _round_down(value: float) -> float:
-    """Slightly less than `value`, in three digits."""
+    """Return slightly less than `value`, in three digits."""
     digit = 10.0 ** (np.floor(np.log10(value)) - 2)
     return float(np.floor(value * (1 - _ROUNDING_MARGIN) / digit) * digit)
 
@@ -264,7 +287,7 @@ def _round_down(value: float) -> float:
 def _build_remedies(
     scene: MotionScene, statement: ForceStatement, changes: SufficientChanges
 ) -> tuple[Remedy, ...]:
-    """What helps, each sufficient on its own."""
+    """Return remedies, each sufficient on its own."""
     remedies: list[Remedy] = []
     mu = statement.mu[statement.contact]
     factor = changes.friction_factor
@@ -330,7 +353,7 @@ def _build_remedies(
 def _describe_members(
     members: list[Member], cones: InstantCones, statement: ForceStatement, k: int
 ) -> dict[str, str]:
-    """Members of instant k in words, one phrase for each check that judges them."""
+    """Describe the members of instant k, one phrase for each check that judges them."""
     robot, unit = statement.robot, statement.unit
     limb_names = [robot.limb_names[i] for i in cones.limb]
     points = cones.num_contacts // max(len(limb_names), 1)
@@ -373,9 +396,9 @@ def _describe_members(
 
 
 def _describe_cop_excess(statement: ForceStatement, k: int) -> str:
-    """How far beyond its sole the load has the centre of pressure of the one foot that stands.
+    """Describe how far the load's centre of pressure is beyond the sole of the only standing foot.
 
-    Nothing where several do, or none is flat.
+    The result is empty where several feet stand, or none is flat.
     """
     sole, standing = statement.robot.sole, statement.standing[k]
     if sole is None or standing.sum() != 1:
@@ -391,6 +414,7 @@ def _describe_cop_excess(statement: ForceStatement, k: int) -> str:
 
 
 def _join_names(names: list[str], max_names: int) -> str:
+    """Join names with commas, at most `max_names` of them and a count of the others."""
     if len(names) > max_names + 1:
         return f"{', '.join(names[:max_names])} and {len(names) - max_names} more"
     return ", ".join(names)

@@ -1,20 +1,22 @@
-"""Margins: forces that still hold in a world that is not quite the planned one.
+"""Margins: forces that still hold in a world that differs from the planned one.
 
-Beside its bounds each instant is asked for margins (`margins` of a spec): pressure at every toe,
-pressure it may miss before it slips, depth of its command, torque that motors have left, stiffness
-that bracing leaves. Where all cannot be had the largest common share t of them is found first,
+In addition to its bounds each instant should keep margins (`margins` of a spec): pressure at every
+toe, pressure that may be lost before slip, penetration of the command, torque reserve of motors,
+and stiffness of the braced body. Where not all are feasible, the largest common fraction t is
+found,
 
     maximise    t                              0 <= t <= 1
-    such that   the bounds of `statement`, each moved from what forces of least cost have
-                without margins (t = 0; that of torque: from itself) to its margin (t = 1),
-                in proportion to t,
+    subject to  the bounds of `statement`, each interpolated linearly from what forces of least
+                cost attain without margins (t = 0; for torque: from the bound itself) to its
+                margin (t = 1).
 
-which is a convex program, since every bound enters it linearly; then forces of least cost at nearly
-that share. So there are forces wherever there are without margins, and none has less than those.
+Every bound enters linearly, so that this program is convex. Forces of least cost are then computed
+at nearly that fraction. So there are forces wherever there are some without margins, and none has
+less than those.
 
-A toe that comes off its surface finds it again if its command lies inside, where a free toe would
-really be. Limbs that bend far move on arcs, so that this is not linear in the forces: what the
-first order is off at one answer is asked for in addition at the next.
+A toe that comes off its surface finds it again if its command lies inside, at the position of a
+free toe. Limbs with large deflections move on arcs, so that this position is not linear in the
+forces. The linearisation error at one answer is added to the required penetration of the next.
 """
 
 from __future__ import annotations
@@ -57,11 +59,11 @@ _MIN_MU = 1e-9  # least friction coefficient divided by
 
 @dataclass(frozen=True)
 class MarginedForces:
-    """Answers of the force problems with as much of their margins as can be had."""
+    """Answers of the force problems with as much of their margins as is feasible."""
 
     solved: SolvedForces
-    share: Array  # (K,) of the margins that forces keep, at most 1
-    asked: ForceStatement  # the problems with all of their margins
+    margin_fraction: Array  # (K,) of the margins that forces keep, at most 1
+    required: ForceStatement  # the problems with all of their margins
 
 
 def solve_with_margins(
@@ -70,6 +72,12 @@ def solve_with_margins(
     """Solve and check the force problems of a scene's instants with the margins of its spec.
 
     Instants are missing in the answer only where there are no forces without margins either.
+
+    Args:
+        scene: The scene.
+        statement: The force problems of its instants.
+        solver: Name of the force solver.
+        facets: Number of sides of the friction pyramids.
     """
     margins = scene.spec.margins
     if not margins.asked:
@@ -94,7 +102,9 @@ def solve_with_margins(
 
 
 def _reduce_friction(statement: ForceStatement, slip: float) -> ForceStatement:
-    """The problems on surfaces that lack a share of their friction, as far as S_mu leaves less."""
+    """Return the problems on surfaces that lack a fraction of their friction, as far as S_mu leaves
+    less.
+    """
     factor = min(1.0, statement.safety_friction * (1.0 - slip))
     return replace(statement, mu=statement.mu * factor)
 
@@ -102,16 +112,16 @@ def _reduce_friction(statement: ForceStatement, slip: float) -> ForceStatement:
 def _merge_answers(
     margined: MarginedForces, replacement: MarginedForces, rows: IntArray
 ) -> MarginedForces:
-    """Answers of which some (rows) were found again."""
-    force, fraction = margined.solved.force.copy(), margined.share.copy()
-    force[rows], fraction[rows] = replacement.solved.force, replacement.share
+    """Return the answers with those of some instants (rows) replaced."""
+    force, fraction = margined.solved.force.copy(), margined.margin_fraction.copy()
+    force[rows], fraction[rows] = replacement.solved.force, replacement.margin_fraction
     solved = replace(
         margined.solved,
         force=force,
         missing=rows[replacement.solved.missing],
-        solved_again=margined.solved.solved_again + replacement.solved.solved_again,
+        num_resolved=margined.solved.num_resolved + replacement.solved.num_resolved,
     )
-    return replace(margined, solved=solved, share=fraction)
+    return replace(margined, solved=solved, margin_fraction=fraction)
 
 
 def _solve_on_friction(
@@ -121,7 +131,15 @@ def _solve_on_friction(
     solver: str,
     facets: int,
 ) -> MarginedForces:
-    """Forces with as much of the margins as can be had on a friction; known: with its own."""
+    """Return forces with as much of the margins as is feasible on reduced friction.
+
+    Args:
+        scene: The scene.
+        unreduced: The problems with the surfaces' own friction, for measuring margins.
+        statement: The problems with reduced friction.
+        solver: Name of the force solver.
+        facets: Number of sides of the friction pyramids.
+    """
     margins = scene.spec.margins
     required = apply_margins(statement, margins)
     solved = _maximise_margins(statement, required, solver, facets)
@@ -164,21 +182,21 @@ def _solve_on_friction(
 
 
 def _set_min_penetration(required: ForceStatement, penetration: Array) -> ForceStatement:
-    """The problems with other depths (K, N), to first order, of toes in contact."""
+    """Return the problems with other penetrations (K, N), to first order, of toes in contact."""
     return replace(
-        required, least_depth=np.where(required.standing, penetration, required.least_depth)
+        required, min_penetration=np.where(required.standing, penetration, required.min_penetration)
     )
 
 
 def compute_margin_fraction(statement: ForceStatement, margins: MarginsSpec, force: Array) -> Array:
-    """(K,) the least part of its margin that forces (K, C, 3) keep, at most 1.
+    """Return the smallest fraction (K,) of its margins that forces (K, C, 3) keep, at most 1.
 
-    Of pressures and friction each of the points at which a limb is pushed has its part.
+    Margins of pressure and friction are divided evenly among the points at which a limb is pushed.
     """
     contact, weight = statement.contact, statement.robot.weight / statement.points
     components = split_force(force, statement.normal)
     slip_reserve = components.normal - components.shear / np.maximum(statement.usable_mu, _MIN_MU)
-    stiffness_ratio = loaded_stiffness(statement.braced, force).left
+    stiffness_ratio = loaded_stiffness(statement.braced_body, force).left
     max_shear = np.maximum(statement.mu * components.normal, _MIN_MU)
     round_factor = margins.factors(statement.rounds)
     fraction = np.ones(len(force))
@@ -208,7 +226,7 @@ def compute_margin_fraction(statement: ForceStatement, margins: MarginsSpec, for
 def _maximise_margins(
     statement: ForceStatement, required: ForceStatement, solver: str, facets: int
 ) -> SolvedForces:
-    """Forces with all that is asked, or with the largest common share of it."""
+    """Return forces with all required margins, or with their largest common fraction."""
     solved = solve_forces(required, solver, facets)
     infeasible = solved.missing
     if not len(infeasible):
@@ -236,65 +254,68 @@ def _maximise_margins(
         solved_rows = np.setdiff1d(np.arange(len(open_rows)), solution.missing)
         force[infeasible[open_rows[solved_rows]]] = solution.force[solved_rows]
         open_rows = open_rows[solution.missing]
-    num_resolved = solved.solved_again + unmargined_solution.solved_again
+    num_resolved = solved.num_resolved + unmargined_solution.num_resolved
     return SolvedForces(
         force, infeasible[unmargined_solution.missing], solved.unbalanced, num_resolved
     )
 
 
 def apply_margins(statement: ForceStatement, margins: MarginsSpec) -> ForceStatement:
-    """The force problems with their margins as bounds; what a spec bounds more tightly stays."""
+    """Return the force problems with their margins as bounds; tighter bounds of a spec stay."""
     weight = statement.robot.weight / statement.points * margins.factors(statement.rounds)
     return replace(
         statement,
-        least_pressure=np.maximum(statement.least_pressure, margins.normal_force * weight),
+        min_normal_force=np.maximum(statement.min_normal_force, margins.normal_force * weight),
         reserve=np.maximum(statement.reserve, margins.friction * weight),
-        least_depth=np.maximum(statement.least_depth, margins.depth),
-        largest_s=np.minimum(statement.largest_s, (1 - TORQUE_MARGIN) * (1 - margins.torque)),
-        stiffness_left=np.maximum(statement.stiffness_left, margins.stiffness),
+        min_penetration=np.maximum(statement.min_penetration, margins.depth),
+        max_s=np.minimum(statement.max_s, (1 - TORQUE_MARGIN) * (1 - margins.torque)),
+        min_stiffness_ratio=np.maximum(statement.min_stiffness_ratio, margins.stiffness),
     )
 
 
 def _clip_to_attained(
     unmargined: ForceStatement, required: ForceStatement, force: Array
 ) -> ForceStatement:
-    """The problems with bounds that forces (K, N, 3) meet: those asked, as far as they do.
+    """Return the problems with bounds that forces (K, N, 3) meet: the required ones as far as they
+    do.
 
-    Torque is left bounded as it is: those forces have the least, and a share of nothing beyond it
-    would leave none of the others either.
+    The torque bound stays: those forces have the least torque, and a fraction of no reserve would
+    leave no reserve for other margins.
     """
     contact = unmargined.contact
     components = split_force(force, unmargined.normal)
     slip_reserve = components.normal - components.shear / np.maximum(unmargined.usable_mu, _MIN_MU)
     penetration = np.where(
-        unmargined.standing, compute_penetration(unmargined, force), required.least_depth
+        unmargined.standing, compute_penetration(unmargined, force), required.min_penetration
     )
-    stiffness_ratio = loaded_stiffness(unmargined.braced, force).left
+    stiffness_ratio = loaded_stiffness(unmargined.braced_body, force).left
     pressure, slip_reserve = (
         _min_over_contacts(components.normal, contact),
         _min_over_contacts(slip_reserve, contact),
     )
     return replace(
         unmargined,
-        least_pressure=np.clip(pressure, unmargined.least_pressure, required.least_pressure),
+        min_normal_force=np.clip(pressure, unmargined.min_normal_force, required.min_normal_force),
         reserve=np.clip(slip_reserve, unmargined.reserve, required.reserve),
-        least_depth=np.clip(penetration, unmargined.least_depth, required.least_depth),
-        stiffness_left=np.clip(stiffness_ratio, unmargined.stiffness_left, required.stiffness_left),
+        min_penetration=np.clip(penetration, unmargined.min_penetration, required.min_penetration),
+        min_stiffness_ratio=np.clip(
+            stiffness_ratio, unmargined.min_stiffness_ratio, required.min_stiffness_ratio
+        ),
     )
 
 
 def _min_over_contacts(values: Array, contact: BoolArray) -> Array:
-    """(K,) least of (K, N) over the toes in contact."""
+    """Return the minimum (K,) of values (K, N) over the toes in contact."""
     return np.asarray(np.where(contact, values, np.inf).min(axis=1))
 
 
-_MARGIN_FIELDS = ("least_pressure", "reserve", "least_depth", "largest_s", "stiffness_left")
+_MARGIN_FIELDS = ("min_normal_force", "reserve", "min_penetration", "max_s", "min_stiffness_ratio")
 
 
 def _interpolate_margins(
     attained: ForceStatement, required: ForceStatement, fraction: Array
 ) -> ForceStatement:
-    """The problems with a share (K,) of what is asked beyond the least."""
+    """Return the problems with a fraction (K,) of what is required beyond what is attained."""
     interpolated = {}
     for name in _MARGIN_FIELDS:
         low, high = vars(attained)[name], vars(required)[name]
@@ -304,19 +325,19 @@ def _interpolate_margins(
 
 
 def _find_max_fraction(attained: ForceStatement, required: ForceStatement, k: int) -> float:
-    """The largest t of instant k; 0 where Clarabel finds none."""
+    """Return the largest t of instant k; 0 where Clarabel finds none."""
     attained_cones, required_cones = (
         build_instant_cones(statement, k) for statement in (attained, required)
     )
-    program, end_program = (ConicProgram(3 * attained_cones.contacts + 1) for _ in range(2))
-    program.forces(attained_cones)
-    end_program.forces(required_cones)
+    program, end_program = (ConicProgram(3 * attained_cones.num_contacts + 1) for _ in range(2))
+    program.add_force_constraints(attained_cones)
+    end_program.add_force_constraints(required_cones)
     # b(t) - A f in a cone, b(t) = b(0) + t (b(1) - b(0))
     for (_, _, A, b), (_, _, _, end_value) in zip(program.blocks, end_program.blocks, strict=True):
         A[:, -1] = b - end_value
     fraction_row = np.zeros((1, program.size))
     fraction_row[0, -1] = 1.0
-    program.below("most", fraction_row, np.ones(1))
-    program.below("none", -fraction_row, np.zeros(1))
+    program.add_inequality("most", fraction_row, np.ones(1))
+    program.add_inequality("none", -fraction_row, np.zeros(1))
     solution = program.minimise(-fraction_row[0])
     return 0.0 if solution is None else float(np.clip(solution.x[-1], 0.0, 1.0))

@@ -1,8 +1,8 @@
 """The force planner: contact forces and joint commands at every instant (chapter 5.1.4).
 
-One convex problem an instant (`statement`), reduced to the forces that equilibrium leaves
-free (`reduction`), solved and checked (`solving`), and turned into what the robot is told and what
-a user wants to know.
+Each instant is one convex problem (`statement`). It is reduced to the forces that equilibrium
+leaves free (`reduction`), solved and checked (`solving`), and converted to joint commands, torques
+and safety factors.
 """
 
 from __future__ import annotations
@@ -30,12 +30,19 @@ from climbplan.robots.kinematics import toe_world
 
 
 def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = None) -> Forces:
-    """Contact forces, torques and commands of all instants.
+    """Return contact forces, torques and commands of all instants.
 
-    solver: "daqp", "clarabel" or "osqp", by default the spec's. Every answer is checked against
-    the exact constraints; one that fails, or for which an inscribed pyramid has no room, is solved
-    again by Clarabel on the exact cones. Raises NoForces with the conflicting constraints of
-    instants without admissible forces, and LimitReached if Clarabel cannot settle an instant.
+    Every answer is checked against the exact constraints. One that fails, or that an inscribed
+    pyramid excludes, is solved again by Clarabel on the exact cones.
+
+    Args:
+        scene: The scene.
+        instants: All instants.
+        solver: "daqp", "clarabel" or "osqp"; None for that of the spec.
+
+    Raises:
+        NoForces: Some instants have no admissible forces; names the conflicting constraints.
+        LimitReached: Clarabel cannot decide an instant.
     """
     if scene.grippers is not None:
         if scene.spec.force.min_normal_force > 0:
@@ -61,7 +68,7 @@ def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = Non
 def _assemble_forces(
     scene: MotionScene, instants: Instants, statement: ForceStatement, force: Array
 ) -> Forces:
-    """Torques, commands and safety factors; factors are infinite where nothing is loaded."""
+    """Return torques, commands and safety factors; factors are infinite where nothing is loaded."""
     compensated = scene.spec.force.deflection_compensation == "compensated"
     deflections = compute_deflections(statement, force, compensated)
     command = compute_commands(statement, force)
@@ -90,7 +97,10 @@ def _assemble_forces(
 
 
 def compute_deflections(statement: ForceStatement, force: Array, compensated: bool) -> Deflections:
-    """Of toes and body; of flat feet the toes' as far as the joints give way, the body's none."""
+    """Return the deflections of toes and body.
+
+    With flat feet, toes deflect as far as the joints comply, and the body does not move.
+    """
     if statement.points == 1:
         return deflections_for_forces(
             statement.compliance, statement.arms, force, statement.contact, compensated

@@ -1,9 +1,9 @@
 """Friction cones as inscribed pyramids, in two passes.
 
-The pyramid of the first pass has equal sides; that of the second has most of its edges close to
-the direction in which each contact then shears, and starts from the rows that were active. Both lie
-inside the cone, so an answer is a friction-safe one, and the second comes as close to the cone's
-optimum as a regular pyramid of a hundred sides.
+The pyramid of the first pass has equal sides. That of the second pass has most of its edges close
+to the direction in which each contact shears, and starts from the rows that were active. Both lie
+inside the cone, so that answers respect friction. The second pass comes as close to the optimum on
+the cone as a regular pyramid of a hundred sides.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class RowSolver(Protocol):
 
 
 def solve_pyramids(group: ReducedForces, facets: int, solver: RowSolver) -> Optima:
-    """Optima over inscribed pyramids of `facets` sides; solved where both passes are."""
+    """Return optima over inscribed pyramids of `facets` sides; solved where both passes are."""
     b, n = group.limb.shape
     corners = np.broadcast_to(regular_corners(facets), (b, n, facets))
     rows = build_halfspaces(group, corners)
@@ -57,13 +57,13 @@ def solve_pyramids(group: ReducedForces, facets: int, solver: RowSolver) -> Opti
 
 
 def _compute_shear_direction(group: ReducedForces, y: Array) -> Array:
-    """(B, n) angle of each tangential force from the tangent [rad]."""
+    """Return the angle (B, n) of each tangential force from the tangent [rad]."""
     force = group.frame_particular + np.einsum("bniq,bq->bni", group.frame_null_space, y)
     return np.arctan2(force[..., 2], force[..., 1])
 
 
 def _place_corners(direction: Array, facets: int) -> Array:
-    """(B, n, F) corners around `direction` (B, n), one of them on it."""
+    """Return corners (B, n, F) around `direction` (B, n), one of them on it."""
     num_fine = max(1, facets - _NUM_COARSE_CORNERS)
     num_fine -= 1 - num_fine % 2  # odd, so that one corner is in the middle
     num_coarse = facets - num_fine
@@ -76,9 +76,12 @@ def _place_corners(direction: Array, facets: int) -> Array:
 
 
 def _build_warm_start(active: BoolArray, rows: Halfspaces) -> BoolArray:
-    """Rows to start the second pass from: the same joints and contacts, and the facet that begins
-    at the middle corner wherever friction was active."""
-    n, facets = rows.contacts, rows.facets
+    """Return the initial active rows of the second pass.
+
+    Active joints and contacts stay. Wherever friction was active, the facet that begins at the
+    middle corner is.
+    """
+    n, facets = rows.num_contacts, rows.num_facets
     is_sliding = active[:, rows.friction].reshape(-1, n, facets).any(axis=-1)
     friction = np.zeros((len(active), n, facets), bool)
     num_fine = max(1, facets - _NUM_COARSE_CORNERS)

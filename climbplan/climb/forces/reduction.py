@@ -1,7 +1,7 @@
-"""Elimination: forces of n contacts in equilibrium are f = f0 + Z y.
+"""Null-space elimination: forces of n contacts in equilibrium are f = f0 + Z y.
 
-What is left of an instant's 61 variables is x = (s, y) with 3 n - 6 unknowns y, or one more for
-contacts in a line. Everything is assembled for all instants of equally many contacts at once.
+Of an instant's 61 variables x = (s, y) remains, with 3 n - 6 unknowns y, or one more for collinear
+contacts. Arrays are assembled for all instants of equally many contacts at once.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ BALANCE_TOLERANCE = 1e-9  # load that contacts in a line may leave unbalanced, r
 class ReducedForces:
     """The force problems of B instants with n contacts each, in units of the load.
 
-    x = (s, y), q unknowns y.
+    The variables are x = (s, y), with q unknowns y.
     """
 
     instant: IntArray  # (B,) rows of the statement
@@ -45,51 +45,52 @@ class ReducedForces:
     gradient: Array  # (B, q + 1) of s - w sum n . f
     preference: Array  # (B, q + 1, q + 1) Hessian of the preference for small deflections
     preference_gradient: Array  # (B, q + 1) its gradient at x = 0
-    further: Array  # (B, e, q) further rows A y <= further_upper
-    further_upper: Array  # (B, e)
+    extra_rows: Array  # (B, e, q) further rows A y <= further_upper
+    extra_upper: Array  # (B, e)
     stability: Array  # (B, 21 or 0, q) stability_upper - A y is a semidefinite matrix's triangle
     stability_upper: Array  # (B, 21 or 0)
-    least_pressure: Array  # (B,) of every contact
+    min_normal_force: Array  # (B,) of every contact
     reserve: Array  # (B,) pressure that each may miss before it slips
-    largest_s: Array  # (B,)
+    max_s: Array  # (B,)
     unit: float  # [N]
 
     @property
-    def contacts(self) -> int:
-        """n."""
+    def num_contacts(self) -> int:
+        """Return the number n of points in contact."""
         return self.limb.shape[1]
 
     @property
-    def unknowns(self) -> int:
-        """q."""
+    def num_unknowns(self) -> int:
+        """Return the number q of unknowns."""
         return self.null_space.shape[-1]
 
     def take(self, rows: IntArray) -> ReducedForces:
-        """The same problem for some of the instants."""
+        """Return the same problem for some of the instants."""
         arrays = {name: value[rows] for name, value in vars(self).items() if np.ndim(value)}
         return replace(self, **arrays)
 
-    def restricted(self, A: Array, upper: Array) -> ReducedForces:
-        """The same problem with rows A f <= upper on the forces, (B, e, n, 3) per newton."""
-        rows, upper = self._on_unknowns(A, upper)
-        return replace(self, further=rows, further_upper=upper)
+    def with_rows(self, A: Array, upper: Array) -> ReducedForces:
+        """Return the same problem with rows A f <= upper on the forces, (B, e, n, 3) per newton."""
+        rows, upper = self._map_to_unknowns(A, upper)
+        return replace(self, extra_rows=rows, extra_upper=upper)
 
-    def stabilised(self, A: Array, upper: Array) -> ReducedForces:
-        """The same problem with upper - A f, (B, 21, n, 3) per newton, semidefinite."""
-        rows, upper = self._on_unknowns(A, upper)
+    def with_stability(self, A: Array, upper: Array) -> ReducedForces:
+        """Return the same problem with upper - A f, (B, 21, n, 3) per newton, semidefinite."""
+        rows, upper = self._map_to_unknowns(A, upper)
         return replace(self, stability=rows, stability_upper=upper)
 
-    def _on_unknowns(self, A: Array, upper: Array) -> tuple[Array, Array]:
-        A = self.unit * A.reshape(*A.shape[:2], 3 * self.contacts)
+    def _map_to_unknowns(self, A: Array, upper: Array) -> tuple[Array, Array]:
+        """Return rows on the forces as rows on the unknowns."""
+        A = self.unit * A.reshape(*A.shape[:2], 3 * self.num_contacts)
         b, size = len(A), A.shape[-1]
         particular = (A @ self.particular.reshape(b, size, 1))[..., 0]
         return A @ self.null_space.reshape(b, size, -1), upper - particular
 
-    def forces(self, y: Array) -> Array:
-        """Forces (B, n, 3) [N] for unknowns (B, q), their last rounding taken out of friction.
+    def compute_forces(self, y: Array) -> Array:
+        """Return forces (B, n, 3) [N] for unknowns (B, q), projected into the friction cones.
 
-        A contact may carry a thousandth of the load; rounding that is nothing against the load is
-        much against its own friction cone, so rounding is moved into equilibrium.
+        A contact may carry a thousandth of the load. Rounding that is negligible against the load
+        is large against its own friction cone, so that rounding is moved into equilibrium.
         """
         force = self.particular + np.einsum("bniq,bq->bni", self.null_space, y)
         safe_mu = self.usable_mu * (1 - 1e-12)
@@ -139,6 +140,7 @@ def reduce_forces(statement: ForceStatement) -> Reduction:
 def _reduce_group(
     statement: ForceStatement, rows: IntArray, limbs: IntArray, particular: Array, null_space: Array
 ) -> ReducedForces:
+    """Assemble the reduced problems of instants with equally many contacts."""
     contact_index = (rows[:, None], limbs)
     axes = contact_frame(statement.normal[contact_index]).axes
     frame_null_space = axes @ null_space
@@ -165,7 +167,7 @@ def _reduce_group(
         torque_particular=sum_over_limb_points(
             np.einsum("bnij,bnj->bni", torque, particular), points
         )
-        + statement.links_share[rows[:, None], limbs[:, ::points] // points],
+        + statement.link_torque_ratio[rows[:, None], limbs[:, ::points] // points],
         torque_null_space=sum_over_limb_points(torque @ null_space, points),
         normal=axes[:, :, 0],
         frame_particular=(axes @ particular[..., None])[..., 0],
@@ -174,57 +176,58 @@ def _reduce_group(
         gradient=gradient,
         preference=preference,
         preference_gradient=preference_gradient,
-        further=np.empty((b, 0, q)),
-        further_upper=np.empty((b, 0)),
+        extra_rows=np.empty((b, 0, q)),
+        extra_upper=np.empty((b, 0)),
         stability=np.empty((b, 0, q)),
         stability_upper=np.empty((b, 0)),
-        least_pressure=statement.least_pressure[rows] / statement.unit,
+        min_normal_force=statement.min_normal_force[rows] / statement.unit,
         reserve=statement.reserve[rows] / statement.unit,
-        largest_s=statement.largest_s[rows],
+        max_s=statement.max_s[rows],
         unit=statement.unit,
     )
 
 
 @dataclass(frozen=True)
 class Halfspaces:
-    """Linear rows A x <= upper of B instants, beside 0 <= s <= largest_s.
+    """Linear rows A x <= upper of B instants, in addition to 0 <= s <= max_s.
 
-    Rows: 2 J l of torque (positive, then negative), n of contact, n F of friction, and what further
-    rows the group has.
+    Rows: 2 J l of torque (positive, then negative), n of contact, n F of friction, and the extra
+    rows of the group.
     """
 
     A: Array  # (B, m, q + 1)
     upper: Array  # (B, m)
-    contacts: int  # n
-    facets: int  # F
-    torques: int  # J l
+    num_contacts: int  # n
+    num_facets: int  # F
+    num_torques: int  # J l
 
     @property
     def contact(self) -> slice:
-        """The contact rows: those after the 2 J l of torque."""
-        start = 2 * self.torques
-        return slice(start, start + self.contacts)
+        """Return the slice of the contact rows: those after the 2 J l of torque."""
+        start = 2 * self.num_torques
+        return slice(start, start + self.num_contacts)
 
     @property
     def friction(self) -> slice:
-        """The friction rows: those after the 2 J l + n of torque and contact."""
-        start = 2 * self.torques + self.contacts
-        return slice(start, start + self.contacts * self.facets)
+        """Return the slice of the friction rows, after the 2 J l + n of torque and contact."""
+        start = 2 * self.num_torques + self.num_contacts
+        return slice(start, start + self.num_contacts * self.num_facets)
 
 
 def build_halfspaces(
     group: ReducedForces, corners: Array | None = None, facets: int = 0
 ) -> Halfspaces:
-    """Torque and contact rows, and friction rows for polygons with `corners` (B, n, F) [rad].
+    """Return torque and contact rows, and friction rows for polygons with `corners` (B, n, F)
+    [rad].
 
-    Without corners the friction rows are left at zero for `set_friction`.
+    Without corners the friction rows are zero, for `write_friction_rows`.
     """
-    b, n, q = len(group.instant), group.contacts, group.unknowns
+    b, n, q = len(group.instant), group.num_contacts, group.num_unknowns
     facets = facets if corners is None else corners.shape[-1]
     num_torques = group.torque_particular[0].size  # torques in one direction
     m = 2 * num_torques + n * (1 + facets)
-    A = np.zeros((b, m + group.further.shape[1], q + 1))
-    upper = np.zeros((b, m + group.further.shape[1]))
+    A = np.zeros((b, m + group.extra_rows.shape[1], q + 1))
+    upper = np.zeros((b, m + group.extra_rows.shape[1]))
     # Torque: +-(T f0 + T Z y) - s <= 0
     A[:, : 2 * num_torques, 0] = -1.0
     A[:, :num_torques, 1:] = group.torque_null_space.reshape(b, num_torques, q)
@@ -236,9 +239,9 @@ def build_halfspaces(
         group.frame_null_space[:, :, 0], out=A[:, 2 * num_torques : 2 * num_torques + n, 1:]
     )
     upper[:, 2 * num_torques : 2 * num_torques + n] = (
-        group.frame_particular[:, :, 0] - group.least_pressure[:, None]
+        group.frame_particular[:, :, 0] - group.min_normal_force[:, None]
     )
-    A[:, m:, 1:], upper[:, m:] = group.further, group.further_upper
+    A[:, m:, 1:], upper[:, m:] = group.extra_rows, group.extra_upper
     rows = Halfspaces(A, upper, n, facets, num_torques)
     if corners is not None:
         write_friction_rows(group, rows, corners)
@@ -247,10 +250,10 @@ def build_halfspaces(
 
 def write_friction_rows(group: ReducedForces, rows: Halfspaces, corners: Array) -> None:
     """Write the friction rows of polygons with `corners` (B, n, F) into `rows`."""
-    b, n, q = len(group.instant), group.contacts, group.unknowns
+    b, n, q = len(group.instant), group.num_contacts, group.num_unknowns
     facet_rows = pyramid_rows(group.usable_mu, corners)  # (B, n, F, 3)
     rows.A[:, rows.friction, 1:] = (facet_rows @ group.frame_null_space).reshape(
-        b, n * rows.facets, q
+        b, n * rows.num_facets, q
     )
     reserved = group.frame_particular.copy()
     reserved[..., 0] -= group.reserve[:, None]  # the cone begins where the reserve ends

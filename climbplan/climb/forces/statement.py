@@ -1,19 +1,19 @@
 """The force problem of every instant in numbers (chapter 5.1.4).
 
     minimise    s - w sum_i n_i . f_i                     s = 1 / S_tau
-    such that   sum f_i + F = 0, sum r_i x f_i + M = 0    equilibrium
+    subject to  sum f_i + F = 0, sum r_i x f_i + M = 0    equilibrium
                 |J_i^T f_i + w_i| <= s max_torque         torque; w_i of the links' own weight
-                0 <= s <= 1 / (least S_tau)
-                n_i . f_i >= least pressure               contact: a surface cannot pull
-                n_i . J_i D_i f >= least depth            inward: toes are commanded into surfaces
+                0 <= s <= 1 / (min S_tau)
+                n_i . f_i >= min normal force             contact: a surface cannot pull
+                n_i . J_i D_i f >= min penetration        inward: toes are commanded into surfaces
                 |f_t,i| <= (mu_i / S_mu) (n_i . f_i - reserve)    friction
                 lower <= theta - D f <= upper             command
-                A(f) >= share A_0                         stability
+                A(f) >= ratio A_0                         stability
 
-Deflections drop out: the limb stiffness is invertible, so any forces in equilibrium have wall
-deflections that produce them, and eqs. (4.14) and (4.17) together say no more than equilibrium.
-Joints are commanded by as much beyond their angles theta as the forces bend them (`joint_bending`),
-which is linear in the forces, as is the stiffness A that they leave the braced body.
+Deflections are eliminated. The limb stiffness is invertible, so that any forces in equilibrium have
+wall deflections that produce them; eqs. (4.14) and (4.17) together are equivalent to equilibrium.
+Joint commands differ from the angles theta by the deflection D f under the forces
+(`joint_bending`). It is linear in the forces, as is the stiffness A(f) of the body under load.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ from climbplan.robots.kinematics import (
 from climbplan.robots.model import Robot
 
 RESIDUAL_LIMIT = 1e-7  # largest residual of accepted forces, see ForceResiduals
-TORQUE_MARGIN = 1e-8  # s stays this much (relative) below its bound, so that S_tau is met as asked
+TORQUE_MARGIN = 1e-8  # s stays this much (relative) below its bound, so that S_tau is met
 COMMAND_MARGIN = 2e-3  # [rad] kept from joint bounds where possible: between two instants joints
-# move on curves, and need some room beside the straight lines between commands
+# move on curves, which need a clearance from the straight lines between commands
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class ForceStatement:
 
     @cached_property
     def braced_body(self) -> BracedBody:
-        """What the stiffness of the K bodies depends on beside the forces."""
+        """Return what the stiffness of the K bodies depends on, other than the forces."""
         return braced_body(
             self.robot,
             self.rpy,
@@ -99,7 +99,7 @@ class ForceStatement:
         )
 
     def as_published(self) -> ForceStatement:
-        """The problem of chapter 5.1.4: no bounds on commands, no word on stability."""
+        """Return the problem of chapter 5.1.4, without bounds on commands or stability."""
         unbounded = np.full(self.joint_angles.shape, np.inf)
         return replace(
             self,
@@ -113,16 +113,16 @@ class ForceStatement:
 
     @property
     def points(self) -> int:
-        """At how many points each limb is pushed: C = N points."""
+        """Return the number of points at which each limb is pushed: C = N points."""
         return self.contact.shape[1] // self.robot.limb_count
 
     @property
     def standing(self) -> BoolArray:
-        """(K, N) limbs in contact."""
+        """Return which limbs (K, N) are in contact."""
         return self.contact[:, :: self.points]
 
     def take(self, rows: IntArray) -> ForceStatement:
-        """The same problems for some of the instants."""
+        """Return the same problems for some of the instants."""
         constant_names = {"max_torque"}  # arrays that are not by instant
         selected: dict[str, Any] = {
             name: value[rows]
@@ -133,25 +133,31 @@ class ForceStatement:
 
     @property
     def usable_mu(self) -> Array:
-        """(K, C) mu / S_mu."""
+        """Return mu / S_mu (K, C)."""
         return self.mu / self.safety_friction
 
     @property
     def torque_per_force(self) -> Array:
-        """(K, C, J, 3) J^T with each row divided by its torque limit [1/N]."""
+        """Return J^T with each row divided by its torque limit, (K, C, J, 3) [1/N]."""
         limit = by_point(self.robot, self.max_torque, 0)
         return np.asarray(np.swapaxes(self.jacobian, -1, -2) / limit[..., None])
 
     @property
     def link_torque_ratio(self) -> Array:
-        """(K, N, J) torques of the links' own weight, as parts of the limits."""
+        """Return torques of the links' own weight as fractions of the limits (K, N, J)."""
         return np.asarray(self.link_torques / self.max_torque)
 
 
 def build_force_statement(
     scene: MotionScene, instants: Instants, margin: float = 0.0
 ) -> ForceStatement:
-    """The force problems of a scene's instants; margin: part of soles that is not pressed on."""
+    """Return the force problems of a scene's instants.
+
+    Args:
+        scene: The scene.
+        instants: All instants.
+        margin: Fraction of soles that is not pressed on.
+    """
     robot, force, count = scene.robot.pressed_within(margin), scene.spec.force, instants.count
     min_penetration = -np.inf if force.min_penetration is None else force.min_penetration
     arms = pushed_points(robot, instants.toes, instants.normal) - instants.com[:, None]
@@ -201,31 +207,33 @@ def build_force_statement(
 
 
 def compute_joint_torques(statement: ForceStatement, force: Array) -> Array:
-    """Joint torques J^T f (K, N, J) [N m] of forces (K, C, 3)."""
+    """Return joint torques J^T f (K, N, J) [N m] of forces (K, C, 3)."""
     return sum_over_limb_points(
         np.einsum("knij,kni->knj", statement.jacobian, force), statement.points
     )
 
 
 def compute_torque_ratio(statement: ForceStatement, force: Array) -> Array:
-    """(K,) largest part of its limit that a motor's torque has under forces (K, C, 3)."""
+    """Return the largest ratio (K,) of motor torque and limit under forces (K, C, 3)."""
     return np.asarray(_compute_limb_torque_ratios(statement, force).max(axis=1))
 
 
 def compute_contact_torque_ratio(statement: ForceStatement, force: Array) -> Array:
-    """(K,) the same of the limbs in contact alone: no force helps those in the air."""
+    """Return the largest torque ratio (K,) of the limbs in contact: no force changes that of
+    others.
+    """
     ratios = _compute_limb_torque_ratios(statement, force)
     return np.asarray(np.where(statement.standing, ratios, 0.0).max(axis=1))
 
 
 def _compute_limb_torque_ratios(statement: ForceStatement, force: Array) -> Array:
-    """(K, N) largest part of its limit that a torque of each limb's motors has."""
+    """Return the largest torque ratio (K, N) of each limb's motors."""
     torques = compute_joint_torques(statement, force) + statement.link_torques
     return np.asarray((np.abs(torques) / statement.max_torque).max(axis=2))
 
 
 def sum_over_limb_points(values: Array, points: int) -> Array:
-    """Sums (B, N, ...) over the points of each limb, of values (B, N points, ...)."""
+    """Return sums (B, N, ...) over the points of each limb, of values (B, N points, ...)."""
     return (
         values
         if points == 1
@@ -234,16 +242,17 @@ def sum_over_limb_points(values: Array, points: int) -> Array:
 
 
 def compute_commands(statement: ForceStatement, force: Array) -> Array:
-    """Joint commands theta - D f (K, N, J) [rad] that press with forces (K, C, 3)."""
+    """Return joint commands theta - D f (K, N, J) [rad] that press with forces (K, C, 3)."""
     return np.asarray(statement.joint_angles - _compute_deflection(statement, force))
 
 
 def _compute_deflection(statement: ForceStatement, force: Array) -> Array:
+    """Return joint deflections D f (K, N, J) [rad] under forces (K, C, 3)."""
     return np.einsum("knjml,kml->knj", statement.deflection_per_force, force, optimize=True)
 
 
 def compute_bound_violation(statement: ForceStatement, force: Array, margin: float = 0.0) -> Array:
-    """(K, N, J) by how much commands leave the joint bounds, or a reserve within them [rad]."""
+    """Return how far commands leave the joint bounds, tightened by a reserve, (K, N, J) [rad]."""
     deflection = _compute_deflection(statement, force)
     max_below, max_above = (
         reduce_margin(bound_margin, margin)
@@ -253,16 +262,16 @@ def compute_bound_violation(statement: ForceStatement, force: Array, margin: flo
 
 
 def compute_penetration(statement: ForceStatement, force: Array) -> Array:
-    """(K, N) how deep inside their surfaces toes are commanded by forces (K, C, 3) [m]."""
+    """Return how deep inside their surfaces toes are commanded by forces (K, C, 3), (K, N) [m]."""
     return np.asarray(
         np.einsum("kiml,kml->ki", statement.penetration_per_force, force, optimize=True)
     )
 
 
 def compute_free_penetration(statement: ForceStatement, force: Array) -> Array:
-    """(K, N) how deep toes would be inside their surfaces if nothing held them [m].
+    """Return how deep toes would be inside their surfaces without contact, (K, N) [m].
 
-    `depths_of` is the first order of this: limbs that bend far move on arcs.
+    `compute_penetration` is its first order: limbs with large deflections move on arcs.
     """
     command = compute_commands(statement, force)
     free_toes = toe_world(statement.robot, np.zeros((len(force), 3)), statement.rpy, command)
@@ -275,7 +284,7 @@ def compute_free_penetration(statement: ForceStatement, force: Array) -> Array:
 
 
 def compute_penetration_shortfall(statement: ForceStatement, force: Array) -> Array:
-    """(K, N) by how much toes in contact are not commanded as deep as asked [m]."""
+    """Return by how much toes in contact are commanded less deep than required, (K, N) [m]."""
     penetration = compute_penetration(statement, force)
     return np.where(
         statement.standing, np.maximum(statement.min_penetration - penetration, 0.0), 0.0
@@ -283,7 +292,7 @@ def compute_penetration_shortfall(statement: ForceStatement, force: Array) -> Ar
 
 
 def _compute_stiffness_shortfall(statement: ForceStatement, force: Array) -> Array:
-    """(K,) share of the elastic stiffness that forces take beyond what they may."""
+    """Return the fraction (K,) of the elastic stiffness that is missing."""
     if (statement.min_stiffness_ratio == -np.inf).all():
         return np.zeros(len(force))
     return np.maximum(
@@ -292,12 +301,12 @@ def _compute_stiffness_shortfall(statement: ForceStatement, force: Array) -> Arr
 
 
 def reduce_margin(margin: Array, reserve: float) -> Array:
-    """Rooms [rad] less a reserve, as far as there is room for it: no force bends no joint."""
+    """Return joint margins [rad] less a reserve, at least 0: without force no joint deflects."""
     return np.maximum(margin - reserve, 0.0)
 
 
 def compute_objective(statement: ForceStatement, force: Array) -> Array:
-    """s - w sum n . f (K,) of forces (K, C, 3), with s as small as their torques allow."""
+    """Return s - w sum n . f (K,) of forces (K, C, 3), with s as small as their torques allow."""
     s = compute_torque_ratio(statement, force)
     normal_force = split_force(force, statement.normal).normal.sum(axis=1)
     return np.asarray(s - statement.normal_force_weight * normal_force)
@@ -305,7 +314,7 @@ def compute_objective(statement: ForceStatement, force: Array) -> Array:
 
 @dataclass(frozen=True)
 class ForceResiduals:
-    """By how much each instant's forces miss a constraint, 0 if they hold (without unit or rad)."""
+    """Violations of each instant's constraints, 0 where they hold (dimensionless, rad or m)."""
 
     equilibrium: Array  # (K,) relative to the largest load
     friction: Array  # (K,) relative to the largest load
@@ -317,12 +326,12 @@ class ForceResiduals:
 
     @property
     def worst(self) -> Array:
-        """(K,) largest of the seven."""
+        """Return the largest of the seven residuals (K,)."""
         return np.max(list(vars(self).values()), axis=0)
 
 
 def check_forces(statement: ForceStatement, force: Array) -> ForceResiduals:
-    """Residuals of forces (K, C, 3) against the exact constraints, cones included."""
+    """Return residuals of forces (K, C, 3) against the exact constraints, cones included."""
     residual_wrench = wrench_of(statement.arms, force) + statement.load
     residual_wrench[:, 3:] /= statement.length
     components = split_force(force, statement.normal)

@@ -1,8 +1,8 @@
-"""The force problem as it stands in chapter 5.1.4, with deflections and torques as variables.
+"""The force problem as written in chapter 5.1.4, with deflections and torques as variables.
 
-61 variables for six limbs: body deflection (6), forces, wall deflections and torques (18 each), and
-s = 1 / S_tau. The planner eliminates all but forces; the literal form is its oracle in tests, an
-alternative in benchmarks, and the family `forces` of exported instances.
+It has 61 variables for six limbs: body deflection (6), forces, wall deflections and torques (18
+each), and s = 1 / S_tau. The planner eliminates all but forces. The unreduced form is its oracle in
+tests, an alternative in benchmarks, and the family `forces` of exported instances.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class UnreducedProblem:
 
 
 def build_unreduced_problems(statement: ForceStatement) -> list[UnreducedProblem]:
-    """The numbers of every instant. Limbs in the air have no stiffness against a wall."""
+    """Return the numbers of every instant; limbs in the air have no stiffness against a wall."""
     stiffness = np.asarray(np.linalg.inv(statement.compliance), np.float64)
     stiffness = stiffness * statement.contact[..., None, None]
     body = whole_body_stiffness(stiffness, statement.arms)

@@ -184,7 +184,7 @@ def plan_by_method(
 
 
 def _require_support(scene: ClimbScene) -> None:
-    """Raise Unresolved where no toes on the regions of a scan could support the start or the goal."""
+    """Raise Unresolved where no toes on the regions of a scan could support start or goal."""
     from climbplan.climb.planner.static_feasibility import find_unsupported_places
 
     if unsupported := find_unsupported_places(scene):

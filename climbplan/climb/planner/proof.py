@@ -97,7 +97,7 @@ def _mark_remedies_necessary(conflicts: list[Conflict]) -> list[Conflict]:
 
 
 def _interpolate_postures(scene: ClimbScene) -> Array:
-    """Return toes (M, N, 3) and bodies (M, 3) on the straight line to the goal, as a program point."""
+    """Return toes (M, N, 3) and bodies (M, 3) on the straight line to the goal, as one point."""
     fraction = np.linspace(0.0, 1.0, scene.spec.task.round_count + 1)[1:]
     start, goal = scene.start, scene.goal
     toes = start.toes + fraction[:, None, None] * (goal.toes - start.toes)
@@ -143,7 +143,7 @@ def find_paths_too_long(scene: ClimbScene) -> Iterator[Conflict]:
 
 
 def find_unreachable_toes(scene: MotionScene) -> Iterator[Conflict]:
-    """Yield limbs whose toe, or every possible toe, is beyond the limb's length at start or goal."""
+    """Yield limbs whose toe, or every possible toe, is out of reach at start or goal."""
     reach = compute_max_reach(scene)
     if not np.isfinite(reach).all():
         return
@@ -166,8 +166,8 @@ def find_unreachable_toes(scene: MotionScene) -> Iterator[Conflict]:
             target = "its toe" if has_stated_toe else "any place where it may stand"
             limb_name = scene.robot.limb_names[limb]
             text = (
-                f"{limb_name} cannot reach {target} ({1e3 * shortfall:.1f} mm too far for its links "
-                f"stretched out, {1e3 * reach[limb]:.0f} mm)"
+                f"{limb_name} cannot reach {target} ({1e3 * shortfall:.1f} mm too far for its "
+                f"links stretched out, {1e3 * reach[limb]:.0f} mm)"
             )
             yield Conflict(name, (text,), _suggest_nearer(posture, name), in_words=True)
 

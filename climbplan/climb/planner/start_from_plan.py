@@ -31,7 +31,7 @@ def resolve_start_plan(loaded: LoadedClimb) -> LoadedClimb:
     plan_path = loaded.spec.task.start.plan
     if plan_path is None:
         return loaded
-    from climbplan.climb.check.verification import verification_of
+    from climbplan.climb.check.verification import verify_plan
 
     path = loaded.directory / plan_path
     try:
@@ -42,7 +42,7 @@ def resolve_start_plan(loaded: LoadedClimb) -> LoadedClimb:
         raise _build_spec_error(
             loaded, f"{plan_path}: fails its verification (`climbplan verify` says where)"
         )
-    verification = verification_of(plan)  # what the file says of itself is not enough
+    verification = verify_plan(plan)  # what the file says of itself is not enough
     if not verification.passed:
         headline = verification.headline()
         raise _build_spec_error(loaded, f"{plan_path}: fails its verification: {headline}")
@@ -68,7 +68,7 @@ def _format_last_posture(plan: ClimbPlan) -> str:
 
 
 def _describe_difference(plan_robot: Robot, spec_robot: Robot) -> str:
-    """Describe how the plan's robot differs from that of the spec; return "" if they are the same."""
+    """Describe how the plan's robot differs from the spec's; return "" if they are the same."""
     if plan_robot.limb_names != spec_robot.limb_names:
         return f"whose limbs are {', '.join(plan_robot.limb_names)}"
     if plan_robot.joint_count != spec_robot.joint_count:

@@ -45,7 +45,8 @@ def describe_min_safety(plan: ClimbPlan) -> str:
             wrist_load.max(), load.max()
         ):
             gripping_limb = int(np.argmax(grip))
-            return f"{prefix}, {robot.limb_names[gripping_limb]} grips with {grip[gripping_limb]:.1f} N"
+            limb_name = robot.limb_names[gripping_limb]
+            return f"{prefix}, {limb_name} grips with {grip[gripping_limb]:.1f} N"
         if wrist_load.max() > load.max():
             wrist_limb, wrist_joint = np.unravel_index(int(np.argmax(wrist_load)), wrist_load.shape)
             name = f"{robot.limb_names[wrist_limb]} {WRIST_JOINTS[wrist_joint]}"

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.proposed.outcome import NEGLIGIBLE_MARGIN, Outcome, SampleWorlds
 from climbplan.climb.schema.loading import load_climb
@@ -271,7 +271,7 @@ class ProposalTrials:
                 plan = plan_climb(load_climb(path, _METHOD), nodes=_MAX_NODES)
         except (NoPlanFound, SpecError, UsageError) as error:
             return Outcome(task, None, _summarise_failure(error), text, brace)
-        verification = verification_of(plan)
+        verification = verify_plan(plan)
         if not verification.passed:
             why = f"the plan fails its verification: {verification.headline()}"
             return Outcome(task, None, why, text, brace)

@@ -183,7 +183,7 @@ def _stated_toe(
 
     Of feet of finite size the point is the one that touches, of grippers the wrist's centre.
     """
-    there = terrain if robot.foot is None else terrain.moved(-robot.standoff)
+    there = terrain if robot.foot is None else terrain.offset_surfaces(-robot.standoff)
     region = there.nearest_surface(limb, point)
     distance = there.surfaces[region].distance(point)
     if robot.foot is None:

@@ -15,7 +15,7 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.robots.foot import Foot
 from climbplan.terrain.model import Terrain
-from climbplan.terrain.soles import shrunk, without_sole
+from climbplan.terrain.soles import shrink_region, without_sole
 from climbplan.terrain.surfaces import Region
 
 _ALONG = np.array([0.1, 0.3, 0.5, 0.7, 0.9])  # places on an edge beyond which ground is looked for
@@ -133,7 +133,7 @@ def _without(region: Region, strip: Array) -> Region:
         return region
     whole = _area(region.vertices)
     for _ in range(_HALVINGS):
-        vertices = shrunk(region, strip)
+        vertices = shrink_region(region, strip)
         if len(vertices) > 2 and _area(vertices) >= _LEFT * whole:
             return replace(region, vertices=vertices, b=region.b - strip)
         strip = strip / 2

@@ -26,17 +26,17 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.scan.body_holds import (
     NAME,
     BodyHold,
-    bodies,
-    body_headline,
-    body_holds,
-    body_regions,
+    find_body_holds,
+    find_closed_bodies,
+    format_body_regions,
+    format_body_summary,
 )
-from climbplan.scan.fitting import FoundRegion, found_regions
-from climbplan.scan.free_space import FreeSpace, free_space, pieces_of
-from climbplan.scan.holds import Grasping, found_holds
-from climbplan.scan.orienting import facing
-from climbplan.scan.panel import holds_headline, panel_of
-from climbplan.scan.raw import RawScan, ScanError, cropped
+from climbplan.scan.contact_regions import FoundRegion, find_contact_regions
+from climbplan.scan.free_space import FreeSpace, inflate_free_space, split_path
+from climbplan.scan.holds import Grasping, find_wall_holds
+from climbplan.scan.orienting import orient_to_free_space
+from climbplan.scan.panel import build_panel, format_wall_summary
+from climbplan.scan.raw import RawScan, ScanError, select_within_box
 from climbplan.scan.reading import read_scan
 from climbplan.schema.overrides import Override
 from climbplan.schema.terrain.scan import ScanHoldsSpec, ScanSpec
@@ -69,7 +69,7 @@ def scanned(loaded: Loaded) -> Loaded:
     try:
         raw = near_scan(scan, loaded.directory, guide, robot)
         _tell(raw)
-        found = found_regions(raw, scan)
+        found = find_contact_regions(raw, scan)
     except ScanError as error:
         raise _refused(loaded, f"{_KEY}.file", str(error)) from error
     reached = [r for r in found if _distance(r, guide, around(robot)) <= farthest(robot)]
@@ -116,19 +116,19 @@ def _with_holds(
         opening = robot.gripper.finger_span
     grasping = Grasping(opening, asked.depth, asked.steepest_back_deg)
     try:
-        raw = facing(_whole_scan(scan, loaded.directory), guide[0])
+        raw = orient_to_free_space(_whole_scan(scan, loaded.directory), guide[0])
         _tell(raw)
-        if bodies(raw).any():
+        if find_closed_bodies(raw).any():
             return _on_bodies(loaded, scan, raw, grasping, robot)
-        wall = found_holds(raw, grasping)
+        wall = find_wall_holds(raw, grasping)
     except ScanError as error:
         raise _refused(loaded, f"{_KEY}.holds", str(error)) from error
-    _log.info("scan      %s", holds_headline(wall, grasping), extra={"note": True})
+    _log.info("scan      %s", format_wall_summary(wall, grasping), extra={"note": True})
     told = f"found in {scan.file}"
     return loaded.with_overrides(
         [
             Override.of("terrain.scan.fit", False, told),
-            Override.of("terrain.panel", panel_of(wall), told),
+            Override.of("terrain.panel", build_panel(wall), told),
         ]
     )
 
@@ -144,7 +144,7 @@ def _on_bodies(
             f"{1e3 * grasping.opening:g} mm; expected that at most, or a larger `finger_span`"
         )
     guide = guide_of(loaded.spec)
-    found = body_holds(raw, scan, grasping)
+    found = find_body_holds(raw, scan, grasping)
     away = [_distance(hold, guide, around(robot)) for hold in found]
     reached = [hold for hold, far in zip(found, away, strict=True) if far <= farthest(robot)]
     if not reached:
@@ -152,9 +152,9 @@ def _on_bodies(
             f"{len(found)} graspable spots, the nearest {min(away):.2f} m from the way; the robot "
             f"reaches {farthest(robot):.2f} m from it"
         )
-    told = f"{body_headline(reached, grasping)}, within reach"
+    told = f"{format_body_summary(reached, grasping)}, within reach"
     near = near_scan(scan, loaded.directory, guide, robot)
-    return _on_regions(loaded, scan, near, body_regions(reached, scan), told)
+    return _on_regions(loaded, scan, near, format_body_regions(reached, scan), told)
 
 
 def raw_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface | None:
@@ -171,9 +171,9 @@ def raw_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface |
 def near_scan(scan: ScanSpec, directory: Path, guide: Array, robot: Robot) -> RawScan:
     """What of a scan lies within reach of the way (P, 3), facing the way's free space."""
     whole = _whole_scan(scan, directory)
-    turned = facing(whole, guide[0])
+    turned = orient_to_free_space(whole, guide[0])
     near = farthest(robot) + _BESIDE
-    raw = cropped(turned, guide.min(axis=0) - near, guide.max(axis=0) + near)
+    raw = select_within_box(turned, guide.min(axis=0) - near, guide.max(axis=0) + near)
     if not len(raw.triangles):
         away = np.linalg.norm(whole.vertices - guide[0], axis=1).min()
         unit = "; is its unit the metre? `scale` says otherwise" if away > _FAR else ""
@@ -296,9 +296,9 @@ def _spaces(loaded: LoadedClimb | LoadedTransition, raw: RawScan) -> list[FreeSp
         for rpy in (spec.task.start.rpy_deg, spec.task.goal.rpy_deg)
     ]
     hull = np.concatenate(hulls) if not np.allclose(hulls[0], hulls[1]) else hulls[0]
-    spaces = [free_space(ends, hull, raw.corners) for ends in pieces_of(guide)]
+    spaces = [inflate_free_space(ends, hull, raw.corners) for ends in split_path(guide)]
     for space in spaces:
-        if space.least_room <= 0 or len(space.vertices) < 4:
+        if space.min_clearance <= 0 or len(space.vertices) < 4:
             place = ", ".join(f"{v:.2f}" for v in space.place)
             raise _refused(
                 loaded,

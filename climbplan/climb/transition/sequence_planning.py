@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.clearance.swing import SwingCollision
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait.instants import build_instants_at, compute_joint_angles
@@ -197,7 +197,7 @@ def verify_motion(
     """Complete a motion and run all checks of its plan; raise what `complete_motion` raises."""
     motion = complete_motion(run, rounds, moves, first_position)
     with run.clock.stage("check"):
-        return motion, verification_of(assemble_plan(run, MethodResult(motion, {})))
+        return motion, verify_plan(assemble_plan(run, MethodResult(motion, {})))
 
 
 def compute_cost(

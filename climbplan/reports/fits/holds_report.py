@@ -10,10 +10,15 @@ from typing import Any
 import numpy as np
 
 from climbplan.reports.fits.terrain_report import FRICTION, RESULT
-from climbplan.scan.body_holds import bodies, body_headline, body_holds, body_regions
-from climbplan.scan.holds import Grasping, found_holds
-from climbplan.scan.orienting import facing
-from climbplan.scan.panel import holds_headline, panel_of
+from climbplan.scan.body_holds import (
+    find_body_holds,
+    find_closed_bodies,
+    format_body_regions,
+    format_body_summary,
+)
+from climbplan.scan.holds import Grasping, find_wall_holds
+from climbplan.scan.orienting import orient_to_free_space
+from climbplan.scan.panel import build_panel, format_wall_summary
 from climbplan.scan.raw import RawScan
 from climbplan.schema.terrain.scan import ScanSpec
 from climbplan.schema.yaml_source import write_yaml
@@ -40,9 +45,9 @@ def graspable(raw: RawScan, scan: ScanSpec, grasping: Grasping, name: str) -> Gr
         "opening": grasping.opening,
         "depth": grasping.depth,
     }
-    if bodies(raw).any():
+    if find_closed_bodies(raw).any():
         top = raw.vertices.mean(axis=0) + _ABOVE * np.array([0.0, 0.0, 1.0])
-        found = body_holds(facing(raw, top), scan, grasping)
+        found = find_body_holds(orient_to_free_space(raw, top), scan, grasping)
         holds = [
             {
                 "vertices": hold.vertices.tolist(),
@@ -54,21 +59,21 @@ def graspable(raw: RawScan, scan: ScanSpec, grasping: Grasping, name: str) -> Gr
             for hold in found
         ]
         return Graspable(
-            body_headline(found, grasping),
+            format_body_summary(found, grasping),
             {**report, "holds": holds, "units": {**_UNITS, "vertices": "m"}},
-            {"regions": body_regions(found, scan)},
+            {"regions": format_body_regions(found, scan)},
             "From each face they are gripped in every direction in which both sides are.",
         )
-    wall = found_holds(raw, grasping)
+    wall = find_wall_holds(raw, grasping)
     report |= {"angle_deg": wall.angle_deg, "turn_deg": wall.turn_deg}
     return Graspable(
-        holds_headline(wall, grasping),
+        format_wall_summary(wall, grasping),
         {
             **report,
             "holds": [vars(hold) for hold in wall.holds],
             "units": {**_UNITS, "at": "m", "rise": "m", "room": "m"},
         },
-        {"panel": panel_of(wall)},
+        {"panel": build_panel(wall)},
         "A scan seen from before shows no undercut.",
     )
 

@@ -1,4 +1,4 @@
-"""What an MPC plan says about itself, recomputed from its file alone."""
+"""Checks of a walking plan file: its numbers, its spec, its objective and its trajectory."""
 
 from __future__ import annotations
 
@@ -27,8 +27,14 @@ from climbplan.walking.schema.model import MpcSpec
 from climbplan.walking.task.task import WalkTask
 
 
-def objective_terms(task: WalkTask, state: Array, force: Array) -> dict[str, float]:
-    """Each term by name. state (N + 1, 12); force (N + 1, L, 3), of which the last is not used."""
+def compute_objective_terms(task: WalkTask, state: Array, force: Array) -> dict[str, float]:
+    """Return each term of the objective by name.
+
+    Args:
+        task: The task.
+        state: States (N + 1, 12).
+        force: Forces (N + 1, L, 3); the last is not used.
+    """
     weights, reference = task.weights, task.reference
     terms = dict.fromkeys(("velocity", "angles", "height", "motion", "force_difference"), 0.0)
     for n in range(task.knots):
@@ -53,33 +59,41 @@ LIMITS = {
 }
 
 
-def plan_checks(plan: WalkPlan, spec_to_hold: HeldSpec | None = None) -> Iterator[Check]:
-    """All checks; if text or numbers are unsound only those, as nothing else would mean much.
+def check_plan(plan: WalkPlan, spec_to_hold: HeldSpec | None = None) -> Iterator[Check]:
+    """Yield all checks of a plan.
 
-    held: a spec that the plan is to answer in place of its own.
+    Unsound text or numbers end the checks, as later ones would mean little.
+
+    Args:
+        plan: The plan.
+        spec_to_hold: A spec that the plan has to satisfy instead of its own.
     """
     digest = hashlib.sha256(plan.spec_text.encode()).hexdigest()
-    yield _judge("file.spec_hash", float(digest != plan.spec_sha256), "the text was changed")
-    yield _faults("file.finite", list(plan.not_finite))
-    faults = list(_faults_of(plan.task))
+    yield _build_check("file.spec_hash", float(digest != plan.spec_sha256), "the text was changed")
+    yield _build_fault_check("file.finite", list(plan.not_finite))
+    faults = list(_find_faults(plan.task))
     faults += [f"{name} is not that of the steps" for name in plan.at_odds]
-    yield _faults("file.data", faults)
+    yield _build_fault_check("file.data", faults)
     if plan.not_finite or faults:
         return
     if spec_to_hold is not None:
         yield held_check(spec_to_hold)
         plan = replace(
-            plan, spec_text=spec_to_hold.text, robot_text=spec_to_hold.robot_text, robot_urdf=spec_to_hold.robot_urdf
+            plan,
+            spec_text=spec_to_hold.text,
+            robot_text=spec_to_hold.robot_text,
+            robot_urdf=spec_to_hold.robot_urdf,
         )
-    yield _spec_values(plan)
-    yield _objective(plan)
+    yield _check_spec_values(plan)
+    yield _check_objective(plan)
     if plan.loop is not None:
         yield from check_loop(plan.task, plan.trajectory, plan.loop.push)
     else:
         yield from check_trajectory(plan.task, plan.trajectory)
 
 
-def _faults_of(task: WalkTask) -> Iterator[str]:
+def _find_faults(task: WalkTask) -> Iterator[str]:
+    """Yield the values of a task that no robot and no ground can have."""
     body, ground = task.body, task.ground
     for name, value in (
         ("mass", body.mass),
@@ -100,14 +114,14 @@ def _faults_of(task: WalkTask) -> Iterator[str]:
         yield "a region of the ground is empty"
 
 
-def _spec_values(plan: WalkPlan) -> Check:
-    """The stored task is the one that the stored spec and robot make."""
+def _check_spec_values(plan: WalkPlan) -> Check:
+    """Return the check that the stored task is that of the stored spec and robot."""
     try:
         spec, findings = validate(parse_yaml(plan.spec_text, "spec"), MpcSpec)
     except SpecError as error:
-        return _judge("file.spec_values", math.inf, str(error).splitlines()[0])
+        return _build_check("file.spec_values", math.inf, str(error).splitlines()[0])
     if spec is None:
-        return _judge("file.spec_values", math.inf, findings[0].message)
+        return _build_check("file.spec_values", math.inf, findings[0].message)
     try:
         robot = load_stored_body(spec, plan.robot_text, plan.robot_urdf)
         # Plan files without it have the centres of feet on the ground itself
@@ -115,46 +129,61 @@ def _spec_values(plan: WalkPlan) -> Check:
         task = raise_task(build_task(spec, robot, centres=standoff > 0), standoff)
     except MissingSolver as reason:
         reason_text = f"{reason}: robot and task are taken from the plan file"
-        return not_compared(_judge("file.spec_values", 0.0), reason_text, "robot as stored", reason_text)
+        return not_compared(
+            _build_check("file.spec_values", 0.0), reason_text, "robot as stored", reason_text
+        )
     except SpecError as error:
-        return _judge("file.spec_values", math.inf, str(error).splitlines()[0])
+        return _build_check("file.spec_values", math.inf, str(error).splitlines()[0])
     differences = {
         "seed": 0.0 if plan.seed == spec.seed else math.inf,
         "solver.method": 0.0 if plan.method == spec.solver.method else math.inf,
     }
     if plan.loop is not None:
         task = build_sampled_task(task, plan.task.knots)
-    differences |= _task_apart(plan.task, task)
+    differences |= _compare_tasks(plan.task, task)
     worst = max(differences, key=lambda key: differences[key])
-    return _judge("file.spec_values", differences[worst], worst)
+    return _build_check("file.spec_values", differences[worst], worst)
 
 
-def _task_apart(stored: WalkTask, expected: WalkTask) -> dict[str, float]:
-    """Largest difference of each part of two tasks."""
+def _compare_tasks(stored: WalkTask, expected: WalkTask) -> dict[str, float]:
+    """Return the largest difference of each part of two tasks, by name."""
     differences = {}
     for holder in ("body", "ground", "start", "reference", "weights", "goal"):
         stored_part, expected_part = vars(stored)[holder], vars(expected)[holder]
         for name in (field.name for field in fields(stored_part)):
-            differences[f"{holder}.{name}"] = _difference(getattr(stored_part, name), getattr(expected_part, name))
-    differences |= _legs_apart(stored.legs, expected.legs)
-    for name in ("knots", "dt", "integrator", "swing_clearance", "min_contacts", "workspace_over_stance"):
-        differences[name] = _difference(vars(stored)[name], vars(expected)[name])
+            differences[f"{holder}.{name}"] = _compute_difference(
+                getattr(stored_part, name), getattr(expected_part, name)
+            )
+    differences |= _compare_legs(stored.legs, expected.legs)
+    for name in (
+        "knots",
+        "dt",
+        "integrator",
+        "swing_clearance",
+        "min_contacts",
+        "workspace_over_stance",
+    ):
+        differences[name] = _compute_difference(vars(stored)[name], vars(expected)[name])
     return differences
 
 
-def _legs_apart(stored: WalkingLegs | None, expected: WalkingLegs | None) -> dict[str, float]:
+def _compare_legs(stored: WalkingLegs | None, expected: WalkingLegs | None) -> dict[str, float]:
+    """Return the largest difference of each part of the legs of two tasks, by name."""
     if stored is None or expected is None:
         return {"legs": 0.0 if stored is expected else math.inf}
     holders = ((stored.chain, expected.chain), (stored, expected))
     return {
-        f"legs.{field.name}": _difference(getattr(stored_part, field.name), getattr(expected_part, field.name))
+        f"legs.{field.name}": _compute_difference(
+            getattr(stored_part, field.name), getattr(expected_part, field.name)
+        )
         for stored_part, expected_part in holders
         for field in fields(stored_part)
         if field.name != "chain"
     }
 
 
-def _difference(first: object, second: object) -> float:
+def _compute_difference(first: object, second: object) -> float:
+    """Return the largest difference of two values; infinite if they are not comparable."""
     if first is None or isinstance(first, str | tuple):
         return 0.0 if first == second else math.inf
     a, b = np.asarray(first, float), np.asarray(second, float)
@@ -163,22 +192,25 @@ def _difference(first: object, second: object) -> float:
     return float(np.abs(a - b).max(initial=0.0)) if a.shape == b.shape else math.inf
 
 
-def _objective(plan: WalkPlan) -> Check:
-    terms = objective_terms(plan.task, plan.trajectory.state, plan.trajectory.force)
+def _check_objective(plan: WalkPlan) -> Check:
+    """Return the check that the stored objective and its terms are those of the trajectory."""
+    terms = compute_objective_terms(plan.task, plan.trajectory.state, plan.trajectory.force)
     total = sum(terms.values())
     errors = {"objective": abs(plan.objective - total)}
     for name, value in terms.items():
         stored = plan.terms.get(name)
         errors[name] = abs(stored - value) if isinstance(stored, float) else math.inf
     worst = max(errors, key=lambda key: math.inf if math.isnan(errors[key]) else errors[key])
-    return _judge("file.objective", errors[worst] / max(1.0, abs(total)), worst)
+    return _build_check("file.objective", errors[worst] / max(1.0, abs(total)), worst)
 
 
-def _faults(name: str, faults: list[str]) -> Check:
-    return _judge(name, float(len(faults)), faults[0] if faults else "")
+def _build_fault_check(name: str, faults: list[str]) -> Check:
+    """Return a check whose residual is the number of faults."""
+    return _build_check(name, float(len(faults)), faults[0] if faults else "")
 
 
-def _judge(name: str, residual: float, worst_at: str = "") -> Check:
+def _build_check(name: str, residual: float, worst_at: str = "") -> Check:
+    """Return a check by its name in `LIMITS`; NaN never passes."""
     limit = LIMITS[name]
     passed = bool(residual <= limit.value)  # False for NaN
     place = worst_at if residual > 0 or not passed else ""

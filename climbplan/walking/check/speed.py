@@ -1,10 +1,10 @@
 """Joint speeds of standing and swinging legs along a walk, by inverse kinematics.
 
-Of robots from URDFs alone: their plans carry joints, bounds and speed limits. Between samples the
-body moves as positions, velocities, angles and their rates at both ends say (cubics); toes stand,
-or are on their ways (`swing_trajectory.py`) from where they lifted to where they land, at mid-way as high
-as the plan lifts them. Speeds are means over a sixteenth of an interval, of 5 ms at least. Ways
-that end after the plan are not judged: where they lead is not stated.
+Only robots from URDFs have them: their plans carry joints, bounds and speed limits. Between knots
+the body follows Hermite cubics of positions, velocities, angles and their rates. Toes stand, or
+follow the swing trajectory from where they lifted to where they land. Speeds are means over a
+sixteenth of an interval, of 5 ms at least. Swings that end after the plan are not checked, as their
+landing is not stated.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ _MIN_SAMPLE_TIME = 0.005  # [s]
 
 @dataclass(frozen=True)
 class LegSpeeds:
-    """Of each interval and leg (N, L)."""
+    """Joint speeds and missing reach of each interval and leg."""
 
     missing: Array  # (N, L) [m] by which joints do not get a swinging toe along its way
     speed: Array  # (N, L, J) largest [rad/s], [m/s] of joints that slide
 
 
 def compute_leg_speeds(legs: WalkingLegs, task: WalkTask, trajectory: WalkTrajectory) -> LegSpeeds:
-    """What body and toes ask of the joints of all legs."""
+    """Return the joint speeds that body and toes require of all legs."""
     step = task.dt
     num_samples = int(np.clip(round(step / _MIN_SAMPLE_TIME), 1, _MAX_SAMPLES))
     phase = np.linspace(0.0, 1.0, num_samples + 1)
@@ -51,8 +51,10 @@ def compute_leg_speeds(legs: WalkingLegs, task: WalkTask, trajectory: WalkTrajec
     return LegSpeeds(np.where(swings, missing, 0.0), np.where(is_judged[..., None], speed, 0.0))
 
 
-def generate_speed_residuals(task: WalkTask, trajectory: WalkTrajectory) -> Iterator[tuple[str, Array, Array]]:
-    """Names of checks, residuals and shares of limits (N, L); nothing of bodies without joints."""
+def generate_speed_residuals(
+    task: WalkTask, trajectory: WalkTrajectory
+) -> Iterator[tuple[str, Array, Array]]:
+    """Yield names of checks, residuals and fractions of limits (N, L); none for a body without joints."""
     if task.legs is None:
         return
     speeds = compute_leg_speeds(task.legs, task, trajectory)
@@ -61,8 +63,19 @@ def generate_speed_residuals(task: WalkTask, trajectory: WalkTrajectory) -> Iter
     yield "speed.limit", excess, (speeds.speed / task.legs.max_speed).max(axis=2)
 
 
-def _build_toe_paths(task: WalkTask, trajectory: WalkTrajectory, phase: Array) -> tuple[Array, BoolArray]:
-    """Toes (N, K + 1, L, 3) at shares (K + 1,) of intervals; which swing to where they land."""
+def _build_toe_paths(
+    task: WalkTask, trajectory: WalkTrajectory, phase: Array
+) -> tuple[Array, BoolArray]:
+    """Return the toes within intervals, and which of them swing to a landing.
+
+    Args:
+        task: The task.
+        trajectory: The trajectory.
+        phase: Fractions of an interval (K + 1,).
+
+    Returns:
+        Toes (N, K + 1, L, 3), world frame [m], and swings (N, L).
+    """
     contact, stance_toes = trajectory.gait.contact, trajectory.toes
     toes = np.repeat(stance_toes[:-1, None], len(phase), axis=1)
     swings = np.zeros_like(contact[:-1])
@@ -73,8 +86,14 @@ def _build_toe_paths(task: WalkTask, trajectory: WalkTrajectory, phase: Array) -
             if not len(landing_offsets):
                 continue
             landing_knot = lift_knot + int(landing_offsets[0])
-            lift_off, landing = stance_toes[max(lift_knot - 1, 0), leg], stance_toes[landing_knot, leg]
-            apex = max(stance_toes[lift_knot:landing_knot, leg, 2].max(), max(lift_off[2], landing[2]) + task.swing_clearance)
+            lift_off, landing = (
+                stance_toes[max(lift_knot - 1, 0), leg],
+                stance_toes[landing_knot, leg],
+            )
+            apex = max(
+                stance_toes[lift_knot:landing_knot, leg, 2].max(),
+                max(lift_off[2], landing[2]) + task.swing_clearance,
+            )
             s = (np.arange(landing_knot - lift_knot)[:, None] + phase) / (landing_knot - lift_knot)
             path = lift_off + quintic_progress(s)[0][..., None] * (landing - lift_off)
             path[..., 2] += quartic_arch(s)[0] * (apex - 0.5 * (lift_off[2] + landing[2]))
@@ -84,7 +103,7 @@ def _build_toe_paths(task: WalkTask, trajectory: WalkTrajectory, phase: Array) -
 
 
 def _transform_to_body(state: Array, step: float, phase: Array, toes: Array) -> Array:
-    """Toes (N, K + 1, L, 3) of the world in the body, that moves on from sample to sample."""
+    """Return toes (N, K + 1, L, 3) in the moving body frame."""
     rates = euler_rates(state[:, ANGLES], state[:, SPIN])
     position = _interpolate_hermite(state[:, POSITION], state[:, VELOCITY], step, phase)
     R = rotation_world_body(_interpolate_hermite(state[:, ANGLES], rates, step, phase))
@@ -93,7 +112,7 @@ def _transform_to_body(state: Array, step: float, phase: Array, toes: Array) -> 
 
 
 def _interpolate_hermite(value: Array, rate: Array, step: float, phase: Array) -> Array:
-    """Hermite's cubics (N, K + 1, 3) through values and rates (N + 1, 3)."""
+    """Return Hermite cubics (N, K + 1, 3) through values and rates (N + 1, 3)."""
     s = phase[None, :, None]
     first, second = value[:-1, None], value[1:, None]
     begin, end = step * rate[:-1, None], step * rate[1:, None]

@@ -1,7 +1,7 @@
-"""Torques of standing legs, J' R' f by inverse kinematics, against motors' limits.
+"""Joint torques of standing legs, J' R' f by inverse kinematics, and their limits.
 
-Of robots from URDFs alone: their plans carry joints, bounds and torque limits. Legs are massless,
-as in the plan: what their own weight and inertia ask for, a simulation of the whole robot tells.
+Only robots from URDFs have them: their plans carry joints, bounds and torque limits. Legs are
+massless, as in the plan; a simulation of the whole robot shows the torques of their own weight.
 """
 
 from __future__ import annotations
@@ -14,27 +14,29 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.walking_legs import WalkingLegs
-from climbplan.walking.check.truth import toes_in_body
+from climbplan.walking.check.reference_dynamics import transform_toes_to_body
 from climbplan.walking.task.task import ANGLES, WalkTask, WalkTrajectory
 
 
 @dataclass(frozen=True)
 class LegLoads:
-    """Of each interval and leg at the interval's beginning and end (N, 2, L); swinging legs: 0."""
+    """Joint loads of each interval and leg at the interval's beginning and end; 0 for swinging legs."""
 
     missing: Array  # (N, 2, L) [m] by which joints do not get a standing toe to where it is
     torque: Array  # (N, 2, L, 3) [N m]; infinite where they do not
 
 
-def leg_loads(legs: WalkingLegs, task: WalkTask, trajectory: WalkTrajectory) -> LegLoads:
-    """What forces ask of the joints of standing legs."""
+def compute_leg_loads(legs: WalkingLegs, task: WalkTask, trajectory: WalkTrajectory) -> LegLoads:
+    """Return the joint torques that contact forces require of standing legs."""
     contact = trajectory.gait.contact[:-1]
-    begin = toes_in_body(trajectory.state[:-1], trajectory.toes[:-1])
-    end = toes_in_body(trajectory.state[1:], trajectory.toes[:-1])
+    begin = transform_toes_to_body(trajectory.state[:-1], trajectory.toes[:-1])
+    end = transform_toes_to_body(trajectory.state[1:], trajectory.toes[:-1])
     toes = np.stack([begin, end], axis=1)  # (N, 2, L, 3)
     contact_at_ends = np.broadcast_to(contact[:, None], toes.shape[:-1])
     rest_toes = legs.chain.joint_points(legs.chain.posture)[:, -1]
-    solution = legs.chain.inverse(np.where(contact_at_ends[..., None], toes, rest_toes), legs.lower, legs.upper)
+    solution = legs.chain.inverse(
+        np.where(contact_at_ends[..., None], toes, rest_toes), legs.lower, legs.upper
+    )
     R = rotation_world_body(trajectory.state[:, ANGLES])
     rotations = np.stack([R[:-1], R[1:]], axis=1)  # (N, 2, 3, 3)
     force = trajectory.force[:-1, None] @ rotations  # (N, 2, L, 3) body frame
@@ -46,11 +48,13 @@ def leg_loads(legs: WalkingLegs, task: WalkTask, trajectory: WalkTrajectory) -> 
     return LegLoads(missing, np.where(contact_at_ends[..., None], torque, 0.0))
 
 
-def torque_residuals(task: WalkTask, trajectory: WalkTrajectory) -> Iterator[tuple[str, Array, Array]]:
-    """Names of checks, residuals and shares of limits (N, L); nothing of bodies without joints."""
+def generate_torque_residuals(
+    task: WalkTask, trajectory: WalkTrajectory
+) -> Iterator[tuple[str, Array, Array]]:
+    """Yield names of checks, residuals and fractions of limits (N, L); none for a body without joints."""
     if task.legs is None:
         return
-    loads = leg_loads(task.legs, task, trajectory)
+    loads = compute_leg_loads(task.legs, task, trajectory)
     missing = loads.missing.max(axis=1)
     yield "torque.reach", missing, np.zeros_like(missing)
     violation = np.abs(loads.torque) - task.legs.max_torque

@@ -15,7 +15,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body, skew
-from climbplan.walking.check.truth import knot_step
+from climbplan.walking.check.reference_dynamics import integrate_knot
 from climbplan.walking.task.task import ANGLES, SPIN, WalkTask
 
 _GRID = 21  # points of an angle
@@ -81,7 +81,7 @@ def build_attitude_box(task: WalkTask, state: Array, angles: Array, omega: Array
     omega_low = np.where(is_slow, np.minimum(spin, 0.0), spin).min(axis=0) - omega
     omega_high = np.where(is_slow, np.maximum(spin, 0.0), spin).max(axis=0) + omega
     none = np.zeros((1, task.body.leg_count, 3))
-    after = knot_step(task.body, "euler", task.dt, task.start.state[None], none, none)[0]
+    after = integrate_knot(task.body, "euler", task.dt, task.start.state[None], none, none)[0]
     low[0] = high[0] = task.start.state[ANGLES]
     low[1] = high[1] = after[ANGLES]
     omega_low[0] = omega_high[0] = task.start.state[SPIN]

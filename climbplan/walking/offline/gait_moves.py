@@ -1,4 +1,4 @@
-"""Moves of a search over gaits: flips of contacts, of knots and of legs, and other regions."""
+"""The neighbourhood of a gait in local search: flipped contacts, shifted phases, other regions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NUM_NEIGHBOURS = 4  # regions that a foothold may go to in one move
 
 
 def list_contact_moves(contact: BoolArray) -> list[BoolArray]:
-    """All contacts (N + 1, L) one move away."""
+    """Return all contacts (N + 1, L) that are one move away."""
     knots, legs, moves = len(contact), contact.shape[1], []
     groups = _list_leg_groups(legs)
     for n in range(knots):
@@ -38,7 +38,12 @@ def list_contact_moves(contact: BoolArray) -> list[BoolArray]:
 
 
 def generate_region_moves(gait: Gait, neighbours: Sequence[IntArray]) -> Iterator[Gait]:
-    """The same contacts with one stance phase on another region; beside: those next to each."""
+    """Yield gaits with the same contacts and one stance phase on a neighbouring region.
+
+    Args:
+        gait: The gait.
+        neighbours: Neighbouring regions, by region.
+    """
     for n in range(1, len(gait.contact)):
         for leg in range(gait.contact.shape[1]):
             if gait.contact[n, leg] and not gait.contact[n - 1, leg]:
@@ -49,7 +54,7 @@ def generate_region_moves(gait: Gait, neighbours: Sequence[IntArray]) -> Iterato
 
 
 def find_neighbour_regions(ground: Ground) -> list[IntArray]:
-    """The regions nearest to each, so many at most, nearest first."""
+    """Return a few regions nearest to each region, nearest first."""
     low, high = ground.lower, ground.upper
     gap = np.maximum(low[:, None] - high[None], low[None] - high[:, None])  # (S, S, 2)
     distance = np.linalg.norm(np.maximum(gap, 0.0), axis=-1)
@@ -59,12 +64,13 @@ def find_neighbour_regions(ground: Ground) -> list[IntArray]:
 
 
 def _list_leg_groups(legs: int) -> list[list[int]]:
-    """Legs that step together: halves that alternate, then pairs from front to hind."""
+    """Return groups of legs that step together: alternating halves, and pairs from front to hind."""
     halves = [np.flatnonzero(alternating(legs) == half).tolist() for half in (0, 1)]
     return halves + [[first, first + 1] for first in range(0, legs, 2)]
 
 
 def _flip_contacts(contact: BoolArray, knots: list[int], legs: list[int]) -> BoolArray:
+    """Return the contacts with those of some knots and legs inverted."""
     result = contact.copy()
     result[np.ix_(knots, legs)] ^= True
     return result

@@ -1,4 +1,4 @@
-"""Gaits to start from: what legs do in turn, knot by knot."""
+"""Named gaits that a search or an NLP starts from, and their regions."""
 
 from __future__ import annotations
 
@@ -21,10 +21,15 @@ GAITS = ("trot", "slow trot", "jump", "walking trot", "pace", "bound", "walk", "
 
 @cache
 def build_gait_phases(name: str, legs: int) -> BoolArray:
-    """Which legs stand (P, L) in the phases of a named gait, which come round.
+    """Return which legs stand (P, L) in each phase of a named, cyclic gait.
 
-    In a trot halves alternate: diagonals of a quadruped, tripods of a hexapod. In a pace sides do,
-    in a bound one pair after the other steps, in a walk one leg, those of one half first.
+    In a trot halves alternate: diagonals of a quadruped, tripods of a hexapod. In a pace left and
+    right alternate. In a bound one pair steps after the other; in a walk one leg does, those of one
+    half first.
+
+    Args:
+        name: One of `GAITS`.
+        legs: Number of legs.
     """
     half = alternating(legs) == 0
     left = np.arange(legs) % 2 == 0
@@ -49,9 +54,12 @@ def build_gait_phases(name: str, legs: int) -> BoolArray:
 
 
 def assign_regions(task: WalkTask, contact: BoolArray, state: Array | None = None) -> Gait:
-    """A gait with these contacts (N + 1, L), on the regions that feet would best stand on.
+    """Return the gait with these contacts on the regions that suit its workspace boxes best.
 
-    state: (N + 1, 12) the motion to judge that by; an even one to the reference if None.
+    Args:
+        task: The task.
+        contact: Contacts (N + 1, L).
+        state: Motion (N + 1, 12) that decides where boxes are; None: an even one to the reference.
     """
     region = find_regions_under(task, state)
     if task.ground.count > 1:
@@ -61,7 +69,12 @@ def assign_regions(task: WalkTask, contact: BoolArray, state: Array | None = Non
 
 
 def find_regions_under(task: WalkTask, state: Array | None = None) -> IntArray:
-    """Regions (N + 1, L) nearest to the middle of the workspace boxes; at knot 0 to the toes."""
+    """Return the regions (N + 1, L) nearest to the middles of the boxes; at knot 0 to the toes.
+
+    Args:
+        task: The task.
+        state: Motion (N + 1, 12); None: an even one to the reference.
+    """
     if task.ground.count == 1:
         return np.zeros((task.knots + 1, task.body.leg_count), np.int64)
     motion = guess_states(task) if state is None else state
@@ -74,16 +87,18 @@ def find_regions_under(task: WalkTask, state: Array | None = None) -> IntArray:
 
 
 def _compute_workspace_centers(task: WalkTask, motion: Array) -> Array:
-    """Middles of the workspace boxes (N + 1, L, 3), world frame."""
+    """Return the middles of the workspace boxes (N + 1, L, 3), world frame [m]."""
     R = rotation_world_body(motion[:, 6:9])
     middle: Array = motion[:, None, :3] + task.body.toe_center @ np.swapaxes(R, -1, -2)
     return middle
 
 
-def _select_reachable_regions(task: WalkTask, contact: BoolArray, motion: Array, region: IntArray) -> IntArray:
-    """The same with each stance phase on the region that leaves its boxes least while it lasts.
+def _select_reachable_regions(
+    task: WalkTask, contact: BoolArray, motion: Array, region: IntArray
+) -> IntArray:
+    """Return regions (N + 1, L), each stance phase on the one that its toe can reach for longest.
 
-    Of several that do not leave them the one nearest to the boxes' middles.
+    Of several regions that stay within the boxes it is the one nearest to the boxes' middles.
     """
     ground, body = task.ground, task.body
     chosen = region.copy()
@@ -105,13 +120,13 @@ def _select_reachable_regions(task: WalkTask, contact: BoolArray, motion: Array,
 
 
 def repeat_gait(name: str, legs: int, knots: int, phase: int = 0) -> BoolArray:
-    """Contacts (N + 1, L) of a named gait, started at one of its phases."""
+    """Return contacts (N + 1, L) of a named gait, started at one of its phases."""
     phases = build_gait_phases(name, legs)
     return phases[(np.arange(knots + 1) + phase) % len(phases)]
 
 
 def prepend_full_stance(contact: BoolArray, knots: int) -> BoolArray:
-    """The same with all legs on the ground for the first `knots` knots."""
+    """Return the contacts with all legs on the ground at the first `knots` knots."""
     result = contact.copy()
     result[:knots] = True
     return result
@@ -120,9 +135,12 @@ def prepend_full_stance(contact: BoolArray, knots: int) -> BoolArray:
 def generate_initial_gaits(
     task: WalkTask, names: Sequence[str] = GAITS, brakes: Iterable[int] = range(4)
 ) -> Iterator[Gait]:
-    """Named gaits in all their phases that keep the least contacts.
+    """Yield named gaits in all their phases that keep the least number of contacts.
 
-    brakes: knots in which they first brake with all legs.
+    Args:
+        task: The task.
+        names: Names of the gaits.
+        brakes: Numbers of knots at which all legs stand first, to brake.
     """
     yielded_keys, legs = set(), task.body.leg_count
     for brake in brakes:
@@ -138,18 +156,18 @@ def generate_initial_gaits(
 
 
 def has_enough_contacts(task: WalkTask, contact: BoolArray) -> bool:
-    """Every interval has its least number of standing legs."""
+    """Return whether at least `min_contacts` legs stand in every interval."""
     return bool((contact[:-1].sum(axis=1) >= task.min_contacts).all())
 
 
 def mirror_gait(gait: Gait) -> Gait:
-    """What left legs do is done by right ones."""
+    """Return the gait with left and right legs exchanged."""
     mirrored = mirror_legs(gait.contact.shape[1])
     return Gait(gait.contact[:, mirrored], gait.region[:, mirrored])
 
 
 def is_left_right_symmetric(task: WalkTask) -> bool:
-    """Left and right are the same in the task: mirrored gaits do equally well."""
+    """Return whether the task is symmetric, so that mirrored gaits do equally well."""
     if task.ground.is_rough:
         return False
     body, reference = task.body, task.reference

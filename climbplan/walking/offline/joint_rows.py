@@ -1,4 +1,4 @@
-"""Rows of the pinned program that only robots with joints have: torques and speeds of motors."""
+"""Torque and speed rows of the fixed-integer QP, for robots with joints."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SPEED_FRACTION = 0.96  # of speed limits, for that and for what is fastest betw
 
 
 class JointRows:
-    """Torques and speeds of one gait's legs: none of a body without joints."""
+    """Rows of motor torques and speeds for one gait; none for a body without joints."""
 
     def __init__(self, task: WalkTask, gait: Gait, footing: Footing) -> None:
         self.task, self.gait, self.footing = task, gait, footing
@@ -35,21 +35,22 @@ class JointRows:
         if task.legs is not None:
             joints, forces = task.legs.chain.joint_count, int(gait.contact[:-1].sum())
             self.num_torque_rows = 2 * joints * forces  # at both ends of an interval
-            self.num_speed_rows = self.num_torque_rows + NUM_SWING_SAMPLES * joints * count_landing_intervals(
-                gait.contact
+            self.num_speed_rows = (
+                self.num_torque_rows
+                + NUM_SWING_SAMPLES * joints * count_landing_intervals(gait.contact)
             )
 
     def set_task(self, task: WalkTask) -> None:
-        """The same gait from another start, or with a first interval of another length."""
+        """Replace the start, or the length of the first interval; the gait stays."""
         self.task = task
 
     @property
     def max_rows(self) -> int:
-        """Rows at most."""
+        """Upper bound on the number of rows."""
         return self.num_torque_rows + self.num_speed_rows
 
     def bound_torques(self, lower: Array, upper: Array) -> None:
-        """What no linearisation changes, into bounds (count,)."""
+        """Write the bounds of torque rows into arrays (max_rows,); linearisations keep them."""
         if self.task.legs is None:
             return
         _, leg = np.nonzero(self.gait.contact[:-1])

@@ -1,8 +1,16 @@
-"""The nonlinear program of all knots, eqs. (8.14) to (8.25) and (8.30), compiled for IPOPT.
+"""The nonlinear program of a walk over all knots, compiled for IPOPT.
+
+    minimise    tracking + motion + force differences                                 (8.30)
+    subject to  rigid-body dynamics from knot to knot                        (8.14) - (8.17), (8.19)
+                friction pyramids, no force on swinging legs                  (8.18), (8.23)
+                toes in their workspace boxes, seen from the body             (8.20), (8.21)
+                no slip of standing legs                                              (8.22)
+                standing toes on their regions, swinging toes lifted          (8.23) - (8.25)
+                contact complementarity c (1 - c) <= eps
 
 Variables are state1 to stateN (position, velocity, roll pitch yaw, angular velocity), force0 to
-force(N - 1), toe1 to toeN (x, y) and contact0 to contactN, leg by leg, in this order; IPOPT has
-contacts c in [0, 1] with c (1 - c) <= eps. Starts, references and regions are parameters.
+force(N - 1), toe1 to toeN (x, y) and contact0 to contactN, leg by leg, in this order. Starts,
+references and regions are parameters.
 """
 
 from __future__ import annotations
@@ -34,7 +42,7 @@ _MAX_STRIDE = 0.6  # [m] no toe moves further in one interval: the constant M of
 
 @dataclass(frozen=True)
 class NlpShape:
-    """What a compiled program depends on; everything else is a parameter."""
+    """All that a compiled program depends on; everything else is a parameter."""
 
     body: BodyNumbers
     center: tuple[float, ...]
@@ -55,6 +63,7 @@ class NlpShape:
 
     @classmethod
     def of(cls, task: WalkTask) -> NlpShape:
+        """Return the shape of a task."""
         body, weights = task.body, task.weights
         return cls(
             BodyNumbers.of(body),
@@ -84,7 +93,7 @@ class NlpShape:
 
 @lru_cache(maxsize=4)
 def compile_nlp(shape: NlpShape) -> CompiledTrajectory:
-    """The program, eqs. (8.14) to (8.25) and (8.30), ready for numbers."""
+    """Compile the program of a shape."""
     walk = WalkNlp(shape)
     walk.formulation.relax(EPSILON)
     settings = {
@@ -101,7 +110,7 @@ def compile_nlp(shape: NlpShape) -> CompiledTrajectory:
 
 
 class WalkNlp:
-    """The statement, in the order of chapter 8.2; block names are those of the exact check."""
+    """The formulation, in the order of chapter 8.2; block names are those of the exact check."""
 
     def __init__(self, shape: NlpShape) -> None:
         N = shape.knots
@@ -154,7 +163,10 @@ class WalkNlp:
             walk.minimise("force_difference", apart)
 
     def build_hessian(self) -> ca.Function:
-        """Second derivatives: those of the plain step, which are IPOPT's ten times cheaper."""
+        """Return the Hessian of the Lagrangian, with the dynamics of the plain step.
+
+        Second derivatives of the plain step are far cheaper to evaluate.
+        """
         stated, N = self.formulation, self.shape.knots
         rows, variables = stated.rows, stated.x
         price, weight = ca.SX.sym("price", rows.numel()), ca.SX.sym("weight")
@@ -164,7 +176,7 @@ class WalkNlp:
         return ca.Function("nlp_hess_l", [variables, stated.p, weight, price], [ca.triu(curvature)])
 
     def _place_toes(self, n: int) -> Any:
-        """Heights of toes: on the ground, or lifted, eq. (8.23)."""
+        """Return all toes of a knot: on the ground, or lifted, eq. (8.23)."""
         c, spot, places = self.contact[n], self.spot[n - 1], []
         for i in range(self.num_legs):
             level = self.level[i, n - 1]
@@ -175,11 +187,12 @@ class WalkNlp:
         return ca.vertcat(*places)
 
     def _add_dynamics(self, n: int) -> None:
-        """Eqs. (8.14) to (8.19)."""
+        """Add the dynamics of an interval, eqs. (8.14) to (8.19)."""
         after = self.step(self.x[n], self.toes[n], self.force[n])
         self.formulation.equal("dynamics", after - self.x[n + 1])
 
     def _add_force_constraints(self, n: int) -> None:
+        """Add friction (8.18), forces of swinging legs (8.23), and the least number of contacts."""
         walk, shape = self.formulation, self.shape
         for i in range(self.num_legs):
             fx, fy, fz = (self.force[n][3 * i + k] for k in range(3))
@@ -203,9 +216,12 @@ class WalkNlp:
                     walk.between("force.swing", component + max_force, 0.0, unit="N")
         if shape.least_contacts:
             standing = ca.sum1(self.contact[n])
-            walk.between("gait.contacts", standing, float(shape.least_contacts), float(self.num_legs))
+            walk.between(
+                "gait.contacts", standing, float(shape.least_contacts), float(self.num_legs)
+            )
 
     def _add_foot_constraints(self, n: int) -> None:
+        """Add workspace (8.20), (8.21), no slip (8.22), and regions (8.24), (8.25) at a knot."""
         walk, shape = self.formulation, self.shape
         center, half = np.reshape(shape.center, (self.num_legs, 3)), np.array(shape.half)
         R = build_rotation(self.x[n][6:9])
@@ -241,18 +257,20 @@ class WalkNlp:
                 assert self.side is not None
                 first = 3 * (shape.sides * i + k)
                 a, b, offset = (self.side[first + j, n - 1] for j in range(3))
-                violation_of_side = a * self.spot[n - 1][2 * i] + b * self.spot[n - 1][2 * i + 1] - offset
+                violation_of_side = (
+                    a * self.spot[n - 1][2 * i] + b * self.spot[n - 1][2 * i + 1] - offset
+                )
                 free = _MAX_STRIDE * (1 - self.contact[n][i])
                 walk.between("contact.region", violation_of_side - free, upper=0.0, unit="m")
 
     def _add_goal(self) -> None:
-        """Where the body has to be at the end."""
+        """Add the goal region of the body at the last knot."""
         for k in range(2 if self.shape.goal else 0):
             low, high = self.shape.goal[k], self.shape.goal[2 + k]
             self.formulation.between("goal.position", self.x[-1][k], low, high, "m")
 
     def _add_tracking_cost(self, n: int) -> None:
-        """Objective, eq. (8.30)."""
+        """Add the tracking terms of the objective at a knot, eq. (8.30)."""
         walk, x, w = self.formulation, self.x, self.shape.weights
         for k in range(3):
             faster = x[n][3 + k] - self.velocity[k, n - 1]
@@ -263,9 +281,12 @@ class WalkNlp:
 
 
 def build_parameters(task: WalkTask, gait: Gait, iterate: Iterate) -> dict[str, Array]:
-    """The parameters, in order of statement; regions are those of the gait.
+    """Return the values of all parameters, in order of statement.
 
-    at: a motion of the gait, whose swinging toes say what there is to clear.
+    Args:
+        task: The task.
+        gait: The gait, whose regions toes stand on.
+        iterate: A motion of the gait, whose swinging toes decide which terrain they clear.
     """
     reference, ground, region = task.reference, task.ground, gait.region[1:]
     spread, (lower, upper, sides) = (task.knots, 2 * task.body.leg_count), ground.footholds
@@ -274,7 +295,8 @@ def build_parameters(task: WalkTask, gait: Gait, iterate: Iterate) -> dict[str, 
     toes = _toes(task, gait, iterate)[1:]
     ground_height = level + (slope * toes[..., :2]).sum(axis=-1)
     lifted = (
-        np.maximum(ground.compute_clearance_height(gait.region)[1:], ground_height) + task.swing_clearance
+        np.maximum(ground.compute_clearance_height(gait.region)[1:], ground_height)
+        + task.swing_clearance
     )
     numbers = {
         "x0": task.start.state[:, None],
@@ -296,7 +318,7 @@ def build_parameters(task: WalkTask, gait: Gait, iterate: Iterate) -> dict[str, 
 
 
 def _toes(task: WalkTask, gait: Gait, iterate: Iterate) -> Array:
-    """All toes (N + 1, L, 3) of a motion of a gait, lifted above what is on their ways."""
+    """Return all toes (N + 1, L, 3) of a motion, raised above the terrain under their swings."""
     program = PinnedProgram(task, gait)
     toes = program.compute_toes(iterate.state, iterate.spots)
     while program.raise_swing_heights(toes):
@@ -305,7 +327,7 @@ def _toes(task: WalkTask, gait: Gait, iterate: Iterate) -> Array:
 
 
 def build_variables(task: WalkTask, gait: Gait, iterate: Iterate) -> dict[str, Array]:
-    """The variables of a motion of a gait, in order of statement."""
+    """Return the values of all variables at a motion of a gait, in order of statement."""
     toes = _toes(task, gait, iterate)
     knots = range(task.knots)
     return {
@@ -317,7 +339,7 @@ def build_variables(task: WalkTask, gait: Gait, iterate: Iterate) -> dict[str, A
 
 
 def split_variables(task: WalkTask, x: Array) -> tuple[Array, Array, Array, Array]:
-    """States 1 to N, forces, toes 1 to N (x, y) and contacts 0 to N of a point."""
+    """Split a point into states 1 to N, forces, toes 1 to N (x, y) and contacts 0 to N."""
     knots, L = task.knots, task.body.leg_count
     sizes = np.cumsum([STATE * knots, 3 * L * knots, 2 * L * knots])
     state, force, toes, contact = np.split(x, sizes)

@@ -1,8 +1,11 @@
-"""The program with all integers given, linearised: states eliminated, a small dense QP left.
+"""The program with all integers fixed, linearised: a small dense QP without states.
 
-Unknowns are the forces of standing legs and the footholds that are still free. Friction cones are
-inscribed pyramids, so that what the QP holds the cone holds too. What a gait alone decides is made
-once; the numbers of a linearisation are written by compiled code into arrays that serve again.
+    minimise    1/2 z' H z + g' z
+    subject to  friction pyramids, force limits, regions, workspace boxes, goal, joint limits
+
+Unknowns z are the forces of standing legs and the free footholds; states are eliminated
+(condensing, Bock and Plitt 1984). The pyramids are inscribed in the cones. What a gait alone decides
+is computed once; compiled code writes the numbers of each linearisation into reused arrays.
 """
 
 from __future__ import annotations
@@ -55,7 +58,7 @@ _MAX_ITERATIONS = 2000  # DAQP iterations: infeasible QPs end far sooner
 
 @dataclass(frozen=True)
 class Iterate:
-    """A point to linearise about."""
+    """A point of linearisation."""
 
     state: Array  # (N + 1, 12)
     force: Array  # (N, L, 3) zeros of swinging legs
@@ -64,9 +67,9 @@ class Iterate:
 
 @dataclass(frozen=True)
 class PinnedQp:
-    """min 1/2 z'Hz + g'z with bounds and rows; states are offset + sensitivity z.
+    """A QP: min 1/2 z'Hz + g'z with bounds and rows; states are offset + sensitivity z.
 
-    Its arrays are the program's, which the next linearisation overwrites.
+    Its arrays are those of the program, which the next linearisation overwrites.
     """
 
     hessian: Array
@@ -79,9 +82,16 @@ class PinnedQp:
 
 
 class PinnedProgram:
-    """One gait of one task. `margin`: kept inside the boxes by toes yet to be placed [m]."""
+    """The program of one gait of a task."""
 
     def __init__(self, task: WalkTask, gait: Gait, margin: float = 0.0) -> None:
+        """Allocate the arrays of a gait.
+
+        Args:
+            task: The task.
+            gait: The gait.
+            margin: Distance that toes yet to be placed keep from the faces of their boxes [m].
+        """
         self.task, self.gait, self.margin = task, gait, margin
         self.start, self.steps = task.start, task.steps
         self.footing: Footing = build_footing(gait)
@@ -97,7 +107,9 @@ class PinnedProgram:
         self.num_forces = len(self.stand_knot)
         self.foot_column = 3 * self.num_forces
         self.num_unknowns = self.foot_column + 2 * self.footing.count
-        self.num_fixed_rows = self.num_forces * FACETS + self.footing.count * ground.corners.shape[1]
+        self.num_fixed_rows = (
+            self.num_forces * FACETS + self.footing.count * ground.corners.shape[1]
+        )
         self.force_scale = task.weight / task.body.leg_count
         self._next_state = np.empty((task.knots, STATE))
         self._derivatives = np.empty((task.knots, STATE + 6 * task.body.leg_count, STATE))
@@ -116,7 +128,7 @@ class PinnedProgram:
         self.is_elastic = False  # its answer leaves the workspace where nothing else was possible
 
     def restart(self, task: WalkTask) -> None:
-        """The same gait from another start; a first guess of what will be active is kept."""
+        """Replace the start of the task; the gait and the warm start of the QP are kept."""
         self.start, self.steps = task.start, task.steps
         self.joints.set_task(task)
         if task.ground.is_rough:  # raised for the one before
@@ -135,7 +147,7 @@ class PinnedProgram:
 
     @property
     def placement(self) -> ToePlacement:
-        """What decides where toes are, as compiled functions take it."""
+        """Placement of the toes, as compiled functions take it."""
         return ToePlacement(
             self.task.body.toe_workspace,
             self.footing.foothold,
@@ -146,20 +158,20 @@ class PinnedProgram:
         )
 
     def split_solution(self, z: Array) -> tuple[Array, Array]:
-        """Forces (N, L, 3) [N] and free footholds (F, 2) [m] of the unknowns."""
+        """Return forces (N, L, 3) [N] and free footholds (F, 2) [m] of the unknowns."""
         force, spots = split_unknowns(
             np.ascontiguousarray(z), self.gait.contact, self.force_scale, FOOT_SCALE
         )
         return force, spots
 
     def compute_toes(self, state: Array, spots: Array) -> Array:
-        """All toes (N + 1, L, 3)."""
+        """Return all toes (N + 1, L, 3) at states (N + 1, 12) and free footholds (F, 2)."""
         self.find_heights(state)
         toes: Array = place_toes(self.placement, state, spots)
         return toes
 
     def find_heights(self, state: Array) -> None:
-        """Heights that are not known yet: of the ground under the middles of toes' boxes."""
+        """Find unknown heights of swinging toes: the ground under the middles of their boxes."""
         if not self._sloped:
             return
         is_unknown = self.height == UNKNOWN
@@ -173,9 +185,9 @@ class PinnedProgram:
         self.height = np.where(is_unknown, level, self.height)
 
     def raise_swing_heights(self, toes: Array) -> bool:
-        """Lift swinging toes (N + 1, L, 3) above what is beneath their ways; False if they are.
+        """Raise swinging toes (N + 1, L, 3) above the terrain under them; return whether any rose.
 
-        Heights only grow, so that linearisations come to an end.
+        Heights only grow, so that repeated linearisations end.
         """
         task, ground = self.task, self.task.ground
         if not ground.is_rough:
@@ -188,7 +200,7 @@ class PinnedProgram:
         return is_higher
 
     def roll_out(self, toes: Array, force: Array) -> Array:
-        """States (N + 1, 12) that forces (N, L, 3) at toes (N + 1, L, 3) bring about."""
+        """Return the states (N + 1, 12) under forces (N, L, 3) at toes (N + 1, L, 3)."""
         task, body = self.task, self.task.body
         states: Array = roll_out_knots(
             body.parameters,
@@ -201,27 +213,35 @@ class PinnedProgram:
         return states
 
     def compute_violation(self, state: Array, toes: Array) -> float:
-        """How far toes leave their boxes at knots 1 to N, and standing ones at 0 [m].
+        """Return the largest workspace violation [m].
 
-        Or the body misses its goal, or joints are too fast, if that is more.
+        Toes count at knots 1 to N, standing ones at knot 0, too. A missed goal and too fast joints count if
+        they are worse.
         """
         body, over_stance = self.task.body, self.task.workspace_over_stance
         contact = self.gait.contact
-        violation = float(compute_reach_violation(body.toe_workspace, over_stance, contact, state, toes))
+        violation = float(
+            compute_reach_violation(body.toe_workspace, over_stance, contact, state, toes)
+        )
         violation = max(violation, float(self.task.goal.compute_violation(state[-1, :2])))
         spots = toes[self.footing.first, self.footing.leg, :2]
-        return max(violation, _SPEED_EXCESS_LENGTH * self.joints.compute_speed_excess(state, toes, spots, self.tilt))
+        return max(
+            violation,
+            _SPEED_EXCESS_LENGTH * self.joints.compute_speed_excess(state, toes, spots, self.tilt),
+        )
 
     def compute_cost(self, state: Array, force: Array) -> float:
-        """The objective, eq. (8.30), of states (N + 1, 12) and forces (>= N, L, 3)."""
+        """Return the objective, eq. (8.30), at states (N + 1, 12) and forces (>= N, L, 3)."""
         weights = self.task.weights
         difference = weights.force_difference
         return float(
-            compute_walk_cost(state, force, self._reference, self._weight, weights.motion, difference)
+            compute_walk_cost(
+                state, force, self._reference, self._weight, weights.motion, difference
+            )
         )
 
     def build_qp(self, iterate: Iterate) -> PinnedQp:
-        """The QP of the linearisation about an iterate."""
+        """Return the QP of the linearisation about an iterate."""
         task, qp = self.task, self._qp
         weights, foothold = task.weights, self.footing.foothold
         toes = self.compute_toes(iterate.state, iterate.spots)
@@ -229,7 +249,10 @@ class PinnedProgram:
             toes = self.compute_toes(iterate.state, iterate.spots)
         first_row = self.num_fixed_rows
         rows = qp.rows[first_row:]
-        low, high = qp.lower[self.num_unknowns + first_row :], qp.upper[self.num_unknowns + first_row :]
+        low, high = (
+            qp.lower[self.num_unknowns + first_row :],
+            qp.upper[self.num_unknowns + first_row :],
+        )
         problem = QpProblem(
             body=task.body.parameters,
             horizon=self.horizon,
@@ -244,7 +267,9 @@ class PinnedProgram:
         point = LinearisationPoint(iterate.state, iterate.force, iterate.spots)
         states = AffineStates(qp.offset, qp.sensitivity)
         block = RowBlock(rows, low, high)
-        buffers = QpBuffers(self._next_state, self._derivatives, states, qp.hessian, qp.gradient, block)
+        buffers = QpBuffers(
+            self._next_state, self._derivatives, states, qp.hessian, qp.gradient, block
+        )
         count = assemble_qp(problem, point, toes, buffers)
         if task.goal.is_set:  # of the centre of mass at the last knot
             rows[count:] = qp.sensitivity[-1, :2]
@@ -252,7 +277,9 @@ class PinnedProgram:
             high[count:] = task.goal.upper - qp.offset[-1, :2]
         joint_rows = slice(self.first_joint_row, None)
         joint_limits = slice(self.num_unknowns + self.first_joint_row, None)
-        footholds = FootholdUnknowns(foothold, iterate.spots, self.tilt, FOOT_SCALE, self.foot_column)
+        footholds = FootholdUnknowns(
+            foothold, iterate.spots, self.tilt, FOOT_SCALE, self.foot_column
+        )
         num_joint_rows = self.joints.write_rows(
             self.joints.build_motion(iterate.state, toes),
             footholds,
@@ -276,11 +303,19 @@ class PinnedProgram:
         max_iterations: int = _MAX_ITERATIONS,
         any_speed: bool = False,
     ) -> Iterate | None:
-        """The optimum of that QP; None if it has none.
+        """Solve the QP of the linearisation about an iterate.
 
-        elastic: if it has none, the one with the least overreach, dearly paid for; soft: look for
-        that at once; any_speed: if it has none, the one for motors of any speed. most: DAQP
-        iterations, with any_speed twice. `spent` and `softly` tell how it went.
+        `num_iterations` and `is_elastic` describe the solution afterwards.
+
+        Args:
+            iterate: The point of linearisation.
+            elastic: If the QP is infeasible, allow workspace violation at a high price (elastic mode).
+            soft: Use the elastic mode at once.
+            max_iterations: Limit on DAQP iterations; twice as many with `any_speed`.
+            any_speed: If the QP is infeasible, drop the speed limits of motors.
+
+        Returns:
+            The next iterate; None if there is no solution.
         """
         self.num_iterations, self.is_elastic = 0, False
         qp = self.build_qp(iterate)
@@ -294,7 +329,10 @@ class PinnedProgram:
             if flag != _SOLVED and self._multipliers is not None:
                 z, flag = self._minimise(qp, None, max_iterations - self.num_iterations)
         if flag != _SOLVED and any_speed and self.joints.max_rows:
-            num_rows, max_iterations = self.first_joint_row + self.joints.num_torque_rows, max_iterations + self.num_iterations
+            num_rows, max_iterations = (
+                self.first_joint_row + self.joints.num_torque_rows,
+                max_iterations + self.num_iterations,
+            )
             qp = replace(
                 qp, rows=qp.rows[:num_rows], lower=qp.lower[: self.num_unknowns + num_rows],
                 upper=qp.upper[: self.num_unknowns + num_rows],
@@ -310,16 +348,27 @@ class PinnedProgram:
     def _minimise(
         self, qp: PinnedQp, multipliers: Array | None, max_iterations: int, workspace_sense: int = 0
     ) -> tuple[Array, int]:
-        """DAQP's answer and flag, from an active set if multipliers are given.
+        """Solve the QP by DAQP, from the active set of multipliers if these are given.
 
-        reach: how DAQP is to take the rows of the workspace.
+        Args:
+            qp: The QP.
+            multipliers: Multipliers of a similar QP; None: start without an active set.
+            max_iterations: Limit on DAQP iterations.
+            workspace_sense: Flag of the workspace rows, which makes them soft; 0: they are hard.
+
+        Returns:
+            The solution and its flag.
         """
         sense = np.zeros(len(qp.lower), np.int32)
         if workspace_sense:
-            sense[self.num_unknowns + self.num_fixed_rows : self.num_unknowns + self.first_joint_row] = workspace_sense
+            sense[
+                self.num_unknowns + self.num_fixed_rows : self.num_unknowns + self.first_joint_row
+            ] = workspace_sense
         if multipliers is not None:
             # Which speeds have rows differs from one linearisation to the next
-            last_multipliers = multipliers[: self.num_unknowns + self.first_joint_row + self.joints.num_torque_rows]
+            last_multipliers = multipliers[
+                : self.num_unknowns + self.first_joint_row + self.joints.num_torque_rows
+            ]
             sense[: len(last_multipliers)][last_multipliers > 0] = _AT_UPPER
             sense[: len(last_multipliers)][last_multipliers < 0] = _AT_LOWER
         z, flag, info = _solve_daqp(qp, self._scale, sense, max_iterations)
@@ -331,16 +380,18 @@ class PinnedProgram:
         self.num_iterations += int(info["iterations"])
         # Of QPs whose soft rows contradict others DAQP may say that it solved them, without numbers
         is_solved = flag in (_SOLVED, _SOLVED_SOFTLY) and bool(np.isfinite(z).all())
-        self._multipliers = info["lam"] if is_solved and flag == _SOLVED and workspace_sense == 0 else None
+        self._multipliers = (
+            info["lam"] if is_solved and flag == _SOLVED and workspace_sense == 0 else None
+        )
         return z, _SOLVED if is_solved else min(flag, _UNSOLVED)
 
     def build_iterate(self, qp: PinnedQp, z: Array) -> Iterate:
-        """The point that unknowns stand for, its states as the QP predicts them."""
+        """Return the iterate of a solution, with the states that the QP predicts."""
         force, spots = self.split_solution(z)
         return Iterate(qp.offset + qp.sensitivity @ z, force, spots)
 
     def _allocate_qp(self) -> PinnedQp:
-        """Arrays of the QP with what no linearisation changes: friction and bounds."""
+        """Return the arrays of the QP with what no linearisation changes: friction and bounds."""
         knots, contact = self.task.knots, self.gait.contact
         num_standing, num_lifted = contact[1:].sum(), (~contact[1:]).sum()
         num_leaving = (contact[:-1] & ~contact[1:]).sum() if self.task.workspace_over_stance else 0
@@ -351,13 +402,20 @@ class PinnedProgram:
         rows = np.zeros((self.first_joint_row + self.joints.max_rows, self.num_unknowns))
         # Friction, eq. (8.18), as a pyramid inside the cone about each region's normal
         force_index = np.arange(self.num_forces)
-        blocks = rows[:num_friction_rows, : self.foot_column].reshape(self.num_forces, FACETS, self.num_forces, 3)
+        blocks = rows[:num_friction_rows, : self.foot_column].reshape(
+            self.num_forces, FACETS, self.num_forces, 3
+        )
         region_of_force = self.gait.region[self.stand_knot, self.stand_leg]
-        blocks[force_index, :, force_index] = _build_facets(self.task.ground.friction) @ self.task.ground.frame[region_of_force]
+        blocks[force_index, :, force_index] = (
+            _build_facets(self.task.ground.friction) @ self.task.ground.frame[region_of_force]
+        )
         # Force limits, eq. (8.23), and regions, eq. (8.24)
         max_force = self.task.body.force_limit / self.force_scale
         ground, region = self.task.ground, self.footing.region
-        lower, upper = np.empty(self.num_unknowns + len(rows)), np.empty(self.num_unknowns + len(rows))
+        lower, upper = (
+            np.empty(self.num_unknowns + len(rows)),
+            np.empty(self.num_unknowns + len(rows)),
+        )
         lower[: self.foot_column] = np.tile([-max_force, -max_force, 0.0], self.num_forces)
         upper[: self.foot_column] = max_force
         region_lower, region_upper, region_sides = ground.footholds
@@ -383,7 +441,10 @@ class PinnedProgram:
         )
 
     def _build_force_hessian(self) -> Array:
-        """Sum over ordered pairs of || f_s - f_t ||^2 = 2 (L sum f^2 - (sum f)^2) at each knot."""
+        """Return the Hessian of force differences.
+
+        The sum over ordered pairs of || f_s - f_t ||^2 is 2 (L sum f^2 - (sum f)^2) at each knot.
+        """
         hessian = np.zeros((self.num_unknowns, self.num_unknowns))
         factor = 4.0 * self.task.weights.force_difference * self.force_scale**2
         write_force_cost(self.stand_knot, self.task.body.leg_count, factor, hessian)
@@ -392,7 +453,7 @@ class PinnedProgram:
 
 @cache
 def _build_facets(friction: float) -> Array:
-    """(FACETS, 3) rows of a pyramid inside a friction cone about z."""
+    """Return the rows (FACETS, 3) of a pyramid inscribed in a friction cone about z."""
     angle = 2 * np.pi * (np.arange(FACETS) + 0.5) / FACETS
     slope = friction * np.cos(np.pi / FACETS)
     return np.column_stack([np.cos(angle), np.sin(angle), np.full(FACETS, -slope)])
@@ -401,7 +462,17 @@ def _build_facets(friction: float) -> Array:
 def _solve_daqp(
     qp: PinnedQp, unit: Array | None, sense: NDArray[np.int32], max_iterations: int
 ) -> tuple[Array, int, Mapping[str, Any]]:
-    """DAQP's answer, flag and facts; unit (Z,): of unknowns, 1 if None."""
+    """Solve a QP by DAQP.
+
+    Args:
+        qp: The QP.
+        unit: Units of the unknowns (Z,); None: 1.
+        sense: Flags of bounds and rows.
+        max_iterations: Limit on iterations.
+
+    Returns:
+        The solution, the exit flag and further facts.
+    """
     rows, hessian, gradient, upper, lower = qp.rows, qp.hessian, qp.gradient, qp.upper, qp.lower
     if unit is not None:
         rows, hessian, gradient = rows * unit, hessian * np.outer(unit, unit), gradient * unit

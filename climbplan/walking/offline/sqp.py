@@ -1,4 +1,4 @@
-"""Forces, footholds and motion of a given gait: QPs of the pinned program until they agree."""
+"""Sequential quadratic programming for forces, footholds and motion of a fixed gait."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MAX_STATE = 1e3  # states beyond are no motion of a robot
 
 @dataclass(frozen=True)
 class GaitAnswer:
-    """What a gait can do: a trajectory whose states are the true rollout of its forces."""
+    """The outcome of a gait: a trajectory whose states are the true rollout of its forces."""
 
     trajectory: WalkTrajectory | None  # None if a QP had no solution, or the rollout is wild
     objective: float
@@ -31,7 +31,7 @@ class GaitAnswer:
 
     @property
     def is_feasible(self) -> bool:
-        """The trajectory is one, up to `REACH_SLACK`."""
+        """True if there is a trajectory within its workspace, up to `REACH_SLACK`."""
         return self.trajectory is not None and self.reach_violation <= REACH_SLACK
 
 
@@ -48,11 +48,20 @@ def solve_gait(
     elastic: bool = True,
     ceiling: float = np.inf,
 ) -> GaitAnswer:
-    """Up to so many QPs from a start (a guess of our own if None), then the true rollout.
+    """Solve a gait by SQP, and roll out its forces on the true dynamics.
 
-    margin: kept inside the workspace boxes [m]; elastic: as of `PinnedProgram.step`, and joints
-    may be too fast where nothing else is possible; ceiling: no further QP once one predicts a
-    higher objective.
+    Args:
+        task: The task.
+        gait: The gait.
+        start: The first iterate; None: a guess.
+        iterations: Largest number of QPs.
+        margin: Distance that toes keep from the faces of their boxes [m].
+        agreement: Largest change of a state at which the iterations have converged.
+        elastic: Accept workspace violation and too fast joints where a QP is infeasible.
+        ceiling: No further QP follows one that predicts a higher objective.
+
+    Returns:
+        The trajectory and its violation.
     """
     program = PinnedProgram(task, gait, margin)
     iterate = start if start is not None else guess_iterate(task, gait)
@@ -63,7 +72,11 @@ def solve_gait(
             return GaitAnswer(None, np.inf, np.inf, num_iterations, False)
         change = float(np.abs(solution.state - iterate.state).max())
         # Steps that do not become smaller overshoot: the QP knows no curvature of the dynamics.
-        step_size = max(step_size / 2, _MIN_STEP) if change > 0.8 * last_change else min(1.0, 1.4 * step_size)
+        step_size = (
+            max(step_size / 2, _MIN_STEP)
+            if change > 0.8 * last_change
+            else min(1.0, 1.4 * step_size)
+        )
         last_change = change
         if change < agreement:
             has_converged, iterate = True, solution
@@ -81,7 +94,7 @@ def solve_gait(
 
 
 def interpolate_iterates(first: Iterate, second: Iterate, fraction: float) -> Iterate:
-    """So far on the way from one iterate to another."""
+    """Return the point at a fraction of the way from one iterate to another."""
     if fraction == 1.0:
         return second
     return Iterate(
@@ -92,7 +105,7 @@ def interpolate_iterates(first: Iterate, second: Iterate, fraction: float) -> It
 
 
 def roll_out(program: PinnedProgram, iterate: Iterate) -> WalkTrajectory:
-    """The trajectory that the forces and footholds of an iterate bring about."""
+    """Return the trajectory under the forces and footholds of an iterate."""
     toes = program.compute_toes(iterate.state, iterate.spots)
     state = program.roll_out(toes, iterate.force)
     toes = program.compute_toes(state, iterate.spots)  # swinging ones follow the body
@@ -103,7 +116,7 @@ def roll_out(program: PinnedProgram, iterate: Iterate) -> WalkTrajectory:
 
 
 def guess_iterate(task: WalkTask, gait: Gait) -> Iterate:
-    """A smooth change of velocity and angles to the reference, feet under the body."""
+    """Return an iterate with an even change of velocity and angles, and feet under the body."""
     state = guess_states(task)
     standing = gait.contact[:-1]
     count = np.maximum(standing.sum(axis=1), 1)
@@ -123,7 +136,7 @@ def guess_iterate(task: WalkTask, gait: Gait) -> Iterate:
 
 
 def guess_states(task: WalkTask) -> Array:
-    """States (N + 1, 12) that change velocity and angles evenly over the first half."""
+    """Return states (N + 1, 12) that change velocity and angles evenly over the first half."""
     knots = task.knots
     state = np.zeros((knots + 1, STATE))
     state[0] = task.start.state
@@ -140,10 +153,10 @@ def guess_states(task: WalkTask) -> Array:
 
 
 def build_iterate(trajectory: WalkTrajectory, gait: Gait) -> Iterate:
-    """A start for another gait from a trajectory: its states, its forces where both stand.
+    """Return an iterate of a gait from a trajectory of another one.
 
-    A leg that stands in `gait` only takes the mean force of that knot's legs and a foothold where
-    its toe is in the trajectory.
+    Legs that stand in both keep their force. A leg that stands in `gait` only takes the mean force of
+    that knot's legs, and a foothold below its toe in the trajectory.
     """
     old, new = trajectory.gait.contact[:-1], gait.contact[:-1]
     mean = trajectory.force[:-1].sum(axis=1) / np.maximum(old.sum(axis=1), 1)[:, None]

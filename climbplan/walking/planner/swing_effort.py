@@ -1,6 +1,6 @@
-"""What swinging a leg takes of its own motors, by its links' masses: inverse dynamics of one leg.
+"""Motor torques of a swinging leg, by inverse dynamics of its links.
 
-A body without legs' masses knows nothing of it: its plans let legs swing as fast as joints turn.
+Walking plans have massless legs, so that only the joint speed limits their swings.
 """
 
 from __future__ import annotations
@@ -12,20 +12,28 @@ from climbplan.robots.urdf.pinocchio_model import UrdfModel
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.walking.plan.swing_trajectory import quartic_arch, quintic_progress
 
-_PARTS = 48  # of a swing
-_ENDS = 3  # of them that differences of differences spoil
+_NUM_SAMPLES = 48  # of a swing
+_DROPPED_SAMPLES = 3  # of them that differences of differences spoil
 
 
-def swing_effort(
+def compute_swing_effort(
     urdf: UrdfModel, legs: WalkingLegs, speed: float, step: float, lift: float, stance: int
 ) -> float:
-    """Largest share of a torque limit that a swing of `step` [s] takes, the body moving evenly.
+    """Return the largest fraction of a torque limit that a swing takes, while the body moves evenly.
 
-    speed: of the body ahead [m/s]; lift [m]; stance: steps that a leg stands between two swings, by
-    halves before and behind where it stands at rest. Infinite where legs do not reach along it.
+    Args:
+        urdf: The model of the robot.
+        legs: Its legs.
+        speed: Forward speed of the body [m/s].
+        step: Duration of the swing [s].
+        lift: Height of the swing [m].
+        stance: Steps that a leg stands between two swings, half of them before its place at rest.
+
+    Returns:
+        The fraction; infinite where legs do not reach the swing trajectory.
     """
-    phase = np.linspace(0.0, 1.0, _PARTS + 1)
-    chain, dt = legs.chain, step / _PARTS
+    phase = np.linspace(0.0, 1.0, _NUM_SAMPLES + 1)
+    chain, dt = legs.chain, step / _NUM_SAMPLES
     spots = np.repeat(chain.joint_points(chain.posture)[None, :, -1], len(phase), axis=0)
     progress = (stance + 1) * quintic_progress(phase)[0] - 0.5 * stance - phase
     spots[..., 0] += (speed * step * progress)[:, None]
@@ -34,22 +42,40 @@ def swing_effort(
     angles = solution.angles[..., 0, :, :]
     if not np.isfinite(angles).all() or not (solution.missing[..., 0, :] < 1e-3).all():
         return np.inf
-    joint_angles = (chain.drives @ angles[..., None])[..., 0]  # (K, L, J) joints that follow others, too
+    joint_angles = (chain.drives @ angles[..., None])[
+        ..., 0
+    ]  # (K, L, J) joints that follow others, too
     joint_speeds = np.gradient(joint_angles, dt, axis=0)
     joint_accelerations = np.gradient(joint_speeds, dt, axis=0)
     max_fraction = 0.0
     for leg in range(len(chain.names)):
-        for k in range(_ENDS, len(phase) - _ENDS):
-            torque = _torques(urdf, legs, leg, joint_angles[k], joint_speeds[k], joint_accelerations[k])
+        for k in range(_DROPPED_SAMPLES, len(phase) - _DROPPED_SAMPLES):
+            torque = _compute_torques(
+                urdf, legs, leg, joint_angles[k], joint_speeds[k], joint_accelerations[k]
+            )
             drive_torque = np.where(legs.there[leg], np.abs(chain.drives[leg].T @ torque), 0.0)
             max_fraction = max(max_fraction, float((drive_torque / legs.max_torque[leg]).max()))
     return max_fraction
 
 
-def _torques(
-    urdf: UrdfModel, legs: WalkingLegs, leg: int, joint_angles: Array, joint_speeds: Array, joint_accelerations: Array
+def _compute_torques(
+    urdf: UrdfModel,
+    legs: WalkingLegs,
+    leg: int,
+    joint_angles: Array,
+    joint_speeds: Array,
+    joint_accelerations: Array,
 ) -> Array:
-    """(J,) of one leg at motions (L, J), all else at rest where it stands, the body upright."""
+    """Return the torques (J,) of one leg, all else at rest and the body upright.
+
+    Args:
+        urdf: The model of the robot.
+        legs: Its legs.
+        leg: Index of the leg.
+        joint_angles: Angles (L, J).
+        joint_speeds: Speeds (L, J).
+        joint_accelerations: Accelerations (L, J).
+    """
     pin, model, chain = urdf.library, urdf.model, legs.chain
     all_angles = (chain.drives @ chain.posture[..., None])[..., 0]
     all_angles[leg] = joint_angles[leg]
@@ -67,7 +93,10 @@ def _torques(
     for j, name in enumerate(chain.names[leg]):
         if name:
             index[j] = int(model.idx_vs[model.getJointId(name)])
-            speed[index[j]], acceleration[index[j]] = joint_speeds[leg, j], joint_accelerations[leg, j]
+            speed[index[j]], acceleration[index[j]] = (
+                joint_speeds[leg, j],
+                joint_accelerations[leg, j],
+            )
     torque = np.array(
         pin.rnea(model, model.createData(), urdf.build_configuration(angles), speed, acceleration)
     )

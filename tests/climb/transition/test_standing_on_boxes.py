@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from climbplan.arrays import Array
-from climbplan.climb.check.verification import verification_of, verify
+from climbplan.climb.check.verification import verify_plan, verify
 from climbplan.climb.clearance.limbs import (
     INTERPOLATION_MARGIN,
     compute_link_distances,
@@ -95,11 +95,11 @@ def test_the_verifier_lets_stand_only_who_may(plan: ClimbPlan, tmp_path: Path) -
     assert passed["limbs.capsules"].passed
     assert passed["trajectory.capsules"].passed
     terrain = replace(plan.terrain, allowed=plan.terrain.allowed & False)
-    failed = {c.name for c in verification_of(replace(plan, terrain=terrain)).failed}
+    failed = {c.name for c in verify_plan(replace(plan, terrain=terrain)).failed}
     assert {"limbs.capsules", "trajectory.capsules", "contact.allowed"} <= failed
 
 
 def test_thicker_links_hit_what_is_beside_them(plan: ClimbPlan) -> None:
     robot = replace(plan.robot, limb_radius=0.1)
-    failed = {c.name for c in verification_of(replace(plan, robot=robot)).failed}
+    failed = {c.name for c in verify_plan(replace(plan, robot=robot)).failed}
     assert "limbs.capsules" in failed or "trajectory.capsules" in failed

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from climbplan.arrays import IntArray
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.schema.transition_loading import load_transition
@@ -145,7 +145,7 @@ def plan(spec: Path) -> ClimbPlan:
 def test_a_mission_is_verified_from_its_file(plan: ClimbPlan, tmp_path: Path) -> None:
     assert any(text.startswith("assumed of walker: ") for text in plan.warnings)
     write_climb(plan, tmp_path / "plan.h5")
-    verification = verification_of(read_climb(tmp_path / "plan.h5"))
+    verification = verify_plan(read_climb(tmp_path / "plan.h5"))
     assert verification.passed, verification.table()
     assert {"steps.shift", "limbs.self_collision"} <= {c.name for c in verification.checks}
 
@@ -153,7 +153,7 @@ def test_a_mission_is_verified_from_its_file(plan: ClimbPlan, tmp_path: Path) ->
 @pytest.mark.slow
 def test_a_shift_beyond_its_bound_is_caught(plan: ClimbPlan) -> None:
     limits = replace(plan.limits, shift_max=0.01)
-    failed = {c.name for c in verification_of(replace(plan, limits=limits)).checks if not c.passed}
+    failed = {c.name for c in verify_plan(replace(plan, limits=limits)).checks if not c.passed}
     assert "steps.shift" in failed
 
 

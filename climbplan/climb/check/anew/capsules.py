@@ -12,7 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.check.anew.chains import joint_motions, slide_directions, turned_about
+from climbplan.climb.check.anew.chains import (
+    compute_joint_motions,
+    rotate_about_axis,
+    select_slide_axes,
+)
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 
@@ -35,7 +39,7 @@ class Capsule:
         return np.stack([self.starts, self.ends], axis=1)
 
 
-def capsules_at(
+def build_capsules(
     robot: Robot, com: Array, axes: Array, angles: Array, points: Array
 ) -> Iterator[Capsule]:
     """All capsules of all limbs in the world, limb by limb.
@@ -43,26 +47,26 @@ def capsules_at(
     com: (P, 3), axes: (P, 3, 3) body axes as rows, angles: (P, N, J) [rad], points: (P, N, J+1, 3)
     joints and toes at these.
     """
-    mounted, chain = robot.capsules, robot.mechanism
-    last = robot.joint_count - 1
-    moved, ways = angles, np.zeros((robot.limb_count, robot.joint_count, 3))
+    robot_capsules, chain = robot.capsules, robot.mechanism
+    last_link = robot.joint_count - 1
+    joint_motions_of_limbs, slide_axes = angles, np.zeros((robot.limb_count, robot.joint_count, 3))
     if isinstance(chain, SerialChain):
-        moved, ways = joint_motions(chain, angles), slide_directions(chain)
+        joint_motions_of_limbs, slide_axes = compute_joint_motions(chain, angles), select_slide_axes(chain)
     for limb in range(robot.limb_count):
-        if mounted is None or not isinstance(chain, SerialChain):
+        if robot_capsules is None or not isinstance(chain, SerialChain):
             for link in range(points.shape[-2] - 1):
-                to_toe = 0.0 if link == last else np.inf
-                one = points[:, limb, link], points[:, limb, link + 1]
-                yield Capsule(limb, link, link, *one, robot.limb_radius, to_toe)
+                to_toe = 0.0 if link == last_link else np.inf
+                link_ends = points[:, limb, link], points[:, limb, link + 1]
+                yield Capsule(limb, link, link, *link_ends, robot.limb_radius, to_toe)
             continue
-        for number, link in enumerate(int(j) for j in mounted.joint[limb]):
-            ends = np.broadcast_to(mounted.ends[limb, number], (len(com), 2, 3))
+        for index, link in enumerate(int(j) for j in robot_capsules.joint[limb]):
+            ends = np.broadcast_to(robot_capsules.ends[limb, index], (len(com), 2, 3))
             for joint in reversed(range(link + 1)):
-                about, axis = chain.joint_zero[limb, joint], chain.axis_zero[limb, joint]
-                angle = moved[:, limb, joint, None]
-                ends = turned_about(ends, about, axis, angle) + angle[..., None] * ways[limb, joint]
+                joint_origin, axis = chain.joint_zero[limb, joint], chain.axis_zero[limb, joint]
+                angle = joint_motions_of_limbs[:, limb, joint, None]
+                ends = rotate_about_axis(ends, joint_origin, axis, angle) + angle[..., None] * slide_axes[limb, joint]
             world = com[:, None] + ends @ axes
-            off = np.linalg.norm(mounted.ends[limb, number, 1] - chain.toe_zero[limb])
-            to_toe = float(off) if link == last else np.inf
-            radius = float(mounted.radius[limb, number])
-            yield Capsule(limb, link, number, world[:, 0], world[:, 1], radius, to_toe)
+            end_to_toe = np.linalg.norm(robot_capsules.ends[limb, index, 1] - chain.toe_zero[limb])
+            to_toe = float(end_to_toe) if link == last_link else np.inf
+            radius = float(robot_capsules.radius[limb, index])
+            yield Capsule(limb, link, index, world[:, 0], world[:, 1], radius, to_toe)

@@ -13,7 +13,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.robots.five_bar import FiveBar
 
-_STEP = 1e-6  # [rad]
+_DIFFERENCE_STEP = 1e-6  # [rad]
 
 
 @dataclass(frozen=True)
@@ -26,71 +26,71 @@ class FiveBarPose:
     drive: Array  # (..., N, 3, 3) speeds about these axes by speeds of yaw, crank F, crank A
 
 
-def five_bars_at(legs: FiveBar, angles: Array) -> FiveBarPose:
+def build_five_bars(legs: FiveBar, angles: Array) -> FiveBarPose:
     """Legs at motor angles (..., N, 3) [rad]; NaN where the linkage does not close."""
     bar = legs.linkage
     yaw = legs.mount_yaw + angles[..., 0]
     f, a = angles[..., 1], angles[..., 2]
-    tilt = _tilt(legs, f, a)
-    by_f = (_tilt(legs, f + _STEP, a) - _tilt(legs, f - _STEP, a)) / (2 * _STEP)
-    by_a = (_tilt(legs, f, a + _STEP) - _tilt(legs, f, a - _STEP)) / (2 * _STEP)
+    tilt = _compute_link_tilt(legs, f, a)
+    tilt_by_f = (_compute_link_tilt(legs, f + _DIFFERENCE_STEP, a) - _compute_link_tilt(legs, f - _DIFFERENCE_STEP, a)) / (2 * _DIFFERENCE_STEP)
+    tilt_by_a = (_compute_link_tilt(legs, f, a + _DIFFERENCE_STEP) - _compute_link_tilt(legs, f, a - _DIFFERENCE_STEP)) / (2 * _DIFFERENCE_STEP)
     hip_x, hip_z = bar.offset + 0 * f, bar.axis_f + 0 * f
     elbow_x, elbow_z = hip_x + bar.crank_f * np.sin(f), hip_z - bar.crank_f * np.cos(f)
     toe_x, toe_z = elbow_x + bar.link * np.sin(tilt), elbow_z - bar.link * np.cos(tilt)
 
-    def placed(x: Array, z: Array) -> Array:
+    def place_point(x: Array, z: Array) -> Array:
         return legs.shoulder_body + np.stack([x * np.cos(yaw), x * np.sin(yaw), z], axis=-1)
 
-    one, zero = np.ones_like(f), np.zeros_like(f)
-    up = np.stack([zero, zero, one], axis=-1)
-    hinge = np.stack([np.sin(yaw), -np.cos(yaw), zero], axis=-1)
-    rows = [[one, zero, zero], [zero, one, zero], [zero, by_f - 1.0, by_a]]
+    ones, zeros = np.ones_like(f), np.zeros_like(f)
+    up = np.stack([zeros, zeros, ones], axis=-1)
+    hinge = np.stack([np.sin(yaw), -np.cos(yaw), zeros], axis=-1)
+    rows = [[ones, zeros, zeros], [zeros, ones, zeros], [zeros, tilt_by_f - 1.0, tilt_by_a]]
     return FiveBarPose(
         joints=np.stack(
-            [placed(zero, zero), placed(hip_x, hip_z), placed(elbow_x, elbow_z)], axis=-2
+            [place_point(zeros, zeros), place_point(hip_x, hip_z), place_point(elbow_x, elbow_z)], axis=-2
         ),
         axes=np.stack([up, hinge, hinge], axis=-2),
-        toe=placed(toe_x, toe_z),
+        toe=place_point(toe_x, toe_z),
         drive=np.stack([np.stack(row, axis=-1) for row in rows], axis=-2),
     )
 
 
-def settled_five_bars(legs: FiveBar, toes: Array, alike: Array) -> Array:
+def solve_five_bars(legs: FiveBar, toes: Array, initial: Array) -> Array:
     """Motor angles (..., N, 3) that reach toes (..., N, 3), elbows as at angles `alike`."""
     bar = legs.linkage
     reach = toes - legs.shoulder_body
     yaw = np.arctan2(reach[..., 1], reach[..., 0])
     x = np.sqrt((reach[..., :2] ** 2).sum(axis=-1)) - bar.offset
     z = reach[..., 2] - bar.axis_f
-    elbows = _circles(x, z, bar.crank_f, bar.link)  # (2, 2, ...) from crank F's axis
-    wanted = np.stack([np.sin(alike[..., 1]), -np.cos(alike[..., 1])])
-    nearer = ((elbows - wanted[None] * bar.crank_f) ** 2).sum(axis=1)
-    elbow = np.where(nearer[0] <= nearer[1], elbows[0], elbows[1])
+    elbows = _intersect_circles(x, z, bar.crank_f, bar.link)  # (2, 2, ...) from crank F's axis
+    initial_direction = np.stack([np.sin(initial[..., 1]), -np.cos(initial[..., 1])])
+    squared_distance = ((elbows - initial_direction[None] * bar.crank_f) ** 2).sum(axis=1)
+    elbow = np.where(squared_distance[0] <= squared_distance[1], elbows[0], elbows[1])
     f = np.arctan2(elbow[0], -elbow[1])
     link = np.stack([x, z]) - elbow
     link = link / bar.link
     side = np.stack([-link[1], link[0]])
-    held = elbow + bar.held_along * link + bar.held_across * side
+    coupler_joint = elbow + bar.held_along * link + bar.held_across * side
     height = bar.axis_f - bar.axis_a
-    ends = _circles(held[0], held[1] + height, bar.crank_a, bar.coupler)
-    wanted = np.stack([np.sin(alike[..., 2]), -np.cos(alike[..., 2])])
-    nearer = ((ends - wanted[None] * bar.crank_a) ** 2).sum(axis=1)
-    end = np.where(nearer[0] <= nearer[1], ends[0], ends[1])
+    ends = _intersect_circles(coupler_joint[0], coupler_joint[1] + height, bar.crank_a, bar.coupler)
+    initial_direction = np.stack([np.sin(initial[..., 2]), -np.cos(initial[..., 2])])
+    squared_distance = ((ends - initial_direction[None] * bar.crank_a) ** 2).sum(axis=1)
+    end = np.where(squared_distance[0] <= squared_distance[1], ends[0], ends[1])
     a = np.arctan2(end[0], -end[1])
     angles = np.stack([yaw - legs.mount_yaw, f, a], axis=-1)
-    return np.asarray(angles - 2 * np.pi * np.round((angles - alike) / (2 * np.pi)))
+    return np.asarray(angles - 2 * np.pi * np.round((angles - initial) / (2 * np.pi)))
 
 
-def _tilt(legs: FiveBar, f: Array, a: Array) -> Array:
+def _compute_link_tilt(legs: FiveBar, f: Array, a: Array) -> Array:
     """Tilt of the last link: the held point is where two circles meet, on the outward side."""
     bar = legs.linkage
     elbow = np.stack([bar.crank_f * np.sin(f), bar.axis_f - bar.crank_f * np.cos(f)])
     end = np.stack([bar.crank_a * np.sin(a), bar.axis_a - bar.crank_a * np.cos(a)])
-    away = end - elbow
+    crank_to_elbow = end - elbow
     # From the elbow: the meeting point to the left of the way to crank A's end
-    met = _circles(away[0], away[1], float(np.hypot(bar.held_along, bar.held_across)), bar.coupler)
-    left = away[0] * met[0][1] - away[1] * met[0][0] > 0
-    spoke = np.where(left, met[0], met[1])
+    intersections = _intersect_circles(crank_to_elbow[0], crank_to_elbow[1], float(np.hypot(bar.held_along, bar.held_across)), bar.coupler)
+    is_left = crank_to_elbow[0] * intersections[0][1] - crank_to_elbow[1] * intersections[0][0] > 0
+    spoke = np.where(is_left, intersections[0], intersections[1])
     # Turned back by where the link is held, the spoke points along the link
     length = bar.held_along**2 + bar.held_across**2
     along_x = (bar.held_along * spoke[0] + bar.held_across * spoke[1]) / length
@@ -98,11 +98,11 @@ def _tilt(legs: FiveBar, f: Array, a: Array) -> Array:
     return np.asarray(np.arctan2(along_x, -along_z))
 
 
-def _circles(x: Array, z: Array, first: float, second: float) -> Array:
+def _intersect_circles(x: Array, z: Array, first: float, second: float) -> Array:
     """Both points (2, 2, ...) at distance `first` from the origin and `second` from (x, z)."""
     square = x**2 + z**2
-    share = (first**2 - second**2 + square) / (2 * square)
-    off = np.sqrt(first**2 / square - share**2)
-    foot = np.stack([share * x, share * z])
-    aside = np.stack([-off * z, off * x])
-    return np.stack([foot + aside, foot - aside])
+    fraction = (first**2 - second**2 + square) / (2 * square)
+    half_chord = np.sqrt(first**2 / square - fraction**2)
+    chord_middle = np.stack([fraction * x, fraction * z])
+    perpendicular = np.stack([-half_chord * z, half_chord * x])
+    return np.stack([chord_middle + perpendicular, chord_middle - perpendicular])

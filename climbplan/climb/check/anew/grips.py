@@ -17,7 +17,7 @@ from climbplan.climb.plan.grips import GripForces, SpineModel
 from climbplan.robots.gripper import Gripper
 from climbplan.terrain.surfaces import Region
 
-PARTS = ("palm", "finger +", "finger -")
+PART_NAMES = ("palm", "finger +", "finger -")
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Holds:
     friction: Array  # (R,)
 
 
-def holds_of(plan: ClimbPlan) -> Holds:
+def build_holds(plan: ClimbPlan) -> Holds:
     """Holds of a plan's surfaces; a surface that has none is a plane to both fingers."""
     axes, undercut, orientation = [], [], []
     for surface in plan.terrain.surfaces:
@@ -50,26 +50,26 @@ def holds_of(plan: ClimbPlan) -> Holds:
     return Holds(np.array(axes), np.array(undercut), np.array(orientation), friction)
 
 
-def spine_bounds(model: SpineModel, risk: float, holds: Holds) -> Array:
+def bound_spine_forces(model: SpineModel, risk: float, holds: Holds) -> Array:
     """(R,) lower confidence bound of eqs. (3.4) to (3.6) at every hold, at least zero [N]."""
 
     def kernel(first: Array, second: Array) -> Array:
-        apart = (first[:, None] - second[None, :]) / (model.scale * model.length)
-        return np.asarray(model.signal**2 * np.exp(-0.5 * (apart**2).sum(axis=-1)))
+        scaled_difference = (first[:, None] - second[None, :]) / (model.scale * model.length)
+        return np.asarray(model.signal**2 * np.exp(-0.5 * (scaled_difference**2).sum(axis=-1)))
 
     states = np.column_stack([holds.orientation, holds.friction])
     offset = model.force.mean()
     gram = kernel(model.state, model.state) + model.noise**2 * np.eye(len(model.force))
-    across = kernel(model.state, states)
-    weights = np.linalg.solve(gram, np.column_stack([model.force - offset, across]))
-    mean = offset + across.T @ weights[:, 0]
-    explained = (across * weights[:, 1:]).sum(axis=0)
-    variance = np.maximum(model.signal**2 - explained, 0.0) + model.noise**2
+    cross_covariance = kernel(model.state, states)
+    weights = np.linalg.solve(gram, np.column_stack([model.force - offset, cross_covariance]))
+    mean = offset + cross_covariance.T @ weights[:, 0]
+    explained_variance = (cross_covariance * weights[:, 1:]).sum(axis=0)
+    variance = np.maximum(model.signal**2 - explained_variance, 0.0) + model.noise**2
     return np.maximum(mean + ndtri(risk) * np.sqrt(variance), 0.0)
 
 
 @dataclass(frozen=True)
-class Hands:
+class GripForcesByPart:
     """What palms and fingers do at S states, N limbs."""
 
     pressure: Array  # (S, N, 3) by part [N]
@@ -79,12 +79,12 @@ class Hands:
 
     def share(self) -> Array:
         """(S, N, 3) of what is held that is used; infinite where nothing is."""
-        share = np.full(self.shear.shape, np.inf)
-        np.divide(self.shear, self.held, out=share, where=self.held > 0)
-        return share
+        ratio = np.full(self.shear.shape, np.inf)
+        np.divide(self.shear, self.held, out=ratio, where=self.held > 0)
+        return ratio
 
 
-def hands_at(
+def compute_part_forces(
     force: Array,
     grips: GripForces,
     normal: Array,
@@ -92,52 +92,52 @@ def hands_at(
     holds: Holds,
     spines: Array,
     span: float,
-) -> Hands:
+) -> GripForcesByPart:
     """Hands for contact forces (S, N, 3) on surfaces with normals (S, N, 3)."""
     axis = holds.axis[region]
     angle = holds.undercut[region][..., None]
-    rest = force - grips.palm
+    finger_sum = force - grips.palm
     # The fingers' couple: m = span axis x (half their difference)
-    half = grips.grip[..., None] * axis - np.cross(axis, grips.moment) / span
-    forces = (grips.palm, rest / 2 + half, rest / 2 - half)
+    half_difference = grips.grip[..., None] * axis - np.cross(axis, grips.moment) / span
+    forces = (grips.palm, finger_sum / 2 + half_difference, finger_sum / 2 - half_difference)
     faces = (
         normal,
         np.cos(angle) * axis - np.sin(angle) * normal,
         -np.cos(angle) * axis - np.sin(angle) * normal,
     )
-    share = spines[region] / 2
-    pressure, shear, held = [], [], []
-    for part, (push, face) in enumerate(zip(forces, faces, strict=True)):
-        onto = (push * face).sum(axis=-1)
-        pressure.append(onto)
-        shear.append(np.linalg.norm(push - onto[..., None] * face, axis=-1))
-        own = share if part else 0.0 * share
-        held.append(holds.friction[region] * np.maximum(onto, 0.0) + own)
-    stray = np.abs((grips.moment * axis).sum(axis=-1))
-    return Hands(np.stack(pressure, -1), np.stack(shear, -1), np.stack(held, -1), stray)
+    spine_force = spines[region] / 2
+    pressure, shear, max_shear = [], [], []
+    for part_index, (part_force, face_normal) in enumerate(zip(forces, faces, strict=True)):
+        normal_part = (part_force * face_normal).sum(axis=-1)
+        pressure.append(normal_part)
+        shear.append(np.linalg.norm(part_force - normal_part[..., None] * face_normal, axis=-1))
+        spine_part = spine_force if part_index else 0.0 * spine_force
+        max_shear.append(holds.friction[region] * np.maximum(normal_part, 0.0) + spine_part)
+    axial_moment = np.abs((grips.moment * axis).sum(axis=-1))
+    return GripForcesByPart(np.stack(pressure, -1), np.stack(shear, -1), np.stack(max_shear, -1), axial_moment)
 
 
-def gripper_frames(gripper: Gripper, link: Array, angles: Array) -> Array:
+def compute_gripper_frames(gripper: Gripper, link: Array, angles: Array) -> Array:
     """Rows approach, closing, and their cross product (..., 3, 3) of grippers on wrists.
 
     link: (..., 3, 3) rows x, y, z of the last link; angles: (..., 3) of the wrist joints [rad].
     """
     del gripper  # all wrists are alike
 
-    def spun(vector: Array, axis: Array, angle: Array) -> Array:
+    def rotate(vector: Array, axis: Array, angle: Array) -> Array:
         cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]
-        along = (vector * axis).sum(axis=-1, keepdims=True)
-        return vector * cos + np.cross(axis, vector) * sin + axis * along * (1 - cos)
+        axial = (vector * axis).sum(axis=-1, keepdims=True)
+        return vector * cos + np.cross(axis, vector) * sin + axis * axial * (1 - cos)
 
     x, y, z = link[..., 0, :], link[..., 1, :], link[..., 2, :]
     first, second, third = angles[..., 0], angles[..., 1], angles[..., 2]
-    x, z = spun(x, y, first), spun(z, y, first)
-    approach, across = spun(x, z, second), spun(y, z, second)
-    closing = spun(across, approach, third)
+    x, z = rotate(x, y, first), rotate(z, y, first)
+    approach, tilted_y = rotate(x, z, second), rotate(y, z, second)
+    closing = rotate(tilted_y, approach, third)
     return np.stack([approach, closing, np.cross(approach, closing)], axis=-2)
 
 
-def wrist_axes(link: Array, angles: Array) -> Array:
+def compute_wrist_axes(link: Array, angles: Array) -> Array:
     """Rows: unit axes of the three wrist joints (..., 3, 3) at their angles."""
     x, y, z = link[..., 0, :], link[..., 1, :], link[..., 2, :]
     cos, sin = np.cos(angles[..., 0])[..., None], np.sin(angles[..., 0])[..., None]

@@ -12,82 +12,87 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.check.anew.chains import SettledChains, chain_turned, chains_at, settled_chains
-from climbplan.climb.check.anew.five_bars import five_bars_at, settled_five_bars
+from climbplan.climb.check.anew.chains import (
+    EquilibriumChains,
+    build_chains,
+    rotate_by_chain,
+    solve_chain_equilibrium,
+)
+from climbplan.climb.check.anew.five_bars import build_five_bars, solve_five_bars
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.foot import Sole
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 
-_ITERATIONS = 60
-_LONGEST = 0.2  # [rad] of a step
-_STILL = 1e-13  # [rad] of the last step
-_SLIGHT = 1e-14  # give, by which singular limbs have an answer
+_MAX_ITERATIONS = 60
+_MAX_STEP = 0.2  # [rad] of a step
+_STEP_TOLERANCE = 1e-13  # [rad] of the last step
+_REGULARISATION = 1e-14  # give, by which singular limbs have an answer
 
 
-def settled_soles(
+def solve_sole_equilibrium(
     chain: SerialChain,
     sole: Sole,
     toes: Array,
     axes: Array,
-    alike: Array,
+    initial: Array,
     command: Array,
     spring: Array,
-) -> SettledChains:
+) -> EquilibriumChains:
     """Angles near `alike` (..., N, J) with soles at toes (..., N, 3), rows axes (..., N, 3, 3).
 
     Body frame. Of limbs of more than six joints those of least energy: k (q - command) = J^T w for
     angles q, and force and moment w, by Newton's method.
     """
     rows = np.swapaxes(sole.axes_zero, -1, -2)
-    count = alike.shape[-1]
-    q, wrench = alike.copy(), np.zeros((*alike.shape[:-1], 6))
-    matrix = np.zeros((*alike.shape[:-1], count + 6, count + 6))
+    count = initial.shape[-1]
+    q, wrench = initial.copy(), np.zeros((*initial.shape[:-1], 6))
+    matrix = np.zeros((*initial.shape[:-1], count + 6, count + 6))
     matrix[..., :count, :count] = spring[:, None, :] * np.eye(count)
-    matrix[..., count:, count:] = _SLIGHT * np.eye(6)
-    for _ in range(_ITERATIONS):
-        limbs = chains_at(chain, q)
-        own = np.swapaxes(limbs.axes, -1, -2)
-        turning = own if limbs.drive is None else own @ limbs.drive
-        held = np.concatenate([limbs.jacobian(), turning], axis=-2)
-        here = np.stack([chain_turned(chain, q, rows[:, k]) for k in range(3)], axis=-2)
-        off = np.concatenate([toes - limbs.toe, np.cross(here, axes).sum(axis=-2) / 2], axis=-1)
-        matrix[..., :count, count:] = -np.swapaxes(held, -1, -2)
-        matrix[..., count:, :count] = held
-        pull = (np.swapaxes(held, -1, -2) @ wrench[..., None])[..., 0] - spring * (q - command)
-        right = np.concatenate([pull, off], axis=-1)
-        step = np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0], np.float64)
-        most = np.abs(step[..., :count]).max(axis=-1, keepdims=True)
-        step = step * np.minimum(1.0, _LONGEST / np.maximum(most, 1e-300))
+    matrix[..., count:, count:] = _REGULARISATION * np.eye(6)
+    for _ in range(_MAX_ITERATIONS):
+        limbs = build_chains(chain, q)
+        axis_columns = np.swapaxes(limbs.axes, -1, -2)
+        angular_columns = axis_columns if limbs.drive is None else axis_columns @ limbs.drive
+        foot_jacobian = np.concatenate([limbs.jacobian(), angular_columns], axis=-2)
+        sole_axes = np.stack([rotate_by_chain(chain, q, rows[:, k]) for k in range(3)], axis=-2)
+        pose_error = np.concatenate([toes - limbs.toe, np.cross(sole_axes, axes).sum(axis=-2) / 2], axis=-1)
+        matrix[..., :count, count:] = -np.swapaxes(foot_jacobian, -1, -2)
+        matrix[..., count:, :count] = foot_jacobian
+        torque_residual = (np.swapaxes(foot_jacobian, -1, -2) @ wrench[..., None])[..., 0] - spring * (q - command)
+        right_hand_side = np.concatenate([torque_residual, pose_error], axis=-1)
+        step = np.asarray(np.linalg.solve(matrix, right_hand_side[..., None])[..., 0], np.float64)
+        max_change = np.abs(step[..., :count]).max(axis=-1, keepdims=True)
+        step = step * np.minimum(1.0, _MAX_STEP / np.maximum(max_change, 1e-300))
         q = q + step[..., :count]
         wrench = wrench + step[..., count:]
-        if not (most > _STILL).any():
+        if not (max_change > _STEP_TOLERANCE).any():
             break
-    limbs = chains_at(chain, q)
-    here = np.stack([chain_turned(chain, q, rows[:, k]) for k in range(3)], axis=-2)
-    tilted = np.linalg.norm(here - axes, axis=-1).max(axis=-1)  # one radian counts as one metre
-    return SettledChains(q, np.maximum(np.linalg.norm(toes - limbs.toe, axis=-1), tilted))
+    limbs = build_chains(chain, q)
+    sole_axes = np.stack([rotate_by_chain(chain, q, rows[:, k]) for k in range(3)], axis=-2)
+    axis_error = np.linalg.norm(sole_axes - axes, axis=-1).max(axis=-1)  # one radian counts as one metre
+    return EquilibriumChains(q, np.maximum(np.linalg.norm(toes - limbs.toe, axis=-1), axis_error))
 
 
-_CLOSED = 1e-9  # [m] rounding of legs that reach their toes
+_CLOSURE_TOLERANCE = 1e-9  # [m] rounding of legs that reach their toes
 
 
-def turned(vector: Array, axis: Array, angle: Array) -> Array:
+def rotate(vector: Array, axis: Array, angle: Array) -> Array:
     """Vectors (..., 3) turned about unit axes (..., 3) by angles (...) [rad] (Rodrigues)."""
     cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]
-    along = (vector * axis).sum(axis=-1, keepdims=True)
-    return vector * cos + np.cross(axis, vector) * sin + axis * along * (1 - cos)
+    axial = (vector * axis).sum(axis=-1, keepdims=True)
+    return vector * cos + np.cross(axis, vector) * sin + axis * axial * (1 - cos)
 
 
-def body_axes(rpy: Array) -> Array:
+def compute_body_axes(rpy: Array) -> Array:
     """The body's x, y, z axes as rows (..., 3, 3), world: Rz(yaw) Ry(pitch) Rx(roll) applied."""
     axes = np.broadcast_to(np.eye(3), (*rpy.shape[:-1], 3, 3))
     for world_axis, angle in enumerate(np.moveaxis(rpy, -1, 0)):  # about x, then y, then z
-        axes = turned(axes, np.eye(3)[world_axis], angle[..., None])
+        axes = rotate(axes, np.eye(3)[world_axis], angle[..., None])
     return axes
 
 
-def placed(com: Array, axes: Array, points: Array) -> Array:
+def transform_to_world(com: Array, axes: Array, points: Array) -> Array:
     """World positions (..., P, 3) of body points (P, 3) for bodies at com (..., 3)."""
     return com[..., None, :] + points @ axes
 
@@ -115,8 +120,8 @@ class Limbs:
         columns = np.cross(self.axes, self.toe[..., None, :] - self.joints)
         if self.slides is not None:
             columns = columns + self.slides
-        own = np.swapaxes(columns, -1, -2)
-        return own if self.drive is None else own @ self.drive
+        joint_columns = np.swapaxes(columns, -1, -2)
+        return joint_columns if self.drive is None else joint_columns @ self.drive
 
     def turning(self) -> Array:
         """Rows (..., N, J, 3): turning velocity of the last link by joint speed."""
@@ -129,27 +134,27 @@ class Limbs:
         z = self.axes[..., -1, :]
         if self.slides is not None:
             z = z + self.slides[..., -1, :]
-        along = self.toe - self.joints[..., -1, :]
-        along = along - (along * z).sum(axis=-1, keepdims=True) * z
-        x = along / np.maximum(_length(along), 1e-12)
+        link_vector = self.toe - self.joints[..., -1, :]
+        link_vector = link_vector - (link_vector * z).sum(axis=-1, keepdims=True) * z
+        x = link_vector / np.maximum(_length(link_vector), 1e-12)
         return np.stack([x, np.cross(z, x), z], axis=-2)
 
 
-def limbs_at(robot: Robot, com: Array, axes: Array, angles: Array) -> Limbs:
+def build_limbs(robot: Robot, com: Array, axes: Array, angles: Array) -> Limbs:
     """Limbs for bodies at com (..., 3), with axes (..., 3, 3) and angles (..., N, J) [rad]."""
     if isinstance(robot.mechanism, FiveBar):
-        return _five_bars_at(robot.mechanism, com, axes, angles)
+        return _build_five_bar_limbs(robot.mechanism, com, axes, angles)
     if robot.mechanism is not None:
-        return _chains_at(chain_of(robot), com, axes, angles)
-    shoulder = placed(com, axes, robot.shoulder_body)
+        return _build_chain_limbs(require_chain(robot), com, axes, angles)
+    shoulder = transform_to_world(com, axes, robot.shoulder_body)
     up = np.broadcast_to(axes[..., 2:3, :], shoulder.shape)
     forward = np.broadcast_to(axes[..., 0:1, :], shoulder.shape)
-    out = turned(forward, up, robot.mount_yaw + angles[..., 0])
-    hinge = np.cross(out, up)
-    femur = turned(out, hinge, angles[..., 1])
-    tibia = turned(-up, hinge, angles[..., 1] + angles[..., 2])
+    outward = rotate(forward, up, robot.mount_yaw + angles[..., 0])
+    hinge = np.cross(outward, up)
+    femur = rotate(outward, hinge, angles[..., 1])
+    tibia = rotate(-up, hinge, angles[..., 1] + angles[..., 2])
     coxa_length, femur_length, tibia_length = (robot.link_lengths[:, j, None] for j in range(3))
-    hip = shoulder + coxa_length * out
+    hip = shoulder + coxa_length * outward
     knee = hip + femur_length * femur
     return Limbs(
         joints=np.stack([shoulder, hip, knee], axis=-2),
@@ -167,12 +172,12 @@ class StandingLimbs:
     missing: Array  # (..., N) distance by which the links do not reach the toe [m]
 
 
-def standing_limbs(
+def solve_standing_limbs(
     robot: Robot,
     com: Array,
     axes: Array,
     toes: Array,
-    alike: Array,
+    initial: Array,
     command: Array,
     arm: Array | None = None,
     soles: Array | None = None,
@@ -186,45 +191,45 @@ def standing_limbs(
     lie.
     """
     if soles is not None:
-        return _standing_soles(robot, com, axes, toes, soles, alike, command)
+        return _solve_standing_soles(robot, com, axes, toes, soles, initial, command)
     if isinstance(robot.mechanism, FiveBar):
-        return _standing_five_bars(robot.mechanism, com, axes, toes, alike)
+        return _solve_standing_five_bars(robot.mechanism, com, axes, toes, initial)
     if robot.mechanism is not None:
-        return _standing_chains(robot, com, axes, toes, alike, command, arm)
-    model = limbs_at(robot, com, axes, alike)
-    shoulder = placed(com, axes, robot.shoulder_body)
+        return _solve_standing_chains(robot, com, axes, toes, initial, command, arm)
+    model = build_limbs(robot, com, axes, initial)
+    shoulder = transform_to_world(com, axes, robot.shoulder_body)
     up = axes[..., 2:3, :]
     reach = toes - shoulder
-    level = reach - _dot(reach, up) * up
-    out = level / np.maximum(_length(level), 1e-12)
+    level_reach = reach - _dot(reach, up) * up
+    outward = level_reach / np.maximum(_length(level_reach), 1e-12)
     model_out = model.joints[..., 1, :] - model.joints[..., 0, :]
-    out = out * np.where(_dot(out, model_out) < 0, -1.0, 1.0)
-    hinge = np.cross(out, np.broadcast_to(up, out.shape))
+    outward = outward * np.where(_dot(outward, model_out) < 0, -1.0, 1.0)
+    hinge = np.cross(outward, np.broadcast_to(up, outward.shape))
 
     coxa, femur, tibia = (robot.link_lengths[:, j, None] for j in range(3))
-    hip = shoulder + coxa * out
+    hip = shoulder + coxa * outward
     span = toes - hip
     distance = np.maximum(_length(span), 1e-12)
     missing = np.maximum(distance - femur - tibia, np.abs(femur - tibia) - distance)
     toward = span / distance
-    along = (femur**2 - tibia**2 + distance**2) / (2 * distance)
-    off = np.sqrt(np.maximum(femur**2 - along**2, 0.0))
+    femur_projection = (femur**2 - tibia**2 + distance**2) / (2 * distance)
+    knee_offset = np.sqrt(np.maximum(femur**2 - femur_projection**2, 0.0))
     side = np.cross(hinge, toward)
-    bent = np.cross(
+    bend_normal = np.cross(
         model.toe - model.joints[..., 1, :],
         model.joints[..., 2, :] - model.joints[..., 1, :],
     )
-    sign = np.where(_dot(bent, model.axes[..., 1, :]) < 0, -1.0, 1.0)
-    knee = hip + along * toward + sign * off * side
+    sign = np.where(_dot(bend_normal, model.axes[..., 1, :]) < 0, -1.0, 1.0)
+    knee = hip + femur_projection * toward + sign * knee_offset * side
 
     thigh, shin = knee - hip, toes - knee
-    forward = np.broadcast_to(axes[..., 0:1, :], out.shape)
-    sideward = np.broadcast_to(axes[..., 1:2, :], out.shape)
-    heading = np.arctan2(_dot(out, sideward), _dot(out, forward))[..., 0]
-    femur_angle = np.arctan2(_dot(thigh, up), _dot(thigh, out))[..., 0]
-    shin_angle = np.arctan2(_dot(shin, out), -_dot(shin, up))[..., 0]
+    forward = np.broadcast_to(axes[..., 0:1, :], outward.shape)
+    sideward = np.broadcast_to(axes[..., 1:2, :], outward.shape)
+    heading = np.arctan2(_dot(outward, sideward), _dot(outward, forward))[..., 0]
+    femur_angle = np.arctan2(_dot(thigh, up), _dot(thigh, outward))[..., 0]
+    shin_angle = np.arctan2(_dot(shin, outward), -_dot(shin, up))[..., 0]
     angles = np.stack([heading - robot.mount_yaw, femur_angle, shin_angle - femur_angle], axis=-1)
-    angles = angles - 2 * np.pi * np.round((angles - alike) / (2 * np.pi))
+    angles = angles - 2 * np.pi * np.round((angles - initial) / (2 * np.pi))
     return StandingLimbs(
         points=np.stack([shoulder, hip, knee, toes], axis=-2),
         angles=angles,
@@ -232,16 +237,16 @@ def standing_limbs(
     )
 
 
-def chain_of(robot: Robot) -> SerialChain:
+def require_chain(robot: Robot) -> SerialChain:
     """The chains of a robot that has them; no other mechanism can be built anew."""
     if not isinstance(robot.mechanism, SerialChain):
         raise TypeError(f"no check knows limbs of type {type(robot.mechanism).__name__}")
     return robot.mechanism
 
 
-def _five_bars_at(legs: FiveBar, com: Array, axes: Array, angles: Array) -> Limbs:
+def _build_five_bar_limbs(legs: FiveBar, com: Array, axes: Array, angles: Array) -> Limbs:
     """Five-bar legs of bodies at com (..., 3) with axes (..., 3, 3), in the world."""
-    body = five_bars_at(legs, angles)
+    body = build_five_bars(legs, angles)
     turn, origin = axes[..., None, :, :], com[..., None, :]
     return Limbs(
         joints=origin[..., None, :] + body.joints @ turn,
@@ -251,20 +256,20 @@ def _five_bars_at(legs: FiveBar, com: Array, axes: Array, angles: Array) -> Limb
     )
 
 
-def _standing_five_bars(
-    legs: FiveBar, com: Array, axes: Array, toes: Array, alike: Array
+def _solve_standing_five_bars(
+    legs: FiveBar, com: Array, axes: Array, toes: Array, initial: Array
 ) -> StandingLimbs:
     """Five-bar legs that reach for toes (..., N, 3)."""
     local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
-    angles = settled_five_bars(legs, local, alike)
-    limbs = _five_bars_at(legs, com, axes, angles)
+    angles = solve_five_bars(legs, local, initial)
+    limbs = _build_five_bar_limbs(legs, com, axes, angles)
     missing = np.linalg.norm(limbs.toe - toes, axis=-1)
-    return StandingLimbs(limbs.points, angles, np.where(missing > _CLOSED, missing, 0.0))
+    return StandingLimbs(limbs.points, angles, np.where(missing > _CLOSURE_TOLERANCE, missing, 0.0))
 
 
-def _chains_at(chain: SerialChain, com: Array, axes: Array, angles: Array) -> Limbs:
+def _build_chain_limbs(chain: SerialChain, com: Array, axes: Array, angles: Array) -> Limbs:
     """Chains of bodies at com (..., 3) with axes (..., 3, 3), in the world."""
-    body = chains_at(chain, angles)
+    body = build_chains(chain, angles)
     turn, origin = axes[..., None, :, :], com[..., None, :]
     return Limbs(
         joints=origin[..., None, :] + body.joints @ turn,
@@ -275,38 +280,38 @@ def _chains_at(chain: SerialChain, com: Array, axes: Array, angles: Array) -> Li
     )
 
 
-def _standing_chains(
+def _solve_standing_chains(
     robot: Robot,
     com: Array,
     axes: Array,
     toes: Array,
-    alike: Array,
+    initial: Array,
     command: Array,
     arm: Array | None,
 ) -> StandingLimbs:
     """Chains that reach for toes (..., N, 3), joints as springs about their commands."""
-    chain = chain_of(robot)
+    chain = require_chain(robot)
     local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
     if arm is not None:
         arm = np.einsum("...ij,...nj->...ni", axes, arm)
-    settled = settled_chains(chain, local, alike, command, spring, arm)
-    points = _chains_at(chain, com, axes, settled.angles).points
-    return StandingLimbs(points, settled.angles, settled.missing)
+    equilibrium = solve_chain_equilibrium(chain, local, initial, command, spring, arm)
+    points = _build_chain_limbs(chain, com, axes, equilibrium.angles).points
+    return StandingLimbs(points, equilibrium.angles, equilibrium.missing)
 
 
-def _standing_soles(
-    robot: Robot, com: Array, axes: Array, toes: Array, soles: Array, alike: Array, command: Array
+def _solve_standing_soles(
+    robot: Robot, com: Array, axes: Array, toes: Array, soles: Array, initial: Array, command: Array
 ) -> StandingLimbs:
     """Chains that end in soles that lie at toes, joints as springs about their commands."""
-    chain, sole = chain_of(robot), robot.sole
+    chain, sole = require_chain(robot), robot.sole
     assert sole is not None
     local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
-    lying = soles @ np.swapaxes(axes, -1, -2)[..., None, :, :]
+    sole_axes = soles @ np.swapaxes(axes, -1, -2)[..., None, :, :]
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
-    settled = settled_soles(chain, sole, local, lying, alike, command, spring)
-    points = _chains_at(chain, com, axes, settled.angles).points
-    return StandingLimbs(points, settled.angles, settled.missing)
+    equilibrium = solve_sole_equilibrium(chain, sole, local, sole_axes, initial, command, spring)
+    points = _build_chain_limbs(chain, com, axes, equilibrium.angles).points
+    return StandingLimbs(points, equilibrium.angles, equilibrium.missing)
 
 
 def _dot(a: Array, b: Array) -> Array:

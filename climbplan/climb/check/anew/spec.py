@@ -29,36 +29,36 @@ if TYPE_CHECKING:
     from climbplan.climb.schema.transition import TransitionSpec
 
 
-def built_anew(
-    plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, own: AnyRobot | None = None
+def compare_with_spec(
+    plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, given_robot: AnyRobot | None = None
 ) -> Iterator[Check]:
     """What the spec determines, by the loaders that planning uses.
 
     own: the spec's robot, where its files are at hand.
     """
-    robot, given = plan.robot, None
+    robot, spec_robot = plan.robot, None
     try:
-        if own is None:
+        if given_robot is None:
             stored = stored_robot(parse_yaml(plan.spec_text, "spec"), plan.robot_texts)
         else:
-            stored = StoredRobot(own)
-        given = stored.robot
-        robot = _robot_of(plan, spec, given)
-        yield _robot_check(plan, robot, stored)
+            stored = StoredRobot(given_robot)
+        spec_robot = stored.robot
+        robot = _build_task_robot(plan, spec, spec_robot)
+        yield _check_robot(plan, robot, stored)
     except (NotKept, MissingSolver) as reason:
-        taken = f"{reason}: the robot is taken from the plan file"
-        yield not_compared(judge("robot.spec", 0.0), taken, "robot as stored", taken)
+        note = f"{reason}: the robot is taken from the plan file"
+        yield not_compared(judge("robot.spec", 0.0), note, "robot as stored", note)
     except SpecError as error:
         yield judge("robot.spec", float("inf"), str(error).splitlines()[0])
         return
-    yield _terrain_check(plan, spec, robot)
+    yield _check_terrain(plan, spec, robot)
     if plan.grips is not None and isinstance(spec, ClimbSpec):
-        yield _spines_check(plan, plan.grips, spec, given)
+        yield _check_spine_model(plan, plan.grips, spec, spec_robot)
 
 
-def _robot_of(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, given: AnyRobot) -> Robot:
+def _build_task_robot(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, spec_robot: AnyRobot) -> Robot:
     """The robot as the task uses it."""
-    robot = build_robot(given)
+    robot = build_robot(spec_robot)
     if robot.limb_names != plan.robot.limb_names:
         return robot
     robot = with_stance(robot, spec.task.stance)
@@ -70,63 +70,63 @@ def _robot_of(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, given: AnyRobot
     return standing_as(robot, rounds.com[0], rounds.rpy[0], rounds.toes[0], spec.task.stance)
 
 
-def _robot_check(plan: ClimbPlan, robot: Robot, stored: StoredRobot) -> Check:
-    unknown, models, lacks = list(stored.unknown), [], []
+def _check_robot(plan: ClimbPlan, robot: Robot, stored: StoredRobot) -> Check:
+    unknown, models, missing_parts = list(stored.unknown), [], []
     if plan.robot.links is None and robot.links is not None:  # plans of before
         unknown.append("links")
         models.append("links without mass")
-        share = 100 * robot.links.mass_fraction
-        lacks.append(f"the weight of links, {share:.0f} % of all, which it counts to the body")
+        percentage = 100 * robot.links.mass_fraction
+        missing_parts.append(f"the weight of links, {percentage:.0f} % of all, which it counts to the body")
     if plan.robot.dynamics is None:  # plan files without rotors: they do not enter planning
         unknown.append("dynamics")
     worst = largest(parts_apart("robot", plan.robot, robot, unknown))
-    check = judge("robot.spec", worst.size, _told(worst, plan.robot))
+    check = judge("robot.spec", worst.size, _describe_difference(worst, plan.robot))
     if stored.unknown:
         names = " and ".join(stored.unknown)
         margin = f"{names} not compared: from meshes, which the plan does not carry"
         check = replace(check, margin=margin)
         models.append("meshes as stored")
-        lacks.append(
+        missing_parts.append(
             f"{names} from meshes, which the plan does not carry: taken from the plan file"
         )
     if not models:
         return check
-    return replace(check, left_out=LeftOut(", ".join(models), "; ".join(lacks)))
+    return replace(check, left_out=LeftOut(", ".join(models), "; ".join(missing_parts)))
 
 
-def _terrain_check(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, robot: Robot) -> Check:
+def _check_terrain(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, robot: Robot) -> Check:
     try:
         terrain = build_terrain(spec.terrain, robot)
     except ClimbplanError as error:
         return judge("terrain.spec", float("inf"), str(error).splitlines()[0])
     # The raw surface of a scan is in no spec: the checks scan.* hold the plan against it
     worst = largest(parts_apart("terrain", replace(plan.terrain, scan=None), terrain))
-    return judge("terrain.spec", worst.size, _told(worst, plan.robot))
+    return judge("terrain.spec", worst.size, _describe_difference(worst, plan.robot))
 
 
-def _spines_check(
-    plan: ClimbPlan, grips: GripPlan, spec: ClimbSpec, given: AnyRobot | None
+def _check_spine_model(
+    plan: ClimbPlan, grips: GripPlan, spec: ClimbSpec, spec_robot: AnyRobot | None
 ) -> Check:
     """The model that spines were counted on by is the one that spec or robot name."""
     # Its file, and nothing else of what planning uses: only plans that grip need it.
     from climbplan.mechanics.gripper_model import load_model
 
-    named = spec.gripper.model
-    if named is None and given is not None and given.gripper is not None:
-        named = given.gripper.model
-    if named is None or named.endswith(".json"):
-        what = f"the plan does not carry {named}" if named else "the robot says which"
-        taken = f"{what}: the model of spines is taken from the plan file"
-        return not_compared(judge("grip.model", 0.0), taken, "spines as stored", taken)
+    model_name = spec.gripper.model
+    if model_name is None and spec_robot is not None and spec_robot.gripper is not None:
+        model_name = spec_robot.gripper.model
+    if model_name is None or model_name.endswith(".json"):
+        cause = f"the plan does not carry {model_name}" if model_name else "the robot says which"
+        note = f"{cause}: the model of spines is taken from the plan file"
+        return not_compared(judge("grip.model", 0.0), note, "spines as stored", note)
     try:
-        model = SpineModel(**vars(load_model(named)))
+        model = SpineModel(**vars(load_model(model_name)))
     except ClimbplanError as error:
         return judge("grip.model", float("inf"), str(error))
     worst = largest(parts_apart("grips.model", grips.model, model))
-    return judge("grip.model", worst.size, _told(worst, plan.robot))
+    return judge("grip.model", worst.size, _describe_difference(worst, plan.robot))
 
 
-def _told(worst: Difference, robot: Robot) -> str:
+def _describe_difference(worst: Difference, robot: Robot) -> str:
     """A difference in the robot's terms: "robot.joint_upper, RF femur: 9 in the file, ..."."""
     if worst.size == 0:
         return ""

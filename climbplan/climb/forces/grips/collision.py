@@ -1,7 +1,7 @@
-"""Room between grippers that hold on beside each other, in planning.
+"""Collisions between grippers on neighbouring holds, in planning.
 
-A gripper is a T: from the wrist to the palm, and from one open finger to the other, as thick as a
-limb. `climbplan/climb/check/grips.py` measures it again.
+A gripper is modelled as a T of capsules with the limb's radius: from the wrist to the palm, and
+from one open finger to the other. `climbplan/climb/check/grips.py` measures it independently.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ _MIN_OVERLAP = 1e-9  # [m] that counts
 
 @dataclass(frozen=True)
 class GripCollision:
-    """Two grippers that would be in each other's place."""
+    """Two grippers that overlap."""
 
     limb: int
-    other: int
-    missing: float  # [m]
-    words: str
+    other_limb: int
+    overlap: float  # [m]
+    description: str
 
 
 def find_grip_collision(scene: ClimbScene, instants: Instants) -> GripCollision | None:
-    """The two grippers that overlap most at the instants; None for none."""
+    """Return the two grippers that overlap most at the instants; None without an overlap."""
     robot = scene.robot
     if robot.gripper is None or scene.grippers is None:
         return None
@@ -53,7 +53,7 @@ def find_grip_collision(scene: ClimbScene, instants: Instants) -> GripCollision 
             is_standing[:, i] & is_standing[:, j], 2 * robot.limb_radius - distance, 0.0
         )
         k = int(np.argmax(overlap))
-        if overlap[k] > max(_MIN_OVERLAP, worst.missing if worst is not None else 0.0):
+        if overlap[k] > max(_MIN_OVERLAP, worst.overlap if worst is not None else 0.0):
             first_name, second_name = robot.limb_names[i], robot.limb_names[j]
             description = (
                 f"{instants.label(k, robot.limb_names)}, {first_name}'s gripper would be "

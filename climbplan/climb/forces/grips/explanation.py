@@ -1,7 +1,8 @@
-"""Why a robot with grippers cannot hold itself: which pull is missing where, and what would do.
+"""Explain why a robot with grippers cannot hold itself: where pull is missing, and what would help.
 
-The exact cones once more, with a pull towards the surface at every grip for free: its least sum is
-what grippers lack, in newtons at named limbs. Each remedy is the exact optimum of one more program.
+The exact conic program gets a free pull towards the surface at every grip. The smallest sum of
+these pulls is what grippers lack, in newtons at named limbs. Each remedy is the exact optimum of
+one further program.
 """
 
 from __future__ import annotations
@@ -37,9 +38,16 @@ _MAX_BISECTIONS = 30
 def explain_grips(
     scene: MotionScene, instants: Instants, statement: GripStatement, missing: IntArray
 ) -> Unresolved:
-    """The error that says what is missing at instants without admissible forces.
+    """Return the error that says what is missing at instants without admissible forces.
 
-    Raises LimitReached if an instant turns out feasible after all.
+    Args:
+        scene: The scene.
+        instants: All instants.
+        statement: Their force problems.
+        missing: Numbers of the instants without admissible forces.
+
+    Raises:
+        LimitReached: An instant is feasible after all.
     """
     names = scene.robot.limb_names
     conflicts: list[Conflict] = []
@@ -70,9 +78,13 @@ def explain_grips(
 def describe_fragile_grips(
     scene: MotionScene, instants: Instants, statement: GripStatement, margin_fraction: Array
 ) -> tuple[str, ...]:
-    """Which instants keep less than their margins, and what would help at the worst.
+    """Describe instants that do not reach their margins, with remedies of the worst one.
 
-    asked: the problems with all of their margins; share: (K,) of them that grips keep.
+    Args:
+        scene: The scene.
+        instants: All instants.
+        statement: The force problems with all of their margins.
+        margin_fraction: (K,) fraction of the margins that grips reach.
     """
     if (worst := find_most_fragile(instants, margin_fraction, scene.robot.limb_names)) is None:
         return ()
@@ -80,10 +92,9 @@ def describe_fragile_grips(
     instant = build_grip_instant(statement, k)
     pull = statement.pull[k]
     text += f": not every grip has a pull-out reserve of {pull:.1f} N" if pull > 0 else ""
-    # Less S_mu is no remedy: what holds may lack of their friction asks for its own
-    remedies = replace(
-        _compute_changes(scene, instants, statement, instant, k), friction=None
-    ).remedies()
+    # A smaller S_mu is no remedy: the margin of friction has a safety factor of its own
+    changes = _compute_changes(scene, instants, statement, instant, k)
+    remedies = replace(changes, safety_friction=None).build_remedies()
     return (
         f"{text}; all margins are kept with {' or '.join(map(str, remedies))}"
         if remedies
@@ -94,7 +105,7 @@ def describe_fragile_grips(
 def _describe_missing_pull(
     instant: GripInstant, pull: Array | None, unit: float, names: tuple[str, ...]
 ) -> Conflict:
-    """What is missing, without place and remedies."""
+    """Describe what is missing, without place and remedies."""
     check_names: tuple[str, ...] = ("grip.press", "grip.shear")
     if pull is None:
         unbounded = replace(
@@ -125,9 +136,9 @@ def _describe_missing_pull(
 
 
 def minimise_missing_pull(instant: GripInstant) -> Array | None:
-    """(n,) least further pull towards the surface, of least sum, in units of the load.
+    """Return the additional pulls (n,) of smallest sum towards the surfaces, in units of the load.
 
-    None if no pull would do.
+    The result is None if no pull is sufficient.
     """
     n = instant.num_contacts
     program = build_conic_program(instant, extra=n)
@@ -149,7 +160,10 @@ def minimise_missing_pull(instant: GripInstant) -> Array | None:
 
 
 def _build_linear_rows(instant: GripInstant) -> Array:
-    """Rows of torque, gripping force and commands; pressure is the palm's own."""
+    """Return the rows of torque, gripping force and commands; pressure rows are zero.
+
+    An additional pull needs no pressure of the palm.
+    """
     n = instant.num_contacts
     return np.concatenate(
         [
@@ -165,7 +179,7 @@ def _build_linear_rows(instant: GripInstant) -> Array:
 
 
 def _add_columns(program: ConicProgram, rows: dict[str, Array], forces: Array, start: int) -> None:
-    """Let variables from `start` on add `forces` (9 n, m) in the named blocks."""
+    """Let the variables from `start` on add `forces` (9 n, m) in the named blocks."""
     blocks = []
     for name, cone, A, b in program.blocks:
         widened = A
@@ -178,7 +192,7 @@ def _add_columns(program: ConicProgram, rows: dict[str, Array], forces: Array, s
 
 @dataclass(frozen=True)
 class _SufficientChanges:
-    """What would make instants feasible, each on its own; None where it would not."""
+    """Changes that make instants feasible, each on its own; None where no such change does."""
 
     grip_force: float | None  # [N]
     mass_name: str
@@ -187,7 +201,7 @@ class _SufficientChanges:
     safety_friction: float | None  # S_mu
 
     def combine_with(self, following: _SufficientChanges) -> _SufficientChanges:
-        """What makes both feasible."""
+        """Return the changes that make the instants of both feasible."""
 
         def both(
             a: float | None, b: float | None, of: Callable[[float, float], float]
@@ -204,7 +218,7 @@ class _SufficientChanges:
         )
 
     def build_remedies(self) -> tuple[Remedy, ...]:
-        """As remedies, with three digits to the safe side."""
+        """Return the changes as remedies, rounded to three digits on the safe side."""
         out = []
         if self.grip_force is not None:
             out.append(
@@ -217,11 +231,8 @@ class _SufficientChanges:
             key = "task.payload.mass" if self.mass_name == "payload" else ""
             out.append(Remedy(f"{self.mass_name} <= {limit:.4g} kg", key, limit))
         if self.torque_factor is not None:
-            out.append(
-                Remedy(
-                    f"all motors {_round_to_digits(self.torque_factor, np.ceil):.4g} times as strong"
-                )
-            )
+            factor = _round_to_digits(self.torque_factor, np.ceil)
+            out.append(Remedy(f"all motors {factor:.4g} times as strong"))
         if self.safety_friction is not None:
             limit = _round_to_digits(self.safety_friction, np.floor)
             out.append(Remedy(f"S_mu <= {limit:.4g}", "force.safety_friction", limit))
@@ -229,6 +240,7 @@ class _SufficientChanges:
 
 
 def _round_to_digits(value: float, rounding: Callable[[float], float]) -> float:
+    """Round a value with a safety margin to three digits, by `np.ceil` or `np.floor`."""
     with_margin = (
         value * (1 + _ROUNDING_MARGIN) if rounding is np.ceil else value * (1 - _ROUNDING_MARGIN)
     )
@@ -239,6 +251,7 @@ def _round_to_digits(value: float, rounding: Callable[[float], float]) -> float:
 def _compute_changes(
     scene: MotionScene, instants: Instants, statement: GripStatement, instant: GripInstant, k: int
 ) -> _SufficientChanges:
+    """Return the exact sufficient changes of one instant."""
     mass_name, mass = _select_mass(scene, instants, statement, instant, k)
     return _SufficientChanges(
         grip_force=_minimise_grip_limit(instant, statement),
@@ -250,7 +263,7 @@ def _compute_changes(
 
 
 def _minimise_grip_limit(instant: GripInstant, statement: GripStatement) -> float | None:
-    """Least limit of the gripping force with which the instant is feasible [N]."""
+    """Return the smallest limit of the gripping force with which the instant is feasible [N]."""
     closed_instant = replace(instant, max_grip=1.0)  # closed; the limit itself is a variable
     program = build_conic_program(closed_instant, extra=1, fixed_s=True)
     n = instant.num_contacts
@@ -271,7 +284,7 @@ def _minimise_grip_limit(instant: GripInstant, statement: GripStatement) -> floa
 
 
 def _minimise_torque_factor(instant: GripInstant) -> float | None:
-    """Factor on joint, wrist and gripper limits that makes the instant feasible."""
+    """Return the smallest sufficient factor on the limits of joints, wrists and grippers."""
     if not instant.can_grip:
         return None
     unlimited = replace(instant, max_s=100.0 * instant.max_s)
@@ -285,7 +298,7 @@ def _minimise_torque_factor(instant: GripInstant) -> float | None:
 
 
 def _maximise_safety_friction(instant: GripInstant) -> float | None:
-    """Largest S_mu >= 1 with which the instant is feasible."""
+    """Return the largest S_mu >= 1 with which the instant is feasible."""
     if instant.safety_friction <= 1 or not _is_feasible(replace(instant, safety_friction=1.0)):
         return None
     low, high = 1.0, instant.safety_friction
@@ -301,10 +314,12 @@ def _maximise_safety_friction(instant: GripInstant) -> float | None:
 
 
 def _is_feasible(instant: GripInstant) -> bool:
+    """Return whether the instant is feasible on the exact cones."""
     return _minimise_s(instant) is not None
 
 
 def _minimise_s(instant: GripInstant) -> ConicAnswer | None:
+    """Solve the exact program of an instant for the smallest s."""
     program = build_conic_program(instant)
     cost = np.zeros(program.size)
     cost[instant.size] = 1.0
@@ -314,7 +329,9 @@ def _minimise_s(instant: GripInstant) -> ConicAnswer | None:
 def _select_mass(
     scene: MotionScene, instants: Instants, statement: GripStatement, instant: GripInstant, k: int
 ) -> tuple[str, float | None]:
-    """Payload, or the robot's own mass if less payload does not do, and its largest value [kg]."""
+    """Return the payload, or the robot's own mass if less payload is not enough, with its maximum
+    [kg].
+    """
     gravity, payload = scene.robot.gravity, scene.spec.task.payload
     weight = np.array([0.0, 0.0, -gravity])
     scale = np.array([1.0] * 3 + [1 / statement.length] * 3) / statement.unit
@@ -330,7 +347,7 @@ def _select_mass(
 
 
 def _maximise_mass(instant: GripInstant, per_kg: Array, current_mass: float) -> float | None:
-    """Largest mass up to `now` that the instant holds [kg]; None if even none is too much."""
+    """Return the largest mass up to the present one that the instant holds [kg]; None if none."""
     program = build_conic_program(instant, extra=1)
     blocks = []
     for name, cone, A, b in program.blocks:

@@ -1,4 +1,4 @@
-"""The grips of a whole plan: what its file keeps of them."""
+"""The grips of a whole plan, as its file stores them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from climbplan.climb.plan.climb_plan import Forces, Instants, Trajectory
 from climbplan.climb.plan.grips import GripPlan, SpineModel
 from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.errors import ReachFailure
-from climbplan.mechanics.grip import Grippers, outside_training, parts_of
+from climbplan.mechanics.grip import Grippers, outside_training, split_into_parts
 from climbplan.robots.gripper import WRIST_JOINTS
 
 _BOUND_TOLERANCE = 1e-9  # [rad]
@@ -29,16 +29,17 @@ def require_wrists(scene: MotionScene, instants: Instants) -> None:
     k, limb, joint = (
         int(i) for i in np.unravel_index(int(np.argmax(bound_violation)), bound_violation.shape)
     )
-    violation_text = f"{WRIST_JOINTS[joint]} {np.rad2deg(bound_violation[k, limb, joint]):.1f} deg past its bound"
+    excess_deg = np.rad2deg(bound_violation[k, limb, joint])
+    violation_text = f"{WRIST_JOINTS[joint]} {excess_deg:.1f} deg past its bound"
     names = scene.robot.limb_names
     raise ReachFailure(names[limb], violation_text, 0.0, instants.label(k, names))
 
 
 def find_firm_limbs(grippers: Grippers, instants: Instants) -> BoolArray:
-    """(N,) limbs whose fingers may grip harder than they must, on every hold that they come to.
+    """Return which limbs (N,) may grip harder than necessary on every hold that they come to.
 
-    What is within a cone stays there with any force in the cone added: with that of a finger along
-    its axis, where friction holds it on sides so undercut.
+    A force inside a cone stays inside with any force of the cone added. The force of a finger along
+    its axis is such a force where friction holds it on sides so undercut.
     """
     return np.asarray((np.tan(grippers.undercut[instants.region]) <= instants.mu).all(axis=0))
 
@@ -46,7 +47,7 @@ def find_firm_limbs(grippers: Grippers, instants: Instants) -> BoolArray:
 def build_grip_plan(
     scene: MotionScene, instants: Instants, forces: Forces, trajectory: Trajectory
 ) -> GripPlan | None:
-    """Wrist angles, torques and pull-out margins beside the forces; None without grippers."""
+    """Return wrist angles, torques and pull-out margins of a plan; None without grippers."""
     grippers = scene.grippers
     if grippers is None or forces.grips is None:
         return None
@@ -54,7 +55,7 @@ def build_grip_plan(
         return None
     statement = build_grip_statement(scene, instants, grippers)
     grips = forces.grips
-    part_forces = parts_of(
+    part_forces = split_into_parts(
         forces.force,
         grips.grip,
         grips.moment,
@@ -76,7 +77,9 @@ def build_grip_plan(
 
 
 def warn_of_extrapolation(scene: MotionScene, instants: Instants) -> tuple[str, ...]:
-    """Holds in use whose orientation or friction the gripper's model was never fitted to."""
+    """Return a warning of holds whose orientation or friction the gripper's model was not fitted
+    to.
+    """
     if scene.grippers is None:
         return ()
     is_extrapolated = outside_training(scene.grippers)
@@ -86,7 +89,7 @@ def warn_of_extrapolation(scene: MotionScene, instants: Instants) -> tuple[str, 
     names = ", ".join(repr(scene.terrain.surfaces[r].name) for r in used_regions[:3])
     ellipsis = f" and {len(used_regions) - 3} more" if len(used_regions) > 3 else ""
     text = (
-        f"orientation or friction of {names}{ellipsis} is beyond the grips that the gripper's model "
-        "was fitted to: its bound extrapolates"
+        f"orientation or friction of {names}{ellipsis} is beyond the grips that the gripper's "
+        "model was fitted to: its bound extrapolates"
     )
     return (text,)

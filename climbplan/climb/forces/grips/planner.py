@@ -23,7 +23,7 @@ SHEAR_TOLERANCE = 1e-6  # in units of the load: less is rounding of forces that 
 
 @dataclass(frozen=True)
 class GripAnswers:
-    """Contact forces, and what grippers do beside them."""
+    """Contact forces, and the forces of the grippers' parts."""
 
     force: Array  # (K, N, 3) [N]
     grips: GripForces
@@ -33,15 +33,25 @@ class GripAnswers:
 def plan_grip_forces(
     scene: MotionScene, instants: Instants, grippers: Grippers, solver: str | None = None
 ) -> Forces:
-    """Contact forces, gripping forces, moments, torques and commands of all instants.
+    """Return contact forces, gripping forces, moments, torques and commands of all instants.
 
-    Every answer is checked against the exact constraints, and keeps what it can of the spec's
-    margins. Raises NotProved with what is missing at
-    instants that have no admissible forces, in newtons of pull at which gripper.
+    Every answer is checked against the exact constraints, and keeps as much of the spec's margins
+    as is feasible.
+
+    Args:
+        scene: The scene.
+        instants: All instants.
+        grippers: The robot's grippers on the holds.
+        solver: Name of the force solver; None for that of the spec.
+
+    Raises:
+        Unresolved: Some instants have no admissible forces; says how much pull is missing where.
+        UsageError: The spec does not compensate deflections.
     """
     if scene.spec.force.deflection_compensation != "compensated":
         raise UsageError(
-            "force.deflection_compensation: grippers hold the body at its planned pose: `compensated`"
+            "force.deflection_compensation: grippers hold the body at its planned pose: "
+            "`compensated`"
         )
     statement = build_grip_statement(scene, instants, grippers)
     spec = scene.spec
@@ -63,7 +73,7 @@ def plan_grip_forces(
 
 
 def assemble_grip_answers(statement: GripStatement, solved: SolvedGrips) -> GripAnswers:
-    """Forces and moments of solved parts."""
+    """Return contact forces and moments from the solved forces of palms and fingers."""
     part_forces = solved.part_forces
     finger_difference = part_forces[:, :, FIRST] - part_forces[:, :, SECOND]
     axis = statement.axis
@@ -76,13 +86,13 @@ def assemble_grip_answers(statement: GripStatement, solved: SolvedGrips) -> Grip
 
 
 def compute_grip_torques(statement: GripStatement, force: Array, moment: Array) -> Array:
-    """(K, N, 3) torques of the limbs' joints by forces and moments (K, N, 3) at the grips."""
+    """Return joint torques (K, N, 3) of forces and moments (K, N, 3) at the grips."""
     wrench = np.concatenate([force, moment], axis=-1)
     return np.einsum("knji,kni->knj", statement.torque, wrench)
 
 
 def compute_wrist_torques(statement: GripStatement, force: Array, moment: Array) -> Array:
-    """(K, N, 3) torques of the wrists' joints likewise."""
+    """Return wrist torques (K, N, 3) of forces and moments (K, N, 3) at the grips."""
     wrench = np.concatenate([force, moment], axis=-1)
     return np.einsum("knji,kni->knj", statement.wrist, wrench)
 
@@ -90,6 +100,7 @@ def compute_wrist_torques(statement: GripStatement, force: Array, moment: Array)
 def _assemble_forces(
     scene: MotionScene, instants: Instants, statement: GripStatement, answers: GripAnswers
 ) -> Forces:
+    """Return torques, commands and safety factors; factors are infinite where nothing is loaded."""
     force, grips = answers.force, answers.grips
     torques = compute_grip_torques(statement, force, grips.moment)
     wrist = compute_wrist_torques(statement, force, grips.moment)
@@ -129,7 +140,7 @@ class SlipMargins:
 
 
 def compute_slip_margins(statement: GripStatement, part_forces: Array) -> SlipMargins:
-    """For forces (K, N, 3, 3) on palms and fingers; no force at all slips at no friction."""
+    """Return slip margins for forces (K, N, 3, 3) on palms and fingers; infinite if unloaded."""
     cones = statement.cones
     pressure, shear = np.maximum(cones.pressure(part_forces), 0.0), cones.shear(part_forces)
     is_sheared = (shear > SHEAR_TOLERANCE * statement.unit) & statement.contact[..., None]
@@ -144,6 +155,6 @@ def compute_slip_margins(statement: GripStatement, part_forces: Array) -> SlipMa
 
 
 def compute_pull_margins(statement: GripStatement, part_forces: Array) -> Array:
-    """(K, N) further pull that grips hold [N], 0 for lifted limbs."""
+    """Return the additional pull (K, N) that grips hold [N], 0 for lifted limbs."""
     margin = pull_margin(statement.cones, part_forces, statement.normal)
     return np.where(statement.contact, margin, 0.0)

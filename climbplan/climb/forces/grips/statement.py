@@ -66,11 +66,13 @@ class GripStatement:
 
     @property
     def max_s(self) -> float:
-        """Upper bound of s."""
+        """Return the upper bound of s."""
         return 1 / self.min_safety_torque
 
     def build_wrench_map(self, k: int, limb: int) -> Array:
-        """(7, 9) force, moment and gripping force by the forces on palm and two fingers."""
+        """Return the map (7, 9) from forces on palm and fingers to force, moment and gripping
+        force.
+        """
         axis, half = self.axis[k, limb], self.gripper.finger_span / 2
         wrench_map = np.zeros((7, 3, 3))
         wrench_map[:3] = np.eye(3)[:, None, :]
@@ -80,7 +82,7 @@ class GripStatement:
 
 
 def compute_grip_wrists(scene: MotionScene, instants: Instants, grippers: Grippers) -> Wrists:
-    """Wrists (K, N, ...) that hold the grippers square on their holds; lifted ones likewise."""
+    """Return wrists (K, N, ...) that hold the grippers square on their holds, lifted ones too."""
     rotation = rotation_world_body(instants.rpy)
     link = np.einsum("kab,knib->knia", rotation, last_link_body(scene.robot, instants.joint_angles))
     return wrists_at(link, -instants.normal, grippers.axis[instants.region])
@@ -89,7 +91,7 @@ def compute_grip_wrists(scene: MotionScene, instants: Instants, grippers: Grippe
 def build_grip_statement(
     scene: MotionScene, instants: Instants, grippers: Grippers
 ) -> GripStatement:
-    """The force problems of a scene's instants."""
+    """Return the force problems of a scene's instants."""
     robot, force, gripper = scene.robot, scene.spec.force, grippers.gripper
     region, normal = instants.region, instants.normal
     load = total_load(robot, instants.external_wrench, instants.rpy, instants.joint_angles)

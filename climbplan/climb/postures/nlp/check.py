@@ -16,7 +16,7 @@ from climbplan.arrays import Array
 from climbplan.climb.clearance.body import compute_body_shortfall, hull_world
 from climbplan.climb.clearance.limb_pairs import find_standing_overlap
 from climbplan.climb.clearance.limbs import (
-    BETWEEN,
+    INTERPOLATION_MARGIN,
     compute_world_capsules,
     find_closest_link,
     find_limb_shortfall,
@@ -145,7 +145,7 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
         collision = find_standing_overlap(scene, instants)
         overlap = Violation("limbs.self_collision", -np.inf, "m", "no instant")
         if collision is not None:
-            where = f"{collision[1]}, {collision[0].words(scene.robot)}"
+            where = f"{collision[1]}, {collision[0].describe(scene.robot)}"
             overlap = Violation("limbs.self_collision", collision[0].missing, "m", where)
         findings.violations.append(overlap)
     return tuple(findings.violations)
@@ -166,12 +166,12 @@ def _check_limb_clearance(
     nearest = []
     if scene.terrain.link_solids:
         closest = find_closest_link(scene, links)
-        nearest.append((BETWEEN - closest.distance, closest.index))
+        nearest.append((INTERPOLATION_MARGIN - closest.distance, closest.index))
     if scene.terrain.scan is not None:
         lift_height = instants.lifted[..., None] * scene.spec.trajectory.swing_clearance
         contact_points = instants.toes - lift_height * instants.normal
         contacts = Contacts(contact_points[..., None, :], instants.normal[..., None, :])
-        raw = find_nearest_raw(scene.terrain.scan, links, contacts, BETWEEN)
+        raw = find_nearest_raw(scene.terrain.scan, links, contacts, INTERPOLATION_MARGIN)
         nearest.append((raw.missing, raw.index))
     for missing, (k, limb) in nearest:
         if missing > amount:
@@ -185,7 +185,7 @@ def _check_limb_clearance(
         plan_swing_paths(scene, rounds, instants)
     except SwingBlocked as error:
         shortfall = error.shortfall
-        where = f"{shortfall.where}, {shortfall.words(scene)}"
+        where = f"{shortfall.where}, {shortfall.describe(scene)}"
         yield Violation("swing.limb_free", shortfall.missing, "m", where)
     except Unresolved as error:
         yield Violation("swing.toe_free", TOE_CLEARANCE, "m", str(error.conflicts[0]))

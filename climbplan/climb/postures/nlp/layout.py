@@ -93,7 +93,7 @@ def build_pin_layout(shape: Shape) -> Layout:
 
 
 def build_number_layout(shape: Shape) -> Layout:
-    """Return the layout of the parameters of robot, terrain and planner that hold for all rounds."""
+    """Return the layout of the parameters of robot, terrain and planner, for all rounds."""
     n = shape.limbs
     per_limb = ("first_joint", "stance")
     scalars = (

@@ -192,7 +192,7 @@ def reject_infeasible(scene: ClimbScene) -> None:
 
 
 def generate_guesses(scene: ClimbScene, count: int, deadline: float) -> Iterator[Guess]:
-    """Yield `count` starts: the convex plan if there is one, the straight line, then random ones."""
+    """Yield `count` starts: the convex plan if it exists, the straight line, random ones."""
     convex_start = build_convex_guess(scene, max(0.5 * (deadline - time.monotonic()), 0.1))
     if convex_start is not None:
         yield convex_start

@@ -110,7 +110,7 @@ class _BodyPath:
 def _sample_body_path(
     scene: ClimbScene, rng: np.random.Generator, spread: float, adjacency: RegionAdjacency
 ) -> _BodyPath:
-    """Sample a path from start to goal round the obstacles, no longer than the body's steps allow."""
+    """Sample a path round the obstacles to the goal, no longer than the body's steps allow."""
     m, start, goal = scene.spec.task.round_count, scene.start, scene.goal
     fraction = np.linspace(0.0, 1.0, m + 1)[:, None]
     max_length = m * scene.spec.posture.steps.com_max
@@ -135,7 +135,7 @@ def _sample_body_path(
 
 
 def repin_guess(scene: ClimbScene, guess: Guess, rounds: Rounds) -> Guess:
-    """Return a guess at given postures, with the body's free regions chosen anew at these postures."""
+    """Return a guess at given postures, with the body's free regions chosen for them."""
     return replace(guess, rounds=rounds, free_regions=_select_free_regions(scene, rounds))
 
 

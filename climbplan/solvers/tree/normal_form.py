@@ -196,23 +196,23 @@ def build_normal_form(
         OutOfTime: `late` returned True.
     """
 
-    def in_time() -> None:
+    def check_time() -> None:
         if late():
             raise OutOfTime
 
     tables = build_choice_tables(instance.choices)
-    in_time()
+    check_time()
     choices = StackedChoices.stack(instance.choices, tables, instance.size)
     equations = find_equations(instance, tables, choices)
     components = find_components(instance, equations, choices)
-    in_time()
+    check_time()
     cost = scale_cost(
         instance,
         components,
         equations,
         lambda: propagate_box(instance, build_choice_hulls(instance, tables, choices)),
     )
-    in_time()
+    check_time()
     balls = _build_balls(instance, components, cost, relief)
 
     bounded = np.flatnonzero(
@@ -222,7 +222,7 @@ def build_normal_form(
     open_rows = np.flatnonzero(instance.row_upper - instance.row_lower > SAME)
     unit = sparse.identity(instance.size, format="csr")
     stacked = sparse.vstack([unit[bounded], instance.A[open_rows], choices.rows]).tocsr()
-    in_time()
+    check_time()
     rows = np.asarray(stacked @ cost.X)
     base = len(bounded) + len(open_rows)
     start = base + choices.start
@@ -240,25 +240,16 @@ def build_normal_form(
     rows[~varying] = 0.0
 
     lower, upper = np.full(m, -UNBOUNDED), np.full(m, UNBOUNDED)
-    lower[:base] = np.concatenate([instance.lower[bounded], instance.row_lower[open_rows]])
-    upper[:base] = np.concatenate([instance.upper[bounded], instance.row_upper[open_rows]])
-    lower[:base] = np.maximum(lower[:base] - offset[:base], -UNBOUNDED)
-    upper[:base] = np.minimum(upper[:base] - offset[:base], UNBOUNDED)
+    stated_lower = np.concatenate([instance.lower[bounded], instance.row_lower[open_rows]])
+    stated_upper = np.concatenate([instance.upper[bounded], instance.row_upper[open_rows]])
+    lower[:base] = np.maximum(stated_lower - offset[:base], -UNBOUNDED)
+    upper[:base] = np.minimum(stated_upper - offset[:base], UNBOUNDED)
     is_constant = np.flatnonzero(~varying[:base])
     violated = (lower[is_constant] > FEASIBILITY) | (upper[is_constant] < -FEASIBILITY)
     lower[is_constant], upper[is_constant] = -UNBOUNDED, UNBOUNDED
 
     allowed = _find_possible(tables, start, offset, varying, points)
-    contradiction = ""
-    if not cost.consistent:
-        contradiction = "its equations have no solution"
-    elif violated.any():
-        contradiction = "a row without free variables is violated"
-    elif not allowed.any(axis=1).all():
-        name = instance.choices[int(np.argmin(allowed.any(axis=1)))].name
-        contradiction = f"no alternative of {name} is possible"
-    elif _is_infeasible(balls):
-        contradiction = "a ball without free variables is violated"
+    contradiction = _explain_contradiction(instance, cost, bool(violated.any()), allowed, balls)
     form = NormalForm(
         instance=instance,
         cost=cost,
@@ -282,6 +273,24 @@ def build_normal_form(
     if not contradiction:
         lower[base:], upper[base:] = form.compute_choice_bounds(form.root_masks)
     return form
+
+
+def _explain_contradiction(
+    instance: Instance,
+    cost: ScaledCost,
+    has_violated_row: bool,
+    allowed: BoolArray,
+    balls: BallForm,
+) -> str:
+    """Return why no point is feasible, empty if no reason is known."""
+    if not cost.consistent:
+        return "its equations have no solution"
+    if has_violated_row:
+        return "a row without free variables is violated"
+    if not allowed.any(axis=1).all():
+        name = instance.choices[int(np.argmin(allowed.any(axis=1)))].name
+        return f"no alternative of {name} is possible"
+    return "a ball without free variables is violated" if _is_infeasible(balls) else ""
 
 
 def _find_possible(

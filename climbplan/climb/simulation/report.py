@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from climbplan.climb.simulation.comparison import MIN_SAG
+from climbplan.climb.simulation.comparison import MIN_SAG, Comparison
 from climbplan.climb.simulation.figures import plot_falls, plot_leg, plot_sag
 from climbplan.climb.simulation.grips.gripping import GripReport
 from climbplan.climb.simulation.model.mjcf import TIME_STEP
@@ -157,7 +157,6 @@ def build_report_dict(study: SimulationStudy) -> dict[str, Any]:
     """Build the key figures as JSON-ready values, SI units."""
     plan, run, comparison = study.plan, study.run, study.comparison
     names = plan.robot.limb_names
-    finite = np.isfinite(comparison.sag_predicted).all(axis=1)
     return {
         "name": plan.name,
         "spec_sha256": plan.spec_sha256,
@@ -176,26 +175,8 @@ def build_report_dict(study: SimulationStudy) -> dict[str, Any]:
             "largest": float(np.abs(run.torque).max()),
             "largest_planned": float(np.abs(plan.forces.motor_torques).max()),
         },
-        "friction": {
-            "critical": summarise_values(comparison.friction[comparison.friction > 0]),
-            "planned": summarise_values(
-                comparison.friction_planned[comparison.friction_planned > 0]
-            ),
-            "below_mu": float((comparison.friction < comparison.mu).mean())
-            if comparison.friction.size
-            else None,
-        },
-        "sag": {
-            "simulated": summarise_values(np.linalg.norm(comparison.sag, axis=1)),
-            "predicted": summarise_values(np.linalg.norm(comparison.sag_predicted[finite], axis=1)),
-            "relative_error": summarise_values(comparison.sag_error),
-            "absolute_error": summarise_values(
-                np.linalg.norm(comparison.sag - comparison.sag_predicted, axis=1)
-            ),
-            "compared_above": MIN_SAG,
-            "compared": len(comparison.sag_error),
-            "lag": summarise_values(np.linalg.norm(comparison.lag, axis=1)),
-        },
+        "friction": _build_friction_dict(comparison),
+        "sag": _build_sag_dict(comparison),
         "final_offset": (run.com[-1] - plan.trajectory.com[run.samples - 1]).tolist(),
         "bumps": float(run.bumped.mean()),
         "slips": [
@@ -227,6 +208,30 @@ def build_report_dict(study: SimulationStudy) -> dict[str, Any]:
         },
         "pictures": study.camera if isinstance(study.camera, str) else "figures/climb.png",
         "units": UNITS,
+    }
+
+
+def _build_friction_dict(comparison: Comparison) -> dict[str, Any]:
+    is_below = comparison.friction < comparison.mu
+    return {
+        "critical": summarise_values(comparison.friction[comparison.friction > 0]),
+        "planned": summarise_values(comparison.friction_planned[comparison.friction_planned > 0]),
+        "below_mu": float(is_below.mean()) if comparison.friction.size else None,
+    }
+
+
+def _build_sag_dict(comparison: Comparison) -> dict[str, Any]:
+    finite = np.isfinite(comparison.sag_predicted).all(axis=1)
+    return {
+        "simulated": summarise_values(np.linalg.norm(comparison.sag, axis=1)),
+        "predicted": summarise_values(np.linalg.norm(comparison.sag_predicted[finite], axis=1)),
+        "relative_error": summarise_values(comparison.sag_error),
+        "absolute_error": summarise_values(
+            np.linalg.norm(comparison.sag - comparison.sag_predicted, axis=1)
+        ),
+        "compared_above": MIN_SAG,
+        "compared": len(comparison.sag_error),
+        "lag": summarise_values(np.linalg.norm(comparison.lag, axis=1)),
     }
 
 

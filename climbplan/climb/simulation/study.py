@@ -76,16 +76,7 @@ def simulate_plan(
         UsageError: The conditions are impossible.
         MissingSolver: MuJoCo is not installed.
     """
-    weights = select_link_masses(plan, request.conditions)
-    if weights is None and plan.robot_texts.urdf and request.conditions.limb_mass_share is None:
-        _log.warning(
-            "%s does not say what the links of its URDF weigh, as plans of before: they have %g %% "
-            "of the mass together; plan it again, or give --limb-mass-share",
-            plan.name,
-            100 * LIMB_MASS_SHARE,
-        )
-    links = None if weights is None else float(weights.mass.sum())
-    require_possible(request.conditions, plan.robot.mass, links)
+    _check_masses(plan, request.conditions)
     load_mujoco()
     camera = open_camera(plan.trajectory.com) if request.pictures else "no pictures asked for"
     watch_sample = camera.watch if isinstance(camera, Camera) else None
@@ -96,22 +87,7 @@ def simulate_plan(
     if isinstance(camera, Camera):
         camera.close()
     comparison = compare(plan, run)
-    trials: tuple[Trial, ...] = ()
-    points: tuple[SweepPoint, ...] = ()
-    if request.sweep_key:
-        sweep_settings = SweepSettings(
-            request.sweep_key, request.sweep_values, conditions, max(request.runs, 1), request.seed,
-            request.jobs, request.max_backlash,
-        )  # fmt: skip
-        points = sweep(plan, sweep_settings, lambda part: progress("sweep", part))
-    elif request.runs:
-        worlds = draw_conditions(plan, conditions, request.runs, request.seed, request.max_backlash)
-        trials = run_trials(
-            partial(run_climb_trial, plan),
-            worlds,
-            request.jobs,
-            lambda part: progress("runs", part),
-        )
+    trials, points = _run_variations(plan, request, progress)
     risk, rare, worst = None, None, None
     if request.worlds and request.rare:
         rare = estimate_fall_probability(
@@ -128,6 +104,44 @@ def simulate_plan(
     return SimulationStudy(
         plan, run, comparison, trials, request.sweep_key, points, camera, risk, rare, worst
     )
+
+
+def _check_masses(plan: ClimbPlan, conditions: Conditions) -> None:
+    """Warn of a plan without link masses, and raise UsageError for impossible conditions."""
+    weights = select_link_masses(plan, conditions)
+    if weights is None and plan.robot_texts.urdf and conditions.limb_mass_share is None:
+        _log.warning(
+            "%s does not say what the links of its URDF weigh, as plans of before: they have %g %% "
+            "of the mass together; plan it again, or give --limb-mass-share",
+            plan.name,
+            100 * LIMB_MASS_SHARE,
+        )
+    links = None if weights is None else float(weights.mass.sum())
+    require_possible(conditions, plan.robot.mass, links)
+
+
+def _run_variations(
+    plan: ClimbPlan, request: SimulationRequest, progress: Callable[[str, float], None]
+) -> tuple[tuple[Trial, ...], tuple[SweepPoint, ...]]:
+    """Simulate random worlds, or a sweep of a spec's key, if requested."""
+    conditions = request.conditions
+    trials: tuple[Trial, ...] = ()
+    points: tuple[SweepPoint, ...] = ()
+    if request.sweep_key:
+        sweep_settings = SweepSettings(
+            request.sweep_key, request.sweep_values, conditions, max(request.runs, 1), request.seed,
+            request.jobs, request.max_backlash,
+        )  # fmt: skip
+        points = sweep(plan, sweep_settings, lambda part: progress("sweep", part))
+    elif request.runs:
+        worlds = draw_conditions(plan, conditions, request.runs, request.seed, request.max_backlash)
+        trials = run_trials(
+            partial(run_climb_trial, plan),
+            worlds,
+            request.jobs,
+            lambda part: progress("runs", part),
+        )
+    return trials, points
 
 
 def _film_worst(plan: ClimbPlan, risk: RiskEstimate, base: Conditions) -> WorstWorld | None:

@@ -103,21 +103,7 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
             f"{plan.name}: {robot.name} has grippers on chains of joints, which are not simulated"
         )
     weights = select_link_masses(plan, conditions)
-    assets: list[str] = []
-    world: list[str] = []
-    terrain = plan.terrain
-    if conditions.world is not None:
-        terrain = perturb_terrain(terrain, conditions.world)
-    friction = float(np.min(plan.instants.mu)) * conditions.friction
-    if terrain.scan is not None:
-        depth = TOE_RADIUS if robot.foot is None else 0.0
-        world += build_scan_geoms(terrain.scan, plan.rounds.toes, friction, assets, depth)
-    for index, surface in enumerate(terrain.surfaces):
-        if terrain.scan is None or surface.name in STATED:
-            world += build_surface_geoms(index, surface, conditions.friction, assets)
-    for index, solid in enumerate(terrain.obstacles):
-        mesh = add_mesh(f"obstacle{index}", solid, assets)
-        world.append(build_geom(f"obstacle{index}", mesh, friction, color="obstacle"))
+    world, assets = _build_terrain(plan, conditions)
     actuators = [
         line for limb in range(robot.limb_count) for line in _build_motors(robot, limb, conditions)
     ]
@@ -162,6 +148,26 @@ def build_mjcf(plan: ClimbPlan, conditions: Conditions) -> str:
             "</mujoco>",
         ]
     )
+
+
+def _build_terrain(plan: ClimbPlan, conditions: Conditions) -> tuple[list[str], list[str]]:
+    """Build the geoms of the terrain under conditions, and the assets that they use."""
+    assets: list[str] = []
+    world: list[str] = []
+    terrain = plan.terrain
+    if conditions.world is not None:
+        terrain = perturb_terrain(terrain, conditions.world)
+    friction = float(np.min(plan.instants.mu)) * conditions.friction
+    if terrain.scan is not None:
+        depth = TOE_RADIUS if plan.robot.foot is None else 0.0
+        world += build_scan_geoms(terrain.scan, plan.rounds.toes, friction, assets, depth)
+    for index, surface in enumerate(terrain.surfaces):
+        if terrain.scan is None or surface.name in STATED:
+            world += build_surface_geoms(index, surface, conditions.friction, assets)
+    for index, solid in enumerate(terrain.obstacles):
+        mesh = add_mesh(f"obstacle{index}", solid, assets)
+        world.append(build_geom(f"obstacle{index}", mesh, friction, color="obstacle"))
+    return world, assets
 
 
 def _build_limb_tip(plan: ClimbPlan) -> LimbTip:

@@ -76,9 +76,9 @@ def new_robot(
         outcomes.append(walk)
         if walk.text:
             walks[walk_file] = walk.text
-        if walk.text and walk.found is not proposal:
-            urdf_path = format_urdf_path(walk.found, directory)
-            walks[walking_file] = format_robot_document(walk.found, urdf_path, walk_file)
+        if walk.text and walk.proposal is not proposal:
+            urdf_path = format_urdf_path(walk.proposal, directory)
+            walks[walking_file] = format_robot_document(walk.proposal, urdf_path, walk_file)
     notes = [f"implausible: {text}" for text in proposal.implausible]
     notes += [f"assumed: {text}" for text in proposal.assumptions]
     notes += [str(outcome) for outcome in outcomes]

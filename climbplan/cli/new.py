@@ -106,7 +106,7 @@ def new(
 
 
 def _links(toes: str | None) -> tuple[str, ...]:
-    """Links of `--toes`; raises UsageError for less than two, empty names, and one named twice."""
+    """Split `--toes` into links; raises UsageError for fewer than two, empty or double names."""
     links = () if toes is None else tuple(link.strip() for link in toes.split(","))
     if toes is not None and (len(links) < 2 or not all(links) or len(set(links)) < len(links)):
         raise UsageError(f"--toes {toes!r}: expected two different links or more, by commas")
@@ -114,7 +114,7 @@ def _links(toes: str | None) -> tuple[str, ...]:
 
 
 def _write(content: dict[Path, bytes], directory: Path, force: bool) -> None:
-    """All files or none that is there already; directories that it makes go where it fails."""
+    """Write all files or none; directories that were created are removed on failure."""
     from climbplan.store.atomic_file import written_aside
 
     _refuse_existing(content, force)
@@ -152,7 +152,7 @@ def _new_robot(
     directory: Path,
     force: bool,
 ) -> None:
-    """Files of a robot from a URDF."""
+    """Write the files of a robot from a URDF."""
     if kind != "robot":
         raise UsageError(f"--urdf and --package are for `new robot`, not for kind {kind!r}")
     given = {"--urdf": urdf, "--package": package, "--example": example}

@@ -64,7 +64,7 @@ def robot(
 
 
 def _robot_of(name: str) -> tuple[Any, Any, tuple[str, ...]]:
-    """What the file says, the robot, and what was assumed of it."""
+    """Return the spec of a robot, the robot built from it, and the assumptions made."""
     from climbplan.robots.any_robot import build_robot, list_assumptions
     from climbplan.schema.loading import load_spec
     from climbplan.schema.robots.source import UnknownRobot, load_any_robot
@@ -85,7 +85,7 @@ def _robot_of(name: str) -> tuple[Any, Any, tuple[str, ...]]:
 
 
 def _is_robot_file(name: str) -> bool:
-    """Whether a YAML file says that it is a robot; raises SpecError for what is no YAML."""
+    """Return whether a YAML file is of kind `robot`; raises SpecError if it is not YAML."""
     from climbplan.schema.source import read_source
     from climbplan.schema.yaml_source import parse_yaml
 

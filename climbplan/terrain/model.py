@@ -45,8 +45,8 @@ class Terrain:
     scan: RawSurface | None = None  # in which the regions were found
 
     @property
-    def curved(self) -> bool:
-        """Whether the surface is a tube."""
+    def is_curved(self) -> bool:
+        """True if the surface is a tube."""
         return isinstance(self.surfaces[0], Tube)
 
     @cached_property
@@ -61,7 +61,7 @@ class Terrain:
 
     @cached_property
     def stood_upon(self) -> BoolArray:
-        """Whether limb i may stand on a surface on a face of each obstacle, (N, O)."""
+        """True (N, O) if limb i may stand on a surface on a face of the obstacle."""
         # Regions of a scan lie within its flatness of the triangles
         tolerance = _ON_FACE if self.scan is None else self.scan.flatness
         lies = [
@@ -71,7 +71,7 @@ class Terrain:
         return self.allowed @ np.array(lies, bool).reshape(len(self.surfaces), len(self.obstacles))
 
     @property
-    def _backed(self) -> tuple[Region, ...]:
+    def _backed_regions(self) -> tuple[Region, ...]:
         """Flat regions with material behind them.
 
         Behind regions of a scan lies the scan itself: what is behind one may be before the next.
@@ -83,7 +83,7 @@ class Terrain:
     @property
     def solids(self) -> tuple[Solid, ...]:
         """Obstacles and the material behind flat regions, for collision checks."""
-        return (*self.obstacles, *(region.slab() for region in self._backed))
+        return (*self.obstacles, *(region.slab() for region in self._backed_regions))
 
     @cached_property
     def link_solids(self) -> tuple[Solid | Tube, ...]:
@@ -92,15 +92,15 @@ class Terrain:
 
     @cached_property
     def stood_solids(self) -> BoolArray:
-        """Whether limb i may stand on a face of each of `link_solids`, (N, S).
+        """True (N, S) if limb i may stand on a face of the solid of `link_solids`.
 
         The material behind a surface shares its plane with that of surfaces next to it.
         """
-        if self.curved:
+        if self.is_curved:
             same = np.ones((len(self.surfaces), 1), bool)
         else:
-            normals = np.array([region.normal for region in self._backed]).reshape(-1, 3)
-            offsets = np.array([region.offset - region.standoff for region in self._backed])
+            normals = np.array([region.normal for region in self._backed_regions]).reshape(-1, 3)
+            offsets = np.array([region.offset - region.standoff for region in self._backed_regions])
             off = [np.abs(r.material @ normals.T - offsets).max(axis=0) for r in self.regions]
             along = np.array([r.normal for r in self.regions]) @ normals.T
             same = (np.array(off) < _ON_FACE) & (along > 0)
@@ -108,13 +108,13 @@ class Terrain:
 
     def offset_surfaces(self, standoff: float) -> Terrain:
         """Return the terrain with surfaces offset into free space by `standoff` [m]."""
-        surfaces = tuple(surface.lifted(standoff) for surface in self.surfaces)
+        surfaces = tuple(surface.add_standoff(standoff) for surface in self.surfaces)
         return replace(self, surfaces=surfaces)
 
     def nearest_surface(self, limb: int, point: Array) -> int:
         """Return the index of the surface nearest to a point among those the limb may use."""
         candidates = np.flatnonzero(self.allowed[limb])
-        if self.curved:
+        if self.is_curved:
             distances = [self.surfaces[r].distance(point) for r in candidates]
             return int(candidates[int(np.argmin(distances))])
         return nearest_region(self.regions, self.bounds, candidates, point)
@@ -285,7 +285,7 @@ def build_terrain(spec: TerrainSpec, robot: Robot) -> Terrain:
         surfaces.append(region)
         allowed.append([item.limbs is None or name in item.limbs for name in robot.limb_names])
     if robot.standoff:
-        surfaces = [surface.lifted(robot.standoff) for surface in surfaces]
+        surfaces = [surface.add_standoff(robot.standoff) for surface in surfaces]
     if spec.panel is not None:
         panel = _build_panel(spec.panel, _choose_friction(spec.panel.friction, spec))
         surfaces.insert(0, panel)

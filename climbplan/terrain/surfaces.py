@@ -31,7 +31,7 @@ class Surface(Protocol):
     def standoff(self) -> float:
         """The distance of toes from the material [m]."""
 
-    def lifted(self, standoff: float) -> Self:
+    def add_standoff(self, standoff: float) -> Self:
         """Return the positions of toes that stay so far off it [m]."""
 
     def normal_at(self, points: Array) -> Array:
@@ -137,7 +137,7 @@ class Region:
             b=np.concatenate([[offset, SLAB_THICKNESS - offset], self.b]),
         )
 
-    def lifted(self, standoff: float) -> Self:
+    def add_standoff(self, standoff: float) -> Self:
         """Return the positions of toes (wrists, centres of feet) that far off this region [m]."""
         return replace(
             self,
@@ -164,7 +164,7 @@ class Tube:
         """Radius of the material [m]."""
         return self.radius + self.standoff
 
-    def lifted(self, standoff: float) -> Self:
+    def add_standoff(self, standoff: float) -> Self:
         """Return the positions of toes that stay so far off the wall [m]."""
         if not self.radius > standoff:
             raise UsageError(

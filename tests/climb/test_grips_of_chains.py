@@ -85,7 +85,7 @@ def test_the_last_link_turns_with_the_joints(robot: Robot) -> None:
         ) / 2e-6
         np.testing.assert_allclose(change, np.cross(rows[..., joint, None, :], link), atol=1e-8)
     still = np.zeros((5, 3)), np.broadcast_to(np.eye(3), (5, 3, 3))
-    np.testing.assert_allclose(build_limbs(robot, *still, angles).last_link(), link, atol=1e-12)
+    np.testing.assert_allclose(build_limbs(robot, *still, angles).compute_link_frame(), link, atol=1e-12)
 
 
 def test_legs_that_no_wrist_fits_are_refused(tmp_path: Path) -> None:

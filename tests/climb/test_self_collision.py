@@ -59,7 +59,7 @@ def residuals(robot: Robot, angles: Array) -> Array:
     points = build_limbs(robot, com, axes, angles).points
     links = tuple(build_capsules(robot, com, axes, angles, points))
     parts = [build_hull("body", part) for part in robot.body_parts or (robot.body_hull,)]
-    return np.asarray(-measure_part_clearances(robot, parts, links, com, axes).room.min(axis=1))
+    return np.asarray(-measure_part_clearances(robot, parts, links, com, axes).clearance.min(axis=1))
 
 
 def coal_room(links: Capsules, p: int, one: tuple[int, int], other: tuple[int, int]) -> float:

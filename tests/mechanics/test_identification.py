@@ -46,7 +46,7 @@ def test_known_stiffness_within_five_percent_at_two_percent_noise(
         value = np.array([e.value for e in found.joint_stiffness])
         known = np.array(truth.stiffness)[list(limb.joints)]
         assert np.abs(value / known - 1).max() < 0.05
-        assert all(e.lower <= e.value <= e.upper and e.told for e in found.joint_stiffness)
+        assert all(e.lower <= e.value <= e.upper and e.is_determined for e in found.joint_stiffness)
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ def standing_humanoid(folder: Path) -> Proposal:
 def test_a_robot_that_braces_bent_otherwise_has_a_file_of_its_own(tmp_path: Path) -> None:
     found = standing_humanoid(tmp_path)
     trials = ProposalTrials(found, tmp_path)
-    climbed = trials.chimney(lambda words: None)
+    climbed = trials.plan_chimney(lambda words: None)
     assert climbed.plan is not None, climbed.why
     assert climbed.bent is not None
     assert f'robot: "{trials.bracing_file}"' in climbed.text
@@ -50,7 +50,7 @@ def test_a_robot_for_which_nothing_is_found_says_that_both_were_looked_for(
 ) -> None:
     monkeypatch.setattr(bracing_search, "_sample_bracing_postures", lambda own: [])
     trials = ProposalTrials(standing_humanoid(tmp_path), tmp_path)
-    refused = trials.chimney(lambda words: None)
+    refused = trials.plan_chimney(lambda words: None)
     assert refused.plan is None
     assert refused.bent is None
     assert "no posture between walls was found" in refused.why

@@ -131,7 +131,7 @@ def test_the_checker_and_programs_have_the_same_limbs(both: tuple[UrdfRobot, Rob
     np.testing.assert_allclose(anew.jacobian(), pose.jacobian, atol=1e-12)
     force = np.random.default_rng(1).normal(size=(robot.limb_count, 3))
     curved = np.einsum("ni,nijk->njk", force, pose.hessian)
-    np.testing.assert_allclose(anew.bending(force), curved, atol=1e-12)
+    np.testing.assert_allclose(anew.compute_force_hessian(force), curved, atol=1e-12)
     stated = stated_limbs(robot)
     numbers = {name: ca.DM(value) for name, value in stated.values(robot).items()}
     own = {"angles": ca.DM(angles.T), "pull": ca.DM.zeros(3, robot.limb_count)}

@@ -109,7 +109,7 @@ def example_climb(rounds: int = 2, spec_text: str | None = None, per_segment: in
         return a + share.reshape(-1, *[1] * a.ndim) * (b - a)
 
     toes = mix(scene.start.toes, scene.goal.toes)
-    if scene.terrain.curved:
+    if scene.terrain.is_curved:
         tube = scene.terrain.surfaces[0]
         toes = np.array([[tube.project(toe) for toe in row] for row in toes])
     postures = Rounds(

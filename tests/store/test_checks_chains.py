@@ -37,7 +37,7 @@ def test_the_same_limbs_by_another_way(chain: SerialChain) -> None:
     np.testing.assert_allclose(anew.jacobian(), there.jacobian, atol=1e-14)
     force = np.random.default_rng(1).normal(size=(30, 2, 3))
     expected = np.einsum("knijl,kni->knjl", there.hessian, force)
-    np.testing.assert_allclose(anew.bending(force), expected, atol=1e-14)
+    np.testing.assert_allclose(anew.compute_force_hessian(force), expected, atol=1e-14)
 
 
 def one(chain: SerialChain) -> SerialChain:

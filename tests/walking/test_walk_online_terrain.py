@@ -176,7 +176,7 @@ def test_toes_come_down_on_footholds_only() -> None:
     ("terrain", "more", "message"),
     [
         (STONES, {"loop": {"estimation": "ekf"}}, "nothing measures where the robot is among"),
-        (STONES, {"solver": {"method": "online", "form": "published"}}, "flat ground only"),
+        (STONES, {"solver": {"method": "online", "formulation": "published"}}, "flat ground only"),
     ],
 )
 def test_what_online_does_not_know_is_refused(

@@ -1,4 +1,4 @@
-"""Body and limbs keep clear of obstacles and of the material behind surfaces."""
+"""Checks that body and limbs are clear of obstacles and of the material behind surfaces."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ _UNBOUNDED_CLEARANCE = 1e3  # [m] of links of which no part is looked at
 
 
 def check_clearance(subject: Subject) -> Iterator[Check]:
-    """Body along the whole motion, and limbs at the instants."""
+    """Yield the checks of the body along the whole motion and of limbs at the instants."""
     yield _check_body(subject)
     yield _check_free_regions(subject)
     yield _check_limbs(subject)
-    yield judge_capsules("limbs.capsules", subject, subject.capsules, subject.at)
+    yield judge_capsules("limbs.capsules", subject, subject.capsules, subject.describe_instant)
 
 
 def _check_body(subject: Subject) -> Check:
-    """The hull at every instant and every sample of the motion, with exact rotation."""
+    """Check the hull at every instant and every sample of the motion, with exact rotation."""
     plan = subject.plan
     required = plan.limits.body_clearance
     poses = np.vstack(
@@ -71,7 +71,9 @@ def _check_body(subject: Subject) -> Check:
     def describe_place(pose: int, solid: int) -> str:
         row = int(rows[pose])
         count = plan.instants.count
-        moment = subject.at(row) if row < count else subject.at_time(row - count)
+        moment = (
+            subject.describe_instant(row) if row < count else subject.describe_time(row - count)
+        )
         return f"{moment}, body and {names[solid]}"
 
     return judge_worst(
@@ -84,14 +86,16 @@ def _check_body(subject: Subject) -> Check:
 
 
 def _check_free_regions(subject: Subject) -> Check:
-    """At the end of every round the hull lies in one free region of each choice.
+    """Check that the hull is in one free region of each choice at the end of every round.
 
-    A choice of single half-spaces stands for an obstacle's faces: the obstacle itself is checked,
-    which is exact.
+    A choice of single half-spaces stands for an obstacle's faces. The obstacle itself is checked
+    exactly elsewhere.
     """
     plan = subject.plan
     rounds = plan.rounds
-    corners = transform_to_world(rounds.com, compute_body_axes(rounds.rpy), subject.body.corners)  # (M+1, V, 3)
+    corners = transform_to_world(
+        rounds.com, compute_body_axes(rounds.rpy), subject.body.corners
+    )  # (M+1, V, 3)
     outside = np.zeros((len(rounds.com), 1))
     for choice in plan.terrain.free_choices:
         if choice and any(len(free.b) > 1 for free in choice):
@@ -100,24 +104,26 @@ def _check_free_regions(subject: Subject) -> Check:
     return judge_worst(
         "body.free_region",
         np.where(outside < 0, 0.0, outside),
-        lambda j, choice: f"{subject.posture(j)}, choice {choice}",
+        lambda j, choice: f"{subject.describe_posture(j)}, choice {choice}",
     )
 
 
 def _check_limbs(subject: Subject) -> Check:
-    """Link axes at the instants; the margin leaves out the last stretch before the toes."""
+    """Check link axes at the instants; the margin leaves out the last stretch before the toes."""
     points = subject.limbs.points
     depth = measure_link_depths(subject, points, 0.0)
     clearance = -float(
-        measure_link_depths(subject, _shorten_last_links(subject, points), _MEASURED_DISTANCE).max(initial=-_MEASURED_DISTANCE)
+        measure_link_depths(subject, _shorten_last_links(subject, points), _MEASURED_DISTANCE).max(
+            initial=-_MEASURED_DISTANCE
+        )
     )
     qualifier = "at least " if clearance >= _MEASURED_DISTANCE else ""
     margin = f"links {qualifier}{1e3 * clearance:.0f} mm clear"
-    return judge_link_depths("limbs.clearance", subject, depth, subject.at, margin)
+    return judge_link_depths("limbs.clearance", subject, depth, subject.describe_instant, margin)
 
 
 def _shorten_last_links(subject: Subject, points: Array) -> Array:
-    """Joints and toes (..., N, P, 3) without the last stretch before the toe."""
+    """Return joints and toes (..., N, P, 3) without the last stretch before the toe."""
     shorter = points.copy()
     last_link = points[..., -1, :] - points[..., -2, :]
     length = np.maximum(np.linalg.norm(last_link, axis=-1, keepdims=True), 1e-12)
@@ -126,10 +132,15 @@ def _shorten_last_links(subject: Subject, points: Array) -> Array:
 
 
 def measure_link_depths(subject: Subject, points: Array, sufficient: float) -> Array:
-    """Depth of link axes in solids (..., N, P - 1, S) [m], negative outside.
+    """Return the depth of link axes in solids (..., N, P - 1, S) [m], negative outside.
 
-    points: (..., N, P, 3) joints and toes. Outside, the value is minus a lower bound on the
-    distance, measured closely only below `enough` [m].
+    Outside, the value is minus a lower bound on the distance, which is exact only below
+    `sufficient`.
+
+    Args:
+        subject: The plan under verification.
+        points: (..., N, P, 3) joints and toes [m].
+        sufficient: Distance [m] above which a bound is enough.
     """
     depths = [-measure_chain_separation(points, solid, sufficient) for solid in subject.solids]
     for surface in subject.plan.terrain.surfaces:
@@ -145,14 +156,14 @@ def measure_link_depths(subject: Subject, points: Array, sufficient: float) -> A
 def judge_link_depths(
     name: str, subject: Subject, depth: Array, describe_pose: Callable[[int], str], margin: str
 ) -> Check:
-    """A check of link depths (P, N, links, S); `moment` describes the first index."""
+    """Judge link depths (P, N, links, S); `describe_pose` describes the first index."""
     if not depth.shape[-1]:
         return judge_worst(name, np.zeros(1), lambda _: "", margin=_IN_SCAN)
     names = [solid.name for solid in subject.solids]
     names += [s.name for s in subject.plan.terrain.surfaces if isinstance(s, Tube)]
 
     def describe_place(p: int, limb: int, link: int, solid: int) -> str:
-        link_name = f"{subject.limb(limb, link)} link"
+        link_name = f"{subject.name_limb(limb, link)} link"
         return f"{describe_pose(p)}, {link_name} and {names[solid]}"
 
     return judge_worst(name, depth, describe_place, margin)
@@ -161,38 +172,49 @@ def judge_link_depths(
 def judge_capsules(
     name: str, subject: Subject, capsules: Sequence[Capsule], describe_pose: Callable[[int], str]
 ) -> Check:
-    """Return a check that links, as thick as they are, miss all solids and surfaces.
+    """Check that links with their thickness miss all solids and surfaces.
+
+    A last link may come close to what its limb may stand on. There a point of its axis at distance
+    d from the toe keeps min(r, f + d / 4), where r is the radius of the link and f that of a
+    spherical foot. Without such a foot the last 5 cm are left out. The foot itself is checked by
+    `trajectory.feet`.
 
     Args:
-        name: Of the check.
+        name: Name of the check.
         subject: The plan under verification.
-        capsules: Of all limbs, in P poses.
-        moment: Describes a pose.
-
-    A last link may come close to what its limb may stand on. There a point of its axis at
-    distance d from the toe keeps min(r, f + d / 4), where r is the radius of the link and f that of
-    a spherical foot; without such a foot the last 5 cm are left out. The foot itself is looked at
-    by `trajectory.feet`.
+        capsules: Capsules of all limbs, in P poses.
+        describe_pose: Describes a pose.
     """
     solids = subject.solids
     tubes = [s for s in subject.plan.terrain.surfaces if isinstance(s, Tube)]
     if not solids and not tubes:
         return judge_worst(name, np.zeros(1), lambda _: "", margin=_IN_SCAN)
     foot = subject.plan.robot.foot
-    standing_parts = [_cut_last_link(c, 0.0 if foot is None or foot.sole else foot.radius) for c in capsules]
+    standing_parts = [
+        _cut_last_link(c, 0.0 if foot is None or foot.sole else foot.radius) for c in capsules
+    ]
     axes = np.stack([capsule.axis for capsule in capsules], axis=1)  # (P, C, 2, 3)
     rows: list[Array] = []
     all_solids: list[ConvexBody | Tube] = [*solids, *tubes]
     for solid, may_stand in zip(all_solids, _find_standing_limbs(subject), strict=True):
         distance = _measure_face_distances(axes, solid)
         for index, capsule in enumerate(capsules):
-            close_poses = np.flatnonzero(~(distance[:, index] >= capsule.radius + _REPORTED_CLEARANCE))  # NaN stays
+            close_poses = np.flatnonzero(
+                ~(distance[:, index] >= capsule.radius + _REPORTED_CLEARANCE)
+            )  # NaN stays
             if not len(close_poses):
                 continue
-            pieces = standing_parts[index] if may_stand[capsule.limb] else [(capsule.axis, capsule.radius)]
+            pieces = (
+                standing_parts[index]
+                if may_stand[capsule.limb]
+                else [(capsule.axis, capsule.radius)]
+            )
             clearance = np.full(len(close_poses), _UNBOUNDED_CLEARANCE)
             for axis, piece_radius in pieces:
-                piece_clearance = _measure_distances(axis[close_poses], solid, piece_radius + _REPORTED_CLEARANCE) - piece_radius
+                piece_clearance = (
+                    _measure_distances(axis[close_poses], solid, piece_radius + _REPORTED_CLEARANCE)
+                    - piece_radius
+                )
                 clearance = np.minimum(clearance, piece_clearance)
             distance[close_poses, index] = clearance + capsule.radius
         rows.append(distance)
@@ -202,28 +224,36 @@ def judge_capsules(
 
     def describe_place(p: int, number: int, solid: int) -> str:
         capsule = capsules[number]
-        link_name = subject.limb(capsule.limb, capsule.link)
+        link_name = subject.name_limb(capsule.limb, capsule.link)
         return f"{describe_pose(p)}, {link_name} and {names[solid]}"
 
-    used = radius / np.maximum(distances, 1e-9)
+    load_ratio = radius / np.maximum(distances, 1e-9)
     margin = describe_clearance(distances - radius, radius)
-    return judge_worst(name, radius - distances, describe_place, margin, used)
+    return judge_worst(name, radius - distances, describe_place, margin, load_ratio)
 
 
 def describe_clearance(clearance: Array, radius: Array) -> str:
-    """What links keep at least, with their radii, for a margin."""
-    min_clearance, min_radius, max_radius = float(clearance.min()), float(radius.min()), float(radius.max())
+    """Describe the smallest clearance of links with their radii."""
+    min_clearance, min_radius, max_radius = (
+        float(clearance.min()),
+        float(radius.min()),
+        float(radius.max()),
+    )
     text = f"at least {1e3 * min_clearance:.1f} mm clear"
     if not min_clearance >= 0:
         text = f"{-1e3 * min_clearance:.1f} mm too close"
-    span = f"{1e3 * max_radius:.0f} mm" if min_radius == max_radius else f"{1e3 * min_radius:.0f} to {1e3 * max_radius:.0f} mm"
+    span = (
+        f"{1e3 * max_radius:.0f} mm"
+        if min_radius == max_radius
+        else f"{1e3 * min_radius:.0f} to {1e3 * max_radius:.0f} mm"
+    )
     return f"links of radius {span} {text}"
 
 
 def _cut_last_link(capsule: Capsule, foot: float) -> list[tuple[Array, float]]:
-    """Parts of a link beside what its limb stands on: axes (P, 2, 3), and the room that they keep.
+    """Return axes (P, 2, 3) and radii of a link's pieces next to what its limb stands on.
 
-    A last link is cut into pieces, each as thick as at its thinner end.
+    A last link is cut into pieces, each with the radius of its thinner end.
     """
     axis, radius = capsule.axis, capsule.radius
     if not np.isfinite(capsule.to_toe):
@@ -236,7 +266,11 @@ def _cut_last_link(capsule: Capsule, foot: float) -> list[tuple[Array, float]]:
         return []
     first = 0.0 if foot > 0 else _TOE_STRETCH
     full_radius_distance = max((radius - foot) / SLENDER, first)
-    cuts = [*np.linspace(first, full_radius_distance, _NUM_PIECES + 1)] if full_radius_distance > first else [first]
+    cuts = (
+        [*np.linspace(first, full_radius_distance, _NUM_PIECES + 1)]
+        if full_radius_distance > first
+        else [first]
+    )
     cuts = [cut for cut in (*cuts, to_start) if capsule.to_toe < cut <= to_start]
     piece_start = capsule.to_toe if first <= capsule.to_toe else first
     pieces = []
@@ -253,7 +287,7 @@ def _cut_last_link(capsule: Capsule, foot: float) -> list[tuple[Array, float]]:
 
 
 def _measure_face_distances(axes: Array, solid: ConvexBody | Tube) -> Array:
-    """Room (...) that a face of a solid leaves to axes (..., 2, 3): at most their distances."""
+    """Return lower bounds (...) on the distances of axes (..., 2, 3) from a solid, by its faces."""
     if isinstance(solid, Tube):
         # The inside is convex: a segment is as far from the wall as the nearer of its ends
         radial = np.linalg.norm(axes[..., :2] - solid.center, axis=-1)
@@ -262,17 +296,17 @@ def _measure_face_distances(axes: Array, solid: ConvexBody | Tube) -> Array:
 
 
 def _measure_distances(axis: Array, solid: ConvexBody | Tube, sufficient: float) -> Array:
-    """Distances (P,) of an axis (P, 2, 3) from a solid, measured up to `enough` [m]."""
+    """Return distances (P,) of an axis (P, 2, 3) from a solid, exact up to `sufficient` [m]."""
     if isinstance(solid, Tube):
         return _measure_face_distances(axis, solid)
     return measure_chain_distance(axis, solid, sufficient)[..., 0]
 
 
 def _find_standing_limbs(subject: Subject) -> Iterator[BoolArray]:
-    """Yield for every solid and tube (N,) whether limbs may stand on it.
+    """Yield for every solid and tube which limbs (N,) may stand on it.
 
-    They may stand on a solid if they may on a surface that lies on its face: the obstacle is behind
-    all of that, and the material behind another surface in one plane with it.
+    A limb may stand on a solid if it may stand on a surface that lies on the solid's face. The
+    material behind a surface counts if another surface is in the same plane.
     """
     terrain = subject.plan.terrain
     obstacles = len(terrain.obstacles)
@@ -283,7 +317,9 @@ def _find_standing_limbs(subject: Subject) -> Iterator[BoolArray]:
                 normal = compute_polygon_normal(surface.vertices)
                 contact_corners = surface.vertices - surface.standoff * normal
                 distances = solid.face_distances(contact_corners)  # (V, F)
-                face = (np.abs(distances).max(axis=0) < _FACE_TOLERANCE) & (solid.normals @ normal > 0)
+                face = (np.abs(distances).max(axis=0) < _FACE_TOLERANCE) & (
+                    solid.normals @ normal > 0
+                )
                 if face.any() and (solid_index >= obstacles or distances.max() < _FACE_TOLERANCE):
                     may_stand |= terrain.allowed[:, surface_index]
         yield may_stand

@@ -18,7 +18,7 @@ _NUM_BISECTIONS = 60  # halvings of a unit interval: down to rounding
 
 @dataclass(frozen=True)
 class ConvexBody:
-    """The hull of corners as {x : normals x <= offsets} with unit normals."""
+    """The convex hull of corners as {x : normals x <= offsets} with unit normals."""
 
     name: str
     corners: Array  # (V, 3) [m]
@@ -26,7 +26,7 @@ class ConvexBody:
     offsets: Array  # (F,) [m]
 
     def face_distances(self, points: Array) -> Array:
-        """Signed distances (..., F) of points (..., 3) from the planes of all faces."""
+        """Return signed distances (..., F) of points (..., 3) from the planes of all faces."""
         return points @ self.normals.T - self.offsets
 
     def separation_by_faces(self, points: Array) -> Array:
@@ -40,28 +40,30 @@ class ConvexBody:
         bound = np.full((*points.shape[:-2], points.shape[-2] - 1), -np.inf)
         for normal, offset in zip(self.normals, self.offsets, strict=True):
             face_distance = (flat @ normal - offset).reshape(points.shape[:-1])
-            np.maximum(bound, np.minimum(face_distance[..., :-1], face_distance[..., 1:]), out=bound)  # NaN stays
+            np.maximum(
+                bound, np.minimum(face_distance[..., :-1], face_distance[..., 1:]), out=bound
+            )  # NaN stays
         return bound
 
 
 def build_hull(name: str, corners: Array) -> ConvexBody:
-    """The hull of points (V, 3) that span a volume."""
+    """Return the convex hull of points (V, 3) that span a volume."""
     hull = ConvexHull(corners)
     planes = np.unique(hull.equations.round(12), axis=0)
     return ConvexBody(name, corners, planes[:, :3], -planes[:, 3])
 
 
 def compute_polygon_normal(corners: Array) -> Array:
-    """Unit normal (3,) of a polygon (V, 3), towards where its corners run anticlockwise."""
+    """Return the unit normal (3,) of a polygon (V, 3), for which its corners run anticlockwise."""
     spokes = corners[1:] - corners[0]
     normal = np.cross(spokes[:-1], spokes[1:]).sum(axis=0)
     return normal / np.linalg.norm(normal)
 
 
 def build_solids(terrain: Terrain) -> tuple[ConvexBody, ...]:
-    """Obstacles, then the material behind every flat surface but those found in a scan.
+    """Return obstacles, then the material behind every flat surface except those of a scan.
 
-    There the raw triangles are what is solid (`climbplan/climb/check/scan.py`).
+    For a scan the raw triangles are solid (`climbplan/climb/check/scan.py`).
     """
     solids = [build_hull(solid.name, solid.vertices) for solid in terrain.obstacles]
     for surface in terrain.surfaces:
@@ -73,14 +75,16 @@ def build_solids(terrain: Terrain) -> tuple[ConvexBody, ...]:
 
 
 def compute_polygon_edges(corners: Array, normal: Array) -> tuple[Array, Array]:
-    """Unit normals (V, 3) of a polygon's edges, outward in its plane, and their offsets (V,)."""
+    """Return unit normals (V, 3) of a polygon's edges, outward in its plane, and their offsets
+    (V,).
+    """
     outward = np.cross(np.roll(corners, -1, axis=0) - corners, normal)
     outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
     return outward, (outward * corners).sum(axis=1)
 
 
 def _build_slab(name: str, corners: Array) -> ConvexBody:
-    """The material behind a polygon."""
+    """Return the material behind a polygon."""
     normal = compute_polygon_normal(corners)
     sides, offsets = compute_polygon_edges(corners, normal)
     front = float(corners[0] @ normal)
@@ -93,11 +97,11 @@ def _build_slab(name: str, corners: Array) -> ConvexBody:
 
 
 def bound_hull_distance(first: Array, second: Array) -> float:
-    """A lower bound on the distance of the hulls of (V, 3) and (W, 3), exact up to rounding.
+    """Return a lower bound on the distance of the hulls of (V, 3) and (W, 3), exact up to rounding.
 
-    Least-norm point of the hull of all differences, by non-negative least squares (Lawson and
-    Hanson, least-distance programming); the bound is certified by the separating plane it gives.
-    Zero if they meet.
+    The least-norm point of the hull of all differences is found by non-negative least squares
+    (Lawson and Hanson, least-distance programming). The bound is certified by the separating plane
+    of that point. It is zero if the hulls overlap.
     """
     differences = (first[:, None, :] - second[None, :, :]).reshape(-1, 3)
     system = np.vstack([differences.T, np.ones(len(differences))])
@@ -117,18 +121,29 @@ def bound_hull_distance(first: Array, second: Array) -> float:
 def measure_body_clearance(
     com: Array, axes: Array, body: ConvexBody, solid: ConvexBody, sufficient: float
 ) -> Array:
-    """Distances (P,) of a moving body from a solid, or lower bounds that are at least `enough`.
+    """Return distances (P,) of a moving body from a solid, or lower bounds of at least
+    `sufficient`.
 
-    com: (P, 3) origins, axes: (P, 3, 3) body axes as rows. A face of either that separates them
-    by `enough` settles a pose. What is left is measured exactly, unless the body has moved less
-    since the last measured pose than it had room there. Negative where they overlap: the depth
-    along the least deep face.
+    A face of either body that separates them by `sufficient` decides a pose. Other poses are
+    measured exactly, unless the body has moved less since the last measured pose than its clearance
+    there. Negative values are depths along the face of least depth.
+
+    Args:
+        com: (P, 3) body origins [m].
+        axes: (P, 3, 3) body axes as rows.
+        body: The body, in its frame.
+        solid: The solid.
+        sufficient: Distance [m] above which a bound is enough.
     """
     hulls = transform_to_world(com, axes, body.corners)  # (P, V, 3)
     clearance: Array = solid.face_distances(hulls).min(axis=1).max(axis=-1)
     undecided = np.flatnonzero(~(clearance >= sufficient))
-    corners_in_body = np.einsum("pij,pvj->pvi", axes[undecided], solid.corners - com[undecided, None, :])
-    clearance[undecided] = np.maximum(clearance[undecided], body.face_distances(corners_in_body).min(axis=1).max(axis=-1))
+    corners_in_body = np.einsum(
+        "pij,pvj->pvi", axes[undecided], solid.corners - com[undecided, None, :]
+    )
+    clearance[undecided] = np.maximum(
+        clearance[undecided], body.face_distances(corners_in_body).min(axis=1).max(axis=-1)
+    )
     last_hull, last_clearance = hulls[:1], -np.inf
     for p in undecided[clearance[undecided] < sufficient]:  # NaN stays
         displacement = np.sqrt(((hulls[p] - last_hull) ** 2).sum(axis=-1)).max()
@@ -143,11 +158,11 @@ def measure_body_clearance(
 
 
 def measure_chain_separation(points: Array, solid: ConvexBody, sufficient: float) -> Array:
-    """Least distances (..., P-1) of the pieces of polylines from a solid along its faces.
+    """Return the smallest face distances (..., P-1) of the pieces of polylines from a solid.
 
-    points: (..., P, 3). The value is min over a piece of the largest face distance, or a lower
-    bound on it that is at least `enough`. A piece meets the solid where the value is below zero,
-    and is then as deep.
+    points: (..., P, 3). The value is the minimum over a piece of the largest face distance, or a
+    lower bound on it of at least `sufficient`. A piece enters the solid where the value is
+    negative, and is then as deep.
     """
     first, last = points[..., :-1, :], points[..., 1:, :]
     separation = solid.separation_by_faces(points)
@@ -159,7 +174,7 @@ def measure_chain_separation(points: Array, solid: ConvexBody, sufficient: float
 
 
 def _minimise_maximum(first: Array, last: Array) -> Array:
-    """min over t in [0, 1] of max_f (1 - t) first + t last, for rows (S, F)."""
+    """Return min_t max_f (1 - t) first + t last over t in [0, 1], for rows (S, F), by bisection."""
     slope = last - first
     low, high = np.zeros(len(first)), np.ones(len(first))
     rows = np.arange(len(first))

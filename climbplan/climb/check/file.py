@@ -1,4 +1,4 @@
-"""What must be sound before anything can be computed: text, numbers, robot and terrain."""
+"""Checks of the data that all others rely on: text, numbers, robot and terrain."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MIN_AREA = 1e-8  # [m^2]
 
 
 def check_spec_hash(plan: ClimbPlan) -> Check:
-    """The spec's text is the one the plan was made for."""
+    """Check that the spec's text is the one the plan was made for."""
     digest = hashlib.sha256(plan.spec_text.encode()).hexdigest()
     differs = digest != plan.spec_sha256
     place = f"stored {plan.spec_sha256[:12]}..., text {digest[:12]}..." if differs else ""
@@ -32,7 +32,7 @@ def check_spec_hash(plan: ClimbPlan) -> Check:
 
 
 def check_finite(not_finite: Sequence[str]) -> Check:
-    """No NaN, and infinity only as a safety factor."""
+    """Check that there is no NaN, and infinity only as a safety factor."""
     return faults_check("file.finite", not_finite)
 
 
@@ -40,12 +40,12 @@ _MAX_DISTANCE = 10 * LENGTH.high  # [m] of a part of a robot from its body
 
 
 def check_robot(robot: Robot) -> Check:
-    """Lengths, masses, torques and stiffnesses that a robot can have."""
+    """Check lengths, masses, torques and stiffnesses against plausible ranges."""
     return faults_check("robot.data", list(_find_robot_faults(robot)))
 
 
 def check_terrain(terrain: Terrain, robot: Robot) -> Check:
-    """Surfaces and solids that are what their corners say, and as far off as the robot's feet."""
+    """Check that surfaces and solids agree with their corners and with the standoff of the feet."""
     faults = list(_find_terrain_faults(terrain))
     if robot.gripper is None:
         radius = 0.0 if robot.foot is None else robot.foot.radius
@@ -58,7 +58,7 @@ def check_terrain(terrain: Terrain, robot: Robot) -> Check:
 
 
 def check_limits(limits: StepLimits) -> Check:
-    """Bounds that can be kept at all."""
+    """Check that the stored bounds can be satisfied at all."""
     faults = [
         f"{name} {value:g} is not above zero"
         for name, value in (
@@ -87,6 +87,7 @@ def check_limits(limits: StepLimits) -> Check:
 
 def _find_robot_faults(robot: Robot) -> Iterator[str]:
     # Joints of a chain may lie on one another.
+    """Yield the faults of a robot's data."""
     lengths = {} if robot.mechanism is not None else {"link_lengths": (robot.link_lengths, LENGTH)}
     ranges = lengths | {
         "max_torque": (robot.max_torque, TORQUE),
@@ -112,8 +113,10 @@ def _find_robot_faults(robot: Robot) -> Iterator[str]:
         yield "limb names are not unique"
     if not _has_volume(robot.body_hull):
         yield "body_hull spans no volume"
-    extents = [np.abs(part).max(initial=0.0) for part in robot.body_parts]
-    if not all(extent <= _MAX_DISTANCE for extent in extents) or not all(map(_has_volume, robot.body_parts)):
+    extents = [np.abs(body_part).max(initial=0.0) for body_part in robot.body_parts]
+    if not all(extent <= _MAX_DISTANCE for extent in extents) or not all(
+        map(_has_volume, robot.body_parts)
+    ):
         yield "body_parts: expected bodies near the robot that span a volume"
     radii = [robot.limb_radius] if robot.capsules is None else robot.capsules.radius.ravel()
     if not all(THICKNESS.holds(float(radius)) for radius in radii):
@@ -127,7 +130,7 @@ def _find_robot_faults(robot: Robot) -> Iterator[str]:
 
 
 def _find_foot_faults(robot: Robot, foot: Foot) -> Iterator[str]:
-    """Sizes of feet, and axes of soles that are not square."""
+    """Yield sizes of feet out of range, and axes of soles that are not orthonormal."""
     if foot.sole is None:
         if not LENGTH.holds(foot.radius):
             yield f"foot: radius {foot.radius:g} m is not {LENGTH.expected}"
@@ -144,7 +147,7 @@ def _find_foot_faults(robot: Robot, foot: Foot) -> Iterator[str]:
 
 
 def _find_chain_faults(robot: Robot, chain: SerialChain) -> Iterator[str]:
-    """What the file says twice of its chains."""
+    """Yield contradictions between the robot's data and its chains."""
     ends = np.concatenate([chain.joint_zero, chain.toe_zero[:, None]], axis=1)
     lengths = np.linalg.norm(np.diff(ends, axis=1), axis=-1)
     for name, stored, chain_value in (
@@ -157,6 +160,7 @@ def _find_chain_faults(robot: Robot, chain: SerialChain) -> Iterator[str]:
 
 
 def _find_terrain_faults(terrain: Terrain) -> Iterator[str]:
+    """Yield the faults of surfaces, obstacles and free regions."""
     for surface in terrain.surfaces:
         if not surface.friction > 0:
             yield f"friction {surface.friction:g} of {surface.name!r} is not above zero"
@@ -175,7 +179,8 @@ def _find_terrain_faults(terrain: Terrain) -> Iterator[str]:
         built = np.column_stack([hull.normals, hull.offsets])
         distance = np.abs(stored[:, None] - built[None, :]).max(axis=-1)  # (stored, built)
         if not (
-            distance.size and max(distance.min(axis=0).max(), distance.min(axis=1).max()) <= _PLANE_TOLERANCE
+            distance.size
+            and max(distance.min(axis=0).max(), distance.min(axis=1).max()) <= _PLANE_TOLERANCE
         ):
             yield f"half-spaces of obstacle {solid.name!r} are not those of its corners"
     for choice in terrain.free_choices:
@@ -185,6 +190,7 @@ def _find_terrain_faults(terrain: Terrain) -> Iterator[str]:
 
 
 def _find_region_faults(region: Region) -> Iterator[str]:
+    """Yield the faults of a flat region: area, flatness, convexity, planes."""
     corners = region.vertices
     sides = np.roll(corners, -1, axis=0) - corners
     area = np.linalg.norm(np.cross(corners - corners[0], sides).sum(axis=0)) / 2
@@ -210,6 +216,7 @@ def _find_region_faults(region: Region) -> Iterator[str]:
 
 
 def _has_volume(points: Array) -> bool:
+    """Return whether points span a volume."""
     if len(points) < 4:
         return False
     try:

@@ -1,4 +1,4 @@
-"""Grips on the way between the instants: what their shear uses, gripping force and wrists."""
+"""Checks of grips between the instants: shear, gripping force and wrists."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SHEAR_TOLERANCE = 1e-6  # of the weight
 
 
 def compute_wrist_moment(subject: Subject, normal: Array) -> Array | None:
-    """(T, N, 3) moment about the wrists' centres [N m]; None without grippers."""
+    """Return the moment (T, N, 3) about the wrists' centres [N m]; None without grippers."""
     plan = subject.plan
     if plan.robot.gripper is None or plan.grips is None:
         return None
@@ -39,9 +39,15 @@ def check_grips_in_motion(
     standing: BoolArray,
     describe_place: Callable[..., str],
 ) -> Iterator[Check]:
-    """Checks of T samples: force (T, N, 3) as the joints press, limbs as they stand.
+    """Yield the checks of grips at T samples.
 
-    instant: (T,) whose surfaces the toes are on; standing: (T, N); at: words for sample and limb.
+    Args:
+        subject: The plan under verification.
+        force: (T, N, 3) contact forces under the joint commands [N].
+        limbs: The limbs as they stand.
+        instant: (T,) instants whose surfaces the toes are on.
+        standing: (T, N) bool, limb is in contact.
+        describe_place: Describes sample and limb.
     """
     plan = subject.plan
     gripper, grips = plan.robot.gripper, plan.grips
@@ -50,17 +56,25 @@ def check_grips_in_motion(
     holds = build_holds(plan)
     region, normal = plan.instants.region[instant], plan.instants.normal[instant]
     bounds = bound_spine_forces(grips.model, grips.risk, holds)
-    part_forces = compute_part_forces(force, grips.trajectory, normal, region, holds, bounds, gripper.finger_span)
+    part_forces = compute_part_forces(
+        force, grips.trajectory, normal, region, holds, bounds, gripper.finger_span
+    )
     is_standing = standing[..., None]
-    excess = np.where(is_standing, np.maximum(part_forces.shear - part_forces.held, -part_forces.pressure), -np.inf)
+    excess = np.where(
+        is_standing,
+        np.maximum(part_forces.shear - part_forces.max_shear, -part_forces.pressure),
+        -np.inf,
+    )
     is_sheared = is_standing & (part_forces.shear > _SHEAR_TOLERANCE * subject.weight)
-    shear_ratio = np.where(is_sheared, part_forces.share(), 0.0)
+    shear_ratio = np.where(is_sheared, part_forces.compute_shear_ratio(), 0.0)
 
     def describe_part(sample: int, limb: int, index: int) -> str:
         return f"{describe_place(sample, limb)} {PART_NAMES[index]}"
 
     margin = f"S_mu {1 / shear_ratio.max():.2f}" if shear_ratio.any() else "no shear"
-    yield judge_worst("trajectory.grip", excess / subject.weight, describe_part, margin, used=shear_ratio)
+    yield judge_worst(
+        "trajectory.grip", excess / subject.weight, describe_part, margin, used=shear_ratio
+    )
     force_error = np.linalg.norm(force - grips.trajectory_force, axis=-1) / subject.weight
     yield judge_worst("trajectory.contact_force", force_error, describe_place)
     grip_force = grips.trajectory.grip
@@ -76,26 +90,32 @@ def check_grips_in_motion(
     def describe_joint(sample: int, limb: int, index: int) -> str:
         return f"{describe_place(sample, limb)} {WRIST_JOINTS[index]}"
 
-    link = limbs.last_link()
+    link = limbs.compute_link_frame()
     angles = _solve_wrist_angles(link, -normal, holds.axis[region])
     bound_violation = np.maximum(gripper.wrist_lower - angles, angles - gripper.wrist_upper)
     bound_violation = np.where(is_standing, bound_violation, -np.inf)
     half_range = (gripper.wrist_upper - gripper.wrist_lower) / 2
     margin = f"{np.rad2deg(-bound_violation.max()):.1f} deg"
     bound_ratio = np.where(is_standing, 1 + bound_violation / half_range, 0.0)
-    yield judge_worst("trajectory.wrist_bounds", bound_violation, describe_joint, margin, used=bound_ratio)
+    yield judge_worst(
+        "trajectory.wrist_bounds", bound_violation, describe_joint, margin, used=bound_ratio
+    )
     moment = compute_wrist_moment(subject, normal)
     assert moment is not None
     torque = np.einsum("tnji,tni->tnj", compute_wrist_axes(link, angles), moment)
     torque_ratio = np.where(is_standing, np.abs(torque) / gripper.wrist_max_torque, 0.0)
     max_torque = np.where(is_standing, np.abs(torque), 0.0).max()
     yield judge_worst(
-        "trajectory.wrist_torque", torque_ratio - 1.0, describe_joint, f"at most {max_torque:.2f} N m", used=torque_ratio
+        "trajectory.wrist_torque",
+        torque_ratio - 1.0,
+        describe_joint,
+        f"at most {max_torque:.2f} N m",
+        used=torque_ratio,
     )
 
 
 def _solve_wrist_angles(link: Array, approach: Array, axis: Array) -> Array:
-    """(..., 3) wrist angles that hold a gripper square, by the parts of its directions."""
+    """Return wrist angles (..., 3) that hold a gripper square on its hold."""
     x, y, z = link[..., 0, :], link[..., 1, :], link[..., 2, :]
     sine = (approach * y).sum(axis=-1)
     first = np.arctan2(-(approach * z).sum(axis=-1), (approach * x).sum(axis=-1))

@@ -1,4 +1,4 @@
-"""Grips at the instants and on the way: cones, gripping force, moments, wrists, pull-out."""
+"""Checks of grips: cones, gripping force, moments, wrists, pull-out."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _REPORTED_CLEARANCE = 0.02  # [m] room up to which it is measured
 
 
 def check_gripper_clearance(subject: Subject, gripper: Gripper, holds: Holds) -> Check:
-    """Room between grippers at every instant, of every two limbs that hold on [m].
+    """Check the clearance between grippers of every two standing limbs at every instant.
 
-    Each gripper is a T, as thick as a limb: from the wrist to the grip's centre, and from finger
-    to finger.
+    Each gripper is a T with the thickness of a limb: from the wrist to the grip's centre, and from
+    finger to finger.
     """
     plan = subject.plan
     instants, names = plan.instants, plan.robot.limb_names
@@ -50,16 +50,30 @@ def check_gripper_clearance(subject: Subject, gripper: Gripper, holds: Holds) ->
     for column, (first, second) in enumerate(pairs):
         both_standing = np.flatnonzero(instants.contact[:, first] & instants.contact[:, second])
         for a, b in itertools.product(bars, bars):
-            bar_clearance = measure_segment_distances(a[both_standing, first], b[both_standing, second], thickness + _REPORTED_CLEARANCE) - thickness
-            clearance[both_standing, column] = np.minimum(clearance[both_standing, column], bar_clearance)
+            bar_clearance = (
+                measure_segment_distances(
+                    a[both_standing, first],
+                    b[both_standing, second],
+                    thickness + _REPORTED_CLEARANCE,
+                )
+                - thickness
+            )
+            clearance[both_standing, column] = np.minimum(
+                clearance[both_standing, column], bar_clearance
+            )
 
     def describe_place(k: int, column: int) -> str:
         one, other = pairs[column]
-        return f"{subject.at(k)}, {names[one]} and {names[other]}"
+        return f"{subject.describe_instant(k)}, {names[one]} and {names[other]}"
 
     min_clearance = float(clearance.min())
     qualifier = "at least " if min_clearance >= _REPORTED_CLEARANCE else ""
-    return judge_worst("grip.apart", -clearance, describe_place, f"{qualifier}{1e3 * min_clearance:.1f} mm between grippers")
+    return judge_worst(
+        "grip.apart",
+        -clearance,
+        describe_place,
+        f"{qualifier}{1e3 * min_clearance:.1f} mm between grippers",
+    )
 
 
 _SHEAR_TOLERANCE = 1e-6  # of the weight: less is rounding of forces that are zero
@@ -68,7 +82,7 @@ _MAX_PULL = 1e6  # [N] a pull that counts as any
 
 
 def check_gripper_data(plan: ClimbPlan) -> Check:
-    """Grippers, holds and the model of spines that can be; passes where there are none."""
+    """Check the data of grippers, holds and spine model; passes without grippers."""
     faults: list[str] = []
     gripper, grips = plan.robot.gripper, plan.grips
     for surface in plan.terrain.surfaces:
@@ -89,7 +103,9 @@ def check_gripper_data(plan: ClimbPlan) -> Check:
             "model length": grips.model.length,
             "model scale": grips.model.scale.min(),
         }
-        faults += [f"{name} is not above zero" for name, value in positive_values.items() if not value > 0]
+        faults += [
+            f"{name} is not above zero" for name, value in positive_values.items() if not value > 0
+        ]
         if not gripper.max_force >= 0:
             faults.append("max_force is negative")
         if not 0 < grips.risk < 1:
@@ -105,7 +121,7 @@ def check_gripper_data(plan: ClimbPlan) -> Check:
 
 
 def check_grips(subject: Subject) -> Iterator[Check]:
-    """All checks of a plan with grippers."""
+    """Yield all checks of a plan with grippers."""
     plan = subject.plan
     gripper, grips = plan.robot.gripper, plan.grips
     if gripper is None or grips is None:
@@ -114,7 +130,9 @@ def check_grips(subject: Subject) -> Iterator[Check]:
     bounds = bound_spine_forces(grips.model, grips.risk, holds)
     spine_error = np.abs(bounds - grips.spines)
     yield judge_worst("grip.spines", spine_error, lambda r: f"on {plan.terrain.surfaces[r].name!r}")
-    part_forces = _compute_part_forces(subject, gripper, grips, holds, bounds, np.zeros(plan.instants.contact.shape))
+    part_forces = _compute_part_forces(
+        subject, gripper, grips, holds, bounds, np.zeros(plan.instants.contact.shape)
+    )
     yield from _check_cones(subject, part_forces)
     yield from _check_gripping_force(subject, gripper, grips, part_forces)
     yield from _check_wrists(subject, gripper, grips, holds)
@@ -124,24 +142,29 @@ def check_grips(subject: Subject) -> Iterator[Check]:
 
 
 def _check_cones(subject: Subject, part_forces: GripForcesByPart) -> Iterator[Check]:
-    """Palm and fingers press, and shear no more than friction and spines hold over S_mu."""
+    """Check that palm and fingers press, with shear within friction and spines over S_mu."""
     contact = subject.plan.instants.contact[..., None]
 
-    def describe_place(k: int, limb: int, part: int) -> str:
-        return f"{subject.at(k)}, {subject.limb(limb)} {PART_NAMES[part]}"
+    def describe_place(k: int, limb: int, part_index: int) -> str:
+        return f"{subject.describe_instant(k)}, {subject.name_limb(limb)} {PART_NAMES[part_index]}"
 
     pull = np.where(contact, -part_forces.pressure, -np.inf) / subject.weight
     yield judge_worst("grip.press", pull, describe_place)
     required = subject.plan.limits.safety_friction
     is_sheared = contact & (part_forces.shear > _SHEAR_TOLERANCE * subject.weight)
-    excess = np.where(contact, part_forces.shear - part_forces.held / required, -np.inf) / subject.weight
-    shear_ratio = np.where(is_sheared, part_forces.share(), 0.0)
+    excess = (
+        np.where(contact, part_forces.shear - part_forces.max_shear / required, -np.inf)
+        / subject.weight
+    )
+    shear_ratio = np.where(is_sheared, part_forces.compute_shear_ratio(), 0.0)
     margin = f"S_mu {1 / shear_ratio.max():.2f}" if shear_ratio.any() else "no shear"
     yield judge_worst("grip.shear", excess, describe_place, margin, used=shear_ratio * required)
 
 
-def _check_gripping_force(subject: Subject, gripper: Gripper, grips: GripPlan, part_forces: GripForcesByPart) -> Iterator[Check]:
-    """Gripping force within its limit over S_tau; no moment that fingers cannot carry."""
+def _check_gripping_force(
+    subject: Subject, gripper: Gripper, grips: GripPlan, part_forces: GripForcesByPart
+) -> Iterator[Check]:
+    """Check gripping force against its limit over S_tau, and moments that fingers cannot carry."""
     plan = subject.plan
     force, contact = grips.instants.grip, plan.instants.contact
     limit = gripper.max_force / plan.limits.safety_torque
@@ -149,7 +172,7 @@ def _check_gripping_force(subject: Subject, gripper: Gripper, grips: GripPlan, p
     yield judge_worst(
         "grip.force",
         excess,
-        subject.at,
+        subject.describe_instant,
         margin=f"at most {force.max():.1f} of {gripper.max_force:.4g} N",
         used=force / limit if limit > 0 else np.zeros_like(force),
     )
@@ -159,16 +182,18 @@ def _check_gripping_force(subject: Subject, gripper: Gripper, grips: GripPlan, p
     moment_norm = np.linalg.norm(grips.instants.moment, axis=-1)
     yield judge_worst(
         "grip.moment",
-        np.maximum(part_forces.stray, residual_grip),
-        subject.at,
+        np.maximum(part_forces.axial_moment, residual_grip),
+        subject.describe_instant,
         margin=f"moments up to {moment_norm.max():.2f} N m",
     )
 
 
-def _check_wrists(subject: Subject, gripper: Gripper, grips: GripPlan, holds: Holds) -> Iterator[Check]:
-    """Wrists hold the grippers square on their holds, within bounds and torques."""
+def _check_wrists(
+    subject: Subject, gripper: Gripper, grips: GripPlan, holds: Holds
+) -> Iterator[Check]:
+    """Check that wrists hold the grippers square on their holds, within bounds and torques."""
     plan = subject.plan
-    link = subject.limbs.last_link()
+    link = subject.limbs.compute_link_frame()
     frames = compute_gripper_frames(gripper, link, grips.wrist_angles)
     normal, axis = plan.instants.normal, holds.axis[plan.instants.region]
     approach_error = np.linalg.norm(frames[..., 0, :] + normal, axis=-1)
@@ -177,16 +202,24 @@ def _check_wrists(subject: Subject, gripper: Gripper, grips: GripPlan, holds: Ho
     closing_error = np.minimum(
         np.linalg.norm(closing - axis, axis=-1), np.linalg.norm(closing + axis, axis=-1)
     )
-    yield judge_worst("wrist.square", np.maximum(approach_error, closing_error), subject.at)
+    yield judge_worst(
+        "wrist.square", np.maximum(approach_error, closing_error), subject.describe_instant
+    )
 
     def describe_place(k: int, limb: int, joint: int) -> str:
-        return f"{subject.at(k)}, {subject.limb(limb)} {WRIST_JOINTS[joint]}"
+        return f"{subject.describe_instant(k)}, {subject.name_limb(limb)} {WRIST_JOINTS[joint]}"
 
     angles = grips.wrist_angles
     bound_violation = np.maximum(gripper.wrist_lower - angles, angles - gripper.wrist_upper)
     half_range = (gripper.wrist_upper - gripper.wrist_lower) / 2
     margin = f"{np.rad2deg(-bound_violation.max()):.1f} deg"
-    yield judge_worst("wrist.bounds", bound_violation, describe_place, margin, used=1 + bound_violation / half_range)
+    yield judge_worst(
+        "wrist.bounds",
+        bound_violation,
+        describe_place,
+        margin,
+        used=1 + bound_violation / half_range,
+    )
 
     torque = np.einsum("knji,kni->knj", compute_wrist_axes(link, angles), subject.wrist_moment)
     torque = np.where(plan.instants.contact[..., None], torque, 0.0)
@@ -205,7 +238,7 @@ def _check_wrists(subject: Subject, gripper: Gripper, grips: GripPlan, holds: Ho
 def _compute_part_forces(
     subject: Subject, gripper: Gripper, grips: GripPlan, holds: Holds, bounds: Array, pull: Array
 ) -> GripForcesByPart:
-    """What palms and fingers do at the instants, pulled off their surfaces by (K, N) more [N]."""
+    """Return forces on palms and fingers at the instants, with an additional pull (K, N) [N]."""
     plan, instants = subject.plan, subject.plan.instants
     return compute_part_forces(
         plan.forces.force - pull[..., None] * instants.normal,
@@ -219,17 +252,19 @@ def _compute_part_forces(
 
 
 def compute_friction_reserve(subject: Subject, gripper: Gripper, grips: GripPlan) -> Array:
-    """(K, N) share of its friction and spines that the worst part of a grip may lack."""
+    """Return the fraction (K, N) of friction and spines that the worst part of a grip may lose."""
     holds = build_holds(subject.plan)
     contact = subject.plan.instants.contact
     bounds = bound_spine_forces(grips.model, grips.risk, holds)
-    part_forces = _compute_part_forces(subject, gripper, grips, holds, bounds, np.zeros(contact.shape))
+    part_forces = _compute_part_forces(
+        subject, gripper, grips, holds, bounds, np.zeros(contact.shape)
+    )
     is_sheared = contact[..., None] & (part_forces.shear > _SHEAR_TOLERANCE * subject.weight)
-    return np.asarray(1 - np.where(is_sheared, part_forces.share(), 0.0).max(axis=-1))
+    return np.asarray(1 - np.where(is_sheared, part_forces.compute_shear_ratio(), 0.0).max(axis=-1))
 
 
 def find_max_pull(subject: Subject, gripper: Gripper, grips: GripPlan) -> Array:
-    """(K, N) further pull that grips hold [N], found by halving intervals; 0 of lifted limbs."""
+    """Return the additional pull (K, N) that grips hold [N], by bisection; 0 for lifted limbs."""
     contact = subject.plan.instants.contact
     holds = build_holds(subject.plan)
     bounds = bound_spine_forces(grips.model, grips.risk, holds)
@@ -237,7 +272,9 @@ def find_max_pull(subject: Subject, gripper: Gripper, grips: GripPlan) -> Array:
     def is_held(pull: Array) -> Array:
         part_forces = _compute_part_forces(subject, gripper, grips, holds, bounds, pull)
         slack = 1e-9 * subject.weight
-        is_inside = (part_forces.shear <= part_forces.held + slack) & (part_forces.pressure >= -slack)
+        is_inside = (part_forces.shear <= part_forces.max_shear + slack) & (
+            part_forces.pressure >= -slack
+        )
         return np.asarray(is_inside[..., 1:].all(axis=-1))
 
     low = np.zeros(contact.shape)
@@ -252,24 +289,34 @@ def find_max_pull(subject: Subject, gripper: Gripper, grips: GripPlan) -> Array:
 
 
 def _check_pull_out(subject: Subject, grips: GripPlan, max_pull: Array) -> Check:
-    """The stored further pull that a grip holds (K, N) is what it does hold."""
+    """Check the stored pull-out margin against the pull (K, N) that grips hold."""
     stored = grips.pull_margin
     both_infinite = np.isinf(max_pull) & np.isinf(stored)
-    error = np.abs(np.where(both_infinite, 0.0, max_pull) - np.where(both_infinite, 0.0, stored)) / subject.weight
+    error = (
+        np.abs(np.where(both_infinite, 0.0, max_pull) - np.where(both_infinite, 0.0, stored))
+        / subject.weight
+    )
     min_pull = np.where(subject.plan.instants.contact, max_pull, np.inf).min()
     return judge_worst(
-        "grip.pull_out", error, subject.at, margin=f"least further pull held {min_pull:.1f} N"
+        "grip.pull_out",
+        error,
+        subject.describe_instant,
+        margin=f"least further pull held {min_pull:.1f} N",
     )
 
 
 def _check_stored_factors(
-    subject: Subject, gripper: Gripper, grips: GripPlan, part_forces: GripForcesByPart, spines: Array
+    subject: Subject,
+    gripper: Gripper,
+    grips: GripPlan,
+    part_forces: GripForcesByPart,
+    spines: Array,
 ) -> Check:
-    """Stored safety factors are those of the stored grips."""
+    """Check that stored safety factors are those of the stored grips."""
     plan = subject.plan
     forces, contact = plan.forces, plan.instants.contact[..., None]
     is_sheared: BoolArray = contact & (part_forces.shear > _SHEAR_TOLERANCE * subject.weight)
-    friction = np.where(is_sheared, part_forces.share(), 0.0).max(axis=(1, 2))
+    friction = np.where(is_sheared, part_forces.compute_shear_ratio(), 0.0).max(axis=(1, 2))
     load_ratios = [
         (np.abs(subject.torques + subject.link_torques) / plan.robot.max_torque).max(axis=(1, 2)),
         (np.abs(grips.wrist_torque) / gripper.wrist_max_torque).max(axis=(1, 2)),
@@ -281,16 +328,22 @@ def _check_stored_factors(
         [
             np.abs(1 / forces.safety_torque - max_ratio),
             np.abs(1 / forces.safety_friction - friction),
-            np.abs(forces.mu_critical - _compute_critical_mu(part_forces, spines, is_sheared)).max(axis=1),
+            np.abs(forces.mu_critical - _compute_critical_mu(part_forces, spines, is_sheared)).max(
+                axis=1
+            ),
         ],
         axis=1,
     )
     names = ("safety_torque", "safety_friction", "mu_critical")
-    return judge_worst("safety.stored", error, lambda k, row: f"{subject.at(k)}, {names[row]}")
+    return judge_worst(
+        "safety.stored", error, lambda k, row: f"{subject.describe_instant(k)}, {names[row]}"
+    )
 
 
-def _compute_critical_mu(part_forces: GripForcesByPart, spines: Array, is_sheared: BoolArray) -> Array:
-    """(K, N) friction coefficient at which a part slips, its spines holding as counted on."""
+def _compute_critical_mu(
+    part_forces: GripForcesByPart, spines: Array, is_sheared: BoolArray
+) -> Array:
+    """Return the friction coefficient (K, N) at which a part slips, with spines at their bound."""
     spine_parts = np.stack([0 * spines, spines / 2, spines / 2], axis=-1)
     shear_excess = np.maximum(part_forces.shear - spine_parts, 0.0)
     ratio = np.where(shear_excess > 0, np.inf, 0.0)

@@ -1,7 +1,7 @@
-"""What the joint commands of a motion press with, sample by sample.
+"""Contact forces under the joint commands of a motion, sample by sample.
 
-Joints are springs about their commands. Where the forces of limbs that reach for their footholds
-balance the load, the body is where the motion has it; what is left over moves it, by eq. (4.17).
+Joints are springs about their commands. Where the forces of limbs that reach their footholds
+balance the load, the body is on its path. A residual wrench deflects it, by eq. (4.17).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from climbplan.robots.model import Robot
 
 @dataclass(frozen=True)
 class MotionForces:
-    """T samples, N limbs."""
+    """Deflections, forces and torques of T samples and N limbs."""
 
     deflection: Array  # (T, 6) of the body from its path, linear [m, rad]
     force: Array  # (T, N, 3) there, zero in the air [N]
@@ -44,10 +44,20 @@ def compute_motion_forces(
     arm: Array | None = None,
     is_flat: bool = False,
 ) -> MotionForces:
-    """Forces for bodies at com (T, 3), axes (T, 3, 3) with limbs commanded to command (T, N, J).
+    """Return the forces of bodies on their path, with limbs under given commands.
 
-    moment: (T, N, 3) that wrists bring, at the toes [N m]; arm: (T, N, 3) from toes to where feet
-    of finite size touch [m]; flat: whether these are flat, and held as a whole.
+    Args:
+        robot: The robot.
+        com: (T, 3) body origins [m].
+        axes: (T, 3, 3) body axes as rows.
+        standing: Limbs that reach their footholds.
+        command: (T, N, J) commanded joint angles [rad].
+        contact: (T, N) bool, limb is in contact.
+        load: (T, 6) force and moment on the body [N, N m].
+        moment: (T, N, 3) moments of wrists about the toes [N m]; None without grippers.
+        arm: (T, N, 3) from toes to the contact points of feet of finite size [m]; None for point
+            feet.
+        is_flat: Whether feet are flat, so that the terrain holds their orientation too.
     """
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
     is_touching = contact[..., None]
@@ -59,10 +69,14 @@ def compute_motion_forces(
     jacobian = build_foot_jacobian(limbs, is_flat)
     wrist_torque = np.zeros_like(torque)  # part of the torques that moments take
     if moment is not None:
-        wrist_torque = np.where(is_touching, (limbs.turning() @ moment[..., None])[..., 0], 0.0)
+        wrist_torque = np.where(
+            is_touching, (limbs.compute_angular_jacobian() @ moment[..., None])[..., 0], 0.0
+        )
         load = load + np.concatenate([0 * load[:, :3], moment.sum(axis=1)], axis=1)
     motion = build_foot_motion(toes - com[:, None, :], is_flat)
-    joint_motion = solve_joint_motion(jacobian, motion, spring) * is_touching[..., None]  # joints turn by -bend dx
+    joint_motion = (
+        solve_joint_motion(jacobian, motion, spring) * is_touching[..., None]
+    )  # joints turn by -bend dx
     torque_flat = (torque - wrist_torque).reshape(len(com), -1)
     bend_flat = joint_motion.reshape(len(com), -1, 6)
     stiff_motion = joint_motion * spring[..., None]

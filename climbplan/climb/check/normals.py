@@ -1,4 +1,4 @@
-"""Normals of surfaces, from what the plan file says of their corners."""
+"""Normals of surfaces, from the corners in the plan file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from climbplan.terrain.surfaces import Region, Surface, Tube
 
 
 def compute_normals(surface: Surface, points: Array) -> Array:
-    """Unit normals into free space at points (P, 3) on or above a surface."""
+    """Return unit normals into free space at points (P, 3) on or above a surface."""
     if isinstance(surface, Region):
         return np.broadcast_to(compute_polygon_normal(surface.vertices), points.shape)
     if isinstance(surface, Tube):

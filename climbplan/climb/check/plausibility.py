@@ -1,6 +1,6 @@
-"""What no climbing robot has: data and deflections far from anything built.
+"""Warnings of implausible data: values and deflections far from any climbing robot.
 
-`verification/plausibility.py` says why they are warned of.
+`verification/plausibility.py` gives the reasons for these warnings.
 """
 
 from __future__ import annotations
@@ -39,13 +39,20 @@ MAX_SPEED = 60.0  # [rad/s] some 570 turns a minute, behind a gear that carries 
 
 
 def find_implausible_values(plan: ClimbPlan) -> tuple[str, ...]:
-    """Warnings about robot, terrain, forces and commands of a climb or transition."""
+    """Return warnings about robot, terrain, forces and commands of a climb or transition."""
     robot = plan.robot
     links = find_massless_links(plan.robot_texts.urdf)
-    return (*_warn_of_robot(robot), *links, *_warn_of_terrain(plan), *_warn_of_loads(plan), *_warn_of_deflections(plan))
+    return (
+        *_warn_of_robot(robot),
+        *links,
+        *_warn_of_terrain(plan),
+        *_warn_of_loads(plan),
+        *_warn_of_deflections(plan),
+    )
 
 
 def _warn_of_robot(robot: Robot) -> Iterator[str]:
+    """Yield warnings of implausible robot data."""
     yield from implausible_gravity(robot.gravity)
     has_joint = robot.has_joint
     length = np.where(has_joint, robot.longest_links, 0.0).sum(axis=1)
@@ -54,29 +61,41 @@ def _warn_of_robot(robot: Robot) -> Iterator[str]:
     holding_torque = robot.weight * np.where(robot.slides, 1.0, arm)
     torque = np.where(has_joint, robot.max_torque, 0.0)
     torque_ratio = np.where(holding_torque > 0, torque / np.maximum(holding_torque, 1e-300), 0.0)
-    limb, joint = (int(i) for i in np.unravel_index(int(np.argmax(torque_ratio)), torque_ratio.shape))
+    limb, joint = (
+        int(i) for i in np.unravel_index(int(np.argmax(torque_ratio)), torque_ratio.shape)
+    )
     if torque_ratio[limb, joint] > MAX_TORQUE_RATIO:
         unit = torque_unit(robot, limb, joint)
         yield (
             f"{'force' if robot.slides[limb, joint] else 'torque'} limit {torque[limb, joint]:g} "
-            f"{unit} at {_name_joint(robot, limb, joint)}: {torque_ratio[limb, joint]:.0f} times what holds the "
-            f"whole robot ({robot.mass:g} kg) at the end of the limb"
+            f"{unit} at {_name_joint(robot, limb, joint)}: "
+            f"{torque_ratio[limb, joint]:.0f} times what holds the whole "
+            f"robot ({robot.mass:g} kg) at the end of the limb"
         )
     stiffness = np.where(has_joint, robot.joint_stiffness, np.nan)
     if robot.weight * arm > 0:
         deflection = holding_torque / robot.limb_count / stiffness
         relative_deflection = deflection / robot.joint_unit
-        limb, joint = (int(i) for i in np.unravel_index(int(np.nanargmax(relative_deflection)), deflection.shape))
+        limb, joint = (
+            int(i)
+            for i in np.unravel_index(int(np.nanargmax(relative_deflection)), deflection.shape)
+        )
         if relative_deflection[limb, joint] > MAX_JOINT_DEFLECTION:
             yield (
-                f"{_describe_stiffness(robot, limb, joint)}: a limb's share of the weight at its end would bend "
-                f"it by {_format_deflection(robot, limb, joint, deflection[limb, joint], '.0f')}"
+                f"{_describe_stiffness(robot, limb, joint)}: "
+                f"a limb's share of the weight at its end would bend it "
+                f"by {_format_deflection(robot, limb, joint, deflection[limb, joint], '.0f')}"
             )
-        limb, joint = (int(i) for i in np.unravel_index(int(np.nanargmin(relative_deflection)), deflection.shape))
+        limb, joint = (
+            int(i)
+            for i in np.unravel_index(int(np.nanargmin(relative_deflection)), deflection.shape)
+        )
         if relative_deflection[limb, joint] < MIN_JOINT_DEFLECTION:
             yield (
-                f"{_describe_stiffness(robot, limb, joint)}: a limb's share of the weight at its end bends it "
-                f"by {_format_deflection(robot, limb, joint, deflection[limb, joint], '.1g')}, as no motor's control "
+                f"{_describe_stiffness(robot, limb, joint)}: "
+                "a limb's share of the weight at its end bends it "
+                f"by {_format_deflection(robot, limb, joint, deflection[limb, joint], '.1g')}, "
+                "as no motor's control "
                 "does"
             )
     volume = float(np.prod(np.ptp(robot.body_hull, axis=0)))
@@ -95,10 +114,10 @@ def _warn_of_robot(robot: Robot) -> Iterator[str]:
 
 
 def find_massless_links(urdf: str) -> Iterator[str]:
-    """Moving parts of a URDF's text that have no mass, where most of them have none.
+    """Yield a warning if most moving parts of a URDF's text have no mass.
 
-    A part is a link that a joint moves with all that is fixed to it: single frames without mass
-    are usual. An empty text, of a robot that is from no URDF, has none.
+    A part is a link that a joint moves with all that is fixed to it. Single frames without mass are
+    usual. An empty text, of a robot without URDF, gives no warning.
     """
     if not urdf:
         return
@@ -113,10 +132,12 @@ def find_massless_links(urdf: str) -> Iterator[str]:
     massless = [name for name, link_mass in mass.items() if link_mass == 0]
     if 2 * len(massless) > len(mass):
         shown_names = ", ".join(massless[:3]) + (", ..." if len(massless) > 3 else "")
-        yield f"{len(massless)} of {len(mass)} moving links of the URDF have no mass ({shown_names})"
+        count = f"{len(massless)} of {len(mass)}"
+        yield f"{count} moving links of the URDF have no mass ({shown_names})"
 
 
 def _warn_of_terrain(plan: ClimbPlan) -> Iterator[str]:
+    """Yield warnings of implausible friction coefficients."""
     used_regions = np.unique(plan.rounds.region)
     for number in used_regions:
         surface = plan.terrain.surfaces[int(number)]
@@ -126,6 +147,7 @@ def _warn_of_terrain(plan: ClimbPlan) -> Iterator[str]:
 
 
 def _warn_of_loads(plan: ClimbPlan) -> Iterator[str]:
+    """Yield a warning of implausibly large contact forces."""
     robot, instants = plan.robot, plan.instants
     size = np.linalg.norm(plan.forces.force, axis=-1)
     k, limb = (int(i) for i in np.unravel_index(int(np.argmax(size)), size.shape))
@@ -135,7 +157,7 @@ def _warn_of_loads(plan: ClimbPlan) -> Iterator[str]:
 
 
 def _warn_of_deflections(plan: ClimbPlan) -> Iterator[str]:
-    """What the loads do to the robot: commands that lead their joints, the body's sag."""
+    """Yield warnings of commands far from the joint angles and of large body deflections."""
     robot, instants, forces = plan.robot, plan.instants, plan.forces
     lead = np.abs(forces.joint_command - instants.joint_angles)
     lead = np.where(robot.has_joint & instants.contact[..., None], lead, 0.0)
@@ -145,8 +167,8 @@ def _warn_of_deflections(plan: ClimbPlan) -> Iterator[str]:
         lead_text = _format_deflection(robot, limb, joint, lead[k, limb, joint], ".0f")
         yield (
             f"commands {lead_text} beyond the joint's angle "
-            f"({_name_joint(robot, limb, joint)}, {instants.label(k, robot.limb_names)}): no joint is a "
-            "spring that far"
+            f"({_name_joint(robot, limb, joint)}, {instants.label(k, robot.limb_names)}): "
+            "no joint is a spring that far"
         )
     length = np.where(robot.has_joint, robot.longest_links, 0.0).sum(axis=1)
     toe_lead = np.linalg.norm(forces.toe_command - instants.toes, axis=-1)
@@ -155,7 +177,8 @@ def _warn_of_deflections(plan: ClimbPlan) -> Iterator[str]:
     if toe_lead[k, limb] > MAX_LEAD_RATIO * length[limb]:
         yield (
             f"commands that would put a toe {1e3 * toe_lead[k, limb]:.0f} mm off where it stands, "
-            f"{100 * toe_lead[k, limb] / length[limb]:.0f} % of the limb ({robot.limb_names[limb]}, "
+            f"{100 * toe_lead[k, limb] / length[limb]:.0f} % of the limb "
+            f"({robot.limb_names[limb]}, "
             f"{instants.label(k, robot.limb_names)})"
         )
     shift = float(np.linalg.norm(forces.com_deflection[:, :3], axis=1).max(initial=0.0))
@@ -168,14 +191,17 @@ def _warn_of_deflections(plan: ClimbPlan) -> Iterator[str]:
 
 
 def _describe_stiffness(robot: Robot, limb: int, joint: int) -> str:
+    """Describe the stiffness of a joint."""
     unit = stiffness_unit(robot, limb, joint)
     stiffness = robot.joint_stiffness[limb, joint]
     return f"joint stiffness {stiffness:g} {unit} at {_name_joint(robot, limb, joint)}"
 
 
 def _format_deflection(robot: Robot, limb: int, joint: int, amount: float, digits: str) -> str:
+    """Format the deflection of a joint with its unit."""
     return format_joint_position(robot, limb, joint, amount, digits).replace(" deg", " degrees")
 
 
 def _name_joint(robot: Robot, limb: int, joint: int) -> str:
+    """Return limb and joint as "RF femur"."""
     return f"{robot.limb_names[limb]} {robot.joint_name(limb, joint)}"

@@ -1,4 +1,4 @@
-"""What the joint commands of the motion press with: body on its path, no slip, no overload."""
+"""Checks of forces under the motion's commands: body on its path, no slip, no overload."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ from climbplan.verification.check import Check, judge_worst
 
 
 def check_pressing(motion: MotionState) -> Iterator[Check]:
-    """The commands hold the body on its path, and no limb slips or is overloaded on the way."""
+    """Yield checks that commands hold the body on its path, and that no limb slips or is
+    overloaded.
+    """
     plan = motion.subject.plan
     robot, trajectory = plan.robot, plan.trajectory
     k = select_instants(motion)
@@ -45,7 +47,7 @@ def check_pressing(motion: MotionState) -> Iterator[Check]:
     yield judge_worst(
         "trajectory.command",
         np.where(np.isnan(deflection), np.inf, deflection),
-        lambda sample, row: f"{motion.at(sample)}, {('shifted', 'turned')[row]}",
+        lambda sample, row: f"{motion.describe_sample(sample)}, {('shifted', 'turned')[row]}",
     )
 
     if motion.soles is not None:
@@ -53,31 +55,45 @@ def check_pressing(motion: MotionState) -> Iterator[Check]:
     elif robot.gripper is None:
         yield _check_friction(motion, motion_forces.force, normal, mu)
     else:
-        limbs = build_limbs(robot, trajectory.com, compute_body_axes(trajectory.rpy), motion.standing.angles)
-        yield from check_grips_in_motion(motion.subject, motion_forces.force, limbs, k, ~motion.lifted, motion.at)
-    motor_torque = motion_forces.torque + compute_link_torques(robot, compute_body_axes(trajectory.rpy), select_angles(motion))
+        limbs = build_limbs(
+            robot, trajectory.com, compute_body_axes(trajectory.rpy), motion.standing.angles
+        )
+        yield from check_grips_in_motion(
+            motion.subject, motion_forces.force, limbs, k, ~motion.lifted, motion.describe_sample
+        )
+    motor_torque = motion_forces.torque + compute_link_torques(
+        robot, compute_body_axes(trajectory.rpy), select_angles(motion)
+    )
     torque_ratio = np.abs(motor_torque) / robot.max_torque
     max_torque = f"at most {format_largest_torques(robot, motor_torque)}"
-    yield judge_worst("trajectory.torque", torque_ratio - 1.0, motion.at, margin=max_torque, used=torque_ratio)
+    yield judge_worst(
+        "trajectory.torque",
+        torque_ratio - 1.0,
+        motion.describe_sample,
+        margin=max_torque,
+        used=torque_ratio,
+    )
 
 
 def _check_friction(motion: MotionState, force: Array, normal: Array, mu: Array) -> Check:
-    """Forces (T, N, 3) within their friction cones."""
+    """Check that forces (T, N, 3) are within their friction cones."""
     pressure = np.einsum("tni,tni->tn", force, normal)
     shear = np.linalg.norm(force - pressure[..., None] * normal, axis=-1)
-    friction_factor = compute_friction_factor("trajectory.friction", shear, mu * pressure, motion.subject.weight)
+    friction_factor = compute_friction_factor(
+        "trajectory.friction", shear, mu * pressure, motion.subject.weight
+    )
     friction_factor = np.where(motion.lifted, np.inf, friction_factor)
     excess = np.where(motion.lifted, -np.inf, shear - mu * pressure) / motion.subject.weight
     return judge_worst(
         "trajectory.friction",
         excess,
-        motion.at,
+        motion.describe_sample,
         margin=format_min_factor(friction_factor),
         used=1 / np.maximum(friction_factor, 1e-300),
     )
 
 
 def _measure_deflections(deflection: Array) -> Array:
-    """(T, 2) shift [m] and turn [rad] of body deflections (T, 6)."""
-    parts = (deflection[:, :3], deflection[:, 3:])
-    return np.stack([np.linalg.norm(part, axis=1) for part in parts], axis=1)
+    """Return shift [m] and rotation [rad] (T, 2) of body deflections (T, 6)."""
+    components = (deflection[:, :3], deflection[:, 3:])
+    return np.stack([np.linalg.norm(component, axis=1) for component in components], axis=1)

@@ -1,8 +1,8 @@
-"""A plan against the raw surface of its scan, which the file carries: toes, links and body.
+"""Checks of a plan against the raw surface of its scan, which the file carries.
 
-Contact regions are what planning made of a scan. Here they are not asked: toes are measured against
-the triangles themselves, forces against the normals of these, links and body against all of them.
-What limbs keep, and where, is stated in `climbplan/terrain/raw_surface.py`.
+Contact regions result from planning and are not used here. Toes are measured against the triangles,
+forces against the triangles' normals, links and body against all of them. The required clearances
+are stated in `climbplan/terrain/raw_surface.py`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,11 @@ from climbplan.arrays import Array, IntArray
 from climbplan.climb.check.anew.gait import reconstruct_gait
 from climbplan.climb.check.anew.kinematics import compute_body_axes, transform_to_world
 from climbplan.climb.check.convex import bound_hull_distance
-from climbplan.climb.check.raw_distances import measure_triangle_distances, measure_plane_gaps, find_overlapping_triangles
+from climbplan.climb.check.raw_distances import (
+    find_overlapping_triangles,
+    measure_plane_gaps,
+    measure_triangle_distances,
+)
 from climbplan.climb.check.scan_grips import check_gripped_sides
 from climbplan.climb.check.scan_links import REPORTED_CLEARANCE, build_contacts, judge_scan_links
 from climbplan.climb.check.subject import Subject
@@ -26,18 +30,22 @@ from climbplan.verification.check import Check, judge_worst
 
 
 def check_scan(subject: Subject, scan: RawSurface) -> Iterator[Check]:
-    """Toes, friction and body against the raw surface, and links at the instants."""
+    """Yield checks of toes, friction and body against the raw surface, and of links at the
+    instants.
+    """
     yield _check_toes(subject, scan)
     yield _check_friction(subject, scan)
     yield from check_gripped_sides(subject)
     yield _check_body(subject, scan)
-    foothold_round = reconstruct_gait(subject.plan).stood
+    foothold_round = reconstruct_gait(subject.plan).foothold_round
     contacts = build_contacts(subject, foothold_round, np.zeros_like(foothold_round) - 1)
-    yield judge_scan_links("scan.limbs", subject, subject.capsules, contacts, subject.at)
+    yield judge_scan_links(
+        "scan.limbs", subject, subject.capsules, contacts, subject.describe_instant
+    )
 
 
 def _find_standing_toes(subject: Subject) -> tuple[IntArray, IntArray, Array]:
-    """Instants, limbs (S,) and places (S, 3) of toes that stand on what was found in the scan."""
+    """Return instants, limbs (S,) and positions (S, 3) of toes that stand on the scan."""
     plan = subject.plan
     is_scanned = np.array(
         [isinstance(s, Region) and s.name not in STATED for s in plan.terrain.surfaces], bool
@@ -50,22 +58,26 @@ def _find_standing_toes(subject: Subject) -> tuple[IntArray, IntArray, Array]:
 
 
 def _check_toes(subject: Subject, scan: RawSurface) -> Check:
-    """Every standing toe lies within the flatness of the raw surface."""
+    """Check that every standing toe is within the flatness of the raw surface."""
     instant, limb, toes = _find_standing_toes(subject)
     if not len(toes):
         return judge_worst("scan.toes", np.zeros(1), lambda _: "", margin="no toe on the scan")
     unique_toes, inverse = np.unique(toes, axis=0, return_inverse=True)
-    distance = measure_triangle_distances(unique_toes, unique_toes, scan.corners, scan.flatness + 0.1)[inverse.reshape(-1)]
+    distance = measure_triangle_distances(
+        unique_toes, unique_toes, scan.corners, scan.flatness + 0.1
+    )[inverse.reshape(-1)]
 
     def describe_place(row: int) -> str:
-        return f"{subject.at(int(instant[row]))}, {subject.limb(int(limb[row]))}"
+        return f"{subject.describe_instant(int(instant[row]))}, {subject.name_limb(int(limb[row]))}"
 
     margin = f"{1e3 * distance.max():.2f} mm off, asked {1e3 * scan.flatness:.2f} mm"
-    return judge_worst("scan.toes", distance - scan.flatness, describe_place, margin, distance / scan.flatness)
+    return judge_worst(
+        "scan.toes", distance - scan.flatness, describe_place, margin, distance / scan.flatness
+    )
 
 
 def _check_friction(subject: Subject, scan: RawSurface) -> Check:
-    """Forces lie within friction of the raw surface's own normal about each toe."""
+    """Check that forces are within the friction cone of the raw surface's normal about each toe."""
     plan = subject.plan
     instant, limb, toes = _find_standing_toes(subject)
     if not len(toes) or plan.robot.gripper is not None:
@@ -73,7 +85,9 @@ def _check_friction(subject: Subject, scan: RawSurface) -> Check:
         return judge_worst("scan.friction", np.zeros(1), lambda _: "", margin=margin)
     planned = plan.instants.normal[instant, limb]
     unique_contacts, inverse = np.unique(np.hstack([toes, planned]), axis=0, return_inverse=True)
-    normals = _average_normals(unique_contacts[:, :3], unique_contacts[:, 3:], scan)[inverse.reshape(-1)]
+    normals = _average_normals(unique_contacts[:, :3], unique_contacts[:, 3:], scan)[
+        inverse.reshape(-1)
+    ]
     force, mu = plan.forces.force[instant, limb], plan.instants.mu[instant, limb]
     normal_force = (force * normals).sum(axis=1)
     tangential_force = np.linalg.norm(force - normal_force[:, None] * normals, axis=1)
@@ -81,7 +95,7 @@ def _check_friction(subject: Subject, scan: RawSurface) -> Check:
     normal_deviation = np.arccos(np.clip((normals * planned).sum(axis=1), -1, 1))
 
     def describe_place(row: int) -> str:
-        return f"{subject.at(int(instant[row]))}, {subject.limb(int(limb[row]))}"
+        return f"{subject.describe_instant(int(instant[row]))}, {subject.name_limb(int(limb[row]))}"
 
     friction_ratio = tangential_force / np.maximum(mu * normal_force, 1e-9 * subject.weight)
     is_loaded = np.linalg.norm(force, axis=1) > 1e-6 * subject.weight
@@ -94,7 +108,7 @@ def _check_friction(subject: Subject, scan: RawSurface) -> Check:
 
 
 def _average_normals(toes: Array, planned: Array, scan: RawSurface) -> Array:
-    """Mean normals (S, 3) of the raw triangles about each toe that face as its region does."""
+    """Return mean normals (S, 3) of raw triangles about each toe that face as its region does."""
     corners = scan.corners
     normal_vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(normal_vectors, axis=1)
@@ -106,7 +120,9 @@ def _average_normals(toes: Array, planned: Array, scan: RawSurface) -> Array:
         candidates = find_overlapping_triangles(corners, toe - search_radius, toe + search_radius)
         candidates = candidates[normals[candidates] @ normal > FACING]
         ends = np.broadcast_to(toe, (len(candidates), 3))
-        candidates = candidates[measure_plane_gaps(ends, ends, corners[candidates]) <= search_radius]
+        candidates = candidates[
+            measure_plane_gaps(ends, ends, corners[candidates]) <= search_radius
+        ]
         if len(candidates):
             mean = np.minimum(size[candidates] / 2, disc) @ normals[candidates]
             mean_normals[row] = mean / np.linalg.norm(mean)
@@ -114,7 +130,7 @@ def _average_normals(toes: Array, planned: Array, scan: RawSurface) -> Array:
 
 
 def _check_body(subject: Subject, scan: RawSurface) -> Check:
-    """The hull at every instant and sample keeps its clearance from all triangles."""
+    """Check that the hull keeps its clearance from all triangles at every instant and sample."""
     plan = subject.plan
     required = plan.limits.body_clearance
     poses = np.vstack(
@@ -125,18 +141,28 @@ def _check_body(subject: Subject, scan: RawSurface) -> Check:
     )
     is_new_pose = np.append(True, (np.diff(poses, axis=0) != 0).any(axis=1))
     rows = np.flatnonzero(is_new_pose)
-    hulls = transform_to_world(poses[rows, :3], compute_body_axes(poses[rows, 3:]), subject.body.corners)
+    hulls = transform_to_world(
+        poses[rows, :3], compute_body_axes(poses[rows, 3:]), subject.body.corners
+    )
     corners, measured_clearance = scan.corners, required + REPORTED_CLEARANCE
     clearance = np.full(len(rows), measured_clearance)
     for p, hull in enumerate(hulls):
-        for t in find_overlapping_triangles(corners, hull.min(axis=0) - measured_clearance, hull.max(axis=0) + measured_clearance):
+        for t in find_overlapping_triangles(
+            corners, hull.min(axis=0) - measured_clearance, hull.max(axis=0) + measured_clearance
+        ):
             clearance[p] = min(clearance[p], bound_hull_distance(hull, corners[t]))
 
     def describe_place(pose: int) -> str:
         row, count = int(rows[pose]), plan.instants.count
-        return subject.at(row) if row < count else subject.at_time(row - count)
+        return subject.describe_instant(row) if row < count else subject.describe_time(row - count)
 
     min_clearance = float(clearance.min())
     qualifier = "at least " if min_clearance >= measured_clearance else ""
     margin = f"{qualifier}{1e3 * min_clearance:.1f} mm, asked {1e3 * required:.1f} mm"
-    return judge_worst("scan.body", required - clearance, describe_place, margin, required / np.maximum(clearance, 1e-9))
+    return judge_worst(
+        "scan.body",
+        required - clearance,
+        describe_place,
+        margin,
+        required / np.maximum(clearance, 1e-9),
+    )

@@ -1,8 +1,8 @@
-"""Gripped sides of a scan: what fingers close on is measured on the raw triangles.
+"""Checks of the gripped sides of a scan, on the raw triangles.
 
-Where a gripper holds a region of a scan, each finger comes in from half the span along the hold's
-axis, a finger's depth below the palm. It has to meet an outside of the raw surface within that
-half, which faces along the axis, and leans back by no more than the forces were planned with.
+Where a gripper holds a region of a scan, each finger approaches from half the span along the hold's
+axis, a finger's depth below the palm. It has to meet the outside of the raw surface within that
+half. The side has to face along the axis, and lean back by no more than planned.
 """
 
 from __future__ import annotations
@@ -19,13 +19,15 @@ from climbplan.terrain.surfaces import Region
 from climbplan.verification.check import Check, judge_worst
 
 _CHECK_NAME = "scan.grips"
-_MAX_SIDE_ANGLE = np.deg2rad(25.5)  # by which a side may face away from the axis: fingers yield so far
+_MAX_SIDE_ANGLE = np.deg2rad(
+    25.5
+)  # by which a side may face away from the axis: fingers yield so far
 _NO_SIDE = np.pi  # [rad] told of a finger that meets no side
 _EDGE_TOLERANCE = 1e-9  # barycentric
 
 
 def check_gripped_sides(subject: Subject) -> Iterator[Check]:
-    """The check, where grippers hold something of a scan by its sides."""
+    """Yield the check, where grippers hold the sides of a scan."""
     plan = subject.plan
     scan, gripper = plan.terrain.scan, plan.robot.gripper
     if scan is None or gripper is None or not scan.finger_depth:
@@ -42,12 +44,15 @@ def check_gripped_sides(subject: Subject) -> Iterator[Check]:
     rows = np.column_stack([region[instant, limb], plan.instants.toes[instant, limb]])
     unique, inverse = np.unique(rows, axis=0, return_inverse=True)
     unique_deficits = np.array(
-        [_measure_side_deficit(hold_regions[int(row[0])], row[1:], gripper.finger_span / 2, scan) for row in unique]
+        [
+            _measure_side_deficit(hold_regions[int(row[0])], row[1:], gripper.finger_span / 2, scan)
+            for row in unique
+        ]
     )
     deficits = unique_deficits[inverse.reshape(-1)]
 
     def describe_place(row: int) -> str:
-        return f"{subject.at(int(instant[row]))}, {subject.limb(int(limb[row]))}"
+        return f"{subject.describe_instant(int(instant[row]))}, {subject.name_limb(int(limb[row]))}"
 
     if deficits.max() >= _NO_SIDE:
         margin = "a finger meets no side"
@@ -56,8 +61,10 @@ def check_gripped_sides(subject: Subject) -> Iterator[Check]:
     yield judge_worst(_CHECK_NAME, deficits, describe_place, margin)
 
 
-def _measure_side_deficit(region: Region, wrist: Array, half_span: float, scan: RawSurface) -> float:
-    """By how much [rad] the worse side faces away further than planned; zero where it does not."""
+def _measure_side_deficit(
+    region: Region, wrist: Array, half_span: float, scan: RawSurface
+) -> float:
+    """Return by how much [rad] the worse side faces further away than planned, at least 0."""
     hold, normal = region.hold, region.normal
     assert hold is not None
     grip = wrist - (region.standoff + scan.finger_depth) * normal
@@ -74,11 +81,13 @@ def _measure_side_deficit(region: Region, wrist: Array, half_span: float, scan: 
 
 
 def _find_first_triangle(start: Array, end: Array, scan: RawSurface) -> Array | None:
-    """Unit normal of the first triangle that the way from start to end (3,) meets; None for none.
+    """Return the unit normal of the first triangle on the line from start to end (3,), or None.
 
-    Where it meets each plane, and whether that place is on the inner side of all three edges.
+    The line's intersection with each plane is tested against all three edges.
     """
-    candidates = find_overlapping_triangles(scan.corners, np.minimum(start, end) - 1e-9, np.maximum(start, end) + 1e-9)
+    candidates = find_overlapping_triangles(
+        scan.corners, np.minimum(start, end) - 1e-9, np.maximum(start, end) + 1e-9
+    )
     corners = scan.corners[candidates]
     edges = np.roll(corners, -1, axis=1) - corners
     normals = np.cross(edges[:, 0], edges[:, 1])
@@ -88,7 +97,9 @@ def _find_first_triangle(start: Array, end: Array, scan: RawSurface) -> Array | 
     normals = normals / length[is_valid, None]
     start_height, end_height = (((p - corners[:, 0]) * normals).sum(axis=1) for p in (start, end))
     crosses = (start_height * end_height <= 0) & (np.abs(start_height - end_height) > 1e-12)
-    fraction = np.where(crosses, start_height / np.where(crosses, start_height - end_height, 1.0), np.inf)
+    fraction = np.where(
+        crosses, start_height / np.where(crosses, start_height - end_height, 1.0), np.inf
+    )
     crossing = start + np.where(crosses, fraction, 0.0)[:, None] * (end - start)
     inward = np.cross(normals[:, None], edges)
     inside = ((crossing[:, None] - corners) * inward).sum(axis=-1) >= -_EDGE_TOLERANCE

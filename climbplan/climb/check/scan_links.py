@@ -1,6 +1,6 @@
-"""Links against the raw surface of a scan: their radius from all of it, a cone where they stand.
+"""Checks of links against the raw surface of a scan, with cones of access at footholds.
 
-What limbs keep, and where, is stated in `climbplan/terrain/raw_surface.py`.
+The required clearances are stated in `climbplan/terrain/raw_surface.py`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,11 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.check.anew.capsules import Capsule
 from climbplan.climb.check.clearance import describe_clearance
-from climbplan.climb.check.raw_distances import measure_triangle_distances, find_overlapping_triangles, find_nearest_on_triangles
+from climbplan.climb.check.raw_distances import (
+    find_nearest_on_triangles,
+    find_overlapping_triangles,
+    measure_triangle_distances,
+)
 from climbplan.climb.check.subject import Subject
 from climbplan.terrain.raw_surface import FACING, NARROW, RISING, SLENDER, RawSurface
 from climbplan.terrain.surfaces import Region
@@ -26,18 +30,18 @@ _TOE_TOLERANCE = 2e-3  # [m] beyond the flatness, twice: the last of it, which m
 
 @dataclass(frozen=True)
 class Contacts:
-    """Where limbs stand, or have stood and will stand, for P poses and N limbs."""
+    """Footholds of N limbs in P poses: present or last one, and the next one."""
 
     places: Array  # (P, N, 2, 3) [m]; NaN in the second where a limb is not on its way
     normals: Array  # (P, N, 2, 3) unit, into free space
 
-    def at(self, poses: IntArray) -> Contacts:
-        """Those of some poses."""
+    def select_poses(self, poses: IntArray) -> Contacts:
+        """Return the contacts of some poses."""
         return Contacts(self.places[poses], self.normals[poses])
 
 
 def build_contacts(subject: Subject, foothold_round: IntArray, next_round: IntArray) -> Contacts:
-    """Contacts of limbs on, or from, the footholds of rounds (P, N), and to others; -1 for none."""
+    """Return contacts on footholds of rounds (P, N), and of next rounds; -1 for none."""
     rounds, surfaces = subject.plan.rounds, subject.plan.terrain.surfaces
     rows = np.stack([foothold_round, next_round], axis=-1)
     limbs = np.arange(rows.shape[1])[:, None]
@@ -58,9 +62,9 @@ def judge_scan_links(
     contacts: Contacts,
     describe_pose: Callable[[int], str],
 ) -> Check:
-    """A check that links, as thick as they are, miss the raw surface but at their toes.
+    """Check that links with their thickness miss the raw surface except at their toes.
 
-    `moment` describes a pose of the capsules.
+    `describe_pose` describes a pose of the capsules.
     """
     scan = subject.plan.terrain.scan
     assert scan is not None
@@ -68,24 +72,34 @@ def judge_scan_links(
     for capsule in capsules:
         # While one limb swings the others stand still: what is alike is measured once
         unique_poses, inverse = _find_unique_poses(capsule, contacts)
-        reduced_capsule = replace(capsule, starts=capsule.starts[unique_poses], ends=capsule.ends[unique_poses])
-        columns.append(_measure_axis_clearance(reduced_capsule, contacts.at(unique_poses), scan)[inverse])
+        reduced_capsule = replace(
+            capsule, starts=capsule.starts[unique_poses], ends=capsule.ends[unique_poses]
+        )
+        columns.append(
+            _measure_axis_clearance(reduced_capsule, contacts.select_poses(unique_poses), scan)[
+                inverse
+            ]
+        )
     distance = np.stack(columns, axis=1)  # (P, C)
     radii = np.array([capsule.radius for capsule in capsules])
 
     def describe_place(p: int, number: int) -> str:
         capsule = capsules[number]
-        return f"{describe_pose(p)}, {subject.limb(capsule.limb, capsule.link)} and the scan"
+        return f"{describe_pose(p)}, {subject.name_limb(capsule.limb, capsule.link)} and the scan"
 
     margin = describe_clearance(distance - radii, radii)
-    return judge_worst(name, radii - distance, describe_place, margin, radii / np.maximum(distance, 1e-9))
+    return judge_worst(
+        name, radii - distance, describe_place, margin, radii / np.maximum(distance, 1e-9)
+    )
 
 
 def _find_unique_poses(capsule: Capsule, contacts: Contacts) -> tuple[IntArray, IntArray]:
-    """Poses (K,) that differ in a capsule or its contacts, and which of them each is (P,)."""
+    """Return poses (K,) that differ in a capsule or its contacts, and each pose's index (P,)."""
     limb = capsule.limb
     contact_features = np.concatenate([contacts.places[:, limb], contacts.normals[:, limb]], axis=1)
-    features = np.hstack([capsule.starts, capsule.ends, contact_features.reshape(len(contact_features), -1)])
+    features = np.hstack(
+        [capsule.starts, capsule.ends, contact_features.reshape(len(contact_features), -1)]
+    )
     features = np.where(np.isnan(features), np.inf, features)  # as that all are alike
     _, first, inverse = np.unique(features, axis=0, return_index=True, return_inverse=True)
     # In the order of motion, in which neighbours are near each other
@@ -96,7 +110,7 @@ def _find_unique_poses(capsule: Capsule, contacts: Contacts) -> tuple[IntArray, 
 
 
 def _measure_axis_clearance(capsule: Capsule, contacts: Contacts, scan: RawSurface) -> Array:
-    """Room (P,) beside the axis of a capsule, as if it had to keep its radius everywhere."""
+    """Return the clearance (P,) of a capsule's axis, as if its radius were required everywhere."""
     radius = capsule.radius
     starts, ends = capsule.starts, capsule.ends
     shortfall = np.full(len(starts), -REPORTED_CLEARANCE)
@@ -111,20 +125,22 @@ def _measure_axis_clearance(capsule: Capsule, contacts: Contacts, scan: RawSurfa
 
 
 def _measure_length(capsule: Capsule) -> float:
-    """Of its axis [m], the same in all poses."""
+    """Return the length of a capsule's axis [m], the same in all poses."""
     lengths = np.linalg.norm(capsule.starts - capsule.ends, axis=-1)
     return float(lengths.max(initial=0.0, where=np.isfinite(lengths)))
 
 
 def _locate_along_link(capsule: Capsule, distance_from_toe: Array) -> Array:
-    """Places (P, Q, 3) of a last link so far (Q,) along it from the toe, or at its ends."""
+    """Return points (P, Q, 3) of a last link at distances (Q,) from the toe."""
     link_vector = capsule.starts - capsule.ends
-    fraction = np.clip((distance_from_toe - capsule.to_toe) / max(_measure_length(capsule), 1e-9), 0.0, 1.0)
+    fraction = np.clip(
+        (distance_from_toe - capsule.to_toe) / max(_measure_length(capsule), 1e-9), 0.0, 1.0
+    )
     return np.asarray(capsule.ends[:, None] + fraction[:, None] * link_vector[:, None])
 
 
 def _measure_end_shortfall(capsule: Capsule, contacts: Contacts, scan: RawSurface) -> Array:
-    """Room (P,) that the end of a limb lacks, from all of the scan and from where it stands."""
+    """Return the clearance (P,) that the end of a limb lacks, from scan and footholds."""
     radius = capsule.radius
     full_radius_distance = max((radius + scan.flatness) / SLENDER, NARROW)
     touching_distance = 2 * scan.flatness + _TOE_TOLERANCE
@@ -138,12 +154,16 @@ def _measure_end_shortfall(capsule: Capsule, contacts: Contacts, scan: RawSurfac
         )
     )
     link_extent = capsule.to_toe + _measure_length(capsule)
-    is_present = (cut_distances[1:] >= capsule.to_toe) & (cut_distances[:-1] <= link_extent)  # parts that the axis has
+    is_present = (cut_distances[1:] >= capsule.to_toe) & (
+        cut_distances[:-1] <= link_extent
+    )  # parts that the axis has
     cuts = _locate_along_link(capsule, cut_distances)  # (P, Q + 1, 3), from the toe on
     free_clearance = np.where(cut_distances[1:] > NARROW + 1e-9, radius, 0.0)  # (Q,)
     places, normals = contacts.places[:, capsule.limb], contacts.normals[:, capsule.limb]
     contact_features = np.concatenate([places, normals], axis=1).reshape(len(cuts), -1)
-    groups, member = np.unique(np.nan_to_num(contact_features, nan=np.inf), axis=0, return_inverse=True)
+    groups, member = np.unique(
+        np.nan_to_num(contact_features, nan=np.inf), axis=0, return_inverse=True
+    )
     shortfall = np.full(len(cuts), -REPORTED_CLEARANCE)
     for group in range(len(groups)):
         rows = np.flatnonzero(member.reshape(-1) == group)
@@ -152,31 +172,51 @@ def _measure_end_shortfall(capsule: Capsule, contacts: Contacts, scan: RawSurfac
             continue
         group_cuts = cuts[rows].reshape(-1, 3)
         reach = radius + REPORTED_CLEARANCE
-        corners = scan.corners[find_overlapping_triangles(scan.corners, group_cuts.min(0) - reach, group_cuts.max(0) + reach)]
+        corners = scan.corners[
+            find_overlapping_triangles(
+                scan.corners, group_cuts.min(0) - reach, group_cuts.max(0) + reach
+            )
+        ]
         first = rows[0]
         at_first = zip(places[first], normals[first], strict=True)
         contact_triangles = [_find_contact_triangles(corners, p, n, scan) for p, n in at_first]
         for membership in ((False, False), (True, False), (False, True), (True, True)):
-            triangles = corners[(contact_triangles[0] == membership[0]) & (contact_triangles[1] == membership[1])]
+            triangles = corners[
+                (contact_triangles[0] == membership[0]) & (contact_triangles[1] == membership[1])
+            ]
             if not len(triangles):
                 continue
             required = np.broadcast_to(free_clearance, (len(rows), len(free_clearance))).copy()
-            contact_distance = np.linalg.norm(cuts[rows, :2, None] - places[first], axis=-1).max(axis=1)
-            required[(contact_distance <= touching_distance + 1e-9).any(axis=-1), 0] = -1.0  # the tip, where it stands
+            contact_distance = np.linalg.norm(cuts[rows, :2, None] - places[first], axis=-1).max(
+                axis=1
+            )
+            required[
+                (contact_distance <= touching_distance + 1e-9).any(axis=-1), 0
+            ] = -1.0  # the tip, where it stands
             for place, is_member in zip(places[first], membership, strict=True):
                 if is_member:
-                    required = np.minimum(required, _compute_required_clearance(cuts[rows], place, scan.flatness, radius))
+                    required = np.minimum(
+                        required,
+                        _compute_required_clearance(cuts[rows], place, scan.flatness, radius),
+                    )
             required[:, ~is_present] = -1.0
             begin, end = cuts[rows, :-1].reshape(-1, 3), cuts[rows, 1:].reshape(-1, 3)
             required_flat = required.reshape(-1)
             required_pieces = np.flatnonzero(required_flat >= 0)
-            piece_gap = measure_triangle_distances(begin[required_pieces], end[required_pieces], triangles, reach)
-            np.maximum.at(shortfall, rows[required_pieces // required.shape[1]], required_flat[required_pieces] - piece_gap)
+            piece_gap = measure_triangle_distances(
+                begin[required_pieces], end[required_pieces], triangles, reach
+            )
+            np.maximum.at(
+                shortfall,
+                rows[required_pieces // required.shape[1]],
+                required_flat[required_pieces] - piece_gap,
+            )
     return np.where(np.isfinite(cuts).all(axis=(1, 2)), shortfall, np.nan)
 
 
 def _compute_required_clearance(cuts: Array, place: Array, flatness: float, radius: float) -> Array:
-    """(B, Q) room asked from the surface of a contact; -1 where it may be touched.
+    """Return the clearance (B, Q) required from the surface of a contact; -1 where touching is
+    allowed.
 
     It grows with the distance from the contact, which is largest at an end of a piece.
     """
@@ -185,12 +225,16 @@ def _compute_required_clearance(cuts: Array, place: Array, flatness: float, radi
     return np.where(required > 0, np.minimum(required, radius), -1.0)
 
 
-def _find_contact_triangles(corners: Array, place: Array, normal: Array, scan: RawSurface) -> BoolArray:
-    """(T,) triangles of the surface that a contact is on."""
+def _find_contact_triangles(
+    corners: Array, place: Array, normal: Array, scan: RawSurface
+) -> BoolArray:
+    """Return which triangles (T,) belong to the surface that a contact is on."""
     if not len(corners) or np.isnan(place).any():
         return np.zeros(len(corners), bool)
     normal_vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    is_facing: BoolArray = normal_vectors @ normal >= FACING * np.linalg.norm(normal_vectors, axis=1)
+    is_facing: BoolArray = normal_vectors @ normal >= FACING * np.linalg.norm(
+        normal_vectors, axis=1
+    )
     offset = find_nearest_on_triangles(corners, place) - place
     height = offset @ normal
     lateral = np.linalg.norm(offset - height[:, None] * normal, axis=1)

@@ -1,10 +1,13 @@
-"""Limbs keep off one another and off the body, as capsules beside capsules and the body's box.
+"""Checks that limbs miss one another and the body, as capsules and the body's box.
 
-Left out are the body and the first link of each limb, which a joint connects, links of one limb,
-which joint bounds keep apart, the joint of the second link with the first, pairs that touch however
-the robot stands (`Robot.touching`), and of robots from URDFs hips beside one another and beside the
-body, first links and those between further joints in the same place: the capsules about their
-housings are wider than these by centimetres.
+Excluded are pairs that are always close:
+
+- the body and the first link of each limb, which a joint connects;
+- links of one limb, which joint bounds separate;
+- the joint between first and second link;
+- pairs that touch in every posture (`Robot.touching`);
+- for robots from URDFs, hips and neighbouring hips or the body, since capsules about their housings
+  are wider than these by centimetres.
 """
 
 from __future__ import annotations
@@ -33,10 +36,10 @@ _MIN_LENGTH = 1e-12  # [m] a difference shorter than this has no direction
 
 
 def check_self_collision(subject: Subject) -> Check:
-    """At the instants."""
+    """Check self-collision at the instants."""
     pose = subject.plan.instants.com, subject.axes
     name = "limbs.self_collision"
-    return judge_self_collision(name, subject, subject.capsules, *pose, subject.at)
+    return judge_self_collision(name, subject, subject.capsules, *pose, subject.describe_instant)
 
 
 def judge_self_collision(
@@ -47,29 +50,42 @@ def judge_self_collision(
     axes: Array,
     describe_pose: Callable[[int], str],
 ) -> Check:
-    """A check that links, as thick as they are, miss other limbs and the body.
+    """Check that links with their thickness miss other limbs and the body.
 
-    com: (P, 3), axes: (P, 3, 3) body axes as rows, at the poses of the capsules; `moment` describes
-    a pose.
+    Args:
+        name: Name of the check.
+        subject: The plan under verification.
+        capsules: Capsules of all limbs in P poses.
+        com: (P, 3) body origins [m].
+        axes: (P, 3, 3) body axes as rows.
+        describe_pose: Describes a pose.
     """
-    clearances = measure_part_clearances(subject.plan.robot, subject.body_parts, capsules, com, axes)
+    clearances = measure_part_clearances(
+        subject.plan.robot, subject.body_parts, capsules, com, axes
+    )
     if not clearances.pairs:
         return judge_worst(name, np.zeros(1), lambda _: "", margin="no parts that could touch")
 
     def describe_place(p: int, pair: int) -> str:
         first, second = clearances.pairs[pair]
-        second_name = "the body" if second is None else subject.limb(second.limb, second.link)
-        return f"{describe_pose(p)}, {subject.limb(first.limb, first.link)} and {second_name}"
+        second_name = "the body" if second is None else subject.name_limb(second.limb, second.link)
+        return f"{describe_pose(p)}, {subject.name_limb(first.limb, first.link)} and {second_name}"
 
-    load_ratio = clearances.radius / np.maximum(clearances.room + clearances.radius, 1e-9)
-    return judge_worst(name, -clearances.room, describe_place, describe_clearance(clearances.room, clearances.radius), load_ratio)
+    load_ratio = clearances.radius / np.maximum(clearances.clearance + clearances.radius, 1e-9)
+    return judge_worst(
+        name,
+        -clearances.clearance,
+        describe_place,
+        describe_clearance(clearances.clearance, clearances.radius),
+        load_ratio,
+    )
 
 
 @dataclass(frozen=True)
 class PartClearances:
-    """Room between the parts of a robot in P poses."""
+    """Clearances between the parts of a robot in P poses."""
 
-    room: Array  # (P, Q) [m], below zero where they touch
+    clearance: Array  # (P, Q) [m], below zero where they touch
     radius: Array  # (Q,) [m] of the thicker link
     pairs: tuple[tuple[Capsule, Capsule | None], ...]  # (Q,) None: the body
 
@@ -81,7 +97,15 @@ def measure_part_clearances(
     com: Array,
     axes: Array,
 ) -> PartClearances:
-    """Room between links and body parts, and links of two limbs; arguments as above."""
+    """Return the clearances between links and body parts, and between links of different limbs.
+
+    Args:
+        robot: The robot.
+        body_parts: Convex parts of the body, in its frame.
+        capsules: Capsules of all limbs in P poses.
+        com: (P, 3) body origins [m].
+        axes: (P, 3, 3) body axes as rows.
+    """
     excluded_pairs = {tuple(int(i) for i in row) for row in robot.touching}
     first_links = robot.has_joint.argmax(axis=1)
     hip = [_find_hip_links(robot, limb, int(first_links[limb])) for limb in range(robot.limb_count)]
@@ -89,27 +113,49 @@ def measure_part_clearances(
     radii: list[float] = []
     pairs: list[tuple[Capsule, Capsule | None]] = []
     for first_capsule in capsules:
-        joined_links = {int(first_links[first_capsule.limb])} if robot.capsules is None else hip[first_capsule.limb]
-        if first_capsule.link in joined_links or (first_capsule.limb, first_capsule.number, -1, 0) in excluded_pairs:
+        joined_links = (
+            {int(first_links[first_capsule.limb])}
+            if robot.capsules is None
+            else hip[first_capsule.limb]
+        )
+        if (
+            first_capsule.link in joined_links
+            or (first_capsule.limb, first_capsule.number, -1, 0) in excluded_pairs
+        ):
             continue
         axis, radius = first_capsule.axis, first_capsule.radius
         if robot.capsules is None and first_capsule.link == first_links[first_capsule.limb] + 1:
             axis, radius = _shorten_past_joint(first_capsule)
         axis_in_body = np.einsum("pij,pej->pei", axes, axis - com[:, None])
         sufficient = radius + _REPORTED_CLEARANCE
-        distance = np.min([measure_chain_distance(axis_in_body, b, sufficient)[:, 0] for b in body_parts], axis=0)
+        distance = np.min(
+            [measure_chain_distance(axis_in_body, b, sufficient)[:, 0] for b in body_parts], axis=0
+        )
         clearances.append(distance - radius)
         radii.append(first_capsule.radius)
         pairs.append((first_capsule, None))
     for first_capsule, second_capsule in itertools.combinations(capsules, 2):
-        pair = (first_capsule.limb, first_capsule.number, second_capsule.limb, second_capsule.number)
+        pair = (
+            first_capsule.limb,
+            first_capsule.number,
+            second_capsule.limb,
+            second_capsule.number,
+        )
         if first_capsule.limb == second_capsule.limb or pair in excluded_pairs:
             continue
-        are_hips = first_capsule.link in hip[first_capsule.limb] and second_capsule.link in hip[second_capsule.limb]
+        are_hips = (
+            first_capsule.link in hip[first_capsule.limb]
+            and second_capsule.link in hip[second_capsule.limb]
+        )
         if are_hips and robot.capsules is not None:
             continue
         total_radius = first_capsule.radius + second_capsule.radius
-        clearances.append(measure_segment_distances(first_capsule.axis, second_capsule.axis, total_radius + _REPORTED_CLEARANCE) - total_radius)
+        clearances.append(
+            measure_segment_distances(
+                first_capsule.axis, second_capsule.axis, total_radius + _REPORTED_CLEARANCE
+            )
+            - total_radius
+        )
         radii.append(max(first_capsule.radius, second_capsule.radius))
         pairs.append((first_capsule, second_capsule))
     clearance = np.stack(clearances, axis=1) if clearances else np.zeros((len(com), 0))
@@ -117,7 +163,7 @@ def measure_part_clearances(
 
 
 def _find_hip_links(robot: Robot, limb: int, first: int) -> set[int]:
-    """Links of a limb that end where it begins, and its first link."""
+    """Return the first link of a limb and those that end where it begins."""
     links = {first}
     if isinstance(robot.mechanism, SerialChain):
         places = robot.mechanism.joint_zero[limb]
@@ -129,32 +175,38 @@ def _find_hip_links(robot: Robot, limb: int, first: int) -> set[int]:
 
 
 def _shorten_past_joint(capsule: Capsule) -> tuple[Array, float]:
-    """Axis (P, 2, 3) and radius of a straight link without the joint that carries it.
+    """Return axis (P, 2, 3) and radius of a straight link without the joint that carries it.
 
-    The ball about that joint is part of the link before as well, which is left out. Of a capsule of
-    radius r what is not within sqrt(r^2 + c^2 / 4) of the joint is within as much of its axis from
-    c on.
+    The ball about that joint is part of the previous link as well, which is excluded. Points of a
+    capsule of radius r outside the ball of radius sqrt(r^2 + c^2 / 4) about the joint are within
+    that distance of the axis from c on.
     """
     link_vector = capsule.ends - capsule.starts
     cut = _JOINT_FRACTION * capsule.radius
-    fraction = np.minimum(cut / np.maximum(np.linalg.norm(link_vector, axis=-1, keepdims=True), 1e-9), 1.0)
+    fraction = np.minimum(
+        cut / np.maximum(np.linalg.norm(link_vector, axis=-1, keepdims=True), 1e-9), 1.0
+    )
     axis = np.stack([capsule.starts + fraction * link_vector, capsule.ends], axis=1)
     return axis, float(np.hypot(capsule.radius, cut / 2))
 
 
 def _compute_norms(vectors: Array) -> Array:
-    """Lengths (...) of vectors (..., 3)."""
+    """Return lengths (...) of vectors (..., 3)."""
     return np.sqrt(np.einsum("...k,...k->...", vectors, vectors))
 
 
-def measure_segment_distances(first_segment: Array, second_segment: Array, sufficient: float) -> Array:
-    """Distances (P,) of segments (P, 2, 3), or lower bounds that are at least `enough`; NaN stays.
+def measure_segment_distances(
+    first_segment: Array, second_segment: Array, sufficient: float
+) -> Array:
+    """Return distances (P,) of segments (P, 2, 3), or lower bounds of at least `sufficient`; NaN
+    stays.
 
-    Where they are apart, the shortest way between them is along the normal of both, or from an end
-    to its nearest place on the other. A plane leaves no more room than there is, whatever its
-    direction, so no value is too large.
+    Where they are disjoint, the shortest line between them is along the normal of both, or from an
+    end to its nearest point on the other. The gap of any plane is a lower bound on the distance.
     """
-    middle = (first_segment[:, 0] + first_segment[:, 1] - second_segment[:, 0] - second_segment[:, 1]) / 2
+    middle = (
+        first_segment[:, 0] + first_segment[:, 1] - second_segment[:, 0] - second_segment[:, 1]
+    ) / 2
     half = (_compute_norms(s[:, 1] - s[:, 0]) / 2 for s in (first_segment, second_segment))
     distance = np.asarray(_compute_norms(middle) - sum(half))
     is_near = ~(distance >= sufficient)

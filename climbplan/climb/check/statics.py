@@ -1,8 +1,8 @@
-"""What the joint commands do: the pose, forces and stability of the nonlinear static equilibrium.
+"""Checks of the nonlinear static equilibrium under the joint commands: pose, forces, stability.
 
-Commands that hold the body at its planned pose must do so exactly. Where the body is to sag
-(`force.deflection_compensation: predicted`), plan and commands follow the linear model of eq. (4.14), of which the
-equilibrium is no consequence: it is looked for and told, but not judged.
+Commands that hold the body at its planned pose must do so exactly. With
+`force.deflection_compensation: predicted`, plan and commands follow the linear model of eq. (4.14),
+which does not imply the equilibrium. The equilibrium is then computed and reported, but not judged.
 """
 
 from __future__ import annotations
@@ -38,21 +38,23 @@ SHORTCOMINGS = {
 
 
 def check_statics(subject: Subject, margins: MarginsSpec | None = None) -> Iterator[Check]:
-    """Pose, torques, friction, stability at every instant, and the spec's margins of them."""
+    """Yield checks of pose, torques, friction, stability and margins at every instant."""
     equilibrium = _solve_equilibrium(subject)
     for check in _check_equilibrium(subject, equilibrium):
-        yield mark_linear_model(check) if subject.sags else check
-    if not subject.sags:
+        yield mark_linear_model(check) if subject.predicts_deflection else check
+    if not subject.predicts_deflection:
         yield from check_margins(subject, equilibrium, margins)
 
 
 def mark_linear_model(check: Check) -> Check:
-    """A check of what springs really do, in a plan that follows the linear model of its sag."""
-    return unjudged(check, LINEAR_MODEL, MODEL_NAME, SHORTCOMINGS.get(check.name, f"{check.name} {{figure}}"))
+    """Mark a check of exact springs as informational, in a plan that follows the linear model."""
+    return unjudged(
+        check, LINEAR_MODEL, MODEL_NAME, SHORTCOMINGS.get(check.name, f"{check.name} {{figure}}")
+    )
 
 
 def _solve_equilibrium(subject: Subject) -> StaticEquilibrium:
-    """Where the commands hold the body."""
+    """Return the equilibria in which the commands hold the body."""
     plan = subject.plan
     robot, instants, forces = plan.robot, plan.instants, plan.forces
     deflection = forces.com_deflection
@@ -73,6 +75,7 @@ def _solve_equilibrium(subject: Subject) -> StaticEquilibrium:
 
 
 def _check_equilibrium(subject: Subject, equilibrium: StaticEquilibrium) -> Iterator[Check]:
+    """Yield the checks of the equilibria."""
     plan = subject.plan
     robot = plan.robot
     shift = np.linalg.norm(equilibrium.shift, axis=1)
@@ -83,8 +86,9 @@ def _check_equilibrium(subject: Subject, equilibrium: StaticEquilibrium) -> Iter
     yield judge_worst(
         "static.pose",
         np.where(np.isnan(displacement), np.inf, displacement),
-        lambda k, row: f"{subject.at(k)}, {names[row]}",
-        margin=f"{1e3 * _find_max_finite(shift):.3f} mm, {np.rad2deg(_find_max_finite(turn)):.3f} deg"
+        lambda k, row: f"{subject.describe_instant(k)}, {names[row]}",
+        margin=f"{1e3 * _find_max_finite(shift):.3f} mm, "
+        f"{np.rad2deg(_find_max_finite(turn)):.3f} deg"
         + (f", none at {int(is_lost.sum())} instants" if is_lost.any() else ""),
     )
 
@@ -94,38 +98,38 @@ def _check_equilibrium(subject: Subject, equilibrium: StaticEquilibrium) -> Iter
     yield judge_worst(
         "static.torque",
         torque_ratio - 1 / required,
-        subject.at,
+        subject.describe_instant,
         margin=f"at most {format_largest_torques(robot, motor_torque)}",
         used=torque_ratio * required,
     )
 
     if plan.robot.gripper is None:
         yield _check_friction(subject, equilibrium)
-    stiffness_ratio = equilibrium.stiffness_left
+    stiffness_ratio = equilibrium.stiffness_ratio
     min_ratio = float(np.min(stiffness_ratio, initial=1.0, where=np.isfinite(stiffness_ratio)))
     yield judge_worst(
         "static.stability",
         -stiffness_ratio,
-        subject.at,
+        subject.describe_instant,
         margin=f"{100 * min_ratio:.0f} % of the stiffness left",
         used=1.0 - stiffness_ratio,
     )
 
 
 def _check_friction(subject: Subject, equilibrium: StaticEquilibrium) -> Check:
-    """Contact forces where the body settles, within their cones over S_mu."""
+    """Check contact forces in equilibrium against their cones over S_mu."""
     plan, instants = subject.plan, subject.plan.instants
     required = plan.limits.safety_friction
     sole, stored = plan.robot.sole, plan.forces.corner_force
     contact, mu = instants.contact, instants.mu
-    describe_place: Callable[..., str] = subject.at
+    describe_place: Callable[..., str] = subject.describe_instant
     normal = np.einsum("kni,kni->kn", equilibrium.force, instants.normal)
     tangent = np.linalg.norm(equilibrium.force - normal[..., None] * instants.normal, axis=-1)
     if sole is not None and stored is not None:  # each corner for itself
         axes = compute_sole_axes(sole, instants.normal)
         corner_forces = fit_corner_forces(sole, axes, stored, equilibrium.force, equilibrium.moment)
         normal, tangent = split_pressure_shear(corner_forces, instants.normal)
-        contact, mu, describe_place = contact[..., None], mu[..., None], subject.at_corner
+        contact, mu, describe_place = contact[..., None], mu[..., None], subject.describe_corner
     max_shear = mu * normal
     excess = np.where(contact, tangent - max_shear / required, -np.inf)
     factor = compute_friction_factor("static.friction", tangent, max_shear, subject.weight)
@@ -140,5 +144,5 @@ def _check_friction(subject: Subject, equilibrium: StaticEquilibrium) -> Check:
 
 
 def _find_max_finite(values: Array) -> float:
-    """Largest of what is there."""
+    """Return the largest finite value."""
     return float(np.max(values, initial=0.0, where=np.isfinite(values)))

@@ -1,4 +1,4 @@
-"""The terrain in a plan file against the one its spec states, corner by corner."""
+"""Comparison of the terrain in a plan file with that of its spec, corner by corner."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from climbplan.verification.differences import Difference, apart, same
 
 
 def compare_terrain(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
+    """Yield the differences between the plan's terrain and that of its spec."""
     terrain, terrain_spec = plan.terrain, spec.terrain
     walls = ("left", "right") if terrain_spec.walls is not None else ()
     tops = [*(["ground"] if terrain_spec.ground else []), *(box.name for box in terrain_spec.boxes)]
@@ -48,16 +49,29 @@ def compare_terrain(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
         yield same("terrain.tube", isinstance(tube, Tube))
         if isinstance(tube, Tube):
             stored_tube = (*tube.center, tube.wall, tube.lower, tube.upper, tube.friction)
-            stated_tube = (*terrain_spec.tube.center, terrain_spec.tube.radius, *terrain_spec.tube.up, terrain_spec.friction)
+            stated_tube = (
+                *terrain_spec.tube.center,
+                terrain_spec.tube.radius,
+                *terrain_spec.tube.up,
+                terrain_spec.friction,
+            )
             yield apart("terrain.tube", stored_tube, stated_tube)
     if terrain_spec.walls is not None:
         for side, name in ((-1, "left"), (1, "right")):
             surface = terrain.surfaces[by_name[name]]
-            yield _compare_corners(f"terrain.walls: {name}", surface, _build_wall_corners(terrain_spec.walls, side))
-            wall_friction = terrain_spec.friction if terrain_spec.walls.friction is None else terrain_spec.walls.friction
+            yield _compare_corners(
+                f"terrain.walls: {name}", surface, _build_wall_corners(terrain_spec.walls, side)
+            )
+            wall_friction = (
+                terrain_spec.friction
+                if terrain_spec.walls.friction is None
+                else terrain_spec.walls.friction
+            )
             yield apart("terrain.friction", surface.friction, wall_friction)
             is_allowed = [where in (name, "any") for where in plan.robot.sides]
-            yield apart(f"terrain.walls: {name}, limbs", terrain.allowed[:, by_name[name]], is_allowed)
+            yield apart(
+                f"terrain.walls: {name}, limbs", terrain.allowed[:, by_name[name]], is_allowed
+            )
     level_surfaces: list[tuple[str, str, Array, GroundSpec | BoxSpec]] = []
     if terrain_spec.ground is not None:
         ground = terrain_spec.ground
@@ -87,12 +101,15 @@ def compare_terrain(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
         yield apart(f"{key}.limbs", terrain.allowed[:, by_name[region.name]], is_allowed)
         yield _compare_region_hold(key, surface, region)
     boxes = [SolidSpec(name=b.name, lower=b.lower, upper=b.upper) for b in terrain_spec.boxes]
-    yield from _compare_solids(terrain, [*terrain_spec.obstacles, *boxes], terrain_spec.free_regions)
+    yield from _compare_solids(
+        terrain, [*terrain_spec.obstacles, *boxes], terrain_spec.free_regions
+    )
 
 
 def _compare_solids(
     terrain: Terrain, obstacles: Sequence[SolidSpec], free: Sequence[SolidSpec]
 ) -> Iterator[Difference]:
+    """Yield the differences of obstacles and free regions."""
     for number, (solid, spec) in enumerate(zip(terrain.obstacles, obstacles, strict=False)):
         yield _compare_support(f"terrain.obstacles.{number}", solid.A, solid.b, _list_points(spec))
     if free:
@@ -106,12 +123,12 @@ def _compare_solids(
 
 
 def _compare_support(key: str, A: Array, b: Array, points: Array) -> Difference:
-    """How far half-spaces are from touching the hull of points."""
+    """Return how far half-spaces are from touching the hull of points."""
     return apart(key, (points @ A.T).max(axis=0), b)
 
 
 def _compare_corners(key: str, surface: Surface, corners: Array) -> Difference:
-    """Largest distance between corners that belong together, in whatever order."""
+    """Return the largest distance between corresponding corners, in any order."""
     if not isinstance(surface, Region) or len(surface.vertices) != len(corners):
         return Difference(key, math.inf)
     corners = corners + surface.standoff * surface.normal
@@ -120,7 +137,7 @@ def _compare_corners(key: str, surface: Surface, corners: Array) -> Difference:
 
 
 def _compare_panel(plan: ClimbPlan, panel: PanelSpec, friction: float) -> Iterator[Difference]:
-    """The panel's corners, and where its holds are and how they can be gripped."""
+    """Yield the differences of the panel's corners and of its holds."""
     terrain = plan.terrain
     by_name = {surface.name: index for index, surface in enumerate(terrain.surfaces)}
     angle = math.radians(panel.angle_deg)
@@ -146,7 +163,9 @@ def _compare_panel(plan: ClimbPlan, panel: PanelSpec, friction: float) -> Iterat
         hold_corners = corners((u - half[0], u + half[0]), (v - half[1], v + half[1]))
         yield _compare_corners(key, surface, hold_corners)
         yield apart(
-            f"{key}.friction", surface.friction, panel_friction if spec.friction is None else spec.friction
+            f"{key}.friction",
+            surface.friction,
+            panel_friction if spec.friction is None else spec.friction,
         )
         is_allowed = [spec.limbs is None or limb in spec.limbs for limb in plan.robot.limb_names]
         yield apart(f"{key}.limbs", terrain.allowed[:, by_name[name]], is_allowed)
@@ -156,7 +175,7 @@ def _compare_panel(plan: ClimbPlan, panel: PanelSpec, friction: float) -> Iterat
 def _compare_hold(
     key: str, surface: Surface, spec: HoldSpec, up: Array, sideways: Array
 ) -> Difference:
-    """Axis, undercut and orientation of a hold."""
+    """Compare axis, undercut and orientation of a hold."""
     if not isinstance(surface, Region) or surface.hold is None:
         return Difference(key, math.inf)
     turn, hold = math.radians(spec.axis_deg), surface.hold
@@ -167,7 +186,7 @@ def _compare_hold(
 
 
 def _compare_region_hold(key: str, surface: Surface, region: RegionSpec) -> Difference:
-    """How a region can be gripped: its axis without what is along the normal."""
+    """Compare how a region can be gripped, with the axis projected into its plane."""
     stored = surface.hold if isinstance(surface, Region) else None
     if region.hold is None or stored is None or not isinstance(surface, Region):
         return same(f"{key}.hold", (region.hold is None) == (stored is None))
@@ -179,19 +198,23 @@ def _compare_region_hold(key: str, surface: Surface, region: RegionSpec) -> Diff
 
 
 def _build_wall_corners(walls: WallsSpec, side: int) -> Array:
-    """Corners of a wall: half the gap from the middle at y = 0, opening by half the angle."""
+    """Return the corners of a wall: half the gap from the middle at y = 0, opening by half the
+    angle.
+    """
     slope = math.tan(math.radians(walls.angle_deg) / 2)
     corners = itertools.product(walls.along, walls.up)
     return np.array([(side * (walls.gap / 2 + y * slope), y, z) for y, z in corners])
 
 
-def _build_level_corners(across: tuple[float, float], along: tuple[float, float], z: float) -> Array:
-    """Corners of a level rectangle."""
+def _build_level_corners(
+    across: tuple[float, float], along: tuple[float, float], z: float
+) -> Array:
+    """Return the corners of a level rectangle."""
     return np.array([(x, y, z) for x in across for y in along])
 
 
 def _build_region_corners(region: RegionSpec) -> Array:
-    """Corners of a region as its spec states them."""
+    """Return the corners of a region as its spec states them."""
     if region.rectangle is None:
         return np.array(region.vertices, float)
     flat = region.rectangle
@@ -204,6 +227,7 @@ def _build_region_corners(region: RegionSpec) -> Array:
 
 
 def _list_points(solid: SolidSpec) -> Array:
+    """Return the corners of a solid."""
     if solid.lower is not None and solid.upper is not None:
         return np.array(list(itertools.product(*zip(solid.lower, solid.upper, strict=True))))
     return np.array(solid.vertices, float)

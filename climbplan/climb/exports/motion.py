@@ -1,4 +1,4 @@
-"""The motion of a climb or transition plan."""
+"""The motion of a climb or transition plan, for controllers and other simulators."""
 
 from __future__ import annotations
 
@@ -45,102 +45,109 @@ from climbplan.simulation.motors import motor_damping, motor_stiffness
 from climbplan.terrain.surfaces import Region
 
 
-def joint_inertia(robot: Robot, angles: Array) -> Array:
-    """Return the least inertia (N, J) of limbs in the air about their joints [kg m^2, kg].
+def compute_min_joint_inertia(robot: Robot, angles: Array) -> Array:
+    """Return the smallest inertia (N, J) of limbs in the air about their joints [kg m^2, kg].
 
-    Links from a joint outward, at angles (T, N, J); what motors are assumed to turn with (rotors)
-    where limbs weigh nothing.
+    The inertia is that of the links from a joint outward, at angles (T, N, J). Where limbs are
+    massless it is the assumed inertia of the motors (rotors).
     """
     chain, links = robot.mechanism, robot.links
     if links is None or not isinstance(chain, SerialChain):
         damping, stiffness = motor_damping(robot, NOMINAL), motor_stiffness(robot, NOMINAL)
         return np.asarray(damping**2 / (4 * stiffness))
     pose = chain.pose(angles)
-    arms = links.middles(chain, angles)[..., None, :, :] - pose.joints[..., :, None, :]
-    outward = np.triu(np.ones((robot.joint_count, robot.joint_count)))[..., None]  # (joint, link)
-    moving = np.cross(pose.axes[..., :, None, :], arms)  # (T, N, joint, link, 3)
+    lever_arms = links.middles(chain, angles)[..., None, :, :] - pose.joints[..., :, None, :]
+    is_carried = np.triu(np.ones((robot.joint_count, robot.joint_count)))[
+        ..., None
+    ]  # (joint, link)
+    link_velocity = np.cross(pose.axes[..., :, None, :], lever_arms)  # (T, N, joint, link, 3)
     if pose.slides is not None:
-        moving = moving + pose.slides[..., :, None, :]
-    turning = np.broadcast_to(pose.axes[..., :, None, :], moving.shape)
-    moving, turning = moving * outward, turning * outward
+        link_velocity = link_velocity + pose.slides[..., :, None, :]
+    angular_velocity = np.broadcast_to(pose.axes[..., :, None, :], link_velocity.shape)
+    link_velocity, angular_velocity = link_velocity * is_carried, angular_velocity * is_carried
     if pose.drive is not None:  # joints that mimic others move with them
-        moving, turning = (
-            np.einsum("nji,tnjlk->tnilk", pose.drive, part) for part in (moving, turning)
+        link_velocity, angular_velocity = (
+            np.einsum("nji,tnjlk->tnilk", pose.drive, component)
+            for component in (link_velocity, angular_velocity)
         )
     inertia = pose.turns @ links.inertia @ np.swapaxes(pose.turns, -1, -2)  # (T, N, link, 3, 3)
-    energy = links.mass[:, None, :] * (moving**2).sum(axis=-1)
-    energy += np.einsum("tnjli,tnlik,tnjlk->tnjl", turning, inertia, turning)
+    energy = links.mass[:, None, :] * (link_velocity**2).sum(axis=-1)
+    energy += np.einsum("tnjli,tnlik,tnjlk->tnjl", angular_velocity, inertia, angular_velocity)
     return np.asarray(energy.sum(axis=-1).min(axis=0))
 
 
 def read_motion(path: Path) -> RobotMotion:
     """Read a plan file; raises PlanFileError where it is no climb or damaged."""
-    return motion_of_climb(read_climb(path))
+    return build_motion(read_climb(path))
 
 
-def motion_of_climb(plan: ClimbPlan) -> RobotMotion:
-    """Return what controllers and other simulators have to know of a plan's motion."""
-    moving, robot = plan.trajectory, plan.robot
-    there = robot.has_joint
+def build_motion(plan: ClimbPlan) -> RobotMotion:
+    """Return the data of a plan's motion that controllers and other simulators need."""
+    trajectory, robot = plan.trajectory, plan.robot
+    has_joint = robot.has_joint
     angle = true_angles(plan, sample_instants(plan))
     # What bends a joint is the motor and the structure beyond it; encoders see the motor's part.
-    torque = (moving.joint_command - angle) / joint_softness(robot)
-    torque = np.where(moving.contact[..., None], torque, 0.0)
-    seen = moving.joint_command - torque / robot.joint_stiffness
-    slides = tuple(robot.slides[there].tolist())
-    velocity, acceleration = differentiated(moving.time, moving.joint_command[:, there])
-    rotation = rotation_world_body(moving.rpy)
+    torque = (trajectory.joint_command - angle) / joint_softness(robot)
+    torque = np.where(trajectory.contact[..., None], torque, 0.0)
+    encoder_angle = trajectory.joint_command - torque / robot.joint_stiffness
+    slides = tuple(robot.slides[has_joint].tolist())
+    velocity, acceleration = differentiated(trajectory.time, trajectory.joint_command[:, has_joint])
+    rotation = rotation_world_body(trajectory.rpy)
     quaternion = Rotation.from_matrix(rotation).as_quat(canonical=False)
-    link, facts, words = _of_urdf(plan)
+    root_link, facts, notes = _read_root_link(plan)
     return RobotMotion(
         name=plan.name,
         robot=robot.name,
-        time=moving.time,
-        bodies=(BodyMotion("body", moving.com, continuous_quaternions(quaternion)),),
-        base=None if link is None else link.motion(moving.com, rotation),
+        time=trajectory.time,
+        bodies=(BodyMotion("body", trajectory.com, continuous_quaternions(quaternion)),),
+        base=None if root_link is None else root_link.motion(trajectory.com, rotation),
         joints=JointMotion(
             names=robot.motor_names,
-            command=moving.joint_command[:, there],
+            command=trajectory.joint_command[:, has_joint],
             velocity=velocity,
             acceleration=acceleration,
-            angle=seen[:, there],
-            torque=torque[:, there],
-            feedforward=np.zeros_like(torque[:, there]),
-            gravity=-link_torques(robot, moving.rpy, angle)[:, there],
-            gain=robot.joint_stiffness[there],
+            angle=encoder_angle[:, has_joint],
+            torque=torque[:, has_joint],
+            feedforward=np.zeros_like(torque[:, has_joint]),
+            gravity=-link_torques(robot, trajectory.rpy, angle)[:, has_joint],
+            gain=robot.joint_stiffness[has_joint],
             slides=slides,
-            limits=_limits(plan, angle),
-            link_angle=moving.joint_command[:, there] - (torque * joint_softness(robot))[:, there],
+            limits=_build_joint_limits(plan, angle),
+            link_angle=trajectory.joint_command[:, has_joint]
+            - (torque * joint_softness(robot))[:, has_joint],
         ),
-        contacts=_contacts(plan, angle, torque),
-        limbs=_limbs(plan, angle),
+        contacts=_build_contacts(plan, angle, torque),
+        limbs=_build_limb_shapes(plan, angle),
         body_size=np.abs(robot.body_hull).max(axis=0),
         surfaces=tuple(s.material for s in plan.terrain.regions if isinstance(s, Region)),
-        words=(gain_words(robot.joint_stiffness[there], slides=slides), *words),
+        words=(gain_words(robot.joint_stiffness[has_joint], slides=slides), *notes),
         facts={
             "structural_compliance_share": robot.structural_compliance_share,
             "foot_radius": 0.0 if robot.foot is None else robot.foot.radius,
-            "surfaces": _surfaces(plan),
+            "surfaces": _list_surfaces(plan),
             **facts,
         },
     )
 
 
-def _limits(plan: ClimbPlan, angle: Array) -> JointLimits:
+def _build_joint_limits(plan: ClimbPlan, angle: Array) -> JointLimits:
+    """Return gains, damping and torque limits of the joints."""
     robot = plan.robot
-    there, shape = robot.has_joint, robot.has_joint.shape
+    has_joint, shape = robot.has_joint, robot.has_joint.shape
     names = np.broadcast_to(np.array(robot.limb_names)[:, None], shape)
-    damping = critical_damping(joint_inertia(robot, angle), robot.joint_stiffness)
+    damping = critical_damping(compute_min_joint_inertia(robot, angle), robot.joint_stiffness)
     return JointLimits(
-        limb=tuple(names[there].tolist()),
-        rigid_gain=robot.joint_stiffness[there] * (1 - robot.structural_compliance_share),
-        damping=damping[there],
-        max_torque=robot.max_torque[there],
+        limb=tuple(names[has_joint].tolist()),
+        rigid_gain=robot.joint_stiffness[has_joint] * (1 - robot.structural_compliance_share),
+        damping=damping[has_joint],
+        max_torque=robot.max_torque[has_joint],
     )
 
 
-def _of_urdf(plan: ClimbPlan) -> tuple[BaseLink | None, dict[str, object], tuple[str, ...]]:
-    """Root link and facts of the URDF that a plan carries, and words where they cannot be read."""
+def _read_root_link(plan: ClimbPlan) -> tuple[BaseLink | None, dict[str, object], tuple[str, ...]]:
+    """Return root link and facts of the URDF that a plan carries, and notes where they are
+    unreadable.
+    """
     chain = plan.robot.mechanism
     if not plan.robot_texts.urdf or not isinstance(chain, SerialChain):
         return None, {}, ()
@@ -151,12 +158,12 @@ def _of_urdf(plan: ClimbPlan) -> tuple[BaseLink | None, dict[str, object], tuple
         facts = dict(urdf_facts(robot))
         return base_link(robot, chain, np.eye(3)), facts, ()
     except (NotKept, ClimbplanError, ValueError) as reason:
-        why = str(reason).splitlines()[0]
-        return None, {}, (f"the pose of the URDF's root link is not exported: {why}",)
+        cause = str(reason).splitlines()[0]
+        return None, {}, (f"the pose of the URDF's root link is not exported: {cause}",)
 
 
-def _surfaces(plan: ClimbPlan) -> list[dict[str, object]]:
-    """Flat surfaces of the terrain, where their material is."""
+def _list_surfaces(plan: ClimbPlan) -> list[dict[str, object]]:
+    """Return the flat surfaces of the terrain at the position of their material."""
     return [
         {
             "name": region.name,
@@ -169,30 +176,32 @@ def _surfaces(plan: ClimbPlan) -> list[dict[str, object]]:
     ]
 
 
-def _contacts(plan: ClimbPlan, angle: Array, torque: Array) -> ContactMotion:
-    moving, robot = plan.trajectory, plan.robot
-    force = moving.force
+def _build_contacts(plan: ClimbPlan, angle: Array, torque: Array) -> ContactMotion:
+    """Return contact points and forces of all limbs."""
+    trajectory, robot = plan.trajectory, plan.robot
+    force = trajectory.force
     normal = plan.instants.normal[np.maximum(sample_instants(plan), 0)]
     if force is None:  # tau = -J^T f, exact but near singular postures
-        jacobian = contact_jacobian(robot, moving.rpy, angle, normal)
+        jacobian = contact_jacobian(robot, trajectory.rpy, angle, normal)
         jacobian = held_rows(
-            robot, moving.rpy, angle, normal, jacobian
+            robot, trajectory.rpy, angle, normal, jacobian
         )  # and moments, of flat feet
         inverse = np.linalg.pinv(np.swapaxes(jacobian, -1, -2), rcond=1e-6)
         force = -(inverse @ torque[..., None])[..., :3, 0]
     return ContactMotion(
         robot.limb_names,
-        contact_points(robot, toe_world(robot, moving.com, moving.rpy, angle), normal),
-        np.where(moving.contact[..., None], force, 0.0),
-        moving.contact,
+        contact_points(robot, toe_world(robot, trajectory.com, trajectory.rpy, angle), normal),
+        np.where(trajectory.contact[..., None], force, 0.0),
+        trajectory.contact,
     )
 
 
-def _limbs(plan: ClimbPlan, angle: Array) -> tuple[LimbShape, ...]:
-    moving, robot = plan.trajectory, plan.robot
-    rotation = rotation_world_body(moving.rpy)
-    own = joint_points_body(robot, angle)  # (T, N, P, 3)
-    points = moving.com[:, None, None] + np.einsum("tij,tnpj->tnpi", rotation, own)
+def _build_limb_shapes(plan: ClimbPlan, angle: Array) -> tuple[LimbShape, ...]:
+    """Return the limbs as polylines with a radius."""
+    trajectory, robot = plan.trajectory, plan.robot
+    rotation = rotation_world_body(trajectory.rpy)
+    points_body = joint_points_body(robot, angle)  # (T, N, P, 3)
+    points = trajectory.com[:, None, None] + np.einsum("tij,tnpj->tnpi", rotation, points_body)
     return tuple(
         LimbShape(name, points[:, n], robot.limb_radius) for n, name in enumerate(robot.limb_names)
     )

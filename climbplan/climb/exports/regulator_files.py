@@ -1,4 +1,4 @@
-"""The regulator that runs on a robot: its code as it is, the plan's tables, what a tick takes."""
+"""The files of a robot's joint regulator: its code, the plan's tables, the time of a tick."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.arrays import BoolArray
-from climbplan.climb.exports.motion import motion_of_climb
+from climbplan.climb.exports.motion import build_motion
 from climbplan.climb.plan.file import read_climb
 from climbplan.climb.simulation.control.regulator import build_regulator_tables, compute_zero_pose
 from climbplan.control import joint_regulator
@@ -22,22 +22,27 @@ from climbplan.exports.gains import RIGID
 from climbplan.exports.sidecar import write_facts
 
 TABLES, CODE = "regulator.npz", "joint_regulator.py"
-_TICKS = 2000  # that are timed
+_NUM_TIMED_TICKS = 2000  # that are timed
 
 
 class TickTime(NamedTuple):
-    """What ticks take on this machine [s]."""
+    """Computing times of regulator ticks on this machine [s]."""
 
     median: float
-    most: float  # of 99 in 100
+    percentile_99: float  # of 99 in 100
 
 
 def write_regulator(path: Path, gains: str | None, directory: Path) -> TickTime:
     """Write code and tables of a climb's regulator into a directory, and time it.
 
-    gains: a number [N m/rad], a file, or "rigid", the robot's if None. Raises UsageError for gains
-    that cannot be and robots with five-bar legs or grippers, PlanFileError for what is no climb's
-    plan.
+    Args:
+        path: The plan file.
+        gains: A number [N m/rad], a file, or "rigid"; None for the robot's gains.
+        directory: Where the files are written.
+
+    Raises:
+        UsageError: Invalid gains, or a robot with five-bar legs, grippers or flat feet.
+        PlanFileError: The file is no climb's plan.
     """
     plan = read_climb(path)
     robot = plan.robot
@@ -47,55 +52,65 @@ def write_regulator(path: Path, gains: str | None, directory: Path) -> TickTime:
             "regulator knows "
             "limbs whose joints move one after the other and toes that press"
         )
-    motion = adapt_motion(motion_of_climb(plan), ControllerOptions(gains=gains))
+    motion = adapt_motion(build_motion(plan), ControllerOptions(gains=gains))
     joints = motion.joints
     assert joints is not None
-    there, gain = robot.has_joint, None
+    has_joint, gain = robot.has_joint, None
     if gains == RIGID:  # what gives beyond the motors is in the joints, where encoders see it
-        firm = robot.joint_stiffness * (1 - robot.structural_compliance_share)
-        own = replace(robot, joint_stiffness=firm, structural_compliance_share=0.0)
-        plan = replace(plan, robot=own)
+        motor_stiffness = robot.joint_stiffness * (1 - robot.structural_compliance_share)
+        rigid_robot = replace(
+            robot, joint_stiffness=motor_stiffness, structural_compliance_share=0.0
+        )
+        plan = replace(plan, robot=rigid_robot)
     elif gains is not None:
-        gain = _placed(joints.gain, there, robot.joint_stiffness)
+        gain = _scatter_joints(joints.gain, has_joint, robot.joint_stiffness)
     tables = build_regulator_tables(plan, gain)
-    table = {f.name: getattr(tables, f.name) for f in fields(RegulatorTables)}
+    table_arrays = {f.name: getattr(tables, f.name) for f in fields(RegulatorTables)}
     names = np.array(joints.names)
-    more = {
-        "joint_names": _placed(names, there, np.full(there.shape, "", names.dtype)),
-        "gain": _placed(joints.gain, there, np.zeros(there.shape)),
-        "gravity": _placed(joints.gravity, there, np.zeros((len(motion.time), *there.shape))),
+    extra_arrays = {
+        "joint_names": _scatter_joints(names, has_joint, np.full(has_joint.shape, "", names.dtype)),
+        "gain": _scatter_joints(joints.gain, has_joint, np.zeros(has_joint.shape)),
+        "gravity": _scatter_joints(
+            joints.gravity, has_joint, np.zeros((len(motion.time), *has_joint.shape))
+        ),
     }
     if joints.limits is not None:
-        more["damping"] = _placed(joints.limits.damping, there, np.zeros(there.shape))
+        extra_arrays["damping"] = _scatter_joints(
+            joints.limits.damping, has_joint, np.zeros(has_joint.shape)
+        )
     if motion.base is not None:
-        more["base_position"] = motion.base.position
-        more["base_quaternion"] = motion.base.quaternion
-        more["base_link"] = np.array(motion.base.name)
-    arrays: dict[str, NDArray[Any]] = {**more, **table}
+        extra_arrays["base_position"] = motion.base.position
+        extra_arrays["base_quaternion"] = motion.base.quaternion
+        extra_arrays["base_link"] = np.array(motion.base.name)
+    arrays: dict[str, NDArray[Any]] = {**extra_arrays, **table_arrays}
     np.savez_compressed(directory / TABLES, allow_pickle=False, **arrays)
     write_facts(motion, directory / FACTS)
     code = Path(joint_regulator.__file__).read_text(encoding="utf-8")
     (directory / CODE).write_text(code, encoding="utf-8")
-    return tick_time(tables)
+    return measure_tick_time(tables)
 
 
-def tick_time(tables: RegulatorTables) -> TickTime:
-    """Of ticks through the plan, with angles as planned."""
+def measure_tick_time(tables: RegulatorTables) -> TickTime:
+    """Measure the time of ticks through the plan, with angles as planned."""
     regulator = JointRegulator(tables)
-    moments = np.linspace(tables.time[0], tables.time[-1], _TICKS)
+    moments = np.linspace(tables.time[0], tables.time[-1], _NUM_TIMED_TICKS)
     sample = np.searchsorted(tables.time, moments, side="right") - 1
     angles = tables.command + tables.bent / tables.give
-    taken = []
-    for moment, at in zip(moments.tolist(), sample.tolist(), strict=True):
-        seen = angles[at]
-        begin = time.perf_counter()
-        regulator.tick(moment, seen)
-        taken.append(time.perf_counter() - begin)
-    return TickTime(float(np.median(taken)), float(np.percentile(taken, 99)))
+    durations = []
+    for moment, sample_index in zip(moments.tolist(), sample.tolist(), strict=True):
+        measured_angles = angles[sample_index]
+        start_time = time.perf_counter()
+        regulator.tick(moment, measured_angles)
+        durations.append(time.perf_counter() - start_time)
+    return TickTime(float(np.median(durations)), float(np.percentile(durations, 99)))
 
 
-def _placed(values: NDArray[Any], there: BoolArray, empty: NDArray[Any]) -> NDArray[Any]:
-    """(..., N, J) values (..., count) of the joints that there are, beside those of `empty`."""
-    placed = np.broadcast_to(empty, (*empty.shape[:-2], *there.shape)).copy()
-    placed[..., there] = values
-    return placed
+def _scatter_joints(
+    values: NDArray[Any], has_joint: BoolArray, empty: NDArray[Any]
+) -> NDArray[Any]:
+    """Return values (..., count) of existing joints as (..., N, J), with those of `empty`
+    elsewhere.
+    """
+    scattered = np.broadcast_to(empty, (*empty.shape[:-2], *has_joint.shape)).copy()
+    scattered[..., has_joint] = values
+    return scattered

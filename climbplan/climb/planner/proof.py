@@ -72,7 +72,7 @@ def prove_infeasibility(
         ]
     if conflicts:
         return Infeasible("no plan exists", _mark_remedies_necessary(conflicts), stage="proof")
-    if scene.terrain.curved or rounds_are_free:
+    if scene.terrain.is_curved or rounds_are_free:
         return None
     remaining = deadline - time.monotonic()
     if remaining <= 0:
@@ -217,7 +217,7 @@ def find_missing_support(scene: MotionScene) -> Iterator[Conflict]:
     allowed regions balances weight, payload and stated force, nothing carries the robot. A safety
     factor counts only if the spec states it.
     """
-    if scene.grippers is not None or scene.terrain.curved:
+    if scene.grippers is not None or scene.terrain.is_curved:
         return  # grippers pull; a tube has normals all round
     weight = scene.robot.weight * np.array([0.0, 0.0, -1.0])
     load = weight + load_wrench(scene.spec, scene.robot, np.zeros(3))[:3]

@@ -64,7 +64,7 @@ def find_unsupported_places(scene: MotionScene) -> list[UnsupportedPlace]:
     reach = compute_max_reach(scene)
     if (
         scene.grippers is not None
-        or scene.terrain.curved
+        or scene.terrain.is_curved
         or has_offset_mass
         or not np.isfinite(reach).all()
     ):

@@ -41,7 +41,7 @@ def select_first_trial(scene: ClimbScene) -> Trial:
     if window_of(scene) is not None:
         return Trial("windows", "auto")  # each by the first method that has a plan for it
     steps = scene.spec.posture.steps
-    convex = not scene.terrain.curved and steps.com_min == 0 and steps.toe_min == 0
+    convex = not scene.terrain.is_curved and steps.com_min == 0 and steps.toe_min == 0
     return Trial("micp", "micp") if convex else Trial("nlp", "nlp")
 
 

@@ -213,7 +213,7 @@ class _FreeSpace:
 def _bound_body_origin(scene: ClimbScene) -> tuple[Array, Array]:
     """Return a box (3,), (3,) [m] with every body origin from which all limbs reach a region."""
     low, high = np.full(3, -np.inf), np.full(3, np.inf)
-    if scene.terrain.curved:
+    if scene.terrain.is_curved:
         return low, high
     max_distance = np.linalg.norm(scene.robot.shoulder_body, axis=1) + scene.robot.reach
     for limb in range(scene.robot.limb_count):

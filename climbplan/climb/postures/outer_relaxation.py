@@ -50,7 +50,11 @@ def bound_shoulders(scene: MotionScene) -> list[tuple[Array, Array]]:
     balls = [(np.zeros_like(shoulder), shoulder_distance)]
     limit = np.deg2rad(scene.spec.posture.rotation_limit_deg)
     is_level = np.abs(scene.start.rpy[:2]).max() <= limit
-    if stated(scene.spec, "posture.rotation_limit_deg") and not scene.terrain.curved and is_level:
+    if (
+        stated(scene.spec, "posture.rotation_limit_deg")
+        and not scene.terrain.is_curved
+        and is_level
+    ):
         # Roll, pitch and yaw of at most the limit each make a turn of at most three times it, and
         # a turn by t moves a point by 2 sin(t / 2) of its distance.
         max_angle = min(3.0 * limit, np.pi)

@@ -91,9 +91,9 @@ def plan_postures(
 
         write_model(instance, save_model)
     remaining = max(options.time_limit - (time.monotonic() - start_time), 0.0)
-    known = None if previous is None else previous.warm_start
+    warm_start = None if previous is None else previous.warm_start
     solver = options.method if is_relaxation else options.posture_solver
-    result = solve(instance, solver, options.gap, remaining, known, nodes)
+    result = solve(instance, solver, options.gap, remaining, warm_start, nodes)
     if result.x is None and is_relaxation:
         message = f"{options.method}: no plan, {result.log[-1]}"
         reason = "alternatives are settled by rounding and not given up again"
@@ -143,7 +143,7 @@ def _log_size(scene: ClimbScene) -> None:
 def reject_nonconvex(scene: ClimbScene) -> None:
     """Raise UsageError for nonconvex requirements: curved terrain, lower step bounds."""
     steps = scene.spec.posture.steps
-    if scene.terrain.curved:
+    if scene.terrain.is_curved:
         raise UsageError("method micp needs flat contact regions: use --method nlp in a tube")
     if steps.com_min > 0 or steps.toe_min > 0:
         raise UsageError(

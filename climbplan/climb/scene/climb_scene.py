@@ -42,7 +42,7 @@ def flat_foot_mistakes(spec: ClimbSpec, robot: Robot, terrain: Terrain) -> Itera
     if sole is None:
         return
     what = "flat feet are planned with"
-    if terrain.curved:
+    if terrain.is_curved:
         yield SpecMistake("terrain.tube", f"{what} flat surfaces alone")
     if spec.terrain.scan is not None:
         yield SpecMistake("terrain.scan", f"{what} stated surfaces alone, not scans")
@@ -51,7 +51,7 @@ def flat_foot_mistakes(spec: ClimbSpec, robot: Robot, terrain: Terrain) -> Itera
     if spec.solver.method not in ("auto", *CONVEX_METHODS):
         known = ", ".join(f"`{name}`" for name in CONVEX_METHODS)
         yield SpecMistake("solver.method", f"{what} the methods `auto`, {known} alone")
-    if terrain.curved:
+    if terrain.is_curved:
         return
     room = np.array([fits(region, sole) for region in terrain.regions])
     for limb in np.flatnonzero(~(terrain.allowed & room).any(axis=1)):
@@ -64,7 +64,7 @@ def overhanging(
     key: str, robot: Robot, terrain: Terrain, toes: Array, region: IntArray
 ) -> Iterator[SpecMistake]:
     """Soles about toes (N, 3) that reach beyond their surfaces (N,)."""
-    if robot.sole is None or terrain.curved:
+    if robot.sole is None or terrain.is_curved:
         return
     for limb, name in enumerate(robot.limb_names):
         surface = terrain.regions[region[limb]]

@@ -33,7 +33,7 @@ def footing(terrain: Terrain, edge: float, foot: Foot | None = None) -> tuple[Re
     Holds of grippers stay whole. Spherical feet also stay off what rises beside an edge, by
     their radius and `edge`, and flat ones are on their region as a whole.
     """
-    if (edge <= 0 and foot is None) or terrain.curved:
+    if (edge <= 0 and foot is None) or terrain.is_curved:
         return ()
     kept = [_kept(terrain, index, edge, foot=foot) for index in range(len(terrain.regions))]
     return _changed(terrain, kept)

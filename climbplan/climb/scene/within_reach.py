@@ -16,7 +16,7 @@ from climbplan.terrain.nearest import beyond_bounds
 def within_rounds(scene: ClimbScene, count: int) -> Terrain:
     """The terrain with only those alternatives that some limb can come to in so many rounds."""
     terrain = scene.terrain
-    if terrain.curved:
+    if terrain.is_curved:
         return terrain
     body = count * scene.spec.posture.steps.com_max
     choices = tuple(

@@ -103,7 +103,7 @@ def _build_window(scene: ClimbScene, count: int) -> ClimbScene:
     scene = replace(scene, robot=robot)
     terrain = within_rounds(scene, count)
     window = replace(replace_rounds(scene, count), terrain=terrain, robot=robot)
-    if terrain.curved:
+    if terrain.is_curved:
         return window
     reachable_regions = reachable(window, count)
     is_unreached = ~reachable_regions.any(axis=2)  # the program reports what is out of reach

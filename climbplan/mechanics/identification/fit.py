@@ -1,8 +1,9 @@
-"""Joint stiffness and the structure's share by robust least squares over measured matrices.
+"""Identification of joint stiffness and structural compliance by robust least squares.
 
-Unknown are one compliance a joint, the structure's part, and for each matrix whose posture the
-file does not tell one number that places the foot. Residuals are the entries of K - K_measured in
-units of what is known of their error, under a loss that grows linearly for bad rows (soft_l1).
+The unknowns are one compliance per joint, the structure's part, and, for each matrix whose posture
+the file does not contain, one number that places the foot. Residuals are the entries of
+K - K_measured in units of their known error, under a loss that grows linearly for outliers
+(soft_l1).
 """
 
 from __future__ import annotations
@@ -19,31 +20,31 @@ from climbplan.errors import UsageError
 from climbplan.mechanics.identification.limb_model import Limb, limb_matrices
 from climbplan.mechanics.identification.measurements import Matrix
 
-MODEL_ERROR = 0.05  # of a column: postures and geometry are never known exactly
+MODEL_ERROR = 0.05  # relative, of a column: postures and geometry are never exact
 _NORMAL = 1.4826
-_BAD = 4.0  # robust standard deviations at which a matrix is called an outlier
-_RESAMPLES = 120
-_STIFFNESS = np.geomspace(6.0, 400.0, 9)  # [N m/rad] where fits are started
-_PLACES = 121  # places of an unknown foot that are tried
-_COMPLIANCE = (1e-5, 10.0)  # [rad/(N m)] range of the search
+_OUTLIER = 4.0  # robust standard deviations of an outlier
+_NUM_RESAMPLES = 120
+_START_STIFFNESS = np.geomspace(6.0, 400.0, 9)  # [N m/rad] grid of starts
+_NUM_PLACES = 121  # of an unknown foot, in the grid of starts
+_COMPLIANCE_RANGE = (1e-5, 10.0)  # [rad/(N m)]
 FEET = ("known", "horizontal", "radial")  # what a stated foot distance means
 
 
 @dataclass(frozen=True)
 class Model:
-    """What is unknown."""
+    """The unknowns of a fit."""
 
-    structure: bool  # the structure gives alike in all directions
-    by_gain: bool  # the structure gives in the shape of the joints' motion, told by the gain
+    structure: bool  # the structure has an isotropic compliance
+    by_gain: bool  # the structure deflects in the shape of the joints' motion, seen by the gain
     feet: str  # one of FEET
 
     @property
     def name(self) -> str:
-        """In words."""
-        parts = ["joints"]
-        parts += ["structure alike in all directions"] if self.structure else []
-        parts += ["structure in the shape of the joints"] if self.by_gain else []
-        return " and ".join(parts)
+        """The name of the model in words."""
+        terms = ["joints"]
+        terms += ["structure alike in all directions"] if self.structure else []
+        terms += ["structure in the shape of the joints"] if self.by_gain else []
+        return " and ".join(terms)
 
 
 @dataclass(frozen=True)
@@ -55,19 +56,19 @@ class Estimate:
     upper: float
 
     @property
-    def told(self) -> bool:
-        """Whether the data tell it to within a factor of two."""
+    def is_determined(self) -> bool:
+        """True if the data determine it to within a factor of two."""
         return bool(self.lower > 0 and self.upper <= 2 * self.lower)
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Outcome of one model."""
+    """The result of one model."""
 
     model: Model
     matrices: tuple[Matrix, ...]  # those used
     joint_stiffness: tuple[Estimate, ...]  # of the joints felt [N m/rad]
-    share: Estimate | None  # the structure's part of the compliance, mean over postures
+    share: Estimate | None  # the structure's fraction of the compliance, mean over postures
     predicted: Array  # (T, a, a) [N/m]
     angles: Array  # (T, j) [rad]
     misfit: Array  # (T,) rms residual of each matrix, in robust standard deviations
@@ -80,7 +81,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Matrices as arrays."""
+    """The matrices as arrays."""
 
     limb: Limb
     model: Model
@@ -94,8 +95,8 @@ class _Problem:
     def joints(self) -> int:
         return len(self.limb.joints)
 
-    def posed(self, place: Array) -> Array:
-        """Joint angles for feet at places (T,): heights [m], or directions [rad]."""
+    def compute_angles(self, place: Array) -> Array:
+        """Return joint angles for feet at places (T,): heights [m], or directions [rad]."""
         if self.model.feet == "known":
             return self.angles
         if self.model.feet == "horizontal":
@@ -103,145 +104,167 @@ class _Problem:
         r = self.distance
         return self.limb.angles_for_foot(r * np.cos(place), r * np.sin(place))
 
-    def parts(self, x: Array) -> tuple[Array, Array, float, Array]:
-        """Compliances of joints and structure (j,), of structure [m/N], places (T,)."""
+    def split(self, x: Array) -> tuple[Array, Array, float, Array]:
+        """Return compliances of joints and structure (j,), of structure [m/N], and places (T,)."""
         j = self.joints
-        own = np.exp(x[:j])
-        at = j
+        compliance = np.exp(x[:j])
+        index = j
         shape = np.zeros(j)
         if self.model.by_gain:
-            shape, at = np.exp(x[at : at + j]), at + j
+            shape, index = np.exp(x[index : index + j]), index + j
         even = 0.0
         if self.model.structure:
-            even, at = float(np.exp(x[at])), at + 1
-        return own, shape, even, x[at:]
+            even, index = float(np.exp(x[index])), index + 1
+        return compliance, shape, even, x[index:]
 
-    def predicted(self, x: Array) -> Array:
-        own, shape, even, place = self.parts(x)
-        jacobian = self.limb.jacobians(self.posed(place))
-        soft = self.softening[:, None] * own + shape
-        return limb_matrices(jacobian, soft, even)
+    def predict(self, x: Array) -> Array:
+        """Return the matrices of the model (T, a, a) [N/m]."""
+        compliance, shape, even, place = self.split(x)
+        jacobian = self.limb.jacobians(self.compute_angles(place))
+        compliances = self.softening[:, None] * compliance + shape
+        return limb_matrices(jacobian, compliances, even)
 
     def residual(self, x: Array) -> Array:
-        out = (self.predicted(x) - self.measured) * self.weight
-        # A place out of reach is a bad one, and less so nearer to reach: the search turns back.
+        """Return the weighted residuals (T, a a)."""
+        out = (self.predict(x) - self.measured) * self.weight
+        # A foot out of reach has large residuals, so that the search turns back.
         return np.where(np.isfinite(out), out, 1e3).reshape(len(self.measured), -1)
 
     def take(self, rows: IntArray) -> _Problem:
-        own = {k: v[rows] for k, v in vars(self).items() if isinstance(v, np.ndarray)}
-        return _Problem(**{**vars(self), **own})
+        """Return the problem of some matrices."""
+        arrays = {k: v[rows] for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+        return _Problem(**{**vars(self), **arrays})
 
 
 def fit_stiffness(limb: Limb, matrices: Sequence[Matrix], model: Model, seed: int = 0) -> Fit:
-    """Fit one model, with intervals from resampled matrices.
+    """Fit one model, with intervals from bootstrap resampling of the matrices.
 
-    Raises UsageError where there are fewer numbers than unknowns.
+    Args:
+        limb: The limb.
+        matrices: Measured matrices.
+        model: The unknowns.
+        seed: Of the resampling.
+
+    Raises:
+        UsageError: There are fewer numbers than unknowns.
     """
-    used, unusable = _usable(limb, matrices, model)
-    problem = _problem(limb, used, model)
+    usable, unusable = _select_usable(limb, matrices, model)
+    problem = _build_problem(limb, usable, model)
     entries = int((problem.weight > 0).sum())
-    unknowns = _fixed(problem) + (0 if model.feet == "known" else len(used))
+    unknowns = _count_fixed(problem) + (0 if model.feet == "known" else len(usable))
     if entries <= unknowns:
         raise UsageError(f"{entries} measured numbers are not enough for {unknowns} unknowns")
-    x = _solve(problem, _started(problem))
-    scale = max(_NORMAL * float(np.median(np.abs(_entries(problem, x)))), 1e-3)
+    x = _solve(problem, _find_start(problem))
+    scale = max(_NORMAL * float(np.median(np.abs(_compute_scaled_residuals(problem, x)))), 1e-3)
     problem = replace(problem, weight=problem.weight / scale)
     x = _solve(problem, x)
     residual = problem.residual(x)
-    draws = _resampled(problem, x, seed)
-    predicted = problem.predicted(x)
+    draws = _resample(problem, x, seed)
+    predicted = problem.predict(x)
     size = np.linalg.norm(problem.measured, axis=(1, 2))
     misfit = np.sqrt((residual**2).sum(axis=1) / (problem.weight > 0).sum(axis=(1, 2)))
-    own, _, _, place = problem.parts(x)
+    compliance, _, _, place = problem.split(x)
     stiffness = [
-        _estimate(1 / own[j], [1 / np.exp(d[j]) for d in draws]) for j in range(problem.joints)
+        _build_estimate(1 / compliance[j], [1 / np.exp(d[j]) for d in draws])
+        for j in range(problem.joints)
     ]
     share = None
     if model.structure or model.by_gain:
-        share = _estimate(_share(problem, x), [_share(problem, _with_places(d, x)) for d in draws])
+        share = _build_estimate(
+            _compute_structural_share(problem, x),
+            [_compute_structural_share(problem, _append_places(d, x)) for d in draws],
+        )
     return Fit(
         model=model,
-        matrices=tuple(used),
+        matrices=tuple(usable),
         joint_stiffness=tuple(stiffness),
         share=share,
         predicted=predicted,
-        angles=problem.posed(place),
+        angles=problem.compute_angles(place),
         misfit=misfit,
         relative_error=float(
             np.median(np.linalg.norm(predicted - problem.measured, axis=(1, 2)) / size)
         ),
-        outliers=tuple(m.name for m, off in zip(used, misfit, strict=True) if off > _BAD),
+        outliers=tuple(m.name for m, off in zip(usable, misfit, strict=True) if off > _OUTLIER),
         cost=float(2 * (np.sqrt(1 + residual**2) - 1).sum()) * scale**2,
         freedom=entries - unknowns,
         unusable=tuple(unusable),
     )
 
 
-def _usable(limb: Limb, matrices: Sequence[Matrix], model: Model) -> tuple[list[Matrix], list[str]]:
-    used, unusable = [], []
-    for one in matrices:
-        eigenvalues = np.linalg.eigvalsh((one.stiffness + one.stiffness.T) / 2)
+def _select_usable(
+    limb: Limb, matrices: Sequence[Matrix], model: Model
+) -> tuple[list[Matrix], list[str]]:
+    """Return the matrices that some posture explains, and why others are not usable."""
+    usable, unusable = [], []
+    for matrix in matrices:
+        eigenvalues = np.linalg.eigvalsh((matrix.stiffness + matrix.stiffness.T) / 2)
         if eigenvalues[0] <= 0:
-            unusable.append(f"{one.name}: its matrix is not positive definite")
+            unusable.append(f"{matrix.name}: its matrix is not positive definite")
             continue
-        r = one.posture.distance
+        r = matrix.posture.distance
         if r is not None and not limb.reaches(r, model.feet == "radial"):
-            unusable.append(f"{one.name}: no posture has its foot {1e3 * r:.0f} mm away")
+            unusable.append(f"{matrix.name}: no posture has its foot {1e3 * r:.0f} mm away")
             continue
-        used.append(one)
-    if not used:
+        usable.append(matrix)
+    if not usable:
         raise UsageError(f"no matrix is usable; {unusable[0] if unusable else 'there are none'}")
-    return used, unusable
+    return usable, unusable
 
 
-def _problem(limb: Limb, matrices: Sequence[Matrix], model: Model) -> _Problem:
-    measured = np.array([one.stiffness for one in matrices])
-    deviation = np.array([one.deviation for one in matrices])
+def _build_problem(limb: Limb, matrices: Sequence[Matrix], model: Model) -> _Problem:
+    """Build the arrays of the problem."""
+    measured = np.array([matrix.stiffness for matrix in matrices])
+    deviation = np.array([matrix.deviation for matrix in matrices])
     column = np.linalg.norm(measured, axis=1)[:, None, :]
     column = np.sqrt(column * np.swapaxes(column, 1, 2))  # the same for both halves
     weight = 1 / np.sqrt(deviation**2 + (MODEL_ERROR * column) ** 2)
     symmetric = np.array([np.array_equal(k, k.T) for k in measured])
-    # A printed table tells each off-diagonal entry once.
+    # A symmetric table contains each off-diagonal entry once.
     weight[symmetric] *= np.triu(np.ones(measured.shape[1:]))
-    gains = np.array([one.gain if one.gain is not None else np.nan for one in matrices])
-    known = np.isfinite(gains)
-    softening = np.where(known, np.median(gains[known]) / gains, 1.0) if known.any() else None
-    none = np.full(len(limb.angles.names), np.nan)
+    gains = np.array([matrix.gain if matrix.gain is not None else np.nan for matrix in matrices])
+    is_known = np.isfinite(gains)
+    softening = (
+        np.where(is_known, np.median(gains[is_known]) / gains, 1.0) if is_known.any() else None
+    )
+    unknown_angles = np.full(len(limb.angles.names), np.nan)
     return _Problem(
         limb,
         model,
         measured,
         weight,
         softening if softening is not None else np.ones(len(measured)),
-        np.array([none if m.posture.angles is None else m.posture.angles for m in matrices]),
+        np.array(
+            [unknown_angles if m.posture.angles is None else m.posture.angles for m in matrices]
+        ),
         np.array([m.posture.distance or np.nan for m in matrices]),
     )
 
 
-def _fixed(problem: _Problem) -> int:
-    """Unknowns beside the places of feet."""
+def _count_fixed(problem: _Problem) -> int:
+    """Return the number of unknowns besides the places of feet."""
     model = problem.model
     return problem.joints * (2 if model.by_gain else 1) + int(model.structure)
 
 
-def _started(problem: _Problem) -> Array:
-    """Where to start: the best of a grid, each foot where it suits the stiffness best."""
+def _find_start(problem: _Problem) -> Array:
+    """Return the best start of a grid, with each foot where it suits the stiffness best."""
     j, model = problem.joints, problem.model
     extra = [np.log(1e-3)] * (j if model.by_gain else 0)
     extra += [np.log(1e-5)] if model.structure else []
     if model.feet == "known":
         return min(
-            (np.array([*-np.log([k] * j), *extra]) for k in _STIFFNESS),
+            (np.array([*-np.log([k] * j), *extra]) for k in _START_STIFFNESS),
             key=lambda x: float(np.log1p(problem.residual(x) ** 2).sum()),
         )
     reach = float(problem.limb.lengths[1:].sum())
     span = reach if model.feet == "horizontal" else np.pi / 2
-    places = np.linspace(-span, span, _PLACES)
+    places = np.linspace(-span, span, _NUM_PLACES)
     everywhere = [np.full(len(problem.measured), place) for place in places]
-    jacobian = np.array([problem.limb.jacobians(problem.posed(p)) for p in everywhere])
+    jacobian = np.array([problem.limb.jacobians(problem.compute_angles(p)) for p in everywhere])
     reached = np.isfinite(jacobian).all(axis=(-1, -2))  # (P, T)
     best, best_cost = np.zeros(0), np.inf
-    for soft in 1 / np.array(list(itertools.product(_STIFFNESS, repeat=j))):
+    for soft in 1 / np.array(list(itertools.product(_START_STIFFNESS, repeat=j))):
         off = limb_matrices(np.nan_to_num(jacobian), soft, 1e-7) - problem.measured
         cost = np.log1p((off * problem.weight) ** 2).sum(axis=(-1, -2))
         cost = np.where(reached, cost, np.inf)
@@ -253,11 +276,12 @@ def _started(problem: _Problem) -> Array:
 
 
 def _solve(problem: _Problem, start: Array, evaluations: int = 400) -> Array:
-    fixed = _fixed(problem)
+    """Solve the robust least-squares problem from a start."""
+    fixed = _count_fixed(problem)
     low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
-    low[:fixed], high[:fixed] = np.log(1e-9), np.log(_COMPLIANCE[1])
-    low[: problem.joints] = np.log(_COMPLIANCE[0])
-    found = least_squares(
+    low[:fixed], high[:fixed] = np.log(1e-9), np.log(_COMPLIANCE_RANGE[1])
+    low[: problem.joints] = np.log(_COMPLIANCE_RANGE[0])
+    solution = least_squares(
         lambda x: problem.residual(x).ravel(),
         np.clip(start, low, high),
         bounds=(low, high),
@@ -265,41 +289,43 @@ def _solve(problem: _Problem, start: Array, evaluations: int = 400) -> Array:
         x_scale="jac",
         max_nfev=evaluations,
     )
-    return np.asarray(found.x)
+    return np.asarray(solution.x)
 
 
-def _entries(problem: _Problem, x: Array) -> Array:
-    """Residuals of the entries that count, freed of what the unknowns take up."""
+def _compute_scaled_residuals(problem: _Problem, x: Array) -> Array:
+    """Return the residuals of the entries that count, corrected for the degrees of freedom."""
     residual = problem.residual(x)[problem.weight.reshape(len(problem.measured), -1) > 0]
     return np.asarray(residual * np.sqrt(residual.size / max(residual.size - x.size, 1)))
 
 
-def _resampled(problem: _Problem, x: Array, seed: int) -> list[Array]:
-    """Fits to matrices drawn with replacement: postures are what a campaign samples."""
+def _resample(problem: _Problem, x: Array, seed: int) -> list[Array]:
+    """Fit matrices drawn with replacement (bootstrap): a campaign samples postures."""
     rng = np.random.default_rng(seed)
-    count, fixed = len(problem.measured), _fixed(problem)
+    count, fixed = len(problem.measured), _count_fixed(problem)
     draws = []
-    for _ in range(_RESAMPLES):
+    for _ in range(_NUM_RESAMPLES):
         rows = rng.integers(count, size=count)
         start = np.concatenate([x[:fixed], x[fixed:][rows] if len(x) > fixed else []])
         draws.append(_solve(problem.take(rows), start, 40)[:fixed])
     return draws
 
 
-def _with_places(drawn: Array, x: Array) -> Array:
-    return np.concatenate([drawn, x[len(drawn) :]])
+def _append_places(draw: Array, x: Array) -> Array:
+    """Return the unknowns of a draw with the places of feet of the fit."""
+    return np.concatenate([draw, x[len(draw) :]])
 
 
-def _share(problem: _Problem, x: Array) -> float:
-    """The structure's part of the trace of the compliance, mean over postures."""
-    own, shape, even, place = problem.parts(x)
-    jacobian = problem.limb.jacobians(problem.posed(place))
+def _compute_structural_share(problem: _Problem, x: Array) -> float:
+    """Return the structure's fraction of the trace of the compliance, mean over postures."""
+    compliance, shape, even, place = problem.split(x)
+    jacobian = problem.limb.jacobians(problem.compute_angles(place))
     square = (jacobian**2).sum(axis=1)  # (T, j)
-    joints = square @ own
+    joints = square @ compliance
     structure = square @ shape + even * jacobian.shape[1]
     return float(np.mean(structure / (joints + structure)))
 
 
-def _estimate(value: float, draws: Sequence[float]) -> Estimate:
+def _build_estimate(value: float, draws: Sequence[float]) -> Estimate:
+    """Return a value with the 95 % interval of draws."""
     low, high = np.quantile(draws, [0.025, 0.975])
     return Estimate(float(value), float(min(low, value)), float(max(high, value)))

@@ -1,9 +1,10 @@
-"""What a limb's measured stiffness ought to be: springs at its joints, and a structure that gives.
+"""Model of a limb's measured stiffness: springs at its joints, and a compliant structure.
 
-K = (J c J^T + s 1)^-1 over the measured axes, eq. (4.7), with joint compliances c [rad/(N m)] and a
-structure that gives s [m/N] alike in all directions. A structure that gives in the shape of a
-joint's motion cannot be told from that joint, unless the motors' gain is varied: joints then
-soften as 1/gain, structure does not.
+K = (J c J^T + s 1)^-1 over the measured axes, eq. (4.7), with joint compliances c [rad/(N m)] and
+an
+isotropic compliance of the structure s [m/N]. A structure that deflects in the shape of a joint's
+motion cannot be distinguished from that joint, unless the motors' gain is varied: joints then
+soften as 1/gain, the structure does not.
 
 Limbs of coxa, femur and tibia are measured in their own frame, x outward, y across, z up, and may
 be measured in their plane alone. All others are measured in the frame of the body, x to the right,
@@ -32,12 +33,12 @@ class Limb:
 
     @property
     def angles(self) -> AngleColumns:
-        """Which angles a posture of it is told by."""
+        """The angles that describe its posture."""
         return angle_columns(self.robot, self.number)
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """Those of its angles that the measured axes feel: in a plane the coxa is none of them."""
+        """The angles that the measured axes feel: in the limb's plane all but the coxa."""
         planar = self.robot.mechanism is None and len(self.axes) == 2
         return tuple(range(int(planar), len(self.angles.names)))
 
@@ -48,35 +49,42 @@ class Limb:
 
     @property
     def lengths(self) -> Array:
-        """(j,) coxa, femur, tibia, or distances between joints and toe [m]."""
+        """Lengths of coxa, femur, tibia, or distances between joints and toe, (j,) [m]."""
         return np.asarray(self.robot.link_lengths[self.number])
 
     def reaches(self, distance: float, radial: bool) -> bool:
-        """Whether a foot may be so far [m] from the femur joint, level or in any direction."""
+        """Return whether a foot may be that far [m] from the femur joint.
+
+        radial: in any direction, else level.
+        """
         _, l2, l3 = self.lengths
         return bool(distance < l2 + l3 and not (radial and distance <= abs(l3 - l2)))
 
     def jacobians(self, angles: Array) -> Array:
-        """(T, a, j) toe motion along the measured axes by the joints felt, angles (T, J) [rad]."""
+        """Return toe motion along the measured axes by the joints felt, (T, a, j).
+
+        angles: (T, J) [rad].
+        """
         if self.robot.mechanism is not None:
             has = np.flatnonzero(self.robot.has_joint[self.number])
-            every = np.zeros((len(angles), 1, self.robot.joint_count))
-            every[:, 0, has] = angles
-            own = jacobian_body(self.robot.one_limb(self.number), every)[:, 0]
-            return np.asarray(own[:, self.axes, :][:, :, has])
+            complete = np.zeros((len(angles), 1, self.robot.joint_count))
+            complete[:, 0, has] = angles
+            jacobian = jacobian_body(self.robot.one_limb(self.number), complete)[:, 0]
+            return np.asarray(jacobian[:, self.axes, :][:, :, has])
         count = len(angles)
         plane = angles if len(self.axes) == 3 else angles * [0.0, 1.0, 1.0]
-        posed = replace(
+        planar = replace(
             self.robot,
             mount_yaw=np.zeros(count),
             link_lengths=np.broadcast_to(self.lengths, (count, 3)),
         )
-        return np.asarray(jacobian_body(posed, plane)[:, self.axes, :][:, :, self.joints])
+        return np.asarray(jacobian_body(planar, plane)[:, self.axes, :][:, :, self.joints])
 
     def angles_for_foot(self, x: Array, z: Array) -> Array:
-        """Joint angles (..., 3), knee up, for feet (x, z) from the femur joint; NaN out of reach.
+        """Return joint angles (..., 3), knee up, for feet (x, z) from the femur joint.
 
-        Knee down, the limb would have the mirrored stiffness and lie beyond usual joint bounds.
+        NaN out of reach. Knee down, the limb would have the mirrored stiffness and lie beyond usual
+        joint bounds.
         """
         _, l2, l3 = self.lengths
         cosine = (x**2 + z**2 - l2**2 - l3**2) / (2 * l2 * l3)
@@ -88,18 +96,23 @@ class Limb:
 
 
 def angle_columns(robot: Robot, number: int) -> AngleColumns:
-    """The angles of one of a robot's limbs; the coxa turns across the limb's plane."""
-    own = robot.limbs.joint_names[number]
-    names = tuple(name for name in own if name)
-    slides = frozenset(n for n, is_slide in zip(own, robot.slides[number], strict=True) if is_slide)
+    """Return the angles of one of a robot's limbs; the coxa turns across the limb's plane."""
+    joint_names = robot.limbs.joint_names[number]
+    names = tuple(name for name in joint_names if name)
+    slides = frozenset(
+        n for n, is_slide in zip(joint_names, robot.slides[number], strict=True) if is_slide
+    )
     return AngleColumns(names, names[0] if robot.mechanism is None else None, slides & {*names})
 
 
 def limb_matrices(jacobian: Array, joint_compliance: Array, structure: Array | float) -> Array:
-    """K (..., a, a) [N/m] for jacobian (..., a, j), compliances (..., j), structure (...) [m/N]."""
-    soft = jacobian * joint_compliance[..., None, :] @ np.swapaxes(jacobian, -1, -2)
+    """Return stiffness matrices K (..., a, a) [N/m].
+
+    jacobian: (..., a, j); joint_compliance: (..., j) [rad/(N m)]; structure: (...) [m/N].
+    """
+    compliance = jacobian * joint_compliance[..., None, :] @ np.swapaxes(jacobian, -1, -2)
     size = jacobian.shape[-2]
-    soft = soft + np.asarray(structure)[..., None, None] * np.eye(size)
+    compliance = compliance + np.asarray(structure)[..., None, None] * np.eye(size)
     # A stretched limb is infinitely stiff along itself; this much give keeps the matrix finite.
-    trace = np.trace(soft, axis1=-2, axis2=-1)[..., None, None]
-    return np.asarray(np.linalg.inv(soft + 1e-9 * trace * np.eye(size)))
+    trace = np.trace(compliance, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(np.linalg.inv(compliance + 1e-9 * trace * np.eye(size)))

@@ -36,20 +36,20 @@ _MAX_BYTES = 20_000_000
 
 @dataclass(frozen=True)
 class AngleColumns:
-    """Which angles say how a limb stands."""
+    """The angles that describe the posture of a limb."""
 
     names: tuple[str, ...]  # of its joints, from the body to the toe
-    # That which a test in the limb's plane does not feel; None: limbs have no plane, and all angles
-    # are needed
+    # The angle that a test in the limb's plane does not feel; None: the limb has no plane, and all
+    # angles are needed
     across: str | None
-    slides: frozenset[str] = frozenset()  # of them those that are lengths
+    slides: frozenset[str] = frozenset()  # those that are lengths
 
     def unit(self, name: str) -> str:
-        """What a column of it is usually in."""
+        """Return the usual unit of its column."""
         return "mm" if name in self.slides else "deg"
 
-    def needed(self, axes: tuple[int, ...]) -> set[str]:
-        """Columns that tests along axes have to have."""
+    def list_required(self, axes: tuple[int, ...]) -> set[str]:
+        """Return the columns that tests along axes require."""
         in_plane = self.across is not None and 1 not in axes
         return set(self.names) - ({self.across} if in_plane and self.across else set())
 
@@ -59,7 +59,7 @@ COXA_FEMUR_TIBIA = AngleColumns(("coxa", "femur", "tibia"), "coxa")
 
 @dataclass(frozen=True)
 class Posture:
-    """Where the limb stood: joint angles, or only the distance of its foot."""
+    """The posture of the limb: joint angles, or only the distance of its foot."""
 
     angles: Array | None  # (j,) [rad]
     distance: float | None  # [m] of the foot from the femur joint
@@ -92,7 +92,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Measurements:
-    """What a file holds: matrices, or the loadings to take them from."""
+    """The contents of a file: matrices, or the loadings to compute them from."""
 
     axes: tuple[int, ...]  # measured axes of the limb frame, 0 x to 2 z
     matrices: tuple[Matrix, ...]
@@ -116,10 +116,13 @@ class _Sheet:
 
 
 def read_measurements(path: Path, angles: AngleColumns = COXA_FEMUR_TIBIA) -> Measurements:
-    """The measurements in a CSV file; lines that begin with # are comments.
+    """Read the measurements in a CSV file; lines that begin with # are comments.
 
-    Rows with a value that is missing or no number are left out and named. Raises UsageError for a
-    file that cannot be read and SpecError for columns that do not make a table or tests.
+    Rows with a value that is missing or no number are left out and listed.
+
+    Raises:
+        UsageError: The file cannot be read.
+        SpecError: Its columns make neither a table nor tests.
     """
     sheet = _read_sheet(path, angles)
     tables = [name for name in sheet.columns if name.startswith("K")]
@@ -128,26 +131,27 @@ def read_measurements(path: Path, angles: AngleColumns = COXA_FEMUR_TIBIA) -> Me
         axes = tuple(a for a in range(3) if f"d{AXES[a]}" in sheet.columns)
     _require_columns(path, sheet.columns, tables, axes, angles)
     if tables:
-        matrices = tuple(_matrix(row, axes, sheet.resolution, angles) for row in sheet.rows)
+        matrices = tuple(_read_matrix(row, axes, sheet.resolution, angles) for row in sheet.rows)
         return Measurements(axes, matrices, (), sheet.skipped)
-    series, skipped = _series(sheet.rows, axes, angles)
+    series, skipped = _group_series(sheet.rows, axes, angles)
     return Measurements(axes, (), tuple(series), (*sheet.skipped, *skipped))
 
 
 def _read_sheet(path: Path, angles: AngleColumns) -> _Sheet:
+    """Read the rows of a file that have all numbers."""
     expected = "a CSV file of stiffness measurements"
     lines = read_text(path, _MAX_BYTES, expected).splitlines()
-    kept = [(n, text) for n, text in enumerate(lines, 1) if text.strip() and text[0] != "#"]
-    if len(kept) < 2:
+    used_lines = [(n, text) for n, text in enumerate(lines, 1) if text.strip() and text[0] != "#"]
+    if len(used_lines) < 2:
         raise UsageError(f"{path}: holds no rows, expected {expected}")
     with reading(path, expected):  # a quoted cell does not go on in the next line
-        cells = [row for _, text in kept for row in csv.reader([text])]
-    names, scales = _columns(path, kept[0][0], cells[0], angles)
+        cells = [row for _, text in used_lines for row in csv.reader([text])]
+    names, scales = _parse_columns(path, used_lines[0][0], cells[0], angles)
     rows, skipped = [], []
     digits: dict[str, int] = {}
-    for (line, _), values in zip(kept[1:], cells[1:], strict=True):
+    for (line, _), values in zip(used_lines[1:], cells[1:], strict=True):
         text = {name: v.strip() for name, v in zip(names, values, strict=False) if name}
-        number = {name: _number(text.get(name, "")) * scale for name, scale in scales.items()}
+        number = {name: _parse_number(text.get(name, "")) * scale for name, scale in scales.items()}
         bad = [name for name, value in number.items() if not np.isfinite(value)]
         if bad or len(values) != len(names):
             skipped.append(f"line {line}: {', '.join(bad) or 'columns'} missing or no number")
@@ -161,10 +165,10 @@ def _read_sheet(path: Path, angles: AngleColumns) -> _Sheet:
     return _Sheet(tuple(rows), frozenset([*scales, *names]), tuple(skipped), resolution)
 
 
-def _columns(
+def _parse_columns(
     path: Path, line: int, header: Sequence[str], angles: AngleColumns
 ) -> tuple[list[str], dict[str, float]]:
-    """Names without units, and by number column the factor to SI units."""
+    """Return names without units, and by number column the factor to SI units."""
     names, scales, mistakes = [], {}, []
     longest_first = sorted(angles.names, key=len, reverse=True)
     column = re.compile(_COLUMN % "|".join(map(re.escape, longest_first)))
@@ -175,14 +179,16 @@ def _columns(
             continue
         name, unit = match[1], match[2] or ""
         if unit not in _UNITS:
-            known = ", ".join(u for u in _UNITS if u)
+            known_units = ", ".join(u for u in _UNITS if u)
             mistakes.append(
-                SpecMistake(cell, f"unit {unit!r} is not known, expected one of {known}", line)
+                SpecMistake(
+                    cell, f"unit {unit!r} is not known, expected one of {known_units}", line
+                )
             )
         elif name in angles.names and unit in (_TURNS if name in angles.slides else _LENGTHS):
             kind = "slides" if name in angles.slides else "turns"
-            wanted = f"{name}_{angles.unit(name)}"
-            mistakes.append(SpecMistake(cell, f"the joint {kind}; expected {wanted}", line))
+            expected = f"{name}_{angles.unit(name)}"
+            mistakes.append(SpecMistake(cell, f"the joint {kind}; expected {expected}", line))
         elif name in scales:
             mistakes.append(SpecMistake(cell, f"a second column {name}", line))
         else:
@@ -200,6 +206,7 @@ def _require_columns(
     axes: tuple[int, ...],
     angles: AngleColumns,
 ) -> None:
+    """Raise SpecError for columns that are missing."""
     missing = []
     if axes not in ((0, 2), (0, 1, 2)):
         missing.append("Kxx, Kxz, Kzz of a table or dx, dz, fx, fz of tests (with y: all three)")
@@ -210,7 +217,7 @@ def _require_columns(
     else:
         missing += sorted({f"f{AXES[a]}" for a in axes} - columns)
         missing += [] if "test" in columns else ["test"]
-    needed = angles.needed(axes)
+    needed = angles.list_required(axes)
     by_distance = tables and "r" in columns and 1 not in axes and angles.across is not None
     if not needed <= columns and not by_distance:
         missing += [f"{name}_{angles.unit(name)}" for name in sorted(needed - columns)]
@@ -218,22 +225,25 @@ def _require_columns(
         raise SpecError(str(path), [SpecMistake(name, "column is missing") for name in missing])
 
 
-def _number(text: str) -> float:
+def _parse_number(text: str) -> float:
+    """Return the number of a cell, NaN for none."""
     try:
         return float(text)
     except ValueError:
         return float("nan")
 
 
-def _posture(row: _Row, angles: AngleColumns) -> Posture:
+def _read_posture(row: _Row, angles: AngleColumns) -> Posture:
+    """Return the posture of a row."""
     if set(angles.names) - {angles.across} <= set(row.number):
         return Posture(np.array([row.number.get(name, 0.0) for name in angles.names]), None)
     return Posture(None, row.number["r"])
 
 
-def _matrix(
+def _read_matrix(
     row: _Row, axes: tuple[int, ...], resolution: dict[str, float], angles: AngleColumns
 ) -> Matrix:
+    """Return the matrix of a row."""
     size = len(axes)
     stiffness, deviation = np.empty((size, size)), np.empty((size, size))
     for i, a in enumerate(axes):
@@ -245,15 +255,15 @@ def _matrix(
             # Rounded numbers are uniform over the last digit.
             deviation[i, j] = resolution[name] / np.sqrt(3)
     name = row.text.get("test") or row.text.get("row") or f"line {row.line}"
-    posture, gain = _posture(row, angles), row.number.get("gain")
+    posture, gain = _read_posture(row, angles), row.number.get("gain")
     return Matrix(name, posture, gain, stiffness, deviation, row.line)
 
 
-def _series(
+def _group_series(
     rows: Sequence[_Row], axes: tuple[int, ...], angles: AngleColumns
 ) -> tuple[list[Series], list[str]]:
-    """Rows of one test and one loaded axis, in their order."""
-    moved = ["d" + AXES[a] for a in axes]
+    """Group the rows of each test and loaded axis, in their order."""
+    displacement_names = ["d" + AXES[a] for a in axes]
     groups: dict[tuple[str, int], list[_Row]] = {}
     skipped: list[str] = []
     tests: dict[str, list[_Row]] = {}
@@ -261,35 +271,37 @@ def _series(
         tests.setdefault(row.text["test"], []).append(row)
     for test, members in tests.items():
         if "axis" not in members[0].text:
-            for row, axis in zip(members, _loaded_axes(members, moved), strict=True):
+            for row, axis in zip(
+                members, _find_loaded_axes(members, displacement_names), strict=True
+            ):
                 groups.setdefault((test, axis), []).append(row)
             continue
         for row in members:
-            given = row.text["axis"].lower()
-            if len(given) != 1 or given not in AXES or AXES.index(given) not in axes:
-                skipped.append(f"line {row.line}: axis {given!r} is none of those measured")
+            axis_name = row.text["axis"].lower()
+            if len(axis_name) != 1 or axis_name not in AXES or AXES.index(axis_name) not in axes:
+                skipped.append(f"line {row.line}: axis {axis_name!r} is none of those measured")
                 continue
-            groups.setdefault((test, axes.index(AXES.index(given))), []).append(row)
+            groups.setdefault((test, axes.index(AXES.index(axis_name))), []).append(row)
     series = []
     for (test, axis), members in groups.items():
-        displacement = np.array([row.number[moved[axis]] for row in members])
+        displacement = np.array([row.number[displacement_names[axis]] for row in members])
         if len(members) < 3 or np.ptp(displacement) == 0:
             skipped.append(f"test {test}, axis {AXES[axes[axis]]}: fewer than 3 different steps")
             continue
         force = np.array([[row.number["f" + AXES[a]] for a in axes] for row in members])
         first = members[0]
-        posture, gain = _posture(first, angles), first.number.get("gain")
+        posture, gain = _read_posture(first, angles), first.number.get("gain")
         series.append(Series(test, axis, posture, gain, displacement, force, first.line))
     return series, skipped
 
 
-def _loaded_axes(rows: Sequence[_Row], moved: Sequence[str]) -> list[int]:
-    """The axis that each row of a test is part of loading; a row at rest starts what follows."""
+def _find_loaded_axes(rows: Sequence[_Row], names: Sequence[str]) -> list[int]:
+    """Return the axis that each row of a test loads; a row at rest starts the next loading."""
     start = rows[0].number
-    out: list[int] = []
+    axes: list[int] = []
     axis = 0
     for row in reversed(rows):
-        change = [abs(row.number[name] - start[name]) for name in moved]
+        change = [abs(row.number[name] - start[name]) for name in names]
         axis = int(np.argmax(change)) if max(change) > 0 else axis
-        out.append(axis)
-    return out[::-1]
+        axes.append(axis)
+    return axes[::-1]

@@ -108,7 +108,7 @@ def _estimate(value: Estimate) -> dict[str, Any]:
         "value": value.value,
         "lower": value.lower,
         "upper": value.upper,
-        "told": value.told,
+        "told": value.is_determined,
     }
 
 

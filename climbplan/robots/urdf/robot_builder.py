@@ -88,7 +88,7 @@ def build_robot_from_urdf(robot: UrdfRobot) -> Robot:
         )
     direction = stance - first
     points = chain.joint_points(np.zeros_like(posture))
-    parts = tuple(part - centre for part in build_body_parts(shapes))
+    body_parts = tuple(corners - centre for corners in build_body_parts(shapes))
     built = Robot(
         name=robot.name,
         mass=mass,
@@ -114,7 +114,7 @@ def build_robot_from_urdf(robot: UrdfRobot) -> Robot:
         foot=foot,
         links=links,
         capsules=capsules,
-        body_parts=() if spec.body_half_size is not None else parts,
+        body_parts=() if spec.body_half_size is not None else body_parts,
         dynamics=read_joint_dynamics(robot, joints, width),
     )
     if capsules is None:

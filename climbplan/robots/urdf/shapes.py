@@ -30,7 +30,7 @@ class Shape:
 
     @property
     def is_cylinder(self) -> bool:
-        """Whether it is a cylinder, of which `points` are corners of a prism around it."""
+        """True for a cylinder, of which `points` are corners of a prism around it."""
         return self.axis is not None and len(self.points) == 2 * _NUM_RIM_POINTS
 
 
@@ -51,7 +51,7 @@ def read_collision_shapes(urdf_model: UrdfModel) -> list[Shape]:
         raise urdf_model.robot.refused([Finding(("urdf",), message)]) from error
     data = model.createData()
     pin.forwardKinematics(model, data, urdf_model.build_configuration({}))
-    moved = {joint.name for leg in urdf_model.robot.joints.values() for joint in leg}
+    leg_joints = {joint.name for leg in urdf_model.robot.joints.values() for joint in leg}
     shapes = []
     for item in geometry.geometryObjects:
         points, radius = _build_points(item.geometry)
@@ -60,7 +60,7 @@ def read_collision_shapes(urdf_model: UrdfModel) -> list[Shape]:
         def to_base(local: Array, place: Any = place) -> Array:
             return urdf_model.to_base_axes(local @ place.rotation.T + place.translation)
 
-        name = find_carrying_joint(model, item.parentJoint, moved)
+        name = find_carrying_joint(model, item.parentJoint, leg_joints)
         axis = None
         if (long_axis := _compute_long_axis(item.geometry)) is not None:
             middle = to_base(np.zeros(3))
@@ -70,15 +70,15 @@ def read_collision_shapes(urdf_model: UrdfModel) -> list[Shape]:
     return shapes
 
 
-def find_carrying_joint(model: Any, joint: int, moved: set[str]) -> str:
+def find_carrying_joint(model: Any, joint: int, leg_joints: set[str]) -> str:
     """Return the joint of a leg that carries a shape, past locked joints; "" for the body.
 
     Args:
         model: The Pinocchio model.
         joint: Index of the joint that moves the shape.
-        moved: Names of the joints of legs.
+        leg_joints: Names of the joints of legs.
     """
-    while joint > 1 and model.names[joint] not in moved:
+    while joint > 1 and model.names[joint] not in leg_joints:
         joint = int(model.parents[joint])
     return str(model.names[joint]) if joint > 1 else ""
 
@@ -88,17 +88,19 @@ def build_body_parts(shapes: list[Shape]) -> list[Array]:
 
     Meshes and round shapes are replaced by their bounding boxes, thin parts left out.
     """
-    parts = []
+    boxes = []
     for shape in shapes:
         if shape.joint:
             continue
         if shape.axis is None:
             box = shape.points.min(axis=0) - shape.radius, shape.points.max(axis=0) + shape.radius
             upper = np.stack(np.meshgrid(*[(False, True)] * 3, indexing="ij"), axis=-1)
-            parts.append(np.where(upper.reshape(-1, 3), box[1], box[0]))
+            boxes.append(np.where(upper.reshape(-1, 3), box[1], box[0]))
         else:
-            parts.append(shape.points)
-    return [part for part in parts if (np.ptp(part, axis=0) > _MIN_THICKNESS).all()]
+            boxes.append(shape.points)
+    return [
+        box_corners for box_corners in boxes if (np.ptp(box_corners, axis=0) > _MIN_THICKNESS).all()
+    ]
 
 
 def compute_body_box(shapes: list[Shape]) -> tuple[Array, Array] | None:

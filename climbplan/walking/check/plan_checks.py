@@ -124,7 +124,7 @@ def _check_spec_values(plan: WalkPlan) -> Check:
         return _build_check("file.spec_values", math.inf, findings[0].message)
     try:
         robot = load_stored_body(spec, plan.robot_text, plan.robot_urdf)
-        # Plan files without it have the centres of feet on the ground itself
+        # Plan files without a standoff have the centres of feet on the ground
         standoff = plan.task.ground.standoff
         task = raise_task(build_task(spec, robot, centres=standoff > 0), standoff)
     except MissingSolver as reason:

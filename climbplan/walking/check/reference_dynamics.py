@@ -35,7 +35,7 @@ def euler_rates(angles: Array, spin: Array) -> Array:
 
 
 def acceleration(body: RigidBody, force: Array) -> Array:
-    """Return the acceleration of the centre of mass (..., 3) under forces (..., L, 3), eq. (8.14)."""
+    """Return the acceleration of the body (..., 3) under forces (..., L, 3), eq. (8.14)."""
     result: Array = force.sum(axis=-2) / body.mass
     result[..., 2] -= body.gravity
     return result
@@ -54,7 +54,7 @@ def spin_acceleration(body: RigidBody, angles: Array, spin: Array, moment: Array
 
 
 def moment(position: Array, toes: Array, force: Array) -> Array:
-    """Return the moment of forces (..., L, 3) at toes (..., L, 3) about the centre of mass (..., 3)."""
+    """Return the moment of forces (..., L, 3) at toes (..., L, 3) about the body (..., 3)."""
     return _cross(toes - position[..., None, :], force).sum(axis=-2)
 
 

@@ -54,7 +54,7 @@ def compute_leg_speeds(legs: WalkingLegs, task: WalkTask, trajectory: WalkTrajec
 def generate_speed_residuals(
     task: WalkTask, trajectory: WalkTrajectory
 ) -> Iterator[tuple[str, Array, Array]]:
-    """Yield names of checks, residuals and fractions of limits (N, L); none for a body without joints."""
+    """Yield names of checks, residuals and fractions of limits (N, L); none without joints."""
     if task.legs is None:
         return
     speeds = compute_leg_speeds(task.legs, task, trajectory)

@@ -20,7 +20,7 @@ from climbplan.walking.task.task import ANGLES, WalkTask, WalkTrajectory
 
 @dataclass(frozen=True)
 class LegLoads:
-    """Joint loads of each interval and leg at the interval's beginning and end; 0 for swinging legs."""
+    """Joint loads of each leg at the beginning and end of each interval; 0 for swinging legs."""
 
     missing: Array  # (N, 2, L) [m] by which joints do not get a standing toe to where it is
     torque: Array  # (N, 2, L, 3) [N m]; infinite where they do not
@@ -51,7 +51,7 @@ def compute_leg_loads(legs: WalkingLegs, task: WalkTask, trajectory: WalkTraject
 def generate_torque_residuals(
     task: WalkTask, trajectory: WalkTrajectory
 ) -> Iterator[tuple[str, Array, Array]]:
-    """Yield names of checks, residuals and fractions of limits (N, L); none for a body without joints."""
+    """Yield names of checks, residuals and fractions of limits (N, L); none without joints."""
     if task.legs is None:
         return
     loads = compute_leg_loads(task.legs, task, trajectory)

@@ -64,7 +64,7 @@ def find_neighbour_regions(ground: Ground) -> list[IntArray]:
 
 
 def _list_leg_groups(legs: int) -> list[list[int]]:
-    """Return groups of legs that step together: alternating halves, and pairs from front to hind."""
+    """Return groups of legs that step together: alternating halves, and pairs front to hind."""
     halves = [np.flatnonzero(alternating(legs) == half).tolist() for half in (0, 1)]
     return halves + [[first, first + 1] for first in range(0, legs, 2)]
 

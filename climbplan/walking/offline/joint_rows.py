@@ -22,8 +22,8 @@ from climbplan.walking.kernels.parameters import (
 from climbplan.walking.offline.footing import Footing
 from climbplan.walking.task.task import Gait, WalkTask
 
-_TORQUE_FRACTION = 0.999  # of torque limits, for what iterates still move
-_SPEED_FRACTION = 0.96  # of speed limits, for that and for what is fastest between glances
+_TORQUE_FRACTION = 0.999  # of the limits: iterates still move
+_SPEED_FRACTION = 0.96  # of the limits: iterates move, and speeds peak between samples
 
 
 class JointRows:

@@ -36,8 +36,8 @@ from climbplan.walking.offline.pinned import FACETS, Iterate, PinnedProgram
 from climbplan.walking.task.task import ANGLE_RANGE, STATE, Gait, WalkTask
 
 EPSILON = 1e-3  # of c (1 - c) <= eps
-MAX_ITERATIONS = 200  # infeasible gaits would use up IPOPT's own 3000
-_MAX_STRIDE = 0.6  # [m] no toe moves further in one interval: the constant M of eq. (8.22)
+MAX_ITERATIONS = 200  # infeasible gaits would use up the default of 3000
+_MAX_STRIDE = 0.6  # [m] of a toe in one interval: the constant M of eq. (8.22)
 
 
 @dataclass(frozen=True)
@@ -163,9 +163,9 @@ class WalkNlp:
             walk.minimise("force_difference", apart)
 
     def build_hessian(self) -> ca.Function:
-        """Return the Hessian of the Lagrangian, with the dynamics of the plain step.
+        """Return the Hessian of the Lagrangian, with the dynamics of the single-stage step.
 
-        Second derivatives of the plain step are far cheaper to evaluate.
+        Its second derivatives are far cheaper than those of the exact step.
         """
         stated, N = self.formulation, self.shape.knots
         rows, variables = stated.rows, stated.x
@@ -231,7 +231,7 @@ class WalkNlp:
             in_body = R.T @ (toe - self.x[n][:3])
             walk.between("workspace.toe", in_body, center[i] - half, center[i] + half, "m")
             if shape.whole_stance:
-                # Where it stood until now, while the body moved on
+                # The foothold of the interval before, seen from the body at its end
                 stood = R.T @ (self.toes[n - 1][3 * i : 3 * i + 3] - self.x[n][:3]) - center[i]
                 for beyond in (stood - half, -stood - half):
                     violation = self.contact[n - 1][i] * beyond

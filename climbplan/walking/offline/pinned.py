@@ -4,8 +4,8 @@
     subject to  friction pyramids, force limits, regions, workspace boxes, goal, joint limits
 
 Unknowns z are the forces of standing legs and the free footholds; states are eliminated
-(condensing, Bock and Plitt 1984). The pyramids are inscribed in the cones. What a gait alone decides
-is computed once; compiled code writes the numbers of each linearisation into reused arrays.
+(condensing, Bock and Plitt 1984). The pyramids are inscribed in the cones. What a gait alone
+decides is computed once; compiled code writes the numbers of each linearisation into reused arrays.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ _SOLVED_SOFTLY = 2
 _UNSOLVED = 0
 _NOT_CONVEX = -5
 _AT_UPPER, _AT_LOWER = 1, 3  # rows that DAQP starts with
-_SOFT_ROW = 8  # rows that DAQP may break at a price
+_SOFT_ROW = 8  # flag of rows that DAQP may violate at a price
 _INFINITY = 1e30
-_SPEED_EXCESS_LENGTH = 0.1  # [m] of overreach that joints twice as fast as they can be are worth
-_MAX_ITERATIONS = 2000  # DAQP iterations: infeasible QPs end far sooner
+_SPEED_EXCESS_LENGTH = 0.1  # [m] of workspace violation that equal a joint at twice its limit
+_MAX_ITERATIONS = 2000  # of DAQP; infeasible QPs end earlier
 
 
 @dataclass(frozen=True)
@@ -215,8 +215,8 @@ class PinnedProgram:
     def compute_violation(self, state: Array, toes: Array) -> float:
         """Return the largest workspace violation [m].
 
-        Toes count at knots 1 to N, standing ones at knot 0, too. A missed goal and too fast joints count if
-        they are worse.
+        Toes count at knots 1 to N, standing ones at knot 0, too. A missed goal and too fast joints
+        count if they are worse.
         """
         body, over_stance = self.task.body, self.task.workspace_over_stance
         contact = self.gait.contact
@@ -309,8 +309,8 @@ class PinnedProgram:
 
         Args:
             iterate: The point of linearisation.
-            elastic: If the QP is infeasible, allow workspace violation at a high price (elastic mode).
-            soft: Use the elastic mode at once.
+            elastic: If the QP is infeasible, allow workspace violation at a high price.
+            soft: Use this elastic mode at once.
             max_iterations: Limit on DAQP iterations; twice as many with `any_speed`.
             any_speed: If the QP is infeasible, drop the speed limits of motors.
 
@@ -365,7 +365,7 @@ class PinnedProgram:
                 self.num_unknowns + self.num_fixed_rows : self.num_unknowns + self.first_joint_row
             ] = workspace_sense
         if multipliers is not None:
-            # Which speeds have rows differs from one linearisation to the next
+            # Speed rows differ between linearisations, so that their multipliers are not reused
             last_multipliers = multipliers[
                 : self.num_unknowns + self.first_joint_row + self.joints.num_torque_rows
             ]
@@ -373,12 +373,12 @@ class PinnedProgram:
             sense[: len(last_multipliers)][last_multipliers < 0] = _AT_LOWER
         z, flag, info = _solve_daqp(qp, self._scale, sense, max_iterations)
         if flag == _NOT_CONVEX and self._scale is None:
-            # Over long horizons early forces weigh a million times what footholds do: in units of
-            # their own curvature rounding leaves the Hessian what it is.
+            # Over long horizons the curvature by early forces is far larger than that by footholds.
+            # Scaling by the diagonal keeps the Hessian positive definite under rounding.
             self._scale = 1.0 / np.sqrt(np.diag(qp.hessian))
             z, flag, info = _solve_daqp(qp, self._scale, sense, max_iterations)
         self.num_iterations += int(info["iterations"])
-        # Of QPs whose soft rows contradict others DAQP may say that it solved them, without numbers
+        # DAQP may report success with NaN if soft rows contradict others
         is_solved = flag in (_SOLVED, _SOLVED_SOFTLY) and bool(np.isfinite(z).all())
         self._multipliers = (
             info["lam"] if is_solved and flag == _SOLVED and workspace_sense == 0 else None

@@ -12,10 +12,10 @@ from climbplan.walking.offline.footing import build_footing
 from climbplan.walking.offline.pinned import Iterate, PinnedProgram
 from climbplan.walking.task.task import POSITION, STATE, VELOCITY, Gait, WalkTask, WalkTrajectory
 
-CONVERGENCE_TOLERANCE = 1e-7  # largest change of a state that ends the iterations
-COARSE_TOLERANCE = 1e-4  # and that, where gaits are only compared
-_MIN_STEP = 0.15  # of a step
-_MAX_STATE = 1e3  # states beyond are no motion of a robot
+CONVERGENCE_TOLERANCE = 1e-7  # largest change of a state
+COARSE_TOLERANCE = 1e-4  # the same where gaits are only compared
+_MIN_STEP = 0.15  # of the damped step, as a fraction
+_MAX_STATE = 1e3  # larger states are a diverged rollout
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ def solve_gait(
     iterations: int = 12,
     margin: float = 0.0,
     agreement: float = CONVERGENCE_TOLERANCE,
+    *,
     elastic: bool = True,
     ceiling: float = np.inf,
 ) -> GaitAnswer:
@@ -71,7 +72,7 @@ def solve_gait(
         if solution is None or not np.abs(solution.state).max() < _MAX_STATE:
             return GaitAnswer(None, np.inf, np.inf, num_iterations, False)
         change = float(np.abs(solution.state - iterate.state).max())
-        # Steps that do not become smaller overshoot: the QP knows no curvature of the dynamics.
+        # Steps that do not shrink overshoot: the QP has no curvature of the dynamics.
         step_size = (
             max(step_size / 2, _MIN_STEP)
             if change > 0.8 * last_change
@@ -155,8 +156,8 @@ def guess_states(task: WalkTask) -> Array:
 def build_iterate(trajectory: WalkTrajectory, gait: Gait) -> Iterate:
     """Return an iterate of a gait from a trajectory of another one.
 
-    Legs that stand in both keep their force. A leg that stands in `gait` only takes the mean force of
-    that knot's legs, and a foothold below its toe in the trajectory.
+    Legs that stand in both keep their force. A leg that stands in `gait` only takes the mean force
+    of that knot's legs, and a foothold below its toe in the trajectory.
     """
     old, new = trajectory.gait.contact[:-1], gait.contact[:-1]
     mean = trajectory.force[:-1].sum(axis=1) / np.maximum(old.sum(axis=1), 1)[:, None]

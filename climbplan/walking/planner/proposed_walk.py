@@ -22,14 +22,14 @@ from climbplan.walking.planner.swing_effort import compute_swing_effort
 from climbplan.walking.schema.loading import load_mpc
 from climbplan.walking.task.task import ANGLES, VELOCITY
 
-_TIME_LIMIT = "solver.time_limit=3600"  # a cap: QPs decide what the search finds
-# Haste, and times as long intervals; the later ones are for walks that lag behind. How long a turn
-# takes is not asked, and legs swing in time that cannot faster
+_TIME_LIMIT = "solver.time_limit=3600"  # a cap: the budget of QPs ends the search
+# Factors of haste and of interval length, tried in order while the walk lags behind. A turn has no
+# required duration, so that slow legs may swing for longer
 _FORWARD_TRIALS = ((1.0, 1.0), (10.0, 1.0))
 _TURNING_TRIALS = (*_FORWARD_TRIALS, (1.0, 2.0), (10.0, 2.0))
-_MIN_ACHIEVEMENT = 0.9  # of the speed or the turn that is asked for
-_LAST_FRACTION = 4  # a walk's speed is that of its last quarter
-_MAX_POSTURES = 3  # that are looked for to walk in, where it does not as it stands
+_MIN_ACHIEVEMENT = 0.9  # of the reference speed or yaw
+_SPEED_WINDOW = 4  # the speed of a walk is that of its last quarter
+_MAX_POSTURES = 3  # that are tried if it does not walk as it stands
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,13 @@ class ProposedWalk:
     """The walking spec of a robot, or the reason for none, and the outcome of planning it."""
 
     what: str
-    found: Proposal  # in the posture that it is for
+    proposal: Proposal  # in the posture of the walk
     text: str  # empty where the robot cannot walk by `plan-mpc`
-    plan: WalkPlan | None  # that is verified, and does what is asked
-    words: str  # "verified", and what it reaches; else the reason
+    plan: WalkPlan | None  # verified, and as fast as its reference; else None
+    message: str  # "verified" with the speed or yaw that it reaches; else the reason
 
     def __str__(self) -> str:
-        return f"{self.what}: {self.words}"
+        return f"{self.what}: {self.message}"
 
 
 def plan_proposed_walk(
@@ -64,15 +64,15 @@ def plan_proposed_walk(
     if first.plan is not None:
         return first
     alternatives, lack = propose_walking_stances(proposal, _MAX_POSTURES)
-    messages = [first.words]
+    messages = [first.message]
     for alternative in alternatives:
         walk = plan_walk_as_proposed(alternative, other_file, turns)
         if walk.plan is not None:
             return walk
-        messages.append(f"in another posture {walk.words}")
+        messages.append(f"in another posture {walk.message}")
     if lack:
         messages.append(lack)
-    return replace(first, words="; ".join(dict.fromkeys(messages)))
+    return replace(first, message="; ".join(dict.fromkeys(messages)))
 
 
 def plan_walk_as_proposed(proposal: Proposal, robot_file: str, turns: bool = False) -> ProposedWalk:
@@ -142,7 +142,7 @@ def _plan_spec(
 def _measure_speed(plan: WalkPlan) -> tuple[float, float, str]:
     """Return the mean forward speed of the last quarter, its reference, and the unit."""
     speed = plan.trajectory.state[:, VELOCITY][:, 0]
-    last = max(len(speed) // _LAST_FRACTION, 1)
+    last = max(len(speed) // _SPEED_WINDOW, 1)
     return float(speed[-last:].mean()), float(plan.task.reference.velocity[-1, 0]), "m/s"
 
 

@@ -13,13 +13,15 @@ from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.walking.plan.swing_trajectory import quartic_arch, quintic_progress
 
 _NUM_SAMPLES = 48  # of a swing
-_DROPPED_SAMPLES = 3  # of them that differences of differences spoil
+_DROPPED_SAMPLES = 3  # at both ends, where second differences are inaccurate
 
 
 def compute_swing_effort(
     urdf: UrdfModel, legs: WalkingLegs, speed: float, step: float, lift: float, stance: int
 ) -> float:
-    """Return the largest fraction of a torque limit that a swing takes, while the body moves evenly.
+    """Return the largest fraction of a torque limit that a swing takes.
+
+    The body moves evenly.
 
     Args:
         urdf: The model of the robot.

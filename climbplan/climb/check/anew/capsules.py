@@ -1,7 +1,7 @@
-"""Links as capsules, built anew from what the plan file says of them.
+"""Links as capsules, computed from the data of the plan file.
 
 A piece of a chain's link is moved from its own joint inwards, joint by joint, each about or along
-where it is at zero angles. Links of other robots are straight from joint to joint.
+its axis at zero angles. Links of other robots are straight from joint to joint.
 """
 
 from __future__ import annotations
@@ -35,23 +35,30 @@ class Capsule:
 
     @property
     def axis(self) -> Array:
-        """(P, 2, 3)."""
+        """Return both ends of the axis (P, 2, 3) [m]."""
         return np.stack([self.starts, self.ends], axis=1)
 
 
 def build_capsules(
     robot: Robot, com: Array, axes: Array, angles: Array, points: Array
 ) -> Iterator[Capsule]:
-    """All capsules of all limbs in the world, limb by limb.
+    """Yield all capsules of all limbs in the world, limb by limb.
 
-    com: (P, 3), axes: (P, 3, 3) body axes as rows, angles: (P, N, J) [rad], points: (P, N, J+1, 3)
-    joints and toes at these.
+    Args:
+        robot: The robot.
+        com: (P, 3) body origins [m].
+        axes: (P, 3, 3) body axes as rows, world.
+        angles: (P, N, J) joint angles [rad].
+        points: (P, N, J+1, 3) joints and toes at these angles, world [m].
     """
     robot_capsules, chain = robot.capsules, robot.mechanism
     last_link = robot.joint_count - 1
     joint_motions_of_limbs, slide_axes = angles, np.zeros((robot.limb_count, robot.joint_count, 3))
     if isinstance(chain, SerialChain):
-        joint_motions_of_limbs, slide_axes = compute_joint_motions(chain, angles), select_slide_axes(chain)
+        joint_motions_of_limbs, slide_axes = (
+            compute_joint_motions(chain, angles),
+            select_slide_axes(chain),
+        )
     for limb in range(robot.limb_count):
         if robot_capsules is None or not isinstance(chain, SerialChain):
             for link in range(points.shape[-2] - 1):
@@ -64,7 +71,10 @@ def build_capsules(
             for joint in reversed(range(link + 1)):
                 joint_origin, axis = chain.joint_zero[limb, joint], chain.axis_zero[limb, joint]
                 angle = joint_motions_of_limbs[:, limb, joint, None]
-                ends = rotate_about_axis(ends, joint_origin, axis, angle) + angle[..., None] * slide_axes[limb, joint]
+                ends = (
+                    rotate_about_axis(ends, joint_origin, axis, angle)
+                    + angle[..., None] * slide_axes[limb, joint]
+                )
             world = com[:, None] + ends @ axes
             end_to_toe = np.linalg.norm(robot_capsules.ends[limb, index, 1] - chain.toe_zero[limb])
             to_toe = float(end_to_toe) if link == last_link else np.inf

@@ -1,9 +1,9 @@
-"""Chains of joints built anew from what the plan file says of them: poses, and what they settle to.
+"""Kinematics of serial chains from the data of the plan file, and their static equilibrium.
 
-A chain is moved from its toe inwards, joint by joint, each about or along where it is at zero
-angles; a joint that follows others moves by what the file says of their angles. Where
-a limb has more than three joints, a toe that is held leaves it free to move: its joints, springs
-about their commands, settle where their energy is least.
+A chain is moved from its toe inwards, joint by joint, each about or along its axis at zero angles.
+A coupled joint moves by a linear combination of the angles. Where a limb has more than three
+joints, a held toe leaves a self-motion: the joints, springs about their commands, take the angles
+of least elastic energy.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ class ChainLimbs:
     slides: Array  # (..., N, J, 3) directions of joints that slide, zero of others
     drive: Array | None  # (N, J, J) how far joints move by angles, unless each by its own
 
-    def columns(self) -> Array:
-        """(..., N, J, 3) velocity of the toe by the speed of each joint by itself."""
+    def compute_columns(self) -> Array:
+        """Return the toe's velocity (..., N, J, 3) by the speed of each joint on its own."""
         return np.cross(self.axes, self.toe[..., None, :] - self.joints) + self.slides
 
     def jacobian(self) -> Array:
-        """(..., N, 3, J)."""
-        joint_columns = np.swapaxes(self.columns(), -1, -2)
+        """Return the Jacobian (..., N, 3, J) of the toes by the angles."""
+        joint_columns = np.swapaxes(self.compute_columns(), -1, -2)
         return joint_columns if self.drive is None else joint_columns @ self.drive
 
-    def bending(self, force: Array) -> Array:
-        """(..., N, J, J) Hessian of force . toe by the angles, for forces (..., N, 3)."""
-        columns = self.columns()
+    def compute_force_hessian(self, force: Array) -> Array:
+        """Return the Hessian (..., N, J, J) of force . toe by the angles, forces (..., N, 3)."""
+        columns = self.compute_columns()
         # f . (a_i x c_j) for i <= j, mirrored
         upper = np.einsum("...id,...jd->...ij", np.cross(force[..., None, :], self.axes), columns)
         upper = np.triu(upper)
@@ -55,7 +55,7 @@ class ChainLimbs:
 
 
 def build_chains(chain: SerialChain, angles: Array) -> ChainLimbs:
-    """Chains at angles (..., N, J) [rad, or m of joints that slide], body frame."""
+    """Return chains at angles (..., N, J) [rad, or m of prismatic joints], body frame."""
     count = angles.shape[-1]
     shape = angles.shape[:-1]
     motions = compute_joint_motions(chain, angles)
@@ -78,7 +78,7 @@ def build_chains(chain: SerialChain, angles: Array) -> ChainLimbs:
 
 
 def move_link_points(chain: SerialChain, angles: Array, points: Array) -> Array:
-    """Points (N, J, 3) of links at zero angles, moved with them by angles (..., N, J)."""
+    """Return points (N, J, 3) of links at zero angles, moved with them by angles (..., N, J)."""
     motions, slide_axes = compute_joint_motions(chain, angles), select_slide_axes(chain)
     moved_points = np.broadcast_to(points, (*angles.shape, 3)).copy()
     for j in reversed(range(angles.shape[-1])):
@@ -86,24 +86,28 @@ def move_link_points(chain: SerialChain, angles: Array, points: Array) -> Array:
         angle = motions[..., j]
         for link in range(j, angles.shape[-1]):
             rotated = _rotate_vectors(moved_points[..., link, :] - joint_origin, axis, angle)
-            moved_points[..., link, :] = joint_origin + rotated + angle[..., None] * slide_axes[:, j]
+            moved_points[..., link, :] = (
+                joint_origin + rotated + angle[..., None] * slide_axes[:, j]
+            )
     return moved_points
 
 
 def compute_joint_motions(chain: SerialChain, angles: Array) -> Array:
-    """How far joints (..., N, J) are moved by angles (..., N, J): by their own, if none follows."""
+    """Return how far joints (..., N, J) move by angles (..., N, J), couplings included."""
     if chain.drive is None:
         return angles
     return np.einsum("nij,...nj->...ni", chain.drive, angles)
 
 
 def select_slide_axes(chain: SerialChain) -> Array:
-    """(N, J, 3) in which joints slide at zero angles, zero of those that do not."""
+    """Return directions (N, J, 3) of prismatic joints at zero angles, zero for revolute ones."""
     return np.zeros_like(chain.axis_zero) if chain.slide_zero is None else chain.slide_zero
 
 
 def rotate_to_zero(chain: SerialChain, angles: Array, vectors: Array) -> Array:
-    """Vectors (..., N, 3) of last links at angles (..., N, J), turned with them to zero angles."""
+    """Return vectors (..., N, 3) of last links at angles (..., N, J), rotated with them to zero
+    angles.
+    """
     motions = compute_joint_motions(chain, angles)
     for j in range(motions.shape[-1]):
         vectors = _rotate_vectors(vectors, chain.axis_zero[:, j], -motions[..., j])
@@ -111,7 +115,9 @@ def rotate_to_zero(chain: SerialChain, angles: Array, vectors: Array) -> Array:
 
 
 def rotate_by_chain(chain: SerialChain, angles: Array, vectors: Array) -> Array:
-    """Vectors (..., N, 3) of last links at zero angles, turned with them by angles (..., N, J)."""
+    """Return vectors (..., N, 3) of last links at zero angles, rotated with them by angles (..., N,
+    J).
+    """
     motions = compute_joint_motions(chain, angles)
     for j in reversed(range(motions.shape[-1])):
         vectors = _rotate_vectors(vectors, chain.axis_zero[:, j], motions[..., j])
@@ -134,14 +140,22 @@ def solve_chain_equilibrium(
     spring: Array,
     arm: Array | None = None,
 ) -> EquilibriumChains:
-    """Angles near `alike` (..., N, J) with toes at (..., N, 3), body frame, and least energy.
+    """Return angles of least energy near `initial` (..., N, J) with toes at (..., N, 3), body
+    frame.
 
-    arm: (..., N, 3) from toes to where forces act on feet of finite size; none: on the toes.
+    Newton's method solves k (q - command) = J^T f and toe(q) = x for angles q and toe forces f. The
+    energy matters where a limb has a self-motion. Where a moving body has left the limb far from
+    `initial`, so that the method does not converge, it starts again from the command, which moves
+    with the body.
 
-    spring: (N, J) of joints about `command` (..., N, J). Newton's method on k (q - command) = J^T f
-    and toe(q) = x for angles q and toe forces f; the energy counts where a limb has a choice.
-    Where a body that moves on has left the limb far from `alike`, so that this leads nowhere, it
-    starts from the command, which moves with the body.
+    Args:
+        chain: The chains of all limbs.
+        toes: (..., N, 3) positions of the toes [m].
+        initial: (..., N, J) initial angles [rad].
+        command: (..., N, J) commanded angles [rad].
+        spring: (N, J) stiffness of the joints about their commands [N m/rad].
+        arm: (..., N, 3) from toes to where forces act on feet of finite size [m]; None for the
+            toes.
     """
     solution, is_converged = _solve_newton(chain, toes, initial, command, spring, arm)
     is_lost = ~is_converged | (solution.missing > _TOE_TOLERANCE)
@@ -163,7 +177,7 @@ def solve_chain_equilibrium(
 
 
 def _select_chains(chain: SerialChain, rows: BoolArray) -> SerialChain:
-    """Chains of the rows (...) that are true, where a chain ends elsewhere in each row.
+    """Return the chains of the rows (...) that are true, where a chain ends elsewhere in each row.
 
     Chains whose feet roll have a toe (..., N, 3) for each row; others have one (N, 3) for all.
     """
@@ -181,20 +195,26 @@ def _solve_newton(
     spring: Array,
     arm: Array | None,
 ) -> tuple[EquilibriumChains, BoolArray]:
-    """Newton's method from angles `start` (..., N, J), and where it has come to rest (..., N)."""
+    """Apply Newton's method from angles `start` (..., N, J); return also where it converged (...,
+    N).
+    """
     shape, count = start.shape, start.shape[-1]
     q = start.copy()
     limbs = build_chains(chain, q)
     jacobian = limbs.jacobian()
     contact_limbs = _move_toes_to_contacts(limbs, arm)
-    compliance = jacobian / spring[:, None, :] @ np.swapaxes(jacobian, -1, -2) + _REGULARISATION * np.eye(3)
+    compliance = jacobian / spring[:, None, :] @ np.swapaxes(
+        jacobian, -1, -2
+    ) + _REGULARISATION * np.eye(3)
     initial_force = np.linalg.solve(compliance, (jacobian @ (q - command)[..., None]))
     force = np.asarray(initial_force[..., 0], np.float64)
     matrix = np.zeros((*shape[:-1], count + 3, count + 3))
     matrix[..., count:, count:] = _REGULARISATION * np.eye(3)
     for _ in range(_MAX_ITERATIONS):
         transposed = np.swapaxes(contact_limbs.jacobian(), -1, -2)
-        matrix[..., :count, :count] = spring[:, None, :] * np.eye(count) - contact_limbs.bending(force)
+        matrix[..., :count, :count] = spring[:, None, :] * np.eye(
+            count
+        ) - contact_limbs.compute_force_hessian(force)
         matrix[..., :count, count:] = -transposed
         matrix[..., count:, :count] = jacobian
         torque_residual = (transposed @ force[..., None])[..., 0] - spring * (q - command)
@@ -214,17 +234,19 @@ def _solve_newton(
 
 
 def _move_toes_to_contacts(limbs: ChainLimbs, arm: Array | None) -> ChainLimbs:
-    """Limbs with the points at which forces act in place of their toes."""
+    """Return the limbs with the points at which forces act in place of their toes."""
     return limbs if arm is None else replace(limbs, toe=limbs.toe + arm)
 
 
 def rotate_about_axis(points: Array, about: Array, axis: Array, angle: Array) -> Array:
-    """Points (..., 3) turned about a unit axis (3,) through a place (3,), by angles (...) [rad]."""
+    """Return points (..., 3) rotated about a unit axis (3,) through a point (3,), by angles (...)
+    [rad].
+    """
     return about + _rotate_vectors(points - about, axis, angle)
 
 
 def _rotate_vectors(vector: Array, axis: Array, angle: Array) -> Array:
-    """Vectors (..., N, 3) turned about axes (N, 3), unit or zero, by angles (..., N) [rad]."""
+    """Rotate vectors (..., N, 3) about axes (N, 3), unit or zero, by angles (..., N) [rad]."""
     cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]
     axial = (vector * axis).sum(axis=-1, keepdims=True) * axis
     has_axis = (axis * axis).sum(axis=-1, keepdims=True) > 0

@@ -17,21 +17,31 @@ from climbplan.robots.model import Robot
 
 
 def compute_contact_arm(robot: Robot, normal: Array) -> Array:
-    """From toes to where they touch (..., N, 3) [m], by the normals under them; zero for points."""
+    """Return vectors (..., N, 3) from toes to their contact points [m], zero for point feet.
+
+    normal: (..., N, 3) surface normals at the toes.
+    """
     radius = 0.0 if robot.foot is None else robot.foot.radius
     return -radius * normal
 
 
 def move_toes_to_contacts(limbs: Limbs, arm: Array) -> Limbs:
-    """Limbs whose toes are the points that touch, so that velocities and torques are theirs."""
+    """Return the limbs with contact points as toes, so that velocities and torques are those of
+    contacts.
+    """
     return replace(limbs, toe=limbs.toe + arm) if arm.any() else limbs
 
 
 def build_rolling_robot(robot: Robot, axes: Array, angles: Array, normal: Array) -> Robot:
-    """The robot whose chains end in the points of its feet that touch at angles (K, N, J).
+    """Return the robot whose chains end in the contact points of its feet at angles (K, N, J).
 
-    axes: (K, 3, 3) of the body, normal: (K, N, 3) of the surfaces. The robot itself for points, and
-    for flat feet, which do not roll.
+    Point feet and flat feet do not roll: their robot is returned unchanged.
+
+    Args:
+        robot: The robot.
+        axes: (K, 3, 3) body axes as rows.
+        angles: (K, N, J) joint angles [rad].
+        normal: (K, N, 3) surface normals.
     """
     if robot.foot is None or robot.sole is not None:
         return robot

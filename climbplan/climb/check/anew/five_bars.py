@@ -1,7 +1,7 @@
-"""Five-bar legs built anew from the lengths in a plan file: intersections of circles in the plane.
+"""Kinematics of five-bar legs from the lengths in a plan file, by intersections of circles.
 
-A leg's plane holds x outward from the yaw axis and z up. Angles of cranks count from straight down
-towards outward. What crank speeds do to the last link is found by difference quotients.
+A leg's plane has x outward from the yaw axis and z up. Angles of cranks count from straight down
+towards outward. Velocities of the last link are difference quotients.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _DIFFERENCE_STEP = 1e-6  # [rad]
 
 @dataclass(frozen=True)
 class FiveBarPose:
-    """N legs in the body frame, with the serial joints that would move them alike."""
+    """N legs in the body frame, with the serial joints of equal motion."""
 
     joints: Array  # (..., N, 3, 3) yaw axis, crank F's axis, elbow [m]
     axes: Array  # (..., N, 3, 3) unit axes there
@@ -27,13 +27,19 @@ class FiveBarPose:
 
 
 def build_five_bars(legs: FiveBar, angles: Array) -> FiveBarPose:
-    """Legs at motor angles (..., N, 3) [rad]; NaN where the linkage does not close."""
+    """Return legs at motor angles (..., N, 3) [rad]; NaN where the linkage does not close."""
     bar = legs.linkage
     yaw = legs.mount_yaw + angles[..., 0]
     f, a = angles[..., 1], angles[..., 2]
     tilt = _compute_link_tilt(legs, f, a)
-    tilt_by_f = (_compute_link_tilt(legs, f + _DIFFERENCE_STEP, a) - _compute_link_tilt(legs, f - _DIFFERENCE_STEP, a)) / (2 * _DIFFERENCE_STEP)
-    tilt_by_a = (_compute_link_tilt(legs, f, a + _DIFFERENCE_STEP) - _compute_link_tilt(legs, f, a - _DIFFERENCE_STEP)) / (2 * _DIFFERENCE_STEP)
+    tilt_by_f = (
+        _compute_link_tilt(legs, f + _DIFFERENCE_STEP, a)
+        - _compute_link_tilt(legs, f - _DIFFERENCE_STEP, a)
+    ) / (2 * _DIFFERENCE_STEP)
+    tilt_by_a = (
+        _compute_link_tilt(legs, f, a + _DIFFERENCE_STEP)
+        - _compute_link_tilt(legs, f, a - _DIFFERENCE_STEP)
+    ) / (2 * _DIFFERENCE_STEP)
     hip_x, hip_z = bar.offset + 0 * f, bar.axis_f + 0 * f
     elbow_x, elbow_z = hip_x + bar.crank_f * np.sin(f), hip_z - bar.crank_f * np.cos(f)
     toe_x, toe_z = elbow_x + bar.link * np.sin(tilt), elbow_z - bar.link * np.cos(tilt)
@@ -47,7 +53,8 @@ def build_five_bars(legs: FiveBar, angles: Array) -> FiveBarPose:
     rows = [[ones, zeros, zeros], [zeros, ones, zeros], [zeros, tilt_by_f - 1.0, tilt_by_a]]
     return FiveBarPose(
         joints=np.stack(
-            [place_point(zeros, zeros), place_point(hip_x, hip_z), place_point(elbow_x, elbow_z)], axis=-2
+            [place_point(zeros, zeros), place_point(hip_x, hip_z), place_point(elbow_x, elbow_z)],
+            axis=-2,
         ),
         axes=np.stack([up, hinge, hinge], axis=-2),
         toe=place_point(toe_x, toe_z),
@@ -56,7 +63,7 @@ def build_five_bars(legs: FiveBar, angles: Array) -> FiveBarPose:
 
 
 def solve_five_bars(legs: FiveBar, toes: Array, initial: Array) -> Array:
-    """Motor angles (..., N, 3) that reach toes (..., N, 3), elbows as at angles `alike`."""
+    """Return motor angles (..., N, 3) that reach toes (..., N, 3), elbows as in `initial`."""
     bar = legs.linkage
     reach = toes - legs.shoulder_body
     yaw = np.arctan2(reach[..., 1], reach[..., 0])
@@ -82,13 +89,18 @@ def solve_five_bars(legs: FiveBar, toes: Array, initial: Array) -> Array:
 
 
 def _compute_link_tilt(legs: FiveBar, f: Array, a: Array) -> Array:
-    """Tilt of the last link: the held point is where two circles meet, on the outward side."""
+    """Return the last link's tilt from the intersection of two circles, on the outward side."""
     bar = legs.linkage
     elbow = np.stack([bar.crank_f * np.sin(f), bar.axis_f - bar.crank_f * np.cos(f)])
     end = np.stack([bar.crank_a * np.sin(a), bar.axis_a - bar.crank_a * np.cos(a)])
     crank_to_elbow = end - elbow
     # From the elbow: the meeting point to the left of the way to crank A's end
-    intersections = _intersect_circles(crank_to_elbow[0], crank_to_elbow[1], float(np.hypot(bar.held_along, bar.held_across)), bar.coupler)
+    intersections = _intersect_circles(
+        crank_to_elbow[0],
+        crank_to_elbow[1],
+        float(np.hypot(bar.held_along, bar.held_across)),
+        bar.coupler,
+    )
     is_left = crank_to_elbow[0] * intersections[0][1] - crank_to_elbow[1] * intersections[0][0] > 0
     spoke = np.where(is_left, intersections[0], intersections[1])
     # Turned back by where the link is held, the spoke points along the link
@@ -99,7 +111,7 @@ def _compute_link_tilt(legs: FiveBar, f: Array, a: Array) -> Array:
 
 
 def _intersect_circles(x: Array, z: Array, first: float, second: float) -> Array:
-    """Both points (2, 2, ...) at distance `first` from the origin and `second` from (x, z)."""
+    """Return both points (2, 2, ...) at `first` from the origin and `second` from (x, z)."""
     square = x**2 + z**2
     fraction = (first**2 - second**2 + square) / (2 * square)
     half_chord = np.sqrt(first**2 / square - fraction**2)

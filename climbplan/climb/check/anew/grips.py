@@ -1,7 +1,7 @@
-"""Grips from the definitions of the file format: fingers, cones, wrists, spines, all built anew.
+"""Grips from the definitions of the file format: fingers, cones, wrists and spine forces.
 
-A finger of a gripper at H, the grip's centre, sits at H +- (span / 2) axis; both together with the
-palm bring the contact force, the moment about H and the gripping force that a plan states.
+A finger of a gripper at H, the grip's centre, is at H +- (span / 2) axis. Both fingers and the palm
+together exert the contact force, the moment about H and the gripping force of the plan.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ PART_NAMES = ("palm", "finger +", "finger -")
 
 @dataclass(frozen=True)
 class Holds:
-    """Surfaces as grippers meet them, R of them."""
+    """R surfaces as grippers hold them."""
 
     axis: Array  # (R, 3)
     undercut: Array  # (R,)
@@ -31,7 +31,7 @@ class Holds:
 
 
 def build_holds(plan: ClimbPlan) -> Holds:
-    """Holds of a plan's surfaces; a surface that has none is a plane to both fingers."""
+    """Return the holds of a plan's surfaces; a surface without one is a plane to both fingers."""
     axes, undercut, orientation = [], [], []
     for surface in plan.terrain.surfaces:
         hold = surface.hold if isinstance(surface, Region) else None
@@ -51,7 +51,11 @@ def build_holds(plan: ClimbPlan) -> Holds:
 
 
 def bound_spine_forces(model: SpineModel, risk: float, holds: Holds) -> Array:
-    """(R,) lower confidence bound of eqs. (3.4) to (3.6) at every hold, at least zero [N]."""
+    """Return the lower confidence bound (R,) of eqs. (3.4) to (3.6) at every hold, at least zero
+    [N].
+
+    It is the quantile `risk` of a Gaussian process regression.
+    """
 
     def kernel(first: Array, second: Array) -> Array:
         scaled_difference = (first[:, None] - second[None, :]) / (model.scale * model.length)
@@ -70,17 +74,17 @@ def bound_spine_forces(model: SpineModel, risk: float, holds: Holds) -> Array:
 
 @dataclass(frozen=True)
 class GripForcesByPart:
-    """What palms and fingers do at S states, N limbs."""
+    """Forces on palms and fingers at S states of N limbs."""
 
     pressure: Array  # (S, N, 3) by part [N]
     shear: Array  # (S, N, 3) by part [N]
-    held: Array  # (S, N, 3) shear that friction and spines hold [N]
-    stray: Array  # (S, N) moment about the fingers' axis, which no fingers carry [N m]
+    max_shear: Array  # (S, N, 3) shear that friction and spines hold [N]
+    axial_moment: Array  # (S, N) moment about the fingers' axis, which no fingers carry [N m]
 
-    def share(self) -> Array:
-        """(S, N, 3) of what is held that is used; infinite where nothing is."""
+    def compute_shear_ratio(self) -> Array:
+        """Return the ratio (S, N, 3) of shear to what is held; infinite where nothing is."""
         ratio = np.full(self.shear.shape, np.inf)
-        np.divide(self.shear, self.held, out=ratio, where=self.held > 0)
+        np.divide(self.shear, self.max_shear, out=ratio, where=self.max_shear > 0)
         return ratio
 
 
@@ -93,7 +97,17 @@ def compute_part_forces(
     spines: Array,
     span: float,
 ) -> GripForcesByPart:
-    """Hands for contact forces (S, N, 3) on surfaces with normals (S, N, 3)."""
+    """Return the forces on palms and fingers for contact forces (S, N, 3).
+
+    Args:
+        force: (S, N, 3) contact forces [N].
+        grips: The stored grips of the same states.
+        normal: (S, N, 3) surface normals.
+        region: (S, N) numbers of the surfaces.
+        holds: Holds of all surfaces.
+        spines: (R,) forces of the spines [N].
+        span: Distance between the fingers [m].
+    """
     axis = holds.axis[region]
     angle = holds.undercut[region][..., None]
     finger_sum = force - grips.palm
@@ -114,13 +128,18 @@ def compute_part_forces(
         spine_part = spine_force if part_index else 0.0 * spine_force
         max_shear.append(holds.friction[region] * np.maximum(normal_part, 0.0) + spine_part)
     axial_moment = np.abs((grips.moment * axis).sum(axis=-1))
-    return GripForcesByPart(np.stack(pressure, -1), np.stack(shear, -1), np.stack(max_shear, -1), axial_moment)
+    return GripForcesByPart(
+        np.stack(pressure, -1), np.stack(shear, -1), np.stack(max_shear, -1), axial_moment
+    )
 
 
 def compute_gripper_frames(gripper: Gripper, link: Array, angles: Array) -> Array:
-    """Rows approach, closing, and their cross product (..., 3, 3) of grippers on wrists.
+    """Return approach, closing and their cross product as rows (..., 3, 3) of grippers on wrists.
 
-    link: (..., 3, 3) rows x, y, z of the last link; angles: (..., 3) of the wrist joints [rad].
+    Args:
+        gripper: The gripper; all wrists are alike.
+        link: (..., 3, 3) rows x, y, z of the last link.
+        angles: (..., 3) angles of the wrist joints [rad].
     """
     del gripper  # all wrists are alike
 
@@ -138,7 +157,7 @@ def compute_gripper_frames(gripper: Gripper, link: Array, angles: Array) -> Arra
 
 
 def compute_wrist_axes(link: Array, angles: Array) -> Array:
-    """Rows: unit axes of the three wrist joints (..., 3, 3) at their angles."""
+    """Return the unit axes of the three wrist joints as rows (..., 3, 3) at their angles."""
     x, y, z = link[..., 0, :], link[..., 1, :], link[..., 2, :]
     cos, sin = np.cos(angles[..., 0])[..., None], np.sin(angles[..., 0])[..., None]
     tilted_x, tilted_z = cos * x - sin * z, cos * z + sin * x

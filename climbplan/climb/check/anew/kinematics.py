@@ -1,8 +1,8 @@
-"""Limb geometry from the definitions of the file format, by rotations about joint axes.
+"""Limb kinematics from the definitions of the file format, by rotations about joint axes.
 
-A limb, unless it is another chain (`chains.py`): the coxa turns about the body's z at the
-shoulder, femur and tibia about the horizontal axis through the limb's plane; at zero angles coxa
-and femur point outward, the tibia down.
+A limb that is no other chain (`chains.py`) has a coxa, a femur and a tibia. The coxa rotates about
+the body's z axis at the shoulder, femur and tibia about the horizontal axis through the limb's
+plane. At zero angles coxa and femur point outward, the tibia down.
 """
 
 from __future__ import annotations
@@ -39,10 +39,19 @@ def solve_sole_equilibrium(
     command: Array,
     spring: Array,
 ) -> EquilibriumChains:
-    """Angles near `alike` (..., N, J) with soles at toes (..., N, 3), rows axes (..., N, 3, 3).
+    """Return angles near `initial` (..., N, J) with soles at given poses, body frame.
 
-    Body frame. Of limbs of more than six joints those of least energy: k (q - command) = J^T w for
-    angles q, and force and moment w, by Newton's method.
+    Limbs with more than six joints take the angles of least energy. Newton's method solves k (q -
+    command) = J^T w for angles q, and force and moment w.
+
+    Args:
+        chain: The chains of all limbs.
+        sole: The soles.
+        toes: (..., N, 3) positions of the toes [m].
+        axes: (..., N, 3, 3) axes of the soles as rows.
+        initial: (..., N, J) initial angles [rad].
+        command: (..., N, J) commanded angles [rad].
+        spring: (N, J) stiffness of the joints [N m/rad].
     """
     rows = np.swapaxes(sole.axes_zero, -1, -2)
     count = initial.shape[-1]
@@ -56,10 +65,14 @@ def solve_sole_equilibrium(
         angular_columns = axis_columns if limbs.drive is None else axis_columns @ limbs.drive
         foot_jacobian = np.concatenate([limbs.jacobian(), angular_columns], axis=-2)
         sole_axes = np.stack([rotate_by_chain(chain, q, rows[:, k]) for k in range(3)], axis=-2)
-        pose_error = np.concatenate([toes - limbs.toe, np.cross(sole_axes, axes).sum(axis=-2) / 2], axis=-1)
+        pose_error = np.concatenate(
+            [toes - limbs.toe, np.cross(sole_axes, axes).sum(axis=-2) / 2], axis=-1
+        )
         matrix[..., :count, count:] = -np.swapaxes(foot_jacobian, -1, -2)
         matrix[..., count:, :count] = foot_jacobian
-        torque_residual = (np.swapaxes(foot_jacobian, -1, -2) @ wrench[..., None])[..., 0] - spring * (q - command)
+        torque_residual = (np.swapaxes(foot_jacobian, -1, -2) @ wrench[..., None])[
+            ..., 0
+        ] - spring * (q - command)
         right_hand_side = np.concatenate([torque_residual, pose_error], axis=-1)
         step = np.asarray(np.linalg.solve(matrix, right_hand_side[..., None])[..., 0], np.float64)
         max_change = np.abs(step[..., :count]).max(axis=-1, keepdims=True)
@@ -70,7 +83,9 @@ def solve_sole_equilibrium(
             break
     limbs = build_chains(chain, q)
     sole_axes = np.stack([rotate_by_chain(chain, q, rows[:, k]) for k in range(3)], axis=-2)
-    axis_error = np.linalg.norm(sole_axes - axes, axis=-1).max(axis=-1)  # one radian counts as one metre
+    axis_error = np.linalg.norm(sole_axes - axes, axis=-1).max(
+        axis=-1
+    )  # one radian counts as one metre
     return EquilibriumChains(q, np.maximum(np.linalg.norm(toes - limbs.toe, axis=-1), axis_error))
 
 
@@ -78,14 +93,14 @@ _CLOSURE_TOLERANCE = 1e-9  # [m] rounding of legs that reach their toes
 
 
 def rotate(vector: Array, axis: Array, angle: Array) -> Array:
-    """Vectors (..., 3) turned about unit axes (..., 3) by angles (...) [rad] (Rodrigues)."""
+    """Rotate vectors (..., 3) about unit axes (..., 3) by angles (...) [rad] (Rodrigues)."""
     cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]
     axial = (vector * axis).sum(axis=-1, keepdims=True)
     return vector * cos + np.cross(axis, vector) * sin + axis * axial * (1 - cos)
 
 
 def compute_body_axes(rpy: Array) -> Array:
-    """The body's x, y, z axes as rows (..., 3, 3), world: Rz(yaw) Ry(pitch) Rx(roll) applied."""
+    """Return the body's x, y, z axes as rows (..., 3, 3), world: Rz(yaw) Ry(pitch) Rx(roll)."""
     axes = np.broadcast_to(np.eye(3), (*rpy.shape[:-1], 3, 3))
     for world_axis, angle in enumerate(np.moveaxis(rpy, -1, 0)):  # about x, then y, then z
         axes = rotate(axes, np.eye(3)[world_axis], angle[..., None])
@@ -93,7 +108,7 @@ def compute_body_axes(rpy: Array) -> Array:
 
 
 def transform_to_world(com: Array, axes: Array, points: Array) -> Array:
-    """World positions (..., P, 3) of body points (P, 3) for bodies at com (..., 3)."""
+    """Return world positions (..., P, 3) of body points (P, 3) for bodies at com (..., 3)."""
     return com[..., None, :] + points @ axes
 
 
@@ -109,13 +124,14 @@ class Limbs:
 
     @property
     def points(self) -> Array:
-        """Shoulder, femur joint, knee, toe (..., N, J + 1, 3)."""
+        """Return shoulder, femur joint, knee and toe (..., N, J + 1, 3)."""
         return np.concatenate([self.joints, self.toe[..., None, :]], axis=-2)
 
     def jacobian(self) -> Array:
-        """Toe velocity by joint speed, (..., N, 3, J): column j is axis_j x (toe - joint_j).
+        """Return the toe's velocity by joint speed, (..., N, 3, J): column j is axis_j x (toe -
+        joint_j).
 
-        Of joints that slide it is the direction in which they do.
+        For prismatic joints the column is the direction of sliding.
         """
         columns = np.cross(self.axes, self.toe[..., None, :] - self.joints)
         if self.slides is not None:
@@ -123,14 +139,17 @@ class Limbs:
         joint_columns = np.swapaxes(columns, -1, -2)
         return joint_columns if self.drive is None else joint_columns @ self.drive
 
-    def turning(self) -> Array:
-        """Rows (..., N, J, 3): turning velocity of the last link by joint speed."""
+    def compute_angular_jacobian(self) -> Array:
+        """Return the angular velocity of the last link by joint speed as rows (..., N, J, 3)."""
         if self.drive is None:
             return self.axes
         return np.asarray(np.swapaxes(self.drive, -1, -2) @ self.axes)
 
-    def last_link(self) -> Array:
-        """Rows x along the last link, y = z x x, z along the last joint's axis (..., N, 3, 3)."""
+    def compute_link_frame(self) -> Array:
+        """Return the axes of the last link as rows (..., N, 3, 3).
+
+        x is along the link, z along the last joint's axis, and y = z x x.
+        """
         z = self.axes[..., -1, :]
         if self.slides is not None:
             z = z + self.slides[..., -1, :]
@@ -141,7 +160,7 @@ class Limbs:
 
 
 def build_limbs(robot: Robot, com: Array, axes: Array, angles: Array) -> Limbs:
-    """Limbs for bodies at com (..., 3), with axes (..., 3, 3) and angles (..., N, J) [rad]."""
+    """Return limbs of bodies at com (..., 3), with axes (..., 3, 3), angles (..., N, J) [rad]."""
     if isinstance(robot.mechanism, FiveBar):
         return _build_five_bar_limbs(robot.mechanism, com, axes, angles)
     if robot.mechanism is not None:
@@ -182,13 +201,22 @@ def solve_standing_limbs(
     arm: Array | None = None,
     soles: Array | None = None,
 ) -> StandingLimbs:
-    """Limbs that reach for toes (..., N, 3), bent to the same side as by angles alike (..., N, J).
+    """Return limbs that reach toes (..., N, 3), with knees on the side of the initial angles.
 
-    Angles are those within half a turn of `alike`. The knee is where the circles of femur and tibia
-    meet in the limb's plane. A chain of more than three joints
-    settles as springs about their commands (..., N, J) do, with forces that act on the toes or, on
-    feet of finite size, at arm (..., N, 3) from them. soles: rows (..., N, 3, 3) as which flat feet
-    lie.
+    Angles are those within half a turn of the initial ones. The knee is an intersection of the
+    circles of femur and tibia in the limb's plane. A chain of more than three joints takes the
+    equilibrium of its springs.
+
+    Args:
+        robot: The robot.
+        com: (..., 3) body origins [m].
+        axes: (..., 3, 3) body axes as rows.
+        toes: (..., N, 3) positions of the toes, world [m].
+        initial: (..., N, J) joint angles [rad].
+        command: (..., N, J) commanded joint angles [rad].
+        arm: (..., N, 3) from toes to where forces act on feet of finite size [m]; None for the
+            toes.
+        soles: (..., N, 3, 3) axes of flat feet as rows; None for other feet.
     """
     if soles is not None:
         return _solve_standing_soles(robot, com, axes, toes, soles, initial, command)
@@ -238,14 +266,14 @@ def solve_standing_limbs(
 
 
 def require_chain(robot: Robot) -> SerialChain:
-    """The chains of a robot that has them; no other mechanism can be built anew."""
+    """Return the chains of a robot; raise TypeError for a mechanism that no check models."""
     if not isinstance(robot.mechanism, SerialChain):
         raise TypeError(f"no check knows limbs of type {type(robot.mechanism).__name__}")
     return robot.mechanism
 
 
 def _build_five_bar_limbs(legs: FiveBar, com: Array, axes: Array, angles: Array) -> Limbs:
-    """Five-bar legs of bodies at com (..., 3) with axes (..., 3, 3), in the world."""
+    """Return five-bar legs of bodies at com (..., 3) with axes (..., 3, 3), in the world."""
     body = build_five_bars(legs, angles)
     turn, origin = axes[..., None, :, :], com[..., None, :]
     return Limbs(
@@ -259,7 +287,7 @@ def _build_five_bar_limbs(legs: FiveBar, com: Array, axes: Array, angles: Array)
 def _solve_standing_five_bars(
     legs: FiveBar, com: Array, axes: Array, toes: Array, initial: Array
 ) -> StandingLimbs:
-    """Five-bar legs that reach for toes (..., N, 3)."""
+    """Return five-bar legs that reach toes (..., N, 3)."""
     local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
     angles = solve_five_bars(legs, local, initial)
     limbs = _build_five_bar_limbs(legs, com, axes, angles)
@@ -268,7 +296,7 @@ def _solve_standing_five_bars(
 
 
 def _build_chain_limbs(chain: SerialChain, com: Array, axes: Array, angles: Array) -> Limbs:
-    """Chains of bodies at com (..., 3) with axes (..., 3, 3), in the world."""
+    """Return chains of bodies at com (..., 3) with axes (..., 3, 3), in the world."""
     body = build_chains(chain, angles)
     turn, origin = axes[..., None, :, :], com[..., None, :]
     return Limbs(
@@ -289,7 +317,7 @@ def _solve_standing_chains(
     command: Array,
     arm: Array | None,
 ) -> StandingLimbs:
-    """Chains that reach for toes (..., N, 3), joints as springs about their commands."""
+    """Return chains that reach toes (..., N, 3), with joints as springs about their commands."""
     chain = require_chain(robot)
     local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
@@ -303,7 +331,7 @@ def _solve_standing_chains(
 def _solve_standing_soles(
     robot: Robot, com: Array, axes: Array, toes: Array, soles: Array, initial: Array, command: Array
 ) -> StandingLimbs:
-    """Chains that end in soles that lie at toes, joints as springs about their commands."""
+    """Return chains whose soles are at the toes, with joints as springs about their commands."""
     chain, sole = require_chain(robot), robot.sole
     assert sole is not None
     local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
@@ -315,8 +343,10 @@ def _solve_standing_soles(
 
 
 def _dot(a: Array, b: Array) -> Array:
+    """Return dot products (..., 1) of vectors."""
     return (a * b).sum(axis=-1, keepdims=True)
 
 
 def _length(a: Array) -> Array:
+    """Return lengths (..., 1) of vectors."""
     return np.sqrt(_dot(a, a))

@@ -1,8 +1,7 @@
-"""Robot, terrain and model of spines built anew from the spec, against those in the file.
+"""Compare robot, terrain and spine model in the file with those that the spec determines.
 
-A spec determines them, so nothing that a file says of them has to be believed. Of a robot that is
-not built in, the plan carries the files that its spec names; where it does not, because it is from
-before plans did so, that is told, and the robot is the one in the file.
+A plan carries the robot files that its spec names. Where an older plan does not, the check says so
+and uses the robot in the file.
 """
 
 from __future__ import annotations
@@ -32,9 +31,12 @@ if TYPE_CHECKING:
 def compare_with_spec(
     plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, given_robot: AnyRobot | None = None
 ) -> Iterator[Check]:
-    """What the spec determines, by the loaders that planning uses.
+    """Yield checks of what the spec determines, built by the loaders that planning uses.
 
-    own: the spec's robot, where its files are at hand.
+    Args:
+        plan: The plan.
+        spec: Its spec.
+        given_robot: The spec's robot, where its files are at hand; None for that in the plan.
     """
     robot, spec_robot = plan.robot, None
     try:
@@ -56,8 +58,10 @@ def compare_with_spec(
         yield _check_spine_model(plan, plan.grips, spec, spec_robot)
 
 
-def _build_task_robot(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, spec_robot: AnyRobot) -> Robot:
-    """The robot as the task uses it."""
+def _build_task_robot(
+    plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, spec_robot: AnyRobot
+) -> Robot:
+    """Return the robot as the task uses it."""
     robot = build_robot(spec_robot)
     if robot.limb_names != plan.robot.limb_names:
         return robot
@@ -71,12 +75,15 @@ def _build_task_robot(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, spec_ro
 
 
 def _check_robot(plan: ClimbPlan, robot: Robot, stored: StoredRobot) -> Check:
+    """Compare the robot in the file with that of the spec."""
     unknown, models, missing_parts = list(stored.unknown), [], []
     if plan.robot.links is None and robot.links is not None:  # plans of before
         unknown.append("links")
         models.append("links without mass")
         percentage = 100 * robot.links.mass_fraction
-        missing_parts.append(f"the weight of links, {percentage:.0f} % of all, which it counts to the body")
+        missing_parts.append(
+            f"the weight of links, {percentage:.0f} % of all, which it counts to the body"
+        )
     if plan.robot.dynamics is None:  # plan files without rotors: they do not enter planning
         unknown.append("dynamics")
     worst = largest(parts_apart("robot", plan.robot, robot, unknown))
@@ -95,6 +102,7 @@ def _check_robot(plan: ClimbPlan, robot: Robot, stored: StoredRobot) -> Check:
 
 
 def _check_terrain(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, robot: Robot) -> Check:
+    """Compare the terrain in the file with that of the spec."""
     try:
         terrain = build_terrain(spec.terrain, robot)
     except ClimbplanError as error:
@@ -107,7 +115,7 @@ def _check_terrain(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, robot: Rob
 def _check_spine_model(
     plan: ClimbPlan, grips: GripPlan, spec: ClimbSpec, spec_robot: AnyRobot | None
 ) -> Check:
-    """The model that spines were counted on by is the one that spec or robot name."""
+    """Compare the spine model in the file with the one that spec or robot name."""
     # Its file, and nothing else of what planning uses: only plans that grip need it.
     from climbplan.mechanics.gripper_model import load_model
 
@@ -127,7 +135,9 @@ def _check_spine_model(
 
 
 def _describe_difference(worst: Difference, robot: Robot) -> str:
-    """A difference in the robot's terms: "robot.joint_upper, RF femur: 9 in the file, ..."."""
+    """Describe a difference in the robot's terms: "robot.joint_upper, RF femur: 9 in the file,
+    ...".
+    """
     if worst.size == 0:
         return ""
     place = ""

@@ -1,4 +1,4 @@
-"""Where a robot's weight acts, from what the plan file says of its links: built anew."""
+"""Weight of a robot and its links, from the data of the plan file."""
 
 from __future__ import annotations
 
@@ -11,9 +11,13 @@ from climbplan.robots.serial_chain import SerialChain
 
 
 def compute_link_torques(robot: Robot, axes: Array, angles: Array) -> Array:
-    """(K, N, J) torques of the links' own weight about their joints [N m], with the sign of J^T f.
+    """Return torques (K, N, J) of the links' weight about their joints [N m], with the sign of J^T
+    f.
 
-    axes: (K, 3, 3) of the body, as rows; angles: (K, N, J).
+    Args:
+        robot: The robot.
+        axes: (K, 3, 3) body axes as rows.
+        angles: (K, N, J) joint angles [rad].
     """
     links, chain = robot.links, robot.mechanism
     torques = np.zeros(angles.shape)
@@ -34,10 +38,14 @@ def compute_link_torques(robot: Robot, axes: Array, angles: Array) -> Array:
 
 
 def compute_weight_wrench(robot: Robot, axes: Array, angles: Array) -> Array:
-    """(K, 6) force and moment about the body's origin [N, N m], world frame.
+    """Return the weight's force and moment (K, 6) about the body's origin [N, N m], world frame.
 
-    axes: (K, 3, 3) of the body, as rows; angles: (K, N, J). The weight of a robot whose limbs weigh
-    nothing acts in its origin.
+    The weight of a robot with massless limbs acts in its origin.
+
+    Args:
+        robot: The robot.
+        axes: (K, 3, 3) body axes as rows.
+        angles: (K, N, J) joint angles [rad].
     """
     weight = np.array([0.0, 0.0, -robot.mass * robot.gravity])
     wrench = np.zeros((len(axes), 6))

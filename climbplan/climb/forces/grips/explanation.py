@@ -204,9 +204,9 @@ class _SufficientChanges:
         """Return the changes that make the instants of both feasible."""
 
         def both(
-            a: float | None, b: float | None, of: Callable[[float, float], float]
+            a: float | None, b: float | None, combine: Callable[[float, float], float]
         ) -> float | None:
-            return None if a is None or b is None else of(a, b)
+            return None if a is None or b is None else combine(a, b)
 
         has_same_mass = self.mass_name == following.mass_name
         return _SufficientChanges(
@@ -219,9 +219,9 @@ class _SufficientChanges:
 
     def build_remedies(self) -> tuple[Remedy, ...]:
         """Return the changes as remedies, rounded to three digits on the safe side."""
-        out = []
+        suggestions = []
         if self.grip_force is not None:
-            out.append(
+            suggestions.append(
                 Remedy(
                     f"gripping force >= {_round_to_digits(self.grip_force, np.ceil):.4g} N a finger"
                 )
@@ -229,14 +229,14 @@ class _SufficientChanges:
         if self.max_mass is not None:
             limit = _round_to_digits(self.max_mass, np.floor)
             key = "task.payload.mass" if self.mass_name == "payload" else ""
-            out.append(Remedy(f"{self.mass_name} <= {limit:.4g} kg", key, limit))
+            suggestions.append(Remedy(f"{self.mass_name} <= {limit:.4g} kg", key, limit))
         if self.torque_factor is not None:
             factor = _round_to_digits(self.torque_factor, np.ceil)
-            out.append(Remedy(f"all motors {factor:.4g} times as strong"))
+            suggestions.append(Remedy(f"all motors {factor:.4g} times as strong"))
         if self.safety_friction is not None:
             limit = _round_to_digits(self.safety_friction, np.floor)
-            out.append(Remedy(f"S_mu <= {limit:.4g}", "force.safety_friction", limit))
-        return tuple(out)
+            suggestions.append(Remedy(f"S_mu <= {limit:.4g}", "force.safety_friction", limit))
+        return tuple(suggestions)
 
 
 def _round_to_digits(value: float, rounding: Callable[[float], float]) -> float:

@@ -53,11 +53,11 @@ class GripInstant:
         """Return whether fingers grip at all."""
         return self.max_grip > 0
 
-    def build_part_rows(self, i: int, part: int) -> Array:
+    def build_part_rows(self, i: int, part_index: int) -> Array:
         """Return the normal and tangential components (3, 9 n) of a part's force."""
         rows = np.zeros((3, self.size))
-        start = LIMB_SIZE * i + 3 * part
-        rows[:, start : start + 3] = self.axes[i, part]
+        start = LIMB_SIZE * i + 3 * part_index
+        rows[:, start : start + 3] = self.axes[i, part_index]
         return rows
 
 
@@ -136,7 +136,11 @@ class EpigraphRows:
 def build_linear_rows(instant: GripInstant) -> EpigraphRows:
     """Return the rows of torque, gripping force, pressure and commands, without friction."""
     n = instant.num_contacts
-    pressure = [-instant.build_part_rows(i, part)[0] for i in range(n) for part in range(NUM_PARTS)]
+    pressure = [
+        -instant.build_part_rows(i, part_index)[0]
+        for i in range(n)
+        for part_index in range(NUM_PARTS)
+    ]
     row_blocks = [instant.torque, -instant.torque, instant.grip, -instant.grip, np.array(pressure)]
     by_s = [np.ones(12 * n), np.full(n, instant.max_grip), np.zeros(n + NUM_PARTS * n)]
     upper = [
@@ -174,15 +178,15 @@ def build_friction_rows(instant: GripInstant, facets: int) -> EpigraphRows:
     A, upper = [], []
     for i in range(instant.num_contacts):
         rows = pyramid_rows(np.array(instant.mu[i] / instant.safety_friction), corners)
-        for part in range(NUM_PARTS):
-            A.append(rows @ instant.build_part_rows(i, part))
-            spine_force = instant.spines[i, part] / instant.safety_friction * np.cos(half)
+        for part_index in range(NUM_PARTS):
+            A.append(rows @ instant.build_part_rows(i, part_index))
+            spine_force = instant.spines[i, part_index] / instant.safety_friction * np.cos(half)
             upper.append(np.full(facets, spine_force))
-            if instant.pull_components[i, part].any():
+            if instant.pull_components[i, part_index].any():
                 full_cone_rows = pyramid_rows(np.array(instant.mu[i]), corners)
-                A.append(full_cone_rows @ instant.build_part_rows(i, part))
-                spine_force = instant.spines[i, part] * np.cos(half)
-                upper.append(spine_force + full_cone_rows @ instant.pull_components[i, part])
+                A.append(full_cone_rows @ instant.build_part_rows(i, part_index))
+                spine_force = instant.spines[i, part_index] * np.cos(half)
+                upper.append(spine_force + full_cone_rows @ instant.pull_components[i, part_index])
     stacked = np.concatenate(A)
     return EpigraphRows(stacked, np.zeros(len(stacked)), np.concatenate(upper))
 
@@ -219,19 +223,21 @@ def build_conic_program(
         finger_rows[:, : instant.size] = build_open_finger_rows(instant)
         program.add_equality("grip.open", finger_rows, np.zeros(len(finger_rows)))
     for i in range(instant.num_contacts):
-        for part in range(NUM_PARTS):
+        for part_index in range(NUM_PARTS):
             cone = np.zeros((3, program.size))
-            cone[:, : instant.size] = -instant.build_part_rows(i, part)
+            cone[:, : instant.size] = -instant.build_part_rows(i, part_index)
             friction_factor = friction / instant.safety_friction
             cone[0] *= instant.mu[i] * friction_factor
-            b = np.array([instant.spines[i, part] * friction_factor, 0.0, 0.0])
-            program.add_second_order_cone(f"grip.shear.{i}.{part}", cone, b)
-            if instant.pull_components[i, part].any():
-                pull_components = instant.pull_components[i, part]
+            b = np.array([instant.spines[i, part_index] * friction_factor, 0.0, 0.0])
+            program.add_second_order_cone(f"grip.shear.{i}.{part_index}", cone, b)
+            if instant.pull_components[i, part_index].any():
+                pull_components = instant.pull_components[i, part_index]
                 cone = cone.copy()
                 cone[0] *= instant.safety_friction
-                b = np.array([instant.spines[i, part], -pull_components[1], -pull_components[2]])
+                b = np.array(
+                    [instant.spines[i, part_index], -pull_components[1], -pull_components[2]]
+                )
                 b[0] -= instant.mu[i] * pull_components[0]
                 b[0] *= friction
-                program.add_second_order_cone(f"grip.pull_out.{i}.{part}", cone, b)
+                program.add_second_order_cone(f"grip.pull_out.{i}.{part_index}", cone, b)
     return program

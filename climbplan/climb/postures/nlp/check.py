@@ -201,7 +201,7 @@ def _check_steps(scene: ClimbScene, rounds: Rounds, findings: _ViolationCollecto
     findings.add("steps.toe", np.maximum(toes - steps.toe_max, steps.toe_min - toes))
     findings.add("steps.rotation", rotation_step - np.deg2rad(steps.rotation_max_deg), "rad")
     rotation_from_level = np.abs(rounds.rpy[1:] - [0.0, 0.0, scene.start.rpy[2]])
-    if scene.terrain.curved:
+    if scene.terrain.is_curved:
         rotation_from_level = rotation_from_level[:, :2]
     limit = np.deg2rad(scene.spec.posture.rotation_limit_deg)
     findings.add("rotation.limit", rotation_from_level.max(axis=1) - limit, "rad")

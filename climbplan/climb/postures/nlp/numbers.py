@@ -81,7 +81,7 @@ def build_shape(scene: ClimbScene) -> Shape:
     return Shape(
         num_rounds=scene.spec.task.round_count,
         gait=scene.gait,
-        is_curved=terrain.curved,
+        is_curved=terrain.is_curved,
         max_edges=max((len(region.b) for region in terrain.regions), default=0),
         num_free_rows=sum(max(len(free.b) for free in choice) for choice in terrain.free_choices),
         num_hull_corners=len(scene.robot.body_hull),
@@ -176,7 +176,7 @@ def _build_pins(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
         "free_bounds": halfspaces[:, 3:],
         **_build_planes(scene, guess),
     }
-    if terrain.curved:
+    if terrain.is_curved:
         return pins
     old, new = region[:-1], region[1:]  # (M, N)
     normal = np.stack([contact_region.normal for contact_region in terrain.regions])

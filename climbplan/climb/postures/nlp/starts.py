@@ -42,7 +42,7 @@ def build_convex_guess(scene: ClimbScene, time_limit: float) -> Guess | None:
     """
     level = [0.0, 0.0, scene.start.rpy[2]]
     max_rotation = np.abs(np.array([scene.start.rpy, scene.goal.rpy]) - level).max()
-    if scene.terrain.curved or max_rotation > LINEAR_ROTATION_LIMIT:
+    if scene.terrain.is_curved or max_rotation > LINEAR_ROTATION_LIMIT:
         return None
     spec = scene.spec
     steps = spec.posture.steps.model_copy(update={"com_min": 0.0, "toe_min": 0.0})

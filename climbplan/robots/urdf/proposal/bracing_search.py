@@ -86,8 +86,8 @@ def place_on_ground(bracing: Proposal, standing: Proposal) -> Proposal:
     robot = bracing.prepared
     (brace,) = bracing.braces
     offset = robot.compute_center(standing.posture.angles) - robot.compute_center(brace.angles)
-    moved = replace(bracing.robot, stance_body=standing.robot.stance_body + offset)
-    return replace(bracing, robot=moved, posture=standing.posture)
+    replaced = replace(bracing.robot, stance_body=standing.robot.stance_body + offset)
+    return replace(bracing, robot=replaced, posture=standing.posture)
 
 
 def _sample_bracing_postures(robot: PreparedRobot) -> list[Posture]:

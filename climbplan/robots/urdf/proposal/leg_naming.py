@@ -50,7 +50,9 @@ def name_legs(hips: Array, links: list[str], groups: list[int]) -> LegNaming:
             legs = sorted((i for i in side_legs if groups[i] == group), key=lambda i: -hips[i, 1])
             row_names = _ROW_NAMES.get(len(legs), tuple(str(n + 1) for n in range(len(legs))))
             for i, place in zip(legs, row_names, strict=True):
-                names[i] = "_".join(word for word in (f"{side}{place}", kind) if word)
+                names[i] = "_".join(
+                    component for component in (f"{side}{place}", kind) if component
+                )
     paired = len(left) == len(right) and len(names) == len(hips)
     if not paired or len(set(names.values())) < len(hips):
         order = tuple(range(len(hips)))

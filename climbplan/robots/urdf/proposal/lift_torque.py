@@ -94,10 +94,10 @@ def find_overloaded_joint(utilisation: float, stance: BracedStance) -> TorqueSho
             continue
         force = stance.weight * solution.forces.reshape(-1, 3)
         needed = np.abs(np.einsum("nij,ni->nj", stance.jacobian[standing], force))
-        used = needed / stance.torque[standing]
-        limb, joint = (int(k) for k in np.unravel_index(int(np.argmax(used)), used.shape))
-        if used[limb, joint] > max_used:
-            max_used = float(used[limb, joint])
+        fraction = needed / stance.torque[standing]
+        limb, joint = (int(k) for k in np.unravel_index(int(np.argmax(fraction)), fraction.shape))
+        if fraction[limb, joint] > max_used:
+            max_used = float(fraction[limb, joint])
             torque = float(needed[limb, joint])
             shortage = TorqueShortage(utilisation, standing[limb], joint, torque)
     return shortage

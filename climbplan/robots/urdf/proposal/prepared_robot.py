@@ -226,12 +226,12 @@ def prepare_robot(
     mass = model.compute_mass()
     if not mass > 0:
         raise UsageError(f"{tree.path}: the links have no mass, which no proposal can make up")
-    lower, upper, rest = (
+    lower, upper, posture = (
         pad_to_legs(width, [[values[j] for j in leg.names] for leg in legs], empty)
         for values, empty in zip(read_joint_angles(model.robot), (-1.0, 1.0, 0.0), strict=True)
     )
     joints = [tuple(tree.joints[j] for j in leg.names) for leg in legs]
-    chain = build_chain_at_zero(legs, width, np.zeros(3), rest)
+    chain = build_chain_at_zero(legs, width, np.zeros(3), posture)
     reach = estimate_full_reach(chain, lower, upper)
     motors = propose_motors(joints, reach, mass * GRAVITY)
     draft = replace(draft, joints=_build_joint_section(motors))
@@ -329,10 +329,10 @@ def _describe_massless_links(tree: UrdfTree) -> list[str]:
     massless = [name for name, value in mass.items() if value == 0]
     if not massless:
         return []
-    shown = ", ".join(massless[:4]) + (
+    listed = ", ".join(massless[:4]) + (
         f" and {len(massless) - 4} more" if len(massless) > 4 else ""
     )
-    return [f"{len(massless)} of {len(mass)} moving links have no mass: {shown}"]
+    return [f"{len(massless)} of {len(mass)} moving links have no mass: {listed}"]
 
 
 def _describe_buried_toes(

@@ -21,17 +21,28 @@ def format_robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
         urdf: Path of the URDF, as written in the file.
         pages: File names of the specs that use it.
     """
-    p, draft, robot = proposal, proposal.draft, proposal.robot
-    motors = p.motors
-    implausible = [f"# IMPLAUSIBLE  {text}" for text in p.implausible]
-    assumptions = [f"# ASSUMED  {text}" for text in p.assumptions]
-    height = -robot.stance_body[:, 2].mean()
     lines = [
-        f"# {robot.name}, proposed from its URDF by `climbplan new robot`; {pages} use it.",
+        *_format_header(proposal, urdf, pages),
+        *_format_joints(proposal),
+        "",
+        *_format_body(proposal),
+        *_format_legs(proposal),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _format_header(proposal: Proposal, urdf: str, pages: str) -> list[str]:
+    """Return the notes for readers, and the lines on the URDF and the axes of its base."""
+    draft = proposal.draft
+    lines = [
+        (
+            f"# {proposal.robot.name}, proposed from its URDF by `climbplan new robot`; {pages} "
+            "use it."
+        ),
         "# Lengths, axes, masses, joint bounds, torque and speed limits are the URDF's. What it",
         "# cannot say is proposed here, with the reason: look at ASSUMED and IMPLAUSIBLE first.",
-        *implausible,
-        *assumptions,
+        *[f"# IMPLAUSIBLE  {text}" for text in proposal.implausible],
+        *[f"# ASSUMED  {text}" for text in proposal.assumptions],
         "kind: robot",
         f"urdf: {format_scalar(urdf)}",
         f"base: {format_scalar(draft.base)}  # the body; its frame and toes are links of it",
@@ -40,7 +51,13 @@ def format_robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
     ]
     if draft.packages:
         lines.append(f"packages: {json.dumps(draft.packages)}")
-    lines += [
+    return lines
+
+
+def _format_joints(proposal: Proposal) -> list[str]:
+    """Return the lines on mass, stiffness, motors and locked joints."""
+    draft, robot = proposal.draft, proposal.robot
+    lines = [
         f"# mass: {robot.mass:.4g}  # [kg] the sum over its links",
         "",
         "# [N m/rad] of joints under position control. ASSUMED: the P gain with which a joint",
@@ -48,14 +65,12 @@ def format_robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
         "# 10 ms if it is so fast; at least 4 times weight times reach, or the body on its",
         "# springs buckles.",
         "# Measure it: `climbplan fit-stiffness`.",
-        f"joint_stiffness: {motors.stiffness:g}",
+        f"joint_stiffness: {proposal.motors.stiffness:g}",
         (
             f"structural_compliance_share: {STRUCTURAL_COMPLIANCE_SHARE:g}"
             "  # ASSUMED: part of the give that is in links"
         ),
         *_format_rotors(robot),
-    ]
-    lines += [
         "",
         "# ASSUMED, standard deviations (play: the most there is) of the worlds in which plans are",
         "# judged.",
@@ -74,34 +89,49 @@ def format_robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
             "# arm that would be in the way at zero",
         ]
         lines.append(f"locked: {format_mapping(draft.locked)}")
-    lines.append("")
-    if p.body_box is not None:
-        size = " x ".join(f"{v:.3f}" for v in np.ptp(p.body_box[0:2], axis=0))
-        lines.append(f"# body_half_size: [0.1, 0.2, 0.05]  # [m]; left out: the base's, {size} m")
+    return lines
+
+
+def _format_body(proposal: Proposal) -> list[str]:
+    """Return the lines on the size of the body, its links, its feet and its workspace."""
+    robot = proposal.robot
+    if proposal.body_box is not None:
+        size = " x ".join(f"{v:.3f}" for v in np.ptp(proposal.body_box[0:2], axis=0))
+        body = f"# body_half_size: [0.1, 0.2, 0.05]  # [m]; left out: the base's, {size} m"
     else:
-        half_size = ", ".join(f"{v:g}" for v in p.half_size or ())
-        lines.append(f"body_half_size: [{half_size}]  # [m] ASSUMED: round the first joints")
-    supporting = "three legs" if robot.sole is None else "one leg"
-    utilisation_text = (
-        f"at most {100 * p.posture.utilisation:.0f} % of a torque limit on {supporting}"
-    )
-    lines += [
+        half_size = ", ".join(f"{v:g}" for v in proposal.half_size or ())
+        body = f"body_half_size: [{half_size}]  # [m] ASSUMED: round the first joints"
+    return [
+        body,
         *_format_link_radii(robot),
         *_format_foot(robot),
         f"# workspace: {{stance_radius: {robot.stance_radius:g}}}  # [m] sampled about the stance",
         "",
+    ]
+
+
+def _format_legs(proposal: Proposal) -> list[str]:
+    """Return the section of the legs: toes and standing posture."""
+    robot = proposal.robot
+    height = -robot.stance_body[:, 2].mean()
+    supporting = "three legs" if robot.sole is None else "one leg"
+    percent = f"{100 * proposal.posture.utilisation:.0f} %"
+    lines = [
         f"# Legs in leg order. Standing: body {height:.3f} m above its toes, with most room about",
-        f"# them ({1e3 * robot.stance_radius:.0f} mm) and {utilisation_text}.",
+        (
+            f"# them ({1e3 * robot.stance_radius:.0f} mm) and at most {percent} of a torque limit "
+            f"on {supporting}."
+        ),
         "legs:",
     ]
-    for name, toe in zip(robot.limb_names, p.toes, strict=True):
-        values = draft.legs[name]
+    for name, toe in zip(robot.limb_names, proposal.toes, strict=True):
         lines.append(f"  {format_scalar(name)}:")
         lines.append(f"    toe: {format_scalar(toe.link)}  # {toe.reason}")
         if any(toe.offset):
             lines.append(f"    toe_offset: {json.dumps(list(toe.offset))}  # [m] in its frame")
-        lines.append(f"    posture_deg: {format_mapping(values['posture_deg'])}")
-    return "\n".join(lines) + "\n"
+        posture = proposal.draft.legs[name]["posture_deg"]
+        lines.append(f"    posture_deg: {format_mapping(posture)}")
+    return lines
 
 
 def _format_rotors(robot: Robot) -> list[str]:

@@ -51,7 +51,9 @@ def place_toes_on_surface(
         _select_touching_shapes(urdf_model, leg, toe, shapes)
         for leg, toe in zip(legs, toes, strict=True)
     ]
-    fits = [_fit_end_sphere(leg, parts) for leg, parts in zip(legs, touching, strict=True)]
+    fits = [
+        _fit_end_sphere(leg, toe_shapes) for leg, toe_shapes in zip(legs, touching, strict=True)
+    ]
     spheres = [fit for fit in fits if fit is not None]
     radii = [radius for _, radius in spheres]
     if len(spheres) == len(toes) and max(radii) - min(radii) <= _RADIUS_TOLERANCE:
@@ -66,11 +68,11 @@ def place_toes_on_surface(
             for toe, leg, (centre, fitted_radius) in zip(toes, legs, spheres, strict=True)
         ]
         return centred, radius
-    moved = [
-        _move_to_surface(urdf_model, leg, toe, parts)
-        for leg, toe, parts in zip(legs, toes, touching, strict=True)
+    moved_toes = [
+        _move_to_surface(urdf_model, leg, toe, toe_shapes)
+        for leg, toe, toe_shapes in zip(legs, toes, touching, strict=True)
     ]
-    return moved, 0.0
+    return moved_toes, 0.0
 
 
 def _select_touching_shapes(

@@ -10,7 +10,7 @@ from climbplan.program.linear_rows import LinearRows, Term
 def add_logic_rows(problem: ConsensusProblem, table: LinearRows, columns: VariableColumns) -> None:
     """Add rules 1 to 12 in each interval, as equalities where several rules imply them.
 
-    As in `limms.logic`, an added arm has one parent, which carries one child and holds no box.
+    As in `check/logic.py`, an added arm has one parent, which carries one child and holds no box.
     Parents are arms: chains of three, which rule 10 allows, are left out.
     """
     for k in range(problem.intervals):

@@ -51,7 +51,7 @@ KINDS = {
     "transition": _kind(
         _CLIMB, "transition:TransitionSpec", "transition_loading:transition_of_document"
     ),
-    "mpc": _kind(_WALKING, "model:MpcSpec", "loading:mpc_of"),
+    "mpc": _kind(_WALKING, "model:MpcSpec", "loading:validate_mpc"),
     "bookshelf": _kind(_SHELF, "model:BookshelfSpec", "loading:shelf_of_document"),
     "envelopes": _kind(_CLIMB, "envelopes:EnvelopesSpec", "envelopes_loading:envelopes_of"),
     "program": _kind("schema.program", "model:ProgramSpec", "loading:program_of"),

@@ -160,7 +160,7 @@ def test_what_a_spec_puts_between_controller_and_robot() -> None:
             "solver": {"method": "online"},
             "loop": {
                 "delay": 0.021,
-                "legs": "admittance",
+                "leg_model": "admittance",
                 "admittance": {"force": 0.5},
                 "estimation": "ekf",
                 "sensors": {"toe": 0.002},

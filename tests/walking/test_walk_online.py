@@ -221,7 +221,7 @@ def test_longer_intervals_may_miss_by_more_at_first(step: float, qps: int) -> No
     """First QPs of heavy robots, whose intervals are long, are far off and mended by a second."""
     state = TASK.start.state.copy()
     state[VELOCITY] = [-0.5, 0.0, 0.0]
-    task = replace(build_horizon_task(TASK), step=step, start=Start(state, TASK.start.toes))
+    task = replace(build_horizon_task(TASK), dt=step, start=Start(state, TASK.start.toes))
     trials, budget = GaitSolver(task, 8e-3), IterationBudget(2000)
     program = trials.prepare_program(task, named("stand", task))
     found = trials.solve(task, program, trials.initialise_progress(task, program, None), 2, budget)

@@ -38,16 +38,16 @@ def test_planes_contain_a_true_motion(integrator: Integrator, beside: float) -> 
     walk = roll_out(program, Iterate(at.state, force, at.spots))
     assert 0.01 < np.abs(walk.state[:, 6:9]).max() < 1.0
     published = PublishedProgram(program, beside)
-    values = published.layout.values(walk.state, force, walk.toes, at.spots)
-    low, high = published.layout.cells(values, beside)
-    x, y = published.layout.products()[1:]
+    values = published.layout.evaluate_motion(walk.state, force, walk.toes, at.spots)
+    low, high = published.layout.compute_cells(values, beside)
+    x, y = published.layout.list_products()[1:]
     assert (low[x] <= values[x]).all()
     assert (values[y] <= high[y]).all()
-    published.write(low, high)
+    published.write_rows(low, high)
     rows = published.rows
     found = rows.matrix @ values
     off = np.maximum(rows.low - found, found - rows.high)
-    worst = {block.name: block.residual for block in rows.residuals(values)}
+    worst = {block.name: block.residual for block in rows.compute_residuals(values)}
     assert set(worst) - {"envelopes.angles", "envelopes.products", "envelopes.cells"} <= set(LIMITS)
     assert max(worst["envelopes.angles"], worst["envelopes.products"]) < 1e-9
     assert max(worst["workspace.toe"], worst["dynamics.position"]) < 1e-9

@@ -163,11 +163,12 @@ def _read_ground(reader: Reader) -> Ground:
         raise reader.refuse("ground has no region")
     ground["slope"], ground["corners"] = np.zeros((count, 2)), np.zeros((count, 0, 2))
     ground |= reader.datasets("ground", SHAPES, optional=True)
-    strips = {
-        name: reader.number("ground", name) if reader.has_attribute("ground", name) else 0.0
+    edge, standoff = (
+        reader.number("ground", name) if reader.has_attribute("ground", name) else 0.0
         for name in ("edge", "standoff")
-    }
-    return Ground(friction=reader.number("robot", "friction"), **strips, **ground)
+    )
+    friction = reader.number("robot", "friction")
+    return Ground(friction=friction, edge=edge, standoff=standoff, **ground)
 
 
 def _read_legs(reader: Reader) -> WalkingLegs:

@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.walking.shipped_tasks import FORMS, shipped_task
 from climbplan.arrays import Array
-from climbplan.walking.check.reference_dynamics import euler_rates, toes_in_body
+from climbplan.walking.check.reference_dynamics import euler_rates, transform_toes_to_body
 from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.sqp import build_iterate
@@ -202,7 +202,7 @@ def knots_of(walks: list[Walk]) -> Knots:
     """Knots 1 to N of walks, and the legs that stand at knots 1 to N - 1."""
     walked = [walk for _, walk in walks]
     stands = np.concatenate([x.gait.contact[1:-1].ravel() for x in walked])
-    spots = np.concatenate([toes_in_body(x.state, x.toes)[1:-1].reshape(-1, 3) for x in walked])
+    spots = np.concatenate([transform_toes_to_body(x.state, x.toes)[1:-1].reshape(-1, 3) for x in walked])
     force = np.concatenate([x.force[1:-1].reshape(-1, 3) for x in walked])
     body = walks[0][0].body
     middle = np.concatenate([np.tile(body.toe_center[:, 0], len(x.force) - 2) for x in walked])

@@ -63,8 +63,8 @@ def _walk(turns: bool) -> Column:
         spent = time.process_time() - begin
         walk = made.plan
         if walk is None:
-            return Cell(False, "", made.words, spent)
-        return Cell(True, _simulated(lambda: _fares(walk)), made.words, spent)
+            return Cell(False, "", made.message, spent)
+        return Cell(True, _simulated(lambda: _fares(walk)), made.message, spent)
 
     return cell
 

@@ -1,4 +1,4 @@
-"""`climbplan.problem_from_spec`: the optimisation problem of a spec, for every method of the table."""
+"""`climbplan.problem_from_spec`: the optimisation problem of a spec, for any method."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _transition(loaded: LoadedTransition) -> ProblemAndParameters:
 
 
 def _walk(loaded: LoadedMpc) -> ProblemAndParameters:
-    from climbplan.walking.offline.stated import walk_problem
+    from climbplan.walking.offline.walk_problem import walk_problem
     from climbplan.walking.problem.problem import build_task
 
     task = build_task(loaded.spec, loaded.robot, loaded.source)

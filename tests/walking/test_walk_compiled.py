@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from walk_tasks import LEGS, named, shorter, walk_task
 
-from climbplan.walking.check.reference_dynamics import continuous_rollout, toes_in_body
+from climbplan.walking.check.reference_dynamics import integrate_continuously, transform_toes_to_body
 from climbplan.walking.dynamics.cost import compute_objective
 from climbplan.walking.kernels.contact_phases import shift_horizon
 from climbplan.walking.kernels.continuous_rollout import roll_out_horizon
@@ -44,7 +44,7 @@ def test_rollout_is_that_of_the_checker() -> None:
         body.parameters, GaitHorizon(steps, False, np.ones((6, LEGS), bool), start, False),
         body.toe_workspace, 16, toes, force,
     )  # fmt: skip
-    theirs = continuous_rollout(body, 0.08, start, toes[:-1], force, 16)
+    theirs = integrate_continuously(body, 0.08, start, toes[:-1], force, 16)
     np.testing.assert_allclose(mine, theirs, atol=1e-10)
 
 
@@ -53,11 +53,11 @@ def test_reach_is_that_of_numpy(whole: bool) -> None:
     program, at = trot_point()
     toes = program.compute_toes(at.state, at.spots)
     body, contact = TASK.body, program.gait.contact
-    beyond = (np.abs(toes_in_body(at.state, toes) - body.toe_center) - body.toe_half).max(axis=-1)
+    beyond = (np.abs(transform_toes_to_body(at.state, toes) - body.toe_center) - body.toe_half).max(axis=-1)
     beyond[0, ~contact[0]] = -np.inf
     worst = beyond.max()
     if whole:
-        late = np.abs(toes_in_body(at.state[1:], toes[:-1]) - body.toe_center) - body.toe_half
+        late = np.abs(transform_toes_to_body(at.state[1:], toes[:-1]) - body.toe_center) - body.toe_half
         worst = max(worst, late.max(axis=-1)[contact[:-1]].max())
     mine = compute_reach_violation(body.toe_workspace, whole, contact, at.state, toes)
     assert mine == pytest.approx(worst, abs=1e-12)
@@ -103,7 +103,7 @@ def test_states_and_stance_rows_are_slopes() -> None:
             walk = roll_out(program, Iterate(at.state, force, spots))
             toe = np.zeros((LEGS, 3))
             toe[leg] = walk.toes[1, leg]
-            ends.append((walk.state, toes_in_body(walk.state[1], toe)[leg]))
+            ends.append((walk.state, transform_toes_to_body(walk.state[1], toe)[leg]))
         slope = (ends[1][0] - ends[0][0]) / 2e-5
         np.testing.assert_allclose(sensitivity[:, :, k], slope, atol=2e-4)
         np.testing.assert_allclose(rows[:, k], (ends[1][1] - ends[0][1]) / 2e-5, atol=2e-4)

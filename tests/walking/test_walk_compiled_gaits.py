@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from walk_tasks import LEGS, named, shorter, stairs_task, walk_task
 
-from climbplan.walking.check.reference_dynamics import knot_rollout
+from climbplan.walking.check.reference_dynamics import integrate_knots
 from climbplan.walking.dynamics.cost import compute_objective
 from climbplan.walking.dynamics.dynamics import (
     BodyNumbers,
@@ -36,7 +36,7 @@ def test_rollout_over_knots_is_that_of_the_checker(integrator: Integrator) -> No
     toes = task.body.toe_center + RNG.normal(0, 0.05, (6, LEGS, 3))
     force = RNG.normal(0, 15, (5, LEGS, 3))
     mine = PinnedProgram(task, named("trot", task)).roll_out(toes, force)
-    theirs = knot_rollout(task.body, integrator, task.dt, state, toes[:-1], force)
+    theirs = integrate_knots(task.body, integrator, task.dt, state, toes[:-1], force)
     np.testing.assert_allclose(mine, theirs, rtol=1e-10, atol=1e-10)
 
 

@@ -10,7 +10,7 @@ from walk_tasks import LEGS, named, shorter, walk_task
 
 from benchmarks.walking.recovery_study import Study, run_study
 from climbplan.walking.check.checker import LOOP_LIMITS
-from climbplan.walking.check.reference_dynamics import knot_step, toes_in_body
+from climbplan.walking.check.reference_dynamics import integrate_knot, transform_toes_to_body
 from climbplan.walking.kernels.body import integrate_rk4
 from climbplan.walking.kernels.continuous_rollout import roll_out_horizon
 from climbplan.walking.kernels.parameters import GaitHorizon
@@ -95,7 +95,7 @@ def test_a_shorter_first_interval_is_rolled_out_as_such() -> None:
     found = solve_gait(task, named("trot", task), None, 20).trajectory
     assert found is not None
     for n, dt in enumerate(task.steps):
-        after = knot_step(task.body, "mean", dt, found.state[n], found.toes[n], found.force[n])
+        after = integrate_knot(task.body, "mean", dt, found.state[n], found.toes[n], found.force[n])
         np.testing.assert_allclose(found.state[n + 1], after, atol=1e-8)
 
 
@@ -230,7 +230,7 @@ def test_toes_are_in_their_boxes_between_knots_too() -> None:
     here, worst = state, 0.0
     for _ in range(3):
         here = integrate_rk4(body.parameters, 0.02, 1, here, toes[0], force[0])
-        off = np.abs(toes_in_body(here, toes[0]) - body.toe_center) - body.toe_half
+        off = np.abs(transform_toes_to_body(here, toes[0]) - body.toe_center) - body.toe_half
         worst = max(worst, float(off.max()))
     assert worst > 0.001
     assert found == pytest.approx(worst, abs=1e-12)

@@ -266,7 +266,7 @@ def test_a_gap_is_too_wide_only_where_no_attitude_reaches(
     )  # fmt: skip
     found = find_widest_gap(task)
     assert found is not None
-    assert (found.near, found.far) == ("near", "far")
+    assert (found.near_name, found.far_name) == ("near", "far")
     assert found.width == pytest.approx(gap)
     assert found.most == pytest.approx(compute_max_toe_distance(task.body))
     assert found.proved == proved
@@ -277,14 +277,14 @@ def test_the_way_of_least_gaps_is_the_one_that_is_told() -> None:
     wide = [*BANKS, {"name": "S1", "x": [0.3, 0.35], "y": [-0.3, 0.3]}]
     found = find_widest_gap(stated({"regions": wide}, goal={"position": [1.4, 0], "within": 0.05}))
     assert found is not None
-    assert (found.near, found.far) == ("S1", "far")
+    assert (found.near_name, found.far_name) == ("S1", "far")
     assert found.width == pytest.approx(0.2)
     touching = [BANKS[0], {"name": "far", "x": [0.25, 1.6], "y": [-0.4, 0.4]}]
     assert find_widest_gap(stated({"regions": touching}, goal={"position": [1.4, 0]})) is None
     nowhere = find_widest_gap(stated({"regions": touching}, goal={"position": [9, 0]}))
     assert nowhere is not None
     assert nowhere.proved
-    assert nowhere.far == "the goal"
+    assert nowhere.far_name == "the goal"
 
 
 def test_facts_of_rough_ground_are_kept() -> None:

@@ -1,6 +1,6 @@
 """The exact check of a walking trajectory: nonlinear dynamics, contact, friction, workspace.
 
-Every method is judged by it, and so is every plan file. It uses nothing that solvers use.
+It checks the answers of every method and every plan file, and shares no code with solvers.
 """
 
 from __future__ import annotations
@@ -13,15 +13,19 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.verification.check import Check, Limit, unjudged
-from climbplan.walking.check.speed import speed_residuals
-from climbplan.walking.check.terrain import (
-    ground_at,
-    normal_and_sideways,
-    off_region,
-    to_clear,
+from climbplan.walking.check.reference_dynamics import (
+    integrate_continuously,
+    integrate_knot,
+    transform_toes_to_body,
 )
-from climbplan.walking.check.torque import torque_residuals
-from climbplan.walking.check.truth import continuous_rollout, knot_step, toes_in_body
+from climbplan.walking.check.speed import generate_speed_residuals
+from climbplan.walking.check.terrain import (
+    compute_clearance_height,
+    compute_ground_height,
+    compute_region_error,
+    split_force,
+)
+from climbplan.walking.check.torque import generate_torque_residuals
 from climbplan.walking.task.task import (
     ANGLE_RANGE,
     ANGLES,
@@ -74,7 +78,7 @@ LOOP_LIMITS = {
     "loop.upright": Limit(1.05, "rad", "the body never tips over"),
     "loop.height": Limit(0.0, "m", "the body never sinks to two fifths of its height above toes"),
 }
-_SUNK = 0.42  # of how far toes' boxes lie below the body
+_MIN_HEIGHT_RATIO = 0.42  # of the depth of toe boxes below the body
 WINDOW = 0.4  # [s] of the rollouts
 EULER = "forward Euler"  # of the badge
 _AT_KNOTS = {
@@ -87,30 +91,38 @@ KNOTS = "workspace at knots"
 _REACH = "toes leave their boxes by up to {figure} before they lift"
 
 
-def check_trajectory(task: WalkTask, found: WalkTrajectory) -> tuple[Check, ...]:
-    """All checks; some are told but not judged.
+def check_trajectory(task: WalkTask, trajectory: WalkTrajectory) -> tuple[Check, ...]:
+    """Return all checks of a trajectory, some of them informational.
 
-    For forward Euler those of continuous time, and without `whole_stance` where standing toes are
-    at the end of their intervals.
+    Informational are those of continuous time for forward Euler. Without `workspace_over_stance` so
+    are those of standing toes at the end of their intervals.
     """
     with np.errstate(all="ignore"):  # absurd numbers become infinite or NaN and fail
-        return tuple(_checks(task, found))
+        return tuple(_generate_checks(task, trajectory))
 
 
-def passes(task: WalkTask, found: WalkTrajectory) -> bool:
-    """Whether all checks pass that are judged; up to the first that does not."""
+def is_feasible(task: WalkTask, trajectory: WalkTrajectory) -> bool:
+    """Return whether all checks but informational ones pass; it stops at the first failure."""
     with np.errstate(all="ignore"):
-        return all(check.passed for check in _checks(task, found, told=False))
+        return all(
+            check.passed for check in _generate_checks(task, trajectory, include_unjudged=False)
+        )
 
 
-def check_loop(task: WalkTask, found: WalkTrajectory, push: Array) -> tuple[Check, ...]:
-    """All checks of a closed loop's samples; push (T, 3): outside changes of velocity [m/s]."""
+def check_loop(task: WalkTask, trajectory: WalkTrajectory, push: Array) -> tuple[Check, ...]:
+    """Return all checks of the samples of a closed loop.
+
+    Args:
+        task: The task, with one knot for each sample.
+        trajectory: The samples.
+        push: Velocity changes of the body by disturbances (T, 3) [m/s].
+    """
     with np.errstate(all="ignore"):
-        return tuple(_loop_checks(task, found, push))
+        return tuple(_generate_loop_checks(task, trajectory, push))
 
 
-def failures(checks: tuple[Check, ...]) -> str:
-    """The failed checks in words; empty if all pass."""
+def format_failures(checks: tuple[Check, ...]) -> str:
+    """Return the failed checks as a text; empty if all pass."""
     return "; ".join(
         f"{check.name} {check.residual:.2g} {check.unit} at {check.worst_at}".rstrip()
         for check in checks
@@ -118,161 +130,213 @@ def failures(checks: tuple[Check, ...]) -> str:
     )
 
 
-def _checks(task: WalkTask, found: WalkTrajectory, told: bool = True) -> Iterator[Check]:
-    state, toes, force = found.state, found.toes, found.force
+def _generate_checks(
+    task: WalkTask, trajectory: WalkTrajectory, include_unjudged: bool = True
+) -> Iterator[Check]:
+    """Yield the checks of a trajectory."""
+    state, toes, force = trajectory.state, trajectory.toes, trajectory.force
     at_start = np.abs(state[0] - task.start.state).max(), np.abs(toes[0] - task.start.toes).max()
-    yield judge("start.state", max(at_start))
-    after = knot_step(task.body, task.integrator, task.step, state[:-1], toes[:-1], force[:-1])
-    yield from _steps(task, after, state)
-    yield from _rollouts(task, found, told)
-    yield from _forces(task, found)
-    yield from _joints(task, found)
-    yield from _feet(task, found, told)
+    yield build_check("start.state", max(at_start))
+    after = integrate_knot(task.body, task.integrator, task.dt, state[:-1], toes[:-1], force[:-1])
+    yield from _check_dynamics(task, after, state)
+    yield from _check_rollouts(task, trajectory, include_unjudged)
+    yield from _check_forces(task, trajectory)
+    yield from _check_joints(task, trajectory)
+    yield from _check_feet(task, trajectory, include_unjudged)
     tilt = np.abs(state[:, 6:8]).max(axis=1)
-    yield worst(task, "state.tilt", tilt - ANGLE_RANGE, tilt / ANGLE_RANGE)
+    yield build_worst_check(task, "state.tilt", tilt - ANGLE_RANGE, tilt / ANGLE_RANGE)
     if np.isfinite([*task.goal.lower, *task.goal.upper]).any():
         end = state[-1, :2]
-        yield judge("goal.position", max(*(task.goal.lower - end), *(end - task.goal.upper)))
-    missing = np.maximum(task.least_contacts - found.gait.contact[:-1].sum(axis=1), 0)
-    yield worst(task, "gait.contacts", missing.astype(float))
+        yield build_check("goal.position", max(*(task.goal.lower - end), *(end - task.goal.upper)))
+    missing = np.maximum(task.min_contacts - trajectory.gait.contact[:-1].sum(axis=1), 0)
+    yield build_worst_check(task, "gait.contacts", missing.astype(float))
 
 
-def _loop_checks(task: WalkTask, found: WalkTrajectory, push: Array) -> Iterator[Check]:
-    state, toes, force, contact = found.state, found.toes, found.force, found.gait.contact
-    begun = state[0].copy()
-    begun[VELOCITY] -= push[0]
-    at_start = np.abs(begun - task.start.state).max(), np.abs(toes[0] - task.start.toes).max()
-    yield judge("start.state", max(at_start))
-    after = knot_step(task.body, task.integrator, task.step, state[:-1], toes[:-1], force[:-1])
+def _generate_loop_checks(
+    task: WalkTask, trajectory: WalkTrajectory, push: Array
+) -> Iterator[Check]:
+    """Yield the checks of the samples of a closed loop."""
+    state, toes, force, contact = (
+        trajectory.state,
+        trajectory.toes,
+        trajectory.force,
+        trajectory.gait.contact,
+    )
+    first_state = state[0].copy()
+    first_state[VELOCITY] -= push[0]
+    at_start = np.abs(first_state - task.start.state).max(), np.abs(toes[0] - task.start.toes).max()
+    yield build_check("start.state", max(at_start))
+    after = integrate_knot(task.body, task.integrator, task.dt, state[:-1], toes[:-1], force[:-1])
     after[:, VELOCITY] += push[1:]
-    yield from _steps(task, after, state)
-    yield from _forces(task, found)
-    yield from _joints(task, found)
+    yield from _check_dynamics(task, after, state)
+    yield from _check_forces(task, trajectory)
+    yield from _check_joints(task, trajectory)
     stays = contact[:-1] & contact[1:]
     slip = np.where(stays, np.abs(np.diff(toes, axis=0)).max(axis=-1), 0.0)
-    yield worst(task, "contact.no_slip", slip)
+    yield build_worst_check(task, "contact.no_slip", slip)
     since_start = np.logical_and.accumulate(contact, axis=0)
-    off = off_region(task.ground, found.gait.region, toes, since_start)
-    yield worst(task, "contact.region", np.where(contact, off, 0.0))
-    sunk = np.maximum(ground_at(task.ground, toes[..., :2]) - toes[..., 2], 0.0)
-    yield worst(task, "swing.ground", np.where(contact, 0.0, sunk))
-    spots = toes_in_body(state, toes)
-    beyond = (np.abs(spots - task.body.toe_center) - task.body.toe_half).max(axis=-1)
-    yield worst(task, "workspace.standing", np.where(contact, beyond, -1.0))
+    region_error = compute_region_error(task.ground, trajectory.gait.region, toes, since_start)
+    yield build_worst_check(task, "contact.region", np.where(contact, region_error, 0.0))
+    depth = np.maximum(compute_ground_height(task.ground, toes[..., :2]) - toes[..., 2], 0.0)
+    yield build_worst_check(task, "swing.ground", np.where(contact, 0.0, depth))
+    toes_in_box = transform_toes_to_body(state, toes)
+    beyond = (np.abs(toes_in_box - task.body.toe_center) - task.body.toe_half).max(axis=-1)
+    yield build_worst_check(task, "workspace.standing", np.where(contact, beyond, -1.0))
     tilt = np.abs(state[:, 6:8]).max(axis=1)
-    yield worst(task, "loop.upright", np.where(np.isfinite(tilt), tilt, np.inf))
-    least = -_SUNK * task.body.toe_center[:, 2].mean()
-    sunk = least - (state[:, 2] - toes[..., 2].min(axis=1))
-    yield worst(task, "loop.height", np.where(np.isfinite(sunk), sunk, np.inf))
+    yield build_worst_check(task, "loop.upright", np.where(np.isfinite(tilt), tilt, np.inf))
+    min_height = -_MIN_HEIGHT_RATIO * task.body.toe_center[:, 2].mean()
+    depth = min_height - (state[:, 2] - toes[..., 2].min(axis=1))
+    yield build_worst_check(task, "loop.height", np.where(np.isfinite(depth), depth, np.inf))
 
 
-def _steps(task: WalkTask, after: Array, state: Array) -> Iterator[Check]:
-    off = np.abs(after - state[1:])
-    for name, part in (
+def _check_dynamics(task: WalkTask, after: Array, state: Array) -> Iterator[Check]:
+    """Yield the residuals of the dynamics, by part of the state."""
+    error = np.abs(after - state[1:])
+    for name, component in (
         ("position", POSITION),
         ("velocity", VELOCITY),
         ("attitude", ANGLES),
         ("spin", SPIN),
     ):
-        yield worst(task, f"dynamics.{name}", off[:, part].max(axis=1))
+        yield build_worst_check(task, f"dynamics.{name}", error[:, component].max(axis=1))
 
 
-def _rollouts(task: WalkTask, found: WalkTrajectory, told: bool) -> Iterator[Check]:
-    """From each knot on its own forces for 400 ms: in knots, and in continuous time.
+def _check_rollouts(
+    task: WalkTask, trajectory: WalkTrajectory, include_unjudged: bool
+) -> Iterator[Check]:
+    """Yield checks of rollouts from each knot by its own forces for 400 ms.
 
-    told: also in continuous time where that is not judged.
+    Rollouts are in knots, and in continuous time.
+
+    Args:
+        task: The task.
+        trajectory: The trajectory.
+        include_unjudged: Also roll out in continuous time where that is informational.
     """
-    span = max(1, min(round(WINDOW / task.step), task.knots))
-    begins = np.arange(0, task.knots - span + 1)
-    window = begins + np.arange(span)[:, None]  # (span, B)
-    toes, force = found.toes[window], found.force[window]
-    states = [found.state[begins]]
+    span = max(1, min(round(WINDOW / task.dt), task.knots))
+    first_knots = np.arange(0, task.knots - span + 1)
+    window = first_knots + np.arange(span)[:, None]  # (span, B)
+    toes, force = trajectory.toes[window], trajectory.force[window]
+    states = [trajectory.state[first_knots]]
     for n in range(span):
         states.append(
-            knot_step(task.body, task.integrator, task.step, states[n], toes[n], force[n])
+            integrate_knot(task.body, task.integrator, task.dt, states[n], toes[n], force[n])
         )
     rolls = [("rollout", np.stack(states))]
-    if told or task.integrator != "euler":
-        smooth = continuous_rollout(task.body, task.step, found.state[begins], toes, force)
-        rolls.append(("continuous", smooth))
-    planned = found.state[np.concatenate([window, window[-1:] + 1])]
+    if include_unjudged or task.integrator != "euler":
+        continuous = integrate_continuously(
+            task.body, task.dt, trajectory.state[first_knots], toes, force
+        )
+        rolls.append(("continuous", continuous))
+    planned = trajectory.state[np.concatenate([window, window[-1:] + 1])]
     for kind, rolled in rolls:
-        off = np.abs(rolled - planned).max(axis=0)  # (B, 12)
-        for name, part in (("velocity", VELOCITY), ("attitude", ANGLES)):
-            check = worst(task, f"{kind}.{name}", off[:, part].max(axis=1))
+        error = np.abs(rolled - planned).max(axis=0)  # (B, 12)
+        for name, component in (("velocity", VELOCITY), ("attitude", ANGLES)):
+            check = build_worst_check(task, f"{kind}.{name}", error[:, component].max(axis=1))
             if kind == "continuous" and task.integrator == "euler":
                 check = unjudged(check, "forward Euler", EULER, _AT_KNOTS[name])
             yield check
 
 
-def _forces(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
-    force, contact = found.force, found.gait.contact
+def _check_forces(task: WalkTask, trajectory: WalkTrajectory) -> Iterator[Check]:
+    """Yield checks of swinging legs, friction cones and force limits."""
+    force, contact = trajectory.force, trajectory.gait.contact
     size = np.linalg.norm(force, axis=-1)
-    yield worst(task, "force.swing", np.where(contact, 0.0, size))
-    # Cones stand on their regions, as steep as these are
-    pressed, sideways = normal_and_sideways(task.ground, found.gait.region, force)
-    room = task.ground.friction * pressed
-    used = np.where(size > 1e-3, sideways / np.maximum(room, 1e-9), 0.0)
-    # Below zero: the leg pulls at the ground.
-    yield worst(task, "force.friction", np.maximum(sideways - room, -pressed), used)
+    yield build_worst_check(task, "force.swing", np.where(contact, 0.0, size))
+    # Friction cones are about the normals of their regions
+    normal_force, tangential_force = split_force(task.ground, trajectory.gait.region, force)
+    max_tangential = task.ground.friction * normal_force
+    used_fraction = np.where(size > 1e-3, tangential_force / np.maximum(max_tangential, 1e-9), 0.0)
+    # A negative normal force pulls at the ground.
+    yield build_worst_check(
+        task,
+        "force.friction",
+        np.maximum(tangential_force - max_tangential, -normal_force),
+        used_fraction,
+    )
     largest = np.abs(force).max(axis=-1)
     limit = task.body.force_limit
-    yield worst(task, "force.limit", largest - limit, largest / limit)
+    yield build_worst_check(task, "force.limit", largest - limit, largest / limit)
 
 
-def _joints(task: WalkTask, found: WalkTrajectory) -> Iterator[Check]:
-    for residuals_of in (torque_residuals, speed_residuals):
-        yield from (worst(task, *told) for told in residuals_of(task, found))
+def _check_joints(task: WalkTask, trajectory: WalkTrajectory) -> Iterator[Check]:
+    """Yield checks of joint torques and speeds."""
+    for residuals_of in (generate_torque_residuals, generate_speed_residuals):
+        yield from (
+            build_worst_check(task, *residuals) for residuals in residuals_of(task, trajectory)
+        )
 
 
-def _feet(task: WalkTask, found: WalkTrajectory, told: bool) -> Iterator[Check]:
-    toes, contact, region = found.toes, found.gait.contact, found.gait.region
+def _check_feet(
+    task: WalkTask, trajectory: WalkTrajectory, include_unjudged: bool
+) -> Iterator[Check]:
+    """Yield checks of no slip, regions, clearance and workspace."""
+    toes, contact, region = trajectory.toes, trajectory.gait.contact, trajectory.gait.region
     stays = contact[:-1] & contact[1:]
     slip = np.where(stays, np.abs(np.diff(toes, axis=0)).max(axis=-1), 0.0)
-    yield worst(task, "contact.no_slip", slip)
+    yield build_worst_check(task, "contact.no_slip", slip)
     since_start = np.logical_and.accumulate(contact, axis=0)
-    off = off_region(task.ground, region, toes, since_start)
-    yield worst(task, "contact.region", np.where(contact, off, 0.0))
-    short = to_clear(task.ground, toes, contact) + task.lift - toes[..., 2]
-    # Where the first toes are is given: what swings from the start is lifted from there on.
+    region_error = compute_region_error(task.ground, region, toes, since_start)
+    yield build_worst_check(task, "contact.region", np.where(contact, region_error, 0.0))
+    missing_height = (
+        compute_clearance_height(task.ground, toes, contact) + task.swing_clearance - toes[..., 2]
+    )
+    # The first toes are given: legs that swing from the start are lifted after them.
     swinging = ~contact
     swinging[0] = False
-    yield worst(task, "swing.height", np.where(swinging, np.maximum(short, 0.0), 0.0))
-    spots = toes_in_body(found.state, toes)
-    if task.whole_stance or told:
-        after = toes_in_body(found.state[1:], toes[:-1])
-        over = (np.abs(after - task.body.toe_center) - task.body.toe_half).max(axis=-1)
-        whole = worst(task, "workspace.whole_stance", np.where(contact[:-1], over, -1.0))
-        if not task.whole_stance:
-            whole = unjudged(whole, "task.whole_stance is not asked", KNOTS, _REACH)
-        yield whole
-    room = np.abs(spots - task.body.toe_center) - task.body.toe_half
-    beyond = room.max(axis=-1)
-    used = (1.0 + room / task.body.toe_half).max(axis=-1)
-    counts = contact.copy()
-    counts[1:] = True
-    used = np.where(counts, used, 0.0)
-    yield worst(task, "workspace.toe", np.where(counts, beyond, -1.0), used)
+    yield build_worst_check(
+        task, "swing.height", np.where(swinging, np.maximum(missing_height, 0.0), 0.0)
+    )
+    toes_in_box = transform_toes_to_body(trajectory.state, toes)
+    if task.workspace_over_stance or include_unjudged:
+        after = transform_toes_to_body(trajectory.state[1:], toes[:-1])
+        violation_after = (np.abs(after - task.body.toe_center) - task.body.toe_half).max(axis=-1)
+        stance_check = build_worst_check(
+            task, "workspace.whole_stance", np.where(contact[:-1], violation_after, -1.0)
+        )
+        if not task.workspace_over_stance:
+            stance_check = unjudged(
+                stance_check, "task.workspace_over_stance is not asked", KNOTS, _REACH
+            )
+        yield stance_check
+    violation = np.abs(toes_in_box - task.body.toe_center) - task.body.toe_half
+    max_violation = violation.max(axis=-1)
+    used_fraction = (1.0 + violation / task.body.toe_half).max(axis=-1)
+    is_counted = contact.copy()
+    is_counted[1:] = True
+    used_fraction = np.where(is_counted, used_fraction, 0.0)
+    yield build_worst_check(
+        task, "workspace.toe", np.where(is_counted, max_violation, -1.0), used_fraction
+    )
 
 
-def worst(task: WalkTask, name: str, residuals: Array, used: Array | None = None) -> Check:
-    """A check over knots (n,) or knots and legs (n, L); NaN anywhere counts as the worst."""
+def build_worst_check(
+    task: WalkTask, name: str, residuals: Array, used_fraction: Array | None = None
+) -> Check:
+    """Return the check of the worst residual, with its time and leg.
+
+    Args:
+        task: The task.
+        name: Name of the check.
+        residuals: Residuals by knot (n,), or by knot and leg (n, L); NaN is the worst.
+        used_fraction: Fraction of the limit that is used, of the same shape.
+    """
     values = np.where(np.isnan(residuals), np.inf, residuals)
     index = np.unravel_index(int(np.argmax(values)), values.shape)
-    check = judge(name, float(values[index]))
-    if check.passed and used is not None:
-        index = np.unravel_index(int(np.argmax(used)), used.shape)
-        check = replace(check, used=min(float(used[index]), 1.0))
-    if check.residual <= 0 and used is None:
+    check = build_check(name, float(values[index]))
+    if check.passed and used_fraction is not None:
+        index = np.unravel_index(int(np.argmax(used_fraction)), used_fraction.shape)
+        check = replace(check, used=min(float(used_fraction[index]), 1.0))
+    if check.residual <= 0 and used_fraction is None:
         return check
-    place = f"{task.step * index[0]:.2f} s"
+    place = f"{task.dt * index[0]:.2f} s"
     if len(index) > 1:
         place = f"{place}, {task.body.leg_names[index[1]]}"
     return replace(check, worst_at=place)
 
 
-def judge(name: str, residual: float) -> Check:
-    """A check by its name in `LIMITS`; NaN never passes."""
+def build_check(name: str, residual: float) -> Check:
+    """Return a check by its name in `LIMITS`; NaN never passes."""
     limit = (LIMITS | LEG_LIMITS | LOOP_LIMITS)[name]
     residual = float(residual) + 0.0
     if math.isnan(residual):

@@ -162,7 +162,7 @@ def integrate_knots(
 
 
 def integrate_continuously(
-    body: RigidBody, dt: float, start: Array, toes: Array, force: Array, parts: int = 4
+    body: RigidBody, dt: float, start: Array, toes: Array, force: Array, num_steps: int = 4
 ) -> Array:
     """Return the states (N + 1, ..., 12) in continuous time, by Runge-Kutta steps.
 
@@ -172,14 +172,14 @@ def integrate_continuously(
         start: First states (..., 12).
         toes: Toes (N, ..., L, 3), world frame [m].
         force: Forces (N, ..., L, 3), world frame [N].
-        parts: Steps in each interval.
+        num_steps: Steps in each interval.
     """
     states = np.empty((len(force) + 1, *start.shape))
     states[0] = start
     for n in range(len(force)):
         state = states[n]
-        for _ in range(parts):
-            state = runge_kutta(body, dt / parts, state, toes[n], force[n])
+        for _ in range(num_steps):
+            state = runge_kutta(body, dt / num_steps, state, toes[n], force[n])
         states[n + 1] = state
     return states
 

@@ -1,4 +1,4 @@
-"""Verification of an MPC plan from its file alone."""
+"""Verification of a walking plan from its file alone."""
 
 from __future__ import annotations
 
@@ -16,43 +16,53 @@ from climbplan.verification.plausibility import (
     implausible_gravity,
 )
 from climbplan.verification.verification import Verification, mark_verified
-from climbplan.walking.check.plan_checks import plan_checks
-from climbplan.walking.plan.file import read_as_found
+from climbplan.walking.check.plan_checks import check_plan
+from climbplan.walking.plan.file import read_unchecked_plan
 from climbplan.walking.plan.walk_plan import WalkPlan
 
-SPIN = 20.0  # [rad/s] three turns a second of the body
+MAX_OMEGA = 20.0  # [rad/s] three turns a second of the body
 
 
-def implausible_walk(plan: WalkPlan) -> tuple[str, ...]:
-    """Warnings about robot, ground and forces of a walk."""
-    return tuple(_warnings(plan))
+def find_implausible(plan: WalkPlan) -> tuple[str, ...]:
+    """Return warnings about gravity, friction, forces and angular velocities of a walk."""
+    return tuple(_generate_warnings(plan))
 
 
-def _warnings(plan: WalkPlan) -> Iterator[str]:
-    task, found = plan.task, plan.trajectory
+def _generate_warnings(plan: WalkPlan) -> Iterator[str]:
+    """Yield the warnings."""
+    task, trajectory = plan.task, plan.trajectory
     yield from implausible_gravity(task.body.gravity)
     yield from implausible_friction("the ground", task.ground.friction)
-    size = np.linalg.norm(found.force, axis=-1)
+    size = np.linalg.norm(trajectory.force, axis=-1)
     n, leg = (int(i) for i in np.unravel_index(int(np.argmax(size)), size.shape))
-    where = f" ({task.body.leg_names[leg]}, {task.step * n:.2f} s)"
+    where = f" ({task.body.leg_names[leg]}, {task.dt * n:.2f} s)"
     weight = task.body.mass * task.body.gravity
     yield from implausible_force(float(size[n, leg]), weight, where)
-    spin = float(np.abs(found.state[:, 9:]).max())
-    if spin > SPIN:
+    spin = float(np.abs(trajectory.state[:, 9:]).max())
+    if spin > MAX_OMEGA:
         yield f"the body turns at {spin:.0f} rad/s"
 
 
 def verify(path: Path, held: HeldSpec | None = None) -> Verification:
-    """Recompute all statements of the plan in a file; held: against another spec than its own.
+    """Recompute all statements of the plan in a file.
 
-    Raises PlanFileError for a file that is not a whole MPC plan.
+    Args:
+        path: The plan file.
+        held: A spec that the plan has to satisfy instead of its own.
+
+    Raises:
+        PlanFileError: the file is not a whole walking plan.
     """
-    plan = read_as_found(path)
-    # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
+    plan = read_unchecked_plan(path)
+    # Absurd numbers become infinite or NaN, and fail their check without a warning.
     with np.errstate(all="ignore"):
-        checks = tuple(plan_checks(plan, held))
-        found = Verification(checks, against=held_against(plan, held))
-        return found if found.unsound else replace(found, implausible=implausible_walk(plan))
+        checks = tuple(check_plan(plan, held))
+        verification = Verification(checks, against=held_against(plan, held))
+        return (
+            verification
+            if verification.unsound
+            else replace(verification, implausible=find_implausible(plan))
+        )
 
 
 def verify_and_mark(path: Path) -> Verification:

@@ -10,6 +10,7 @@ function with such second derivatives.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -186,14 +187,10 @@ def _compute_rotation_bounds(task: WalkTask, attitude_box: AttitudeBox, n: int) 
     )
     world_arms = _bound_linear_images(rotations, center, toe_half, toe_error)
     inertia = _bound_inertia(task.body.inertia, R, rotations, grid_error)
-    moments, axes = np.linalg.eigh(task.body.inertia)
-    axes[:, 2] *= np.linalg.det(axes)  # right-handed
-    Q = axes.T @ R.T @ rotations @ axes
-    principal_turn = skew((grid - middle) @ jacobian.T @ axes)
-    rotation_remainder = Q - np.eye(3) - principal_turn
-    inertia_remainder = Q * moments @ np.swapaxes(Q, -1, -2) - np.diag(moments)
-    inertia_remainder -= principal_turn * (moments[None, :] - moments[:, None])
-    inertia_grid_error = 2.0 * float(np.ptp(moments)) * grid_error
+    principal = _bound_principal_remainders(
+        task.body.inertia, R, rotations, (grid - middle) @ jacobian.T, grid_error
+    )
+    axes, moments = principal.axes, principal.moments
     principal_omega = _bound_rotated_omega(rotations @ axes, grid_error, omega, omega_half)
     return RotationBounds(
         R=R,
@@ -201,11 +198,11 @@ def _compute_rotation_bounds(task: WalkTask, attitude_box: AttitudeBox, n: int) 
         inverse_inertia=inertia[0],
         inverse_inertia_error=inertia[1],
         inertia=inertia[2],
-        inertia_error=inertia[3] + inertia_grid_error,
-        inertia_remainder_low=inertia_remainder.min(axis=0) - inertia_grid_error,
-        inertia_remainder_high=inertia_remainder.max(axis=0) + inertia_grid_error,
-        rotation_remainder_low=rotation_remainder.min(axis=0) - grid_error,
-        rotation_remainder_high=rotation_remainder.max(axis=0) + grid_error,
+        inertia_error=inertia[3] + 2.0 * float(np.ptp(moments)) * grid_error,
+        inertia_remainder_low=principal.inertia_low,
+        inertia_remainder_high=principal.inertia_high,
+        rotation_remainder_low=principal.rotation_low,
+        rotation_remainder_high=principal.rotation_high,
         principal_axes=axes,
         principal_moments=moments,
         principal_omega_low=principal_omega[0],
@@ -223,6 +220,47 @@ def _compute_rotation_bounds(task: WalkTask, attitude_box: AttitudeBox, n: int) 
         middle_arm_high=middle_arms[1],
         toe_remainder_low=toe_remainder[0],
         toe_remainder_high=toe_remainder[1],
+    )
+
+
+class _PrincipalRemainders(NamedTuple):
+    """Second-order remainders of rotation and inertia about the principal axes."""
+
+    axes: Array  # (3, 3) principal axes, body frame, as columns
+    moments: Array  # (3,) principal moments of inertia
+    rotation_low: Array  # (3, 3)
+    rotation_high: Array
+    inertia_low: Array  # (3, 3)
+    inertia_high: Array
+
+
+def _bound_principal_remainders(
+    inertia: Array, R: Array, rotations: Array, turn: Array, grid_error: float
+) -> _PrincipalRemainders:
+    """Bound what rotation and inertia about the principal axes are off their linearisation.
+
+    Args:
+        inertia: Inertia in the body frame (3, 3).
+        R: Rotation at the middle of the box.
+        rotations: Rotations on a grid (G, 3, 3).
+        turn: Rotation vectors from the middle to the points of the grid (G, 3).
+        grid_error: Error of entries of rotations between points of the grid.
+    """
+    moments, axes = np.linalg.eigh(inertia)
+    axes[:, 2] *= np.linalg.det(axes)  # right-handed
+    Q = axes.T @ R.T @ rotations @ axes
+    principal_turn = skew(turn @ axes)
+    rotation = Q - np.eye(3) - principal_turn
+    world_inertia = Q * moments @ np.swapaxes(Q, -1, -2) - np.diag(moments)
+    world_inertia -= principal_turn * (moments[None, :] - moments[:, None])
+    inertia_error = 2.0 * float(np.ptp(moments)) * grid_error
+    return _PrincipalRemainders(
+        axes,
+        moments,
+        rotation.min(axis=0) - grid_error,
+        rotation.max(axis=0) + grid_error,
+        world_inertia.min(axis=0) - inertia_error,
+        world_inertia.max(axis=0) + inertia_error,
     )
 
 

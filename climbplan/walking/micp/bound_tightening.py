@@ -2,10 +2,10 @@
 
 Each state, force and moment arm is minimised and maximised over the linear relaxation. The row of
 the cutoff keeps only motions that may improve the incumbent, so that all of these are within the
-tightened bounds, and so are their envelopes. Contacts are probed: two programs for each leg and knot
-ask what holds if it stands, and whether it may swing. Programs whose range a stored solution nearly
-attains are filtered out (Gleixner et al. 2017, Three enhancements for optimization-based bound
-tightening).
+tightened bounds, and so are their envelopes. Contacts are probed: two programs for each leg and
+knot ask what holds if it stands, and whether it may swing. Programs whose range a stored solution
+nearly attains are filtered out (Gleixner et al. 2017, Three enhancements for optimization-based
+bound tightening).
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.solvers.highs.model import build_rows_model
 from climbplan.walking.micp.linear_model import LinExpr, sum_expressions
-from climbplan.walking.micp.partitions import ArmPiece
-from climbplan.walking.micp.variable_bounds import VariableBounds
 from climbplan.walking.micp.outer_approximation import (
     confirm_infeasible,
     create_lp_solver,
     solve_lp,
 )
+from climbplan.walking.micp.partitions import ArmPiece
 from climbplan.walking.micp.relaxation import MixedIntegerRelaxation
+from climbplan.walking.micp.variable_bounds import VariableBounds
 from climbplan.walking.task.task import ANGLES, POSITION
 
 _SAFETY = 1e-5  # that bounds are widened by: more than the tolerance of the solver

@@ -18,11 +18,21 @@ from typing import Any
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.walking.check.checker import passes
+from climbplan.walking.check.checker import is_feasible
+from climbplan.walking.micp.attitude_box import AttitudeBox, build_attitude_box
 from climbplan.walking.micp.attitude_partition import (
     AttitudeLeaf,
     partition_attitudes,
     sort_narrow_first,
+)
+from climbplan.walking.micp.branching import Node, TightenedRoot, count_early_intervals
+from climbplan.walking.micp.contact_search import ContactSearch
+from climbplan.walking.micp.limits import MicpLimits
+from climbplan.walking.micp.node_lp import NodeLp
+from climbplan.walking.micp.outer_approximation import (
+    TANGENT_TOLERANCE,
+    create_lp_solver,
+    refine_outer_approximation,
 )
 from climbplan.walking.micp.prefix_relaxation import (
     MIN_PREFIX,
@@ -30,18 +40,8 @@ from climbplan.walking.micp.prefix_relaxation import (
     bound_by_tightening,
     tighten_by_prefixes,
 )
-from climbplan.walking.micp.node_lp import NodeLp
-from climbplan.walking.micp.limits import MicpLimits
-from climbplan.walking.micp.symmetry import include_mirror_images, is_mirror_symmetric
-from climbplan.walking.micp.branching import Node, TightenedRoot, count_early_intervals
-from climbplan.walking.micp.outer_approximation import (
-    TANGENT_TOLERANCE,
-    create_lp_solver,
-    refine_outer_approximation,
-)
 from climbplan.walking.micp.relaxation import MixedIntegerRelaxation, build_relaxation
-from climbplan.walking.micp.contact_search import ContactSearch
-from climbplan.walking.micp.attitude_box import AttitudeBox, build_attitude_box
+from climbplan.walking.micp.symmetry import include_mirror_images, is_mirror_symmetric
 from climbplan.walking.offline.footing import build_gait
 from climbplan.walking.offline.gaits import assign_regions
 from climbplan.walking.offline.sqp import build_iterate, solve_gait
@@ -173,7 +173,7 @@ class BranchAndBound:
             self.search_contacts(root.node, root.program)
 
     def create_root(self, attitude_box: AttitudeBox) -> Node:
-        """Return the root node of an attitude box, with its mirror image where that is symmetric."""
+        """Return the root node of an attitude box, and of its image if the task is symmetric."""
         limits, cutoff = self.limits, self.cutoff
         width = np.array(limits.angles), np.array(limits.spin)
         symmetric = (
@@ -371,6 +371,6 @@ class BranchAndBound:
             )
             if polished.trajectory is None or polished.objective >= self.objective:
                 continue
-            if polished.holds and passes(self.task, polished.trajectory):
+            if polished.is_feasible and is_feasible(self.task, polished.trajectory):
                 self.incumbent, self.objective = polished.trajectory, polished.objective
                 self.record_progress()

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.walking.micp.prefix_relaxation import MIN_PREFIX, Formulation, bound_by_prefix
 from climbplan.walking.micp.node_lp import BranchingDecision, NodeLp
-from climbplan.walking.micp.variable_bounds import VariableBounds
+from climbplan.walking.micp.prefix_relaxation import MIN_PREFIX, Formulation, bound_by_prefix
 from climbplan.walking.micp.relaxation import MixedIntegerRelaxation
+from climbplan.walking.micp.variable_bounds import VariableBounds
 from climbplan.walking.task.task import ANGLES
 
 _FIRST_INTERVALS = 2  # whose contacts are branched on first

@@ -184,8 +184,8 @@ class ContactRows(RotationRows):
     ) -> None:
         """Add no slip from a knot to the next, eq. (8.22), as the convex hull of its disjunction.
 
-        Either the leg stands at both knots and its arm changes by -v dt, or it does not. The hull is
-        tighter than rows with a big M.
+        Either the leg stands at both knots and its arm changes by -v dt, or it does not. The hull
+        is tighter than rows with a big M.
 
         Args:
             n: The knot.

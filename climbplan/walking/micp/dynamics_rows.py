@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.walking.micp.stance_count_rows import StanceCount, StanceCountRows
 from climbplan.walking.micp.linear_model import LinExpr, sum_expressions
 from climbplan.walking.micp.partitions import ArmPiece, HeightPartition
+from climbplan.walking.micp.stance_count_rows import StanceCount, StanceCountRows
 from climbplan.walking.task.task import VELOCITY
 
 _NEXT_AXIS, _LAST_AXIS = (1, 2, 0), (2, 0, 1)  # of a cross product

@@ -14,7 +14,6 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.solvers.highs.model import build_rows_model, run_highs
-from climbplan.walking.micp.symmetry import build_symmetry_breaker
 from climbplan.walking.micp.outer_approximation import (
     add_rows,
     confirm_infeasible,
@@ -22,6 +21,7 @@ from climbplan.walking.micp.outer_approximation import (
     solve_lp,
 )
 from climbplan.walking.micp.relaxation import MixedIntegerRelaxation
+from climbplan.walking.micp.symmetry import build_symmetry_breaker
 
 _MAX_CUT_ROUNDS = 4  # of tangents in a node
 _MIN_FRACTIONALITY = 0.03  # of a contact that is branched on before those of later knots

@@ -12,19 +12,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 from climbplan.walking.micp.branch_and_bound import SEARCH_TANGENT_TOLERANCE, BranchAndBound
-from climbplan.walking.micp.prefix_relaxation import (
-    MIN_PREFIX_GAIN,
-    bound_tail_cost,
-    tighten_by_prefix,
-)
 from climbplan.walking.micp.branching import (
     Node,
     bisect_node,
     branch_on_contacts,
     count_early_intervals,
 )
-from climbplan.walking.micp.variable_bounds import VariableBounds
+from climbplan.walking.micp.prefix_relaxation import (
+    MIN_PREFIX_GAIN,
+    bound_tail_cost,
+    tighten_by_prefix,
+)
 from climbplan.walking.micp.relaxation import MixedIntegerRelaxation
+from climbplan.walking.micp.variable_bounds import VariableBounds
 
 _MIN_BISECTION_GAIN = 0.001  # of the cost: with less gain, contacts are searched first
 _NEARLY_CLOSED = 0.004  # of the cost: with a smaller gap, contacts are searched first

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib.externals.loky import ProcessPoolExecutor
 
-from climbplan.walking.micp.branch_and_bound import BranchAndBound
 from climbplan.walking.micp.attitude_partition import AttitudeLeaf, sort_narrow_first
+from climbplan.walking.micp.branch_and_bound import BranchAndBound
 from climbplan.walking.micp.branching import Node
 from climbplan.walking.micp.node_processing import process_node
 

@@ -11,8 +11,8 @@
 
 Products are relaxed as follows. In the world frame the moment arm of a standing toe has
 r_z = h - p_z for every leg, so that the eight products of r_z with forces are two, p_z F_x and
-p_z F_y. Arms and the height of the body are partitioned, in perspective form: each piece has its own
-binary, arm and force, and the binaries of a leg sum to its contact (piecewise McCormick envelopes).
+p_z F_y. Arms and the height of the body are partitioned, in perspective form: each piece has its
+own binary, arm and force. The binaries of a leg sum to its contact (piecewise McCormick envelopes).
 Products of an arm with f_z are McCormick envelopes. Those with f_x and f_y are rows of
 (arm - end) (mu f_z +- f) >= 0, which vanish with the force. Arms and forces are about the heading
 axes, rotated by the yaw of the middle of the attitude box, as toe boxes are narrowest about these.
@@ -27,12 +27,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.walking.micp.stance_count_rows import StanceCount
-from climbplan.walking.micp.linear_model import LinearModel, LinExpr, sum_expressions
-from climbplan.walking.micp.dynamics_rows import DynamicsRows
-from climbplan.walking.micp.partitions import ArmPiece, HeightPartition
-from climbplan.walking.micp.variable_bounds import VariableBounds
 from climbplan.walking.micp.attitude_box import AttitudeBox
+from climbplan.walking.micp.dynamics_rows import DynamicsRows
+from climbplan.walking.micp.linear_model import LinearModel, LinExpr, sum_expressions
+from climbplan.walking.micp.partitions import ArmPiece, HeightPartition
+from climbplan.walking.micp.stance_count_rows import StanceCount
+from climbplan.walking.micp.variable_bounds import VariableBounds
 from climbplan.walking.task.task import POSITION, WalkTask, WalkTrajectory
 
 
@@ -153,7 +153,7 @@ def build_relaxation(
         height_pieces: Pieces of the height of the body.
         tangent_ratio: Ratio of the points of tangency of squares.
         bounds: Bounds of the variables; None: nothing but the limits of the task is known.
-        linear_inertia: State the inertia about the middle of the attitude box, in fewer columns.
+        linear_inertia: Take the inertia at the middle of the attitude box, with fewer columns.
         num_rotation_knots: Knots with rows of rotation, and later ones are translations only;
             None: all knots.
 

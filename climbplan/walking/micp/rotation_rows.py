@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.walking.micp.state_variables import MIN_ENVELOPE_ERROR, MIN_RANGE, StateVariables
 from climbplan.walking.micp.linear_model import LinExpr, sum_expressions
+from climbplan.walking.micp.state_variables import MIN_ENVELOPE_ERROR, MIN_RANGE, StateVariables
 
 TrigFunction = Literal["secant", "tangent"]
 _GRID = 201  # points of a range

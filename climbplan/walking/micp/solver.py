@@ -19,7 +19,7 @@ from climbplan.walking.task.task import WalkTask
 
 
 def solve_micp(
-    task: WalkTask, limits: MicpLimits, warm: WalkAnswer, others: Sequence[WalkAnswer] = ()
+    task: WalkTask, limits: MicpLimits, warm: WalkAnswer, other_starts: Sequence[WalkAnswer] = ()
 ) -> WalkAnswer:
     """Improve the cheapest of known walks by spatial branch and bound, and bound its cost.
 
@@ -27,12 +27,12 @@ def solve_micp(
         task: The task.
         limits: Widths of the attitude boxes, relative gap and time limit.
         warm: The walk to start from; it may have no trajectory.
-        others: Walks that widen the attitude boxes, and may be cheaper.
+        other_starts: Walks that widen the attitude boxes, and may be cheaper.
 
     Returns:
         The best walk with its lower bound; no bound unless the integrator is forward Euler.
     """
-    answers = [answer for answer in (warm, *others) if answer.trajectory is not None]
+    answers = [answer for answer in (warm, *other_starts) if answer.trajectory is not None]
     cheapest = min(answers, key=lambda answer: answer.objective, default=warm)
     start = cheapest.trajectory
     if start is None:
@@ -56,7 +56,7 @@ def solve_micp(
         run.incumbent,
         run.objective,
         run.seconds,
-        _describe(task, run, len(motions), bool(others), has_bound),
+        _describe(task, run, len(motions), bool(other_starts), has_bound),
         bound=min(run.bound, run.objective) if has_bound else None,
         tried=len(run.tried_gaits),
         tubes=len(run.bounds) if has_bound else 0,

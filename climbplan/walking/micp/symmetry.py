@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import Array
+from climbplan.walking.micp.attitude_box import AttitudeBox
 from climbplan.walking.micp.linear_model import LinExpr, sum_expressions
 from climbplan.walking.micp.relaxation import MixedIntegerRelaxation
-from climbplan.walking.micp.attitude_box import AttitudeBox
 from climbplan.walking.task.task import WalkTask
 
 _MIRROR_VECTOR = np.array([1.0, -1.0, 1.0])  # image of a position, velocity or force

@@ -1,4 +1,4 @@
-"""Bounds of the variables of a relaxation: interval propagation, and what bound tightening finds."""
+"""Bounds of the variables of a relaxation: interval propagation, and tightened bounds."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def propagate_body_ranges(task: WalkTask, cutoff: float) -> BodyRanges:
 class VariableBounds:
     """Bounds that every motion of a relaxation satisfies.
 
-    Forces are in the force unit of the relaxation, and about the heading axes as arms are. Bounds of
-    the arm and force of a leg hold where it stands.
+    Forces are in the force unit of the relaxation, and about the heading axes as arms are. Bounds
+    of the arm and force of a leg hold where it stands.
     """
 
     state_low: Array  # (N + 1, 12)
@@ -130,7 +130,7 @@ class VariableBounds:
 
 
 def _intersect(middle: Array, half: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Return middle and half width of intervals [middle - half, middle + half] within [low, high]."""
+    """Return middle and half width of [middle - half, middle + half] within [low, high]."""
     lower, upper = np.maximum(middle - half, low), np.minimum(middle + half, high)
     upper = np.maximum(upper, lower)
     return 0.5 * (lower + upper), 0.5 * (upper - lower)

@@ -1,4 +1,4 @@
-"""Where toes are, given the integers: stance phases, fixed and free footholds, swinging toes."""
+"""Footholds of a gait: stance phases, fixed and free footholds, heights of toes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.walking.kernels.footing import stance_phases
+from climbplan.walking.kernels.contact_phases import find_stance_phases
 from climbplan.walking.task.ground import Ground
 from climbplan.walking.task.task import Gait
 
@@ -16,7 +16,7 @@ UNKNOWN = -np.inf  # [m]
 
 @dataclass(frozen=True)
 class Footing:
-    """Footholds of a gait of N intervals; those after the first lift-off are free."""
+    """The stance phases of a gait of N intervals; footholds after the first lift-off are free."""
 
     foothold: IntArray  # (N + 1, L) index of the free foothold, HELD or SWINGING
     leg: IntArray  # (F,) of each free foothold
@@ -26,21 +26,24 @@ class Footing:
 
     @property
     def count(self) -> int:
-        """Free footholds."""
+        """Number of free footholds."""
         return len(self.leg)
 
 
-def footing_of(gait: Gait) -> Footing:
-    """Stance phases of a gait, leg by leg."""
-    foothold, phases = stance_phases(gait.contact)
+def build_footing(gait: Gait) -> Footing:
+    """Return the stance phases of a gait, leg by leg."""
+    foothold, phases = find_stance_phases(gait.contact)
     legs, firsts, lasts = phases.T
     return Footing(foothold, legs, firsts, lasts, gait.region[firsts, legs])
 
 
-def gait_of(contact: BoolArray, region: IntArray) -> Gait:
-    """A gait whose regions are constant while a leg stands and, before that, those it goes to.
+def build_gait(contact: BoolArray, region: IntArray) -> Gait:
+    """Return a gait whose regions are constant during each stance phase and the swing before it.
 
-    region (N + 1, L): only entries at the first knot of a stance phase count, and those of knot 0.
+    Args:
+        contact: Contacts (N + 1, L).
+        region: Regions (N + 1, L). Only entries at knot 0 and at the first knot of a stance phase
+            count.
     """
     tidy = np.array(region, np.int64)
     for leg in range(contact.shape[1]):
@@ -53,13 +56,18 @@ def gait_of(contact: BoolArray, region: IntArray) -> Gait:
     return Gait(np.array(contact, bool), tidy)
 
 
-def toe_heights(ground: Ground, gait: Gait, lift: float) -> Array:
-    """Heights of all toes (N + 1, L) [m]: on their regions, or lifted above ground, eq. (8.23).
+def compute_toe_heights(ground: Ground, gait: Gait, lift: float) -> Array:
+    """Return the heights of all toes (N + 1, L) [m], eq. (8.23).
 
-    Of level regions; of sloped ones those at their middles, and of lifted toes `UNKNOWN` before it
-    is known where they are.
+    Standing toes are on their regions, on a slope at the middle of the region. Swinging toes are
+    lifted above the ground; on slopes their height is `UNKNOWN` until their place is known.
+
+    Args:
+        ground: The regions.
+        gait: The gait of N intervals.
+        lift: Clearance of swinging toes [m].
     """
     if ground.slope.any():
         return np.where(gait.contact, ground.height[gait.region], UNKNOWN)
-    clear = ground.clearance_height(gait.region) + lift
+    clear = ground.compute_clearance_height(gait.region) + lift
     return np.where(gait.contact, ground.height[gait.region], clear)

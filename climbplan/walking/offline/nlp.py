@@ -1,7 +1,7 @@
-"""All knots as one nonlinear program with contacts as complementarity, solved by IPOPT.
+"""The method `nlp`: all knots as one nonlinear program, with relaxed complementarity of contacts.
 
-Contacts c in [0, 1] with c (1 - c) <= eps start from a guessed gait; IPOPT may move them. What
-comes out is rounded, and forces, footholds and motion of that gait are made exact by SQP.
+Contacts c in [0, 1] with c (1 - c) <= eps start from a guessed gait, and IPOPT may change them. Its
+contacts are rounded, and forces, footholds and motion of that gait are polished by SQP.
 """
 
 from __future__ import annotations
@@ -42,25 +42,31 @@ from climbplan.walking.offline.warm_up import warm_up
 from climbplan.walking.plan.answer import Improvement, WalkAnswer
 from climbplan.walking.task.task import Gait, WalkTask
 
-_INITIAL_QPS = 3  # QPs before IPOPT: a third of its iterations less
-_OTHER_GAIT_QPS = 6  # and more of them for gaits beyond the guessed one
+_INITIAL_QPS = 3  # before IPOPT, which saves iterations of it
+_OTHER_GAIT_QPS = 6  # the same for gaits other than the guessed one
 _WORKSPACE_MARGIN = (
     1e-4  # [m] so far inside their boxes the polish keeps toes, which ends it sooner
 )
-_POLISH_QPS = (2, 6, 40)  # QPs, further ones only if the exact check does not pass
-_REPORTED_VIOLATION = 1e-3  # of a row where IPOPT stopped, that is told
-_MAX_REACH_VIOLATION = 3e-3  # [m] toes that leave their boxes that far, then, are not brought back
+_POLISH_QPS = (2, 6, 40)  # limits of successive attempts, until the exact check passes
+_REPORTED_VIOLATION = 1e-3  # of a row at IPOPT's answer, that its message names
+_MAX_REACH_VIOLATION = 3e-3  # [m] beyond which the SQP is not continued
 
 
 class NlpSolver:
-    """The program of one task, compiled once for all that differ in numbers only."""
+    """The compiled program of a task, which serves all tasks that differ in numbers only."""
 
     def __init__(self, task: WalkTask) -> None:
         self.task = task
         self.program = compile_nlp(NlpShape.of(task))
 
     def solve(self, start: Gait, iterate: Iterate, seconds: float) -> WalkAnswer:
-        """From a motion of a gait, whose regions are kept."""
+        """Solve the program from a motion of a gait, whose regions are kept.
+
+        Args:
+            start: The gait.
+            iterate: Its motion.
+            seconds: Time limit [s].
+        """
         begin = time.perf_counter()
         task = self.task
         program = self.program
@@ -108,9 +114,15 @@ class NlpSolver:
 
 
 def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
-    """From the guessed gait, its most promising phase first; the first that passes the exact check.
+    """Solve a task from guessed gaits, until an answer passes the exact check.
 
-    Its other phases, then other gaits and those after braking follow only if it does not.
+    The most promising phase of the named gait comes first. Its other phases, other gaits, and gaits
+    after braking follow.
+
+    Args:
+        task: The task.
+        guess_name: Name of the gait.
+        seconds: Time limit [s].
     """
     method = NlpSolver(task)
     warm_up(task)
@@ -133,10 +145,10 @@ def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
 
 
 def generate_guesses(task: WalkTask, name: str) -> Iterator[tuple[Gait, Iterate]]:
-    """Phases of the gait, cheapest first by what one QP predicts; then others, nearest to holding.
+    """Yield gaits with a motion after a few QPs: phases of the named gait, then other gaits.
 
-    Each with what a few QPs make of it. The mirror image of a gait is left out where it could not
-    do better.
+    Phases are in the order of the cost that one QP predicts, other gaits in that of their workspace
+    violation. Mirror images of a gait are left out in a symmetric task.
     """
     legs = task.body.leg_count
     starts = range(len(build_gait_phases(name, legs)))
@@ -169,14 +181,18 @@ def generate_guesses(task: WalkTask, name: str) -> Iterator[tuple[Gait, Iterate]
 
 
 def _list_equivalent_keys(gait: Gait, is_symmetric: bool) -> set[bytes]:
-    """Keys of a gait and, if the task is even, of its mirror image."""
+    """Return the key of a gait and, in a symmetric task, that of its mirror image."""
     return {gait.key, mirror_gait(gait).key} if is_symmetric else {gait.key}
 
 
 def _run_initial_sqp(
     task: WalkTask, gait: Gait, qps: int, start: Iterate | None = None
 ) -> tuple[Iterate, float]:
-    """A motion of the gait after a few QPs, if they lead anywhere; how far toes reach out [m]."""
+    """Run a few QPs from a guess.
+
+    Returns:
+        The motion, or the start if a QP has no solution; and its workspace violation [m].
+    """
     start = guess_iterate(task, gait) if start is None else start
     answer = solve_gait(task, gait, start, qps, agreement=COARSE_TOLERANCE)
     if answer.trajectory is None:
@@ -185,7 +201,7 @@ def _run_initial_sqp(
 
 
 def _polish(task: WalkTask, gait: Gait, iterate: Iterate) -> GaitAnswer:
-    """IPOPT's answer made exact; most need no more than a few QPs."""
+    """Make IPOPT's answer exact by SQP, with more iterations if the exact check does not pass."""
     for iterations in _POLISH_QPS:
         answer = solve_gait(task, gait, iterate, iterations, _WORKSPACE_MARGIN, COARSE_TOLERANCE)
         if answer.trajectory is None or answer.reach_violation > _MAX_REACH_VIOLATION:
@@ -197,6 +213,7 @@ def _polish(task: WalkTask, gait: Gait, iterate: Iterate) -> GaitAnswer:
 
 
 def _build_answer(answer: GaitAnswer, seconds: float, message: str) -> WalkAnswer:
+    """Return the answer, or the message if its gait is infeasible."""
     if answer.trajectory is None or not answer.is_feasible:
         return WalkAnswer(None, np.inf, seconds, f"{message}, but its gait does not hold", tried=1)
     return WalkAnswer(answer.trajectory, answer.objective, seconds, message, tried=1)

@@ -1,8 +1,8 @@
-"""Iterated local search over gaits: flips of contacts, of knots and of legs, each priced by SQP.
+"""Iterated local search over gaits (Lourenco et al. 2003): each gait is priced by SQP.
 
-From a gait that no single move improves it goes on a few random moves away from the best. No gait
-is priced twice. What it finds depends on its seed and on its budget of QPs, not on the machine: the
-time limit is a cap, and an answer that it cut short says so.
+Moves flip contacts of knots and legs. At a local optimum a few random moves perturb the best gait.
+No gait is priced twice. The outcome depends on the seed and the budget of QPs, not on the machine:
+the time limit is a cap, and an answer that it cut short says so.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from climbplan.walking.plan.answer import Improvement, WalkAnswer
 from climbplan.walking.task.task import Gait, WalkTask
 
 _INITIAL_FRACTION = 0.2  # of the QPs, for glances at named gaits
-_GLANCE_QPS = 2  # QPs
-_MAX_FAILED_GLANCES = 12  # glances without a motion, after which overreach is allowed
-_NUM_PROMISING = 4  # named gaits that are looked at further
-_NUM_PROMISING_INFEASIBLE = 8  # and as long as none holds
+_GLANCE_QPS = 2  # for each gait
+_MAX_FAILED_GLANCES = 12  # before the elastic mode is allowed
+_NUM_PROMISING = 4  # glances that are refined
+_NUM_PROMISING_INFEASIBLE = 8  # the same while no gait is feasible
 _FULL_QPS = 8
 _POLISH_QPS = 60
-_MAX_POLISHED = 10  # gaits, from the best, until one holds
-_POLISH_FRACTION = 0.1  # of the time, kept for it
-_KICK_MOVES = (2, 4)  # moves at least and at most
-_MAX_FAILED_KICKS = 100  # that lead to no gait that holds, until the search ends
-_KICK_QPS = 3  # QPs after which one that overreaches by more than that is given up
+_MAX_POLISHED = 10  # gaits, from the best on, until one is feasible
+_POLISH_FRACTION = 0.1  # of the time, reserved for the polish
+_KICK_MOVES = (2, 4)  # smallest and largest number of random moves
+_MAX_FAILED_KICKS = 100  # in succession, which end the search
+_KICK_QPS = 3  # after which a gait beyond the violation below is dropped
 _MAX_KICK_VIOLATION = 0.02  # [m]
-_VIOLATION_PRICE = 1e5  # [1/m] where no gait holds yet: less overreach is better
+_VIOLATION_PRICE = 1e5  # [1/m] of workspace violation, while no gait is feasible
 
 
 @dataclass(frozen=True)
@@ -61,17 +61,19 @@ class SearchLimits:
 
 
 def search(task: WalkTask, limits: SearchLimits, first: tuple[Gait, ...] = ()) -> WalkAnswer:
-    """The best gait found from `first` and the named gaits by local moves."""
+    """Search for the best gait from `first` and the named gaits."""
     return _IteratedLocalSearch(task, limits).run(first)
 
 
 class _IteratedLocalSearch:
+    """The state of a search."""
+
     def __init__(self, task: WalkTask, limits: SearchLimits) -> None:
         self.task, self.limits = task, limits
         self.random = np.random.default_rng(limits.seed)
         warm_up(task)
         self.begin = time.perf_counter()
-        self.seen: set[bytes] = set()
+        self.priced_gaits: set[bytes] = set()
         self.num_priced = 0  # gaits beyond the named ones
         self.qps = 0
         self.is_timed_out = False  # the time limit cut it short
@@ -83,21 +85,24 @@ class _IteratedLocalSearch:
 
     @property
     def seconds(self) -> float:
+        """Time since the search began [s]."""
         return time.perf_counter() - self.begin
 
     @property
     def is_feasible(self) -> bool:
+        """True if the best gait is within all limits."""
         return self.best is not None and self.best.is_feasible
 
     @property
     def is_exhausted(self) -> bool:
+        """True if the budget or the time is used up."""
         self.is_timed_out |= self.seconds > (1 - _POLISH_FRACTION) * self.limits.seconds
         is_budget_used = self.qps >= self.limits.qps or self.num_priced >= self.limits.gaits
         return self.is_timed_out or is_budget_used
 
     @property
     def cut_short(self) -> str:
-        """A warning if the time limit ended the search; empty if not."""
+        """Warning if the time limit ended the search; empty if not."""
         if not self.is_timed_out:
             return ""
         budget = f" of {self.limits.qps}" if self.limits.qps < SearchLimits.qps else ""
@@ -114,6 +119,7 @@ class _IteratedLocalSearch:
         elastic: bool = True,
         ceiling: float = np.inf,
     ) -> GaitAnswer:
+        """Solve a gait by SQP, and count its QPs."""
         answer = solve_gait(
             self.task,
             gait,
@@ -128,6 +134,7 @@ class _IteratedLocalSearch:
         return answer
 
     def run(self, first: tuple[Gait, ...]) -> WalkAnswer:
+        """Run the search from given gaits."""
         self.evaluate_initial_gaits(first)
         self.base = self.best
         while self.base is not None and not self.is_exhausted:
@@ -136,9 +143,9 @@ class _IteratedLocalSearch:
         return self.polish()
 
     def polish(self) -> WalkAnswer:
-        """The best gait that passes the exact check once its SQP has settled.
+        """Return the best gait that passes the exact check after its SQP has converged.
 
-        At the time limit no further gait is begun; one always is.
+        After the time limit no further gait is begun; the first always is.
         """
         message = "none has a motion that keeps friction, forces and toes within their limits"
         fallback: tuple[GaitAnswer, str] | None = (
@@ -167,31 +174,37 @@ class _IteratedLocalSearch:
         if fallback is not None:
             return self.build_answer(*fallback)
         return WalkAnswer(
-            None, np.inf, self.seconds, message, tried=len(self.seen), cut_short=self.cut_short
+            None,
+            np.inf,
+            self.seconds,
+            message,
+            tried=len(self.priced_gaits),
+            cut_short=self.cut_short,
         )
 
     def build_answer(self, final: GaitAnswer, message: str) -> WalkAnswer:
+        """Return the answer with the statistics of the search."""
         self.history.append(Improvement(self.seconds, final.objective))
         return WalkAnswer(
             final.trajectory,
             final.objective,
             self.seconds,
             message,
-            tried=len(self.seen),
+            tried=len(self.priced_gaits),
             qps=self.qps,
             cut_short=self.cut_short,
             history=tuple(self.history),
         )
 
     def evaluate_initial_gaits(self, first: tuple[Gait, ...]) -> None:
-        """Given and named gaits: a glance at each, then the most promising in full."""
+        """Glance at given and named gaits by a few QPs, and refine the most promising ones."""
         gaits: list[Gait] = []
         glances: list[GaitAnswer] = []
         for gait in (*first, *generate_initial_gaits(self.task, self.limits.names)):
             if glances and (self.is_exhausted or self.qps > _INITIAL_FRACTION * self.limits.qps):
                 break
-            if gait.key not in self.seen:
-                self.seen.add(gait.key)
+            if gait.key not in self.priced_gaits:
+                self.priced_gaits.add(gait.key)
                 has_none = not any(glance.trajectory is not None for glance in glances)
                 gaits.append(gait)
                 glances.append(
@@ -202,7 +215,7 @@ class _IteratedLocalSearch:
         self.refine_promising(glances)
         if self.is_feasible:
             return
-        # None holds: those without a motion once more, by the least overreach
+        # None is feasible: retry those without a motion in elastic mode
         retried: list[GaitAnswer] = []
         for gait, glance in zip(gaits, glances, strict=True):
             if retried and (
@@ -214,7 +227,7 @@ class _IteratedLocalSearch:
         self.refine_promising(retried)
 
     def refine_promising(self, glances: list[GaitAnswer]) -> None:
-        """Go on from glances, cheapest first."""
+        """Refine glances by more QPs, cheapest first."""
         for k, glance in enumerate(sorted(glances, key=lambda answer: answer.predicted)):
             is_enough = k >= (_NUM_PROMISING if self.is_feasible else _NUM_PROMISING_INFEASIBLE)
             is_ended = self.is_exhausted and self.best is not None
@@ -227,12 +240,12 @@ class _IteratedLocalSearch:
             self.record(answer)
 
     def improve(self, base: GaitAnswer) -> bool:
-        """Go through the neighbours until one is better; False if none is."""
+        """Try the neighbours of a gait until one is better; return whether one is."""
         assert base.trajectory is not None
         for gait in self.generate_neighbours(base.trajectory.gait):
-            if gait.key in self.seen:
+            if gait.key in self.priced_gaits:
                 continue
-            self.seen.add(gait.key)
+            self.priced_gaits.add(gait.key)
             self.num_priced += 1
             start, ceiling = build_iterate(base.trajectory, gait), self.compute_price(base)
             answer = self.solve(gait, start, _FULL_QPS, not self.is_feasible, ceiling)
@@ -245,7 +258,7 @@ class _IteratedLocalSearch:
         return False
 
     def perturb(self) -> bool:
-        """Go on a few random moves away from the best; False if nothing new is found there."""
+        """Move a few random moves away from the best gait; return whether a new gait was found."""
         assert self.best is not None
         assert self.best.trajectory is not None
         incumbent = self.best.trajectory
@@ -257,9 +270,9 @@ class _IteratedLocalSearch:
                 moves = list_contact_moves(contact)
                 contact = moves[int(self.random.integers(len(moves)))]
             gait = self.place_gait(incumbent.gait, contact)
-            if not has_enough_contacts(self.task, contact) or gait.key in self.seen:
+            if not has_enough_contacts(self.task, contact) or gait.key in self.priced_gaits:
                 continue
-            self.seen.add(gait.key)
+            self.priced_gaits.add(gait.key)
             self.num_priced += 1
             answer = self.solve(
                 gait, build_iterate(incumbent, gait), _KICK_QPS, not self.is_feasible
@@ -278,7 +291,7 @@ class _IteratedLocalSearch:
         return False
 
     def record(self, answer: GaitAnswer) -> None:
-        """Take note of the best so far."""
+        """Record an answer if it is the best so far."""
         if self.compute_price(answer) < self.compute_price(self.best) * (1 - 1e-6):
             self.best = answer
             self.improvements.append(answer)
@@ -287,6 +300,7 @@ class _IteratedLocalSearch:
 
     @staticmethod
     def compute_price(answer: GaitAnswer | None) -> float:
+        """Return the objective of an answer, plus the price of its workspace violation."""
         if answer is None or answer.trajectory is None:
             return np.inf
         return answer.objective + _VIOLATION_PRICE * (
@@ -294,7 +308,7 @@ class _IteratedLocalSearch:
         )
 
     def generate_neighbours(self, gait: Gait) -> Iterator[Gait]:
-        """Gaits one move away, in random order."""
+        """Yield gaits that are one move away, in random order."""
         moves = list_contact_moves(gait.contact)
         for k in self.random.permutation(len(moves)):
             contact = moves[k]
@@ -303,7 +317,10 @@ class _IteratedLocalSearch:
         yield from generate_region_moves(gait, self.neighbour_regions)
 
     def place_gait(self, gait: Gait, contact: BoolArray) -> Gait:
-        """A gait with these contacts, on the regions under the best motion: others mislead."""
+        """Return a gait with these contacts, on the regions under the best motion.
+
+        Regions under other motions would be misleading.
+        """
         if self.task.ground.count == 1 or self.best is None:
             return build_gait(contact, gait.region)
         assert self.best.trajectory is not None

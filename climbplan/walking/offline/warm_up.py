@@ -1,9 +1,9 @@
-"""Compiled code loaded before any clock runs: with a cold cache that takes some 15 seconds."""
+"""Compile all kernels of a search before its clock starts."""
 
 from __future__ import annotations
 
-from climbplan.walking.check.checker import passes
-from climbplan.walking.offline.gaits import cycle, with_regions
+from climbplan.walking.check.checker import is_feasible
+from climbplan.walking.offline.gaits import assign_regions, repeat_gait
 from climbplan.walking.offline.sqp import solve_gait
 from climbplan.walking.task.task import WalkTask
 
@@ -16,11 +16,11 @@ def warm_up(task: WalkTask) -> None:
 
     Limits in seconds are on searching, not on compiling, which a machine does once.
     """
-    key = task.integrator, task.ground.rough
+    key = task.integrator, task.ground.is_rough
     if key in _done:
         return
     _done.add(key)
-    stand = cycle("stand", task.body.leg_count, task.knots)
-    found = solve_gait(task, with_regions(task, stand), None, 2)
-    if found.trajectory is not None:
-        passes(task, found.trajectory)
+    stand = repeat_gait("stand", task.body.leg_count, task.knots)
+    answer = solve_gait(task, assign_regions(task, stand), None, 2)
+    if answer.trajectory is not None:
+        is_feasible(task, answer.trajectory)

@@ -1,1 +1,1 @@
-"""From a spec to a walk that the exact check judged."""
+"""From a spec to a walk that passes the exact check."""

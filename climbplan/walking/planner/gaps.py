@@ -1,10 +1,10 @@
-"""Gaps between footholds: what no motion crosses, and the widest on the way to a goal.
+"""Gaps between footholds: proof that no motion crosses one, and the widest on the way to a goal.
 
-The proof. Where at least one leg stands in every interval, and standing toes are in their boxes at
-both of its ends, the legs that stand before a knot and those that stand after it have their toes
-within boxes of the same body: no two of these are farther apart than the two farthest points of all
-boxes, whatever the attitude. So from knot to knot the regions that are stood on are never farther
-apart, and at the last knot one of them is as near to the goal as a box reaches.
+The proof. Let at least one leg stand in every interval, with its toe in its box at both ends. Then
+the legs that stand before a knot and those that stand after it have their toes in boxes of the same
+body. No two such toes are farther apart than the two farthest points of all boxes, whatever the
+attitude. The regions stood on are therefore never farther apart from knot to knot, and at the last
+knot one of them is as near to the goal as a box reaches.
 """
 
 from __future__ import annotations
@@ -19,29 +19,37 @@ from scipy.cluster.hierarchy import DisjointSet
 from climbplan.arrays import Array
 from climbplan.walking.task.task import RigidBody, WalkTask
 
-_TOLERANCE = 1e-3  # [m] that checks let toes be out of their boxes, with room to spare
+_TOLERANCE = 1e-3  # [m] more than the tolerance of the workspace checks
 _FAR = np.full(2, 1e4)  # [m] beyond all ground
 
 
 @dataclass(frozen=True)
 class Gap:
-    """The widest gap of the way that has the least wide one."""
+    """The widest gap on the path between regions whose widest gap is narrowest."""
 
     width: float  # [m]
-    near: str
-    far: str
+    near_name: str
+    far_name: str
     max_width: float  # [m] that boxes allow at most, in any attitude of the body
     proved: bool  # no motion that the task allows crosses it
 
     def __str__(self) -> str:
         return (
-            f"{self.width:.2f} m between {self.near} and {self.far}, {self.max_width:.2f} m is what the "
+            f"{self.width:.2f} m between {self.near_name} and {self.far_name}, "
+            f"{self.max_width:.2f} m is what the "
             "legs' boxes allow at most"
         )
 
 
 def find_widest_gap(task: WalkTask) -> Gap | None:
-    """Of the best way from the start's toes to the goal; None if there is no gap, or no goal."""
+    """Return the widest gap on the best path from the start's toes to the goal (bottleneck path).
+
+    Args:
+        task: The task.
+
+    Returns:
+        The gap; None if there is no gap, or no goal.
+    """
     ground, goal, begin = task.ground, task.goal, task.start.state[:2]
     if not goal.is_set:
         return None
@@ -90,18 +98,18 @@ def find_widest_gap(task: WalkTask) -> Gap | None:
 
 
 def compute_max_toe_distance(body: RigidBody) -> float:
-    """The two farthest points of all workspace boxes [m]."""
+    """Return the distance of the two farthest points of all workspace boxes [m]."""
     corners = _list_workspace_corners(body)
     return float(np.linalg.norm(corners[:, None] - corners[None], axis=-1).max())
 
 
 def compute_max_reach(body: RigidBody) -> float:
-    """The point of all workspace boxes that is farthest from the centre of mass [m]."""
+    """Return the largest distance of a point of a workspace box from the centre of mass [m]."""
     return float(np.linalg.norm(_list_workspace_corners(body), axis=-1).max()) + _TOLERANCE
 
 
 def _list_workspace_corners(body: RigidBody) -> Array:
-    """(32, 3) body frame [m]."""
+    """Return the corners of all workspace boxes (8 L, 3), body frame [m]."""
     signs = np.array(list(product((-1, 1), repeat=3)), float)
     result: Array = (body.toe_center[:, None] + signs * body.toe_half).reshape(-1, 3)
     return result

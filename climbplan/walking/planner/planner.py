@@ -1,4 +1,4 @@
-"""Plan a walk: from a spec to a trajectory that the exact check judged, or why there is none."""
+"""Plan a walk from a spec: a trajectory that passes the exact check, or the reason for none."""
 
 from __future__ import annotations
 
@@ -26,9 +26,13 @@ from climbplan.walking.task.task import WalkTask
 
 
 def explain_slow_joints(task: WalkTask, solve: Callable[[WalkTask], WalkAnswer]) -> str:
-    """What a walk by motors of any speed would ask for; empty where they are not the reason.
+    """Return a message if no walk was found because joints are too slow, else an empty text.
 
-    solve: the task by the method that found nothing.
+    The task is solved again for motors of any speed, and the message says which joint is too slow.
+
+    Args:
+        task: The task.
+        solve: Solves a task by the method that found nothing.
     """
     if task.legs is None:
         return ""
@@ -50,17 +54,21 @@ def explain_slow_joints(task: WalkTask, solve: Callable[[WalkTask], WalkAnswer])
     )
 
 
-_MIN_TIME = 1e-3  # [s] of a solver that has no time left
-_WARM_FRACTION = 0.5  # of the time of `micp`, for what it starts from
+_MIN_TIME = 1e-3  # [s] that a solver gets after its deadline
+_WARM_FRACTION = 0.5  # of the time of `micp`, for the searches before it
 
 
 def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
     """Solve the task of a spec by its method, within its time limit.
 
+    Args:
+        loaded: The spec with its robot.
+        report: Called with the stage and its fraction; None: no reports.
+
     Raises:
         SpecError: values that do not go together.
         Infeasible: a gap on the way to the goal is wider than any attitude of the body reaches.
-        LimitReached: no gait was found that holds; the message says how the best one fails.
+        LimitReached: no feasible gait was found; the message says how the best one fails.
     """
     report = report or _ignore_progress
     spec = loaded.spec
@@ -82,13 +90,30 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
                 task, lambda other: solve_task(other, remaining, spec.seed)
             )
         raise LimitReached(
-            f"no plan found: {spec.solver.method} tried {answer.tried} gaits in "
-            f"{answer.seconds:.2g} s; {answer.word}"
-            + (f"; {speed_reason}" if speed_reason else "")
-            + (f"; {answer.cut_short}" if answer.cut_short else "")
-            + (f"; the widest gap on the way to the goal: {gap}" if gap is not None else ""),
+            _describe_failure(spec.solver.method, answer, speed_reason, gap),
             stage=spec.solver.method,
         )
+    timings = {"prepare": ready - begin, "solve": solved - ready, "method": answer.seconds}
+    return _build_plan(loaded, task, answer, timings)
+
+
+def _describe_failure(method: str, answer: WalkAnswer, speed_reason: str, gap: Gap | None) -> str:
+    """Return the message for a task without a walk."""
+    return (
+        f"no plan found: {method} tried {answer.tried} gaits in "
+        f"{answer.seconds:.2g} s; {answer.word}"
+        + (f"; {speed_reason}" if speed_reason else "")
+        + (f"; {answer.cut_short}" if answer.cut_short else "")
+        + (f"; the widest gap on the way to the goal: {gap}" if gap is not None else "")
+    )
+
+
+def _build_plan(
+    loaded: LoadedMpc, task: WalkTask, answer: WalkAnswer, timings: dict[str, float]
+) -> WalkPlan:
+    """Return the plan of an answer that has a trajectory, with its summary."""
+    assert answer.trajectory is not None
+    spec = loaded.spec
     failed_checks = format_failures(check_trajectory(task, answer.trajectory))
     relative_gap = None
     if answer.bound is not None and answer.objective:
@@ -107,7 +132,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         robot_text=loaded.robot_text,
         robot_urdf=loaded.robot_urdf,
         seed=spec.seed,
-        timings={"prepare": ready - begin, "solve": solved - ready, "method": answer.seconds},
+        timings=timings,
         solvers=_list_solver_versions(spec.solver) | {"word": answer.word},
         sizes={
             "knots": task.knots,
@@ -133,23 +158,29 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
 
 
 def _build_conflict(gap: Gap) -> Conflict:
+    """Return the constraints that a gap makes infeasible."""
     what = f"{gap.width:.2f} m without footholds, {gap.max_width:.2f} m of reach in any attitude"
     names = ("contact.region", "workspace.toe", "goal.position")
-    return Conflict(f"from {gap.near} to {gap.far}", (what,), in_words=True, names=names)
+    return Conflict(f"from {gap.near_name} to {gap.far_name}", (what,), in_words=True, names=names)
 
 
 def _limit_time(solver: WalkSolverSpec, deadline: float) -> WalkSolverSpec:
-    """The same solver with the time that is left until a deadline, of `time.monotonic` [s]."""
+    """Return the solver with the time that is left until a deadline of `time.monotonic` [s]."""
     seconds_left = max(deadline - time.monotonic(), _MIN_TIME)
     return solver.model_copy(update={"time_limit": min(seconds_left, solver.time_limit)})
 
 
 def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAnswer:
-    """Solve a task by a method of the spec, within its time limit.
+    """Solve a task by the method of a spec, within its time limit.
 
-    The searches that `micp` starts from take half of the time together, at most.
+    The searches that `micp` starts from take at most half of the time together.
+
+    Args:
+        task: The task.
+        solver: The solver section of a spec.
+        seed: Seed of the first search; further ones follow by one.
     """
-    # One method's solver is not loaded for another's sake.
+    # Each method imports its own solver only, which shortens the start.
     if solver.method == "nlp":
         from climbplan.walking.offline.nlp import solve_nlp
 
@@ -176,6 +207,7 @@ def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAns
 
 
 def _list_solver_versions(solver: WalkSolverSpec) -> dict[str, str]:
+    """Return the method and the versions of its libraries, by name."""
     versions = {"method": solver.method, "daqp": metadata.version("daqp")}
     versions["casadi"] = metadata.version("casadi")
     if solver.method == "micp":
@@ -184,4 +216,5 @@ def _list_solver_versions(solver: WalkSolverSpec) -> dict[str, str]:
 
 
 def _ignore_progress(stage: str, fraction: float) -> None:
+    """Ignore a progress report."""
     pass

@@ -1,8 +1,8 @@
-"""A walk as a problem of the common table: any method that holds smooth rows takes it.
+"""A walk as a problem of the common table, for any method that takes smooth rows.
 
-The same statement as method `nlp`, by scalars: contacts are binaries, rows that are affine are
-stated as such. Regions are those of the gait that it starts from. Answers are judged by the
-checker of walks, which does not read the statement.
+It is the formulation of method `nlp`, by scalars: contacts are binaries, and affine rows are
+stated as such. Regions are those of the gait that it starts from. The checker of walks, which does
+not read the formulation, evaluates the answers.
 """
 
 from __future__ import annotations
@@ -29,29 +29,40 @@ from climbplan.walking.task.task import Gait, WalkTask, WalkTrajectory
 
 
 def walk_problem(task: WalkTask, guess: str = "trot") -> tuple[Problem, dict[str, Array]]:
-    """The problem of a task, and its parameters; it starts from the guessed gait's best phase.
+    """Return the problem of a task and its parameters, started from a guessed gait's best phase.
 
-    Raises UsageError where no phase of the gait keeps as many legs standing as asked for.
+    Args:
+        task: The task.
+        guess: Name of the gait.
+
+    Raises:
+        UsageError: no phase of the gait keeps `min_contacts` legs standing.
     """
-    first = next(generate_guesses(task, guess), None)
-    if first is None:
+    guessed = next(generate_guesses(task, guess), None)
+    if guessed is None:
         raise UsageError(f"no phase of {guess!r} keeps {task.min_contacts} legs standing")
-    gait, at = first
-    start = build_variables(task, gait, at)
+    gait, iterate = guessed
+    start = build_variables(task, gait, iterate)
 
     def check(theta: object, values: Mapping[str, Array]) -> dict[str, float]:
-        found = check_trajectory(task, build_trajectory(task, gait, values))
-        return {c.name: 0.0 if c.passed else c.residual - c.limit for c in found}
+        checks = check_trajectory(task, build_trajectory(task, gait, values))
+        return {c.name: 0.0 if c.passed else c.residual - c.limit for c in checks}
 
-    program = WalkNlp(NlpShape.of(task)).stated.program()
+    program = WalkNlp(NlpShape.of(task)).formulation.program()
     problem = Problem("walk", program, start=lambda theta: start, check=check)
-    return problem, build_parameters(task, gait, at)
+    return problem, build_parameters(task, gait, iterate)
 
 
 def build_trajectory(task: WalkTask, start: Gait, values: Mapping[str, Array]) -> WalkTrajectory:
-    """The walk that values of the variables say, on the regions of the gait that it started from.
+    """Return the walk with these values of the variables, on the regions of the start gait.
 
-    values: by variable, in order of statement. Raises ValueError where they do not fit the task.
+    Args:
+        task: The task.
+        start: The gait that the problem started from.
+        values: Values by variable, in order of statement.
+
+    Raises:
+        ValueError: the values do not fit the task.
     """
     state, force, spots, relaxed = split_variables(task, np.concatenate(list(values.values())))
     states = np.vstack([task.start.state, state])

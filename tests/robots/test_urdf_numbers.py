@@ -113,7 +113,7 @@ def test_a_mass_that_pinocchio_has_not(tmp_path: Path, monkeypatch: pytest.Monke
     def lossy(robot: UrdfRobot) -> str:
         return whole(robot).replace('<mass value="4.0">', '<mass value="4.0 ">')
 
-    monkeypatch.setattr(pinocchio_model, "normal_document", lossy)
+    monkeypatch.setattr(pinocchio_model, "write_canonical_urdf", lossy)
     with pytest.raises(SpecError) as caught:
         built(tmp_path, TEXT.encode())
     said = "robot.yaml:2: urdf: Pinocchio has 0 kg for 'base_link' (walker.urdf line 3), the file 4"

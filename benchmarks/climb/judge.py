@@ -10,8 +10,8 @@ from benchmarks.climb.shipped import planned_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.promise import interval_of
 from climbplan.climb.simulation.risk.estimation import RiskEstimate, estimate_risk
-from climbplan.simulation.asked import Engine
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.request import Engine
 
 SCENES = (
     "climb_nonparallel",

@@ -10,7 +10,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from climbplan.climb.motion.motion import StageClock, plan_motion
-from climbplan.climb.postures.statement import posture_program
+from climbplan.climb.postures.statement import build_posture_program
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.model import ClimbSpec
 from climbplan.program import Instance
@@ -61,7 +61,7 @@ def published_scene(seed: int, free_sides: bool = False) -> ClimbScene:
             "start": {"com": (0.0, 0.0, 0.0)},
             "goal": {"com": (0.0, rng.uniform(0.2, 0.4), rng.uniform(0.7, 0.85))},
         },
-        "posture": {"stance_workspace": False, "intermediate_reach": False},
+        "posture": {"stance_workspace": False, "check_reach_during_round": False},
     }
     return build_scene(ClimbSpec.model_validate(data), load_robot("silvia"))
 
@@ -81,7 +81,7 @@ def bench_posture(seed: int, quick: bool, out: TextIO) -> None:
     cases = [(f"goal {k}, 144 binaries", seed + k, False) for k in range(2 if quick else 6)]
     cases += [(f"goal {k}, 288 binaries", seed + k, True) for k in range(0 if quick else 2)]
     for label, case_seed, free_sides in cases:
-        instance = posture_program(published_scene(case_seed, free_sides)).at()
+        instance = build_posture_program(published_scene(case_seed, free_sides)).instantiate()
         ours, seconds = _timed(instance, "branch-and-bound", _GAP, _SCIP_LIMIT)
         other, other_seconds = _timed(instance, "scip", _SCIP_GAP, _SCIP_LIMIT)
         ratio = other_seconds / seconds

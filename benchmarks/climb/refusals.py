@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TextIO
 
 from benchmarks.climb.random_climbs import random_climb
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import LoadedClimb, load_climb
 from climbplan.errors import Infeasible, NoPlanFound, UsageError
@@ -106,6 +106,6 @@ def _second_try(path: Path, limit: float) -> str:
             plan = plan_climb(loaded)
         except (NoPlanFound, UsageError):  # or a method that cannot state the climb
             continue
-        if verification_of(plan).passed:
+        if verify_plan(plan).passed:
             return method
     return ""

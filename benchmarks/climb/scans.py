@@ -19,7 +19,7 @@ from typing import TextIO
 from benchmarks.climb.shipped import Planned, planned_spec
 from benchmarks.climb.stands import fares
 from benchmarks.climb.triangle_walls import triangles
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.motion.motion import StageClock, plan_motion
 from climbplan.errors import NoPlanFound, SpecError, UsageError
 from climbplan.schema.examples import example_text
@@ -142,7 +142,7 @@ def bench_scans(quick: bool, out: TextIO, folder: str | None) -> None:
             print(f"{name:<22}no plan: {found}", file=out, flush=True)
             continue
         plan = found.plan
-        verified = "yes" if verification_of(plan).passed else "no"
+        verified = "yes" if verify_plan(plan).passed else "no"
         windows = plan.sizes["posture"].get("windows", 1)
         line = f"{name:<22}{len(plan.terrain.regions):>8}{plan.rounds.count:>8}{windows:>9}"
         line += f"{verified:>10}{fares(plan, 'joints'):>22}"
@@ -187,7 +187,7 @@ def _choices(names: tuple[str, ...], where: Path, quick: bool, out: TextIO) -> N
             spent = time.process_time()
             found = _planned(name, where, [f"solver.method={method}"])
             cost = None
-            if not isinstance(found, str) and verification_of(found.plan).passed:
+            if not isinstance(found, str) and verify_plan(found.plan).passed:
                 cost = float(found.plan.objective)
             rows.append((cost, time.process_time() - spent))
         _compared(name, rows, out)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
@@ -71,4 +71,4 @@ def planned_spec(path: Path, overrides: list[str]) -> Planned:
         study = ["study=null"] if "\nstudy:" in text else []
         plan = plan_climb(load_climb(path, [*study, *overrides]))
     spent = time.process_time() - start
-    return Planned(plan, spent, bool(verification_of(plan).fragile))
+    return Planned(plan, spent, bool(verify_plan(plan).fragile))

@@ -13,7 +13,7 @@ import numpy as np
 from climbplan.climb.check.verification import verify
 from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.plan.file import write_climb
-from climbplan.climb.schema.transition_loading import transition_of_text
+from climbplan.climb.schema.transition_loading import load_transition_text
 from climbplan.climb.transition.homotopy import run_from_start
 from climbplan.climb.transition.motion import plan_motion
 from climbplan.climb.transition.planner import plan_transition
@@ -69,7 +69,7 @@ def _measured(rounds: int, seed: int, starts: int) -> _Row:
     text = SourceText(
         "transition_flat", "transition_flat", Path.cwd(), example_text("transition_flat")
     )
-    loaded = transition_of_text(text, [f"task.rounds={rounds}"])
+    loaded = load_transition_text(text, [f"task.rounds={rounds}"])
     scene = build_transition(loaded)
     begin = time.perf_counter()
     search = SequenceSearch(scene)

@@ -15,7 +15,7 @@ from typing import TextIO
 
 from benchmarks.climb.rocky_tubes import rocky_tube
 from benchmarks.climb.triangle_walls import triangles
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.motion.motion import StageClock, plan_motion
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.postures.planner import PostureResult
@@ -117,7 +117,7 @@ def _tube(seed: int, quick: bool, out: TextIO) -> None:
             print(f"no plan in {time.process_time() - spent:.1f} CPU s: {told}", file=out)
             return
     planned = time.process_time() - spent
-    verification = verification_of(plan)
+    verification = verify_plan(plan)
     judged = time.process_time() - spent - planned
     sizes = plan.sizes["posture"]
     print(f"regions {len(plan.terrain.regions)}, rounds {plan.rounds.count}, ", file=out, end="")

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.gait.balance import find_balancing_shifts, sample_body_path
 from climbplan.climb.gait.balance_program import LiftBalance
 from climbplan.climb.gait.gait import plan_instants
@@ -81,7 +81,7 @@ def standing(scene: ClimbScene, lifted: int, com: tuple[float, float, float]) ->
 
 
 def test_a_quadruped_walks_and_is_verified(plan: ClimbPlan) -> None:
-    verification = verification_of(plan)
+    verification = verify_plan(plan)
     assert verification.passed, verification.failed
     shift = next(c for c in verification.checks if c.name == "steps.shift")
     assert 0.02 < shift.used * 0.3 < 0.3
@@ -117,7 +117,7 @@ def test_auto_finds_the_shift_where_the_spec_leaves_it_open(spec: Path) -> None:
     other = spec.with_name("open.yaml")
     other.write_text(text)
     plan = plan_climb(load_climb(other))
-    assert verification_of(plan).passed
+    assert verify_plan(plan).passed
     assert "posture.steps.com_shift_max" in plan.warnings[0]
     assert plan.limits.shift_max > 0
 
@@ -189,7 +189,7 @@ def test_bodies_elsewhere_are_found(
     write_climb(plan, path)
     with h5py.File(path, "r+") as file:
         file[dataset][row] += by
-    assert failing in {check.name for check in verification_of(read_as_found(path)).failed}
+    assert failing in {check.name for check in verify_plan(read_as_found(path)).failed}
 
 
 def test_a_plan_may_not_give_itself_leave(plan: ClimbPlan, tmp_path: Path) -> None:
@@ -197,10 +197,10 @@ def test_a_plan_may_not_give_itself_leave(plan: ClimbPlan, tmp_path: Path) -> No
     write_climb(plan, path)
     with h5py.File(path, "r+") as file:
         file["limits"].attrs["shift_max"] = 0.5
-    assert "file.spec_values" in {c.name for c in verification_of(read_as_found(path)).failed}
+    assert "file.spec_values" in {c.name for c in verify_plan(read_as_found(path)).failed}
     with h5py.File(path, "r+") as file:
         del file["limits"].attrs["shift_max"]  # as plans of before: none
-    failed = {c.name for c in verification_of(read_as_found(path)).failed}
+    failed = {c.name for c in verify_plan(read_as_found(path)).failed}
     assert {"gait.sequence", "file.spec_values"} <= failed
 
 
@@ -220,7 +220,7 @@ def test_a_quadruped_climbs_a_stair(spec: Path) -> None:
     other = spec.with_name("stair.yaml")
     other.write_text(text)
     plan = plan_climb(load_climb(other, ["task.goal.tolerance=0.05"]))
-    assert verification_of(plan).passed
+    assert verify_plan(plan).passed
     names = [surface.name for surface in plan.terrain.surfaces]
     stands = [names[r] for r in plan.rounds.region[-1]]
     assert stands.count("stair") == 2
@@ -232,9 +232,9 @@ def test_a_shift_keeps_torque_limits_where_it_leads(loads: ClimbScene) -> None:
     lift = standing(weak, 1, (0.0, 0.0, 0.3))
 
     def excess(follow: bool) -> float:
-        shift = find_balancing_shifts(weak, lift, follow=follow)[0, :2]
+        shift = find_balancing_shifts(weak, lift, allow_sequence=follow)[0, :2]
         own = LiftBalance(weak, [lift], 0, 1.0)
-        found = own.solved(own.posture(shift), 0.0, shift, 0.0, 0.3, 10.0)
+        found = own.solve(own.compute_posture(shift), 0.0, shift, 0.0, 0.3, 10.0)
         assert found is not None
         return found.excess
 

@@ -41,8 +41,8 @@ def test_margins_grow_as_long_as_they_are_kept(
         return outcome(text, falls[len(texts)])
 
     trials = ProposalTrials.__new__(ProposalTrials)
-    trials._outcome = plan  # type: ignore[method-assign, assignment]
-    found = trials._with_larger_margins(outcome(TEXT, falls[0], share), lambda words: None)
+    trials._plan_spec = plan  # type: ignore[method-assign, assignment]
+    found = trials._try_larger_margins(outcome(TEXT, falls[0], share), lambda words: None)
     assert len(texts) == tried
     assert found.sample is not None
     assert found.sample.falls == last

@@ -78,14 +78,17 @@ def test_link_distances_agree_with_least_distance_programming() -> None:
         starts, ends = rng.uniform(-0.9, 0.9, (2, 200, 3))
         ends[:60] = starts[:60] + np.eye(3)[rng.integers(0, 3, 60)] * 0.4
         exact = np.array(
-            [bound_hull_distance(np.stack(x), solid.vertices) for x in zip(starts, ends, strict=True)]
+            [
+                bound_hull_distance(np.stack(x), solid.vertices)
+                for x in zip(starts, ends, strict=True)
+            ]
         )
         found = compute_link_distances(solid, starts, ends)
         apart = exact > 1e-9
         assert 20 < apart.sum() < 200
         np.testing.assert_allclose(found[apart], exact[apart], atol=1e-8)
         assert (found[~apart] <= 1e-8).all()
-        bounded = compute_link_distances(solid, starts, ends, enough=0.05)
+        bounded = compute_link_distances(solid, starts, ends, max_distance=0.05)
         assert (bounded <= found + 1e-12).all()
         np.testing.assert_array_equal(bounded >= 0.05, found >= 0.05)
 

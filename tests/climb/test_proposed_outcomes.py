@@ -43,18 +43,18 @@ def outcome(share: float, falls: int | None, **other: Any) -> Outcome:
 def test_worlds_decide_where_they_were_played() -> None:
     firm, keeping = outcome(0.4, 1), outcome(1.0, 37)
     assert firm.rank > keeping.rank
-    assert firm.good_enough(0.9)
-    assert not keeping.good_enough(0.9)
-    assert outcome(1.0, None).good_enough(0.9)
-    assert not outcome(0.8, None).good_enough(0.9)
+    assert firm.is_good_enough(0.9)
+    assert not keeping.is_good_enough(0.9)
+    assert outcome(1.0, None).is_good_enough(0.9)
+    assert not outcome(0.8, None).is_good_enough(0.9)
     refused = Outcome("climbs", None, "no posture")
     assert keeping.rank > refused.rank
-    assert not refused.good_enough(0.0)
+    assert not refused.is_good_enough(0.0)
 
 
 def test_a_plan_that_must_not_be_used_is_the_last_that_is_taken() -> None:
     odd = outcome(1.0, 0, implausible=("the body sags by 20 degrees",))
-    assert not odd.good_enough(0.9)
+    assert not odd.is_good_enough(0.9)
     assert outcome(0.1, 90).rank > odd.rank
     assert str(odd) == "climbs: do not use: implausible: the body sags by 20 degrees"
 

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import trimesh
 
-from climbplan.climb.clearance.swing import TOE_CLEARANCE, _roomiest_first
+from climbplan.climb.clearance.swing import TOE_CLEARANCE, _order_by_clearance
 from climbplan.terrain.raw_surface import RawSurface
 
 TOP = 0.1  # [m] of a box about the origin
@@ -28,7 +28,7 @@ def scene(lift: float) -> Any:
 
 
 def heights(lift: float, rooms: list[float]) -> list[float]:
-    ways = _roomiest_first(scene(lift), (over(room) for room in rooms))
+    ways = _order_by_clearance(scene(lift), (over(room) for room in rooms))
     return [round(float(way[0, 2] - TOP), 3) for way in ways]
 
 

@@ -19,7 +19,7 @@ from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.postures.cost_bound import bound_posture_cost
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
-from climbplan.climb.scene.within_reach import between, reachable, window_of, within_rounds
+from climbplan.climb.scene.within_reach import find_usable_surfaces, find_reachable_surfaces, select_window, restrict_terrain
 from climbplan.climb.schema.loading import load_text
 from climbplan.climb.windows.body_way import BodyPath
 from climbplan.climb.windows.windows import plan_in_windows
@@ -95,7 +95,7 @@ def test_windows_of_a_stated_number_of_rounds_against_one_search(tmp_path: Path)
 
 def test_nothing_that_rounds_can_come_to_is_left_out() -> None:
     scene = scene_of(NUMBERED)
-    near = within_rounds(scene, 2)
+    near = restrict_terrain(scene, 2)
     assert near.allowed.sum() < scene.terrain.allowed.sum()
     # Toes drawn within steps and reach stand on regions that are kept
     rng = np.random.default_rng(0)
@@ -111,7 +111,7 @@ def test_nothing_that_rounds_can_come_to_is_left_out() -> None:
 def test_what_one_search_chooses_is_among_the_alternatives_of_each_round() -> None:
     scene = scene_of(NUMBERED)
     rounds = plan_postures(scene).rounds
-    found = reachable(scene, 8)
+    found = find_reachable_surfaces(scene, 8)
     assert found.sum() < 8 * scene.terrain.allowed.sum()
     for j, limb in np.ndindex(8, 6):
         assert found[j, limb, rounds.region[j + 1, limb]]
@@ -123,8 +123,8 @@ def test_what_one_search_chooses_is_among_the_alternatives_of_each_round() -> No
 def test_what_one_search_chooses_leads_on_to_the_goal() -> None:
     scene = scene_of(NUMBERED)
     rounds = plan_postures(scene).rounds
-    found = between(scene)
-    assert found.sum() < reachable(scene, 8).sum()
+    found = find_usable_surfaces(scene)
+    assert found.sum() < find_reachable_surfaces(scene, 8).sum()
     for j, limb in np.ndindex(8, 6):
         assert found[j, limb, rounds.region[j + 1, limb]]
 
@@ -141,11 +141,11 @@ def test_surfaces_are_chosen_by_an_l1_relaxation() -> None:
 
 
 def test_a_window_is_as_long_as_the_spec_says() -> None:
-    assert window_of(scene_of(SPEC)) == 4
-    assert window_of(scene_of(f"{SPEC}solver: {{window: 6}}\n")) == 6
-    assert window_of(scene_of(NUMBERED)) is None
-    assert window_of(scene_of(f"{NUMBERED}solver: {{window: 3}}\n")) == 3
-    assert window_of(scene_of(f"{NUMBERED}solver: {{window: 8}}\n")) is None
+    assert select_window(scene_of(SPEC)) == 4
+    assert select_window(scene_of(f"{SPEC}solver: {{window: 6}}\n")) == 6
+    assert select_window(scene_of(NUMBERED)) is None
+    assert select_window(scene_of(f"{NUMBERED}solver: {{window: 3}}\n")) == 3
+    assert select_window(scene_of(f"{NUMBERED}solver: {{window: 8}}\n")) is None
 
 
 def test_the_bound_of_straight_ways_is_met_by_equal_steps() -> None:

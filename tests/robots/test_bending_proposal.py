@@ -30,11 +30,11 @@ def test_a_robot_that_braces_bent_otherwise_has_a_file_of_its_own(tmp_path: Path
     trials = ProposalTrials(found, tmp_path)
     climbed = trials.plan_chimney(lambda words: None)
     assert climbed.plan is not None, climbed.why
-    assert climbed.bent is not None
+    assert climbed.proposal is not None
     assert f'robot: "{trials.bracing_file}"' in climbed.text
     assert (tmp_path / trials.bracing_file).exists()
-    (brace,) = climbed.bent.braces
-    robot = climbed.bent.robot
+    (brace,) = climbed.proposal.braces
+    robot = climbed.proposal.robot
     assert isinstance(robot.mechanism, SerialChain)
     # Its posture is the one that it braces in, whatever it stands in
     np.testing.assert_allclose(robot.mechanism.posture, brace.angles, atol=1e-3)
@@ -52,6 +52,6 @@ def test_a_robot_for_which_nothing_is_found_says_that_both_were_looked_for(
     trials = ProposalTrials(standing_humanoid(tmp_path), tmp_path)
     refused = trials.plan_chimney(lambda words: None)
     assert refused.plan is None
-    assert refused.bent is None
+    assert refused.proposal is None
     assert "no posture between walls was found" in refused.why
     assert "limbs bent otherwise" in refused.why

@@ -21,13 +21,13 @@ def comparison(torque: Array, planned: Array) -> Comparison:
     return Comparison(
         instant=number, sample=number, torque=torque, torque_planned=planned,
         friction=none, friction_planned=none, mu=none + 1, sag=place, sag_predicted=place,
-        lag=place, slips=(), losses=(),
+        lag=place, slips=(), lost_contacts=(),
     )  # fmt: skip
 
 
 def told(compared: Comparison) -> str:
     run = SimpleNamespace(fallen=False, time=np.ones(1))
-    found: Any = SimpleNamespace(run=run, compared=compared)
+    found: Any = SimpleNamespace(run=run, comparison=compared)
     return format_headline(cast("SimulationStudy", found))
 
 

@@ -37,7 +37,7 @@ def test_nothing_new_is_corrected_while_a_toe_takes_load(planned: Planned) -> No
         (int(np.flatnonzero(loading)[0]), False),
         (int(np.flatnonzero(~loading)[0]), True),
     ):
-        regulator = Regulator(plan, place=True)
+        regulator = Regulator(plan, correct_position=True)
         lag = bent(plan)[sample]
         regulator.compute_correction(sample, 0.1, (low[sample], np.eye(3)), lag)
         standing_toes = plan.trajectory.contact[sample]
@@ -54,7 +54,7 @@ def test_a_toe_that_presses_too_little_is_moved_on_and_its_own_offset_ends_in_th
 ) -> None:
     plan = planned()
     moving = plan.trajectory
-    regulator = Regulator(plan, place=True)
+    regulator = Regulator(plan, correct_position=True)
     pose = moving.com[0], rotation_world_body(moving.rpy[0])
     as_planned = regulator.compute_correction(0, 0.1, pose, bent(plan)[0])
     np.testing.assert_allclose(as_planned, 0.0, atol=1e-9)
@@ -76,7 +76,7 @@ def test_a_toe_that_presses_too_little_is_moved_on_and_its_own_offset_ends_in_th
 
 def test_what_a_motion_of_the_body_explains_is_no_force_between_toes(planned: Planned) -> None:
     plan = planned()
-    regulator = Regulator(plan, place=True)
+    regulator = Regulator(plan, correct_position=True)
     arms, stands = regulator.tables.arms[0], np.array([True, True, False, True, True, True])
     compliance = limb_compliance(plan.robot, regulator.tables.jacobian[0])
     sharing = build_internal_projector(compliance, arms, stands)

@@ -68,7 +68,7 @@ def test_a_start_goes_on_after_a_sequence_is_refused() -> None:
 def test_the_same_seed_gives_the_same_start() -> None:
     scene = scene_of(FLAT, "task.rounds=3")
     first, again = (run_from_start(scene, 3, lambda tables, sequence: "") for _ in range(2))
-    assert (first.tries, first.iterations) == (again.tries, again.iterations)
+    assert (first.num_homotopies, first.iterations) == (again.num_homotopies, again.iterations)
 
 
 def _outside(scene: TransitionScene, toe: Array, side: int) -> float:

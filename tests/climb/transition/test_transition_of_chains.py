@@ -121,7 +121,7 @@ def test_limbs_that_meet_are_not_chosen(scene: TransitionScene) -> None:
         links = limb_capsules(robot, own)
         room = compute_limb_clearance(links, list_clearance_pairs(robot, links)[1])
         apart = np.asarray((room > 1e-3).all(axis=-1))
-        np.testing.assert_array_equal(table.apart(tuple(state)), apart)
+        np.testing.assert_array_equal(table.find_clear_poses(tuple(state)), apart)
         meets += int((~apart).sum())
     assert meets
 
@@ -160,9 +160,11 @@ def test_a_shift_beyond_its_bound_is_caught(plan: ClimbPlan) -> None:
 def test_rows_part_two_limbs_by_what_they_have(scene: TransitionScene) -> None:
     """Where the search has them a pair's least row is its capsules' room less what is asked."""
     search, found = search_sequences(scene, FAR)
-    moved, beside = found[0].moved, ((0, 1, 2, 1), (1, 2, 3, 1), (0, 2, 3, 2))
-    stated = state_motion(build_shape(scene, len(moved), parted=True, beside=beside))
-    numbers = build_motion_data(search.tables, stated, found[0], 1.2, parted=True, beside=beside)
+    moved, beside = found[0].moves, ((0, 1, 2, 1), (1, 2, 3, 1), (0, 2, 3, 2))
+    stated = state_motion(build_shape(scene, len(moved), separate=True, link_pairs=beside))
+    numbers = build_motion_data(
+        search.tables, stated, found[0], 1.2, separate=True, link_pairs=beside
+    )
     rows = ca.Function("rows", [stated.x, stated.p], [stated.rows])
     value = np.array(rows(numbers.start, stated.theta(numbers.parameters))).ravel()
     own = value[stated.block("limbs.self_collision")][:, -4 * POINTS * len(beside) :]
@@ -211,7 +213,7 @@ def test_rows_move_the_body_so_that_limbs_do_not_meet() -> None:
 
     def room(tables: SearchTables, motion: Motion) -> float:
         # After the first round, whose pose is the start's
-        moved, rounds = found[0].moved[1:], motion.rounds
+        moved, rounds = found[0].moves[1:], motion.rounds
         toes = np.stack([rounds.toes[1:-1], rounds.toes[2:]], axis=1)
         pose = rounds.com[1:-1, None], rounds.rpy[1:-1, None]
         angles = inverse(tables.scene.robot, to_body(*pose, toes)).best()
@@ -227,9 +229,9 @@ def test_rows_move_the_body_so_that_limbs_do_not_meet() -> None:
 
     thin = as_thick(flat.robot.limb_radius)
     plain = plan_motion(thin, found[0])
-    assert plain.accepted
+    assert plain.is_accepted
     thick = as_thick(flat.robot.limb_radius + (room(thin, plain) + 2e-3) / 2)
     assert room(thick, plain) == pytest.approx(-2e-3, abs=1e-6)
-    parted = plan_motion(thick, found[0], parted=True, met=plain.rounds)
-    assert parted.accepted, parted.block
+    parted = plan_motion(thick, found[0], separate=True, colliding_motion=plain.rounds)
+    assert parted.is_accepted, parted.block
     assert room(thick, parted) > -1e-5

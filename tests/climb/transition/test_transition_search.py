@@ -37,13 +37,13 @@ def search(*overrides: str) -> SequenceSearch:
 @pytest.fixture(scope="module")
 def tripods() -> SequenceSearch:
     found = search()
-    found.sequences()
+    found.list_sequences()
     return found
 
 
 def test_two_tripod_sequences(tripods: SequenceSearch) -> None:
-    found = tripods.sequences()
-    assert {tripods.name(s) for s in found} == {
+    found = tripods.list_sequences()
+    assert {tripods.format_name(s) for s in found} == {
         "3-3: RF RR LM | RM LR LF",
         "3-3: RM LR LF | RF RR LM",
     }
@@ -53,12 +53,12 @@ def test_two_tripod_sequences(tripods: SequenceSearch) -> None:
 def test_more_tripods_balance_on_an_edge() -> None:
     """Limbs that touch without load: the body is on the line between two others."""
     edges = search("search.min_load=0")
-    assert len(edges.sequences()) == 14
+    assert len(edges.list_sequences()) == 14
 
 
 def test_every_limb_moves_once_and_safety_is_as_asked(tripods: SequenceSearch) -> None:
     asked = tripods.scene.spec.force
-    for sequence in tripods.sequences():
+    for sequence in tripods.list_sequences():
         assert (sequence.moves.sum(axis=0) == 1).all()
         assert sequence.safety_torque >= asked.safety_torque
         assert sequence.safety_friction >= asked.safety_friction * 0.99
@@ -109,7 +109,7 @@ def linear_oracle(tables: SearchTables, stance: IntArray, pose: int) -> bool:
 def test_no_sequence_is_missed(tripods: SequenceSearch) -> None:
     """Every tripod at every pose by another program: the search has just those."""
     tables, n = tripods.tables, 6
-    found = {s.moves.tobytes() for s in tripods.sequences()}
+    found = {s.moves.tobytes() for s in tripods.list_sequences()}
     start, goal = (START,) * n, (GOAL,) * n
     for limbs in itertools.combinations(range(n), 3):
         first = tuple(GOAL if i in limbs else START for i in range(n))
@@ -128,14 +128,14 @@ def test_no_sequence_is_missed(tripods: SequenceSearch) -> None:
 
 
 def test_less_friction_allows_less() -> None:
-    counts = [len(search(f"terrain.friction={mu}").sequences()) for mu in (1.0, 0.6, 0.4)]
+    counts = [len(search(f"terrain.friction={mu}").list_sequences()) for mu in (1.0, 0.6, 0.4)]
     assert counts == sorted(counts, reverse=True)
     assert counts[0] == 2
     assert counts[-1] == 0
 
 
 def test_largest_friction_factor_scales_with_friction(tripods: SequenceSearch) -> None:
-    sequence = tripods.sequences()[0]
+    sequence = tripods.list_sequences()[0]
     stance = np.array([get_stance(*sequence.states[1:3])])
     pose = np.array([sequence.poses[1]])
     own = find_max_friction_factor(tripods.tables, stance, pose)[0]
@@ -147,7 +147,7 @@ def test_largest_friction_factor_scales_with_friction(tripods: SequenceSearch) -
 
 def test_a_sequence_asked_for_is_the_only_kind() -> None:
     found = search("task.rounds=3", "task.sequence=1-2-3", "search.heights=3")
-    names = [found.name(s) for s in found.sequences()]
+    names = [found.format_name(s) for s in found.list_sequences()]
     assert names
     assert all(name.startswith("1-2-3:") for name in names)
 
@@ -170,4 +170,4 @@ def test_limbs_that_cannot_step_so_far_need_the_bricks() -> None:
     loaded = load_transition(
         SPECS / "transition_bricks.yaml", ["task.sequence=3-3-3", "search.between=none"]
     )
-    assert SequenceSearch(build_transition(loaded)).sequences() == []
+    assert SequenceSearch(build_transition(loaded)).list_sequences() == []

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.plan.promise import Promise, interval_of
@@ -79,7 +79,7 @@ def test_a_plan_that_stands_is_planned_once(monkeypatch: pytest.MonkeyPatch) -> 
     # The same worlds again, by seed and number alone
     again = estimate_risk(plan, Conditions(), "statics", 60, promise.seed)
     assert again.falls == promise.falls
-    assert verification_of(plan).fragile == ()
+    assert verify_plan(plan).fragile == ()
 
 
 @pytest.mark.slow
@@ -97,7 +97,7 @@ def test_where_it_fell_it_is_planned_with_more_and_says_what_is_missing(
     assert not promise.met
     assert promise.fells
     assert any("uncertainty." in words for words in promise.helps)
-    verification = verification_of(plan)
+    verification = verify_plan(plan)
     assert verification.passed
     assert any("asked at most 5.00%" in words for words in verification.fragile)
 
@@ -209,13 +209,13 @@ def test_files_keep_the_promise_and_verify_recomputes_its_interval(
     write_climb(plan, path)
     read = read_climb(path)
     assert read.promise == plan.promise
-    assert verification_of(read).risk_summary == plan.promise.words  # type: ignore[union-attr]
+    assert verify_plan(read).risk_summary == plan.promise.words  # type: ignore[union-attr]
     for changed in ({"upper": 0.001}, {"falls": plan.promise.falls + 9}, {"risk": 0.5}):  # type: ignore[union-attr]
         lied = replace(read, promise=replace(read.promise, **changed))  # type: ignore[arg-type,type-var]
-        failed = [check.name for check in verification_of(lied).failed]
+        failed = [check.name for check in verify_plan(lied).failed]
         assert failed == ["robust.risk"]
     silent = replace(read, promise=None)
-    assert any("none were played" in words for words in verification_of(silent).fragile)
+    assert any("none were played" in words for words in verify_plan(silent).fragile)
     with h5py.File(path, "r+") as file:
         file.attrs["risk"] = file.attrs["risk"].replace('"falls": ', '"falls": -1')
     with pytest.raises(PlanFileError, match="no promise"):

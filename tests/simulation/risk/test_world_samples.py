@@ -13,7 +13,7 @@ from short_climb import SHORT_CLIMB
 
 from climbplan.api.making import run_planner
 from climbplan.api.recounting import recount_worlds, require_climb
-from climbplan.climb.check.verification import verification_of, verify
+from climbplan.climb.check.verification import verify_plan, verify
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.plan.world_sample import WorldSample, wilson_interval
@@ -47,11 +47,11 @@ def test_wilson_intervals() -> None:
 
 def test_falls_in_more_than_one_world_of_twenty_make_a_plan_fragile(planned: Planned) -> None:
     plan = planned()
-    good = verification_of(replace(plan, sample=sample(5)))
+    good = verify_plan(replace(plan, sample=sample(5)))
     assert good.risk_summary == "stands in 95 of 100 worlds"
-    assert good.fragile == verification_of(plan).fragile
+    assert good.fragile == verify_plan(plan).fragile
     assert {c.name for c in good.checks if c.judged} >= {"robust.worlds"}
-    bad = verification_of(replace(plan, sample=sample(37)))
+    bad = verify_plan(replace(plan, sample=sample(37)))
     assert bad.passed
     assert bad.level == "look"
     (words,) = set(bad.fragile) - set(good.fragile)
@@ -61,7 +61,7 @@ def test_falls_in_more_than_one_world_of_twenty_make_a_plan_fragile(planned: Pla
 
 def test_an_interval_that_is_not_that_of_the_counts_fails(planned: Planned) -> None:
     told = replace(sample(37), lower=0.95)
-    found = verification_of(replace(planned(), sample=told))
+    found = verify_plan(replace(planned(), sample=told))
     assert [check.name for check in found.failed] == ["robust.worlds"]
 
 

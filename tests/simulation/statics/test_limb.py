@@ -66,9 +66,9 @@ def work(joints: int = 3) -> Workspace:
 def held(place: Array, soft: float, start: Array) -> tuple[Array, Array]:
     """Force and slope of a toe at a place."""
     springs = JointSprings(
-        command=COMMAND[None].copy(), weight=np.zeros((1, 3)), stiffness=np.full((1, 3), STIFF),
-        half=np.zeros((1, 3)), loose=np.full((1, 3), STIFF), volume=np.zeros(1),
-        soft=np.array([soft]),
+        command=COMMAND[None].copy(), gravity_torque=np.zeros((1, 3)), stiffness=np.full((1, 3), STIFF),
+        half_backlash=np.zeros((1, 3)), backlash_stiffness=np.full((1, 3), STIFF), jacobian_volume=np.zeros(1),
+        toe_compliance=np.array([soft]),
     )  # fmt: skip
     force, slope, angles = np.zeros(3), np.zeros((3, 3)), start.copy()
     assert hold(limb(), place, springs, angles, force, slope, work())
@@ -124,9 +124,9 @@ def long_springs(soft: float = 0.0) -> JointSprings:
     command = np.array([[0.1, 0.5, -0.2, -0.9, 0.3]])
     weight = np.array([[0.0, 0.4, 0.1, 0.2, 0.0]])
     return JointSprings(
-        command=command, weight=weight, stiffness=np.full(shape, STIFF),
-        half=np.full(shape, 0.002), loose=np.full(shape, 0.2 * STIFF), volume=np.zeros(1),
-        soft=np.array([soft]),
+        command=command, gravity_torque=weight, stiffness=np.full(shape, STIFF),
+        half_backlash=np.full(shape, 0.002), backlash_stiffness=np.full(shape, 0.2 * STIFF), jacobian_volume=np.zeros(1),
+        toe_compliance=np.array([soft]),
     )  # fmt: skip
 
 

@@ -109,7 +109,7 @@ def test_a_certificate_that_may_take_no_time_tells_what_leaves_have(
     assert check(instance, tree.certificate).bound == pytest.approx(found.bound, rel=1e-5)
     assert again
     again.clear()
-    whole = method.certificate_of
+    whole = method.certify_search
     monkeypatch.setattr(method, "certify_search", lambda *given: whole(*given[:-1], 0.0))
     late = WarmStartedTree(1e-6, 1e-6, proves=True)
     late.solve(instance, 60.0, nodes=8)

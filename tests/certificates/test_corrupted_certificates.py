@@ -20,7 +20,7 @@ def _without_a_leaf(c: Certificate, rng: np.random.Generator) -> Certificate:
     return replace(
         c,
         split=np.delete(c.split, node),
-        split_value=np.delete(c.at, node),
+        at=np.delete(c.at, node),
         point=c.point[kept],
         multiplier=c.multiplier[kept],
         ball=c.ball[kept],
@@ -38,7 +38,7 @@ def _joined_leaves(c: Certificate, rng: np.random.Generator) -> Certificate:
     return replace(
         c,
         split=np.delete(c.split, [node, node + 1]),
-        split_value=np.delete(c.at, [node, node + 1]),
+        at=np.delete(c.at, [node, node + 1]),
         point=c.point[kept],
         multiplier=c.multiplier[kept],
         ball=c.ball[kept],
@@ -49,7 +49,7 @@ def _joined_leaves(c: Certificate, rng: np.random.Generator) -> Certificate:
 def _moved_split(c: Certificate, rng: np.random.Generator) -> Certificate:
     at, node = c.at.copy(), rng.choice(np.flatnonzero(c.split >= 0))
     at[node] += rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 3.0)
-    return replace(c, split_value=at)
+    return replace(c, at=at)
 
 
 def _other_variable(c: Certificate, rng: np.random.Generator) -> Certificate:

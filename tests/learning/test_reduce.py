@@ -92,7 +92,7 @@ def test_binaries_are_the_logarithm_of_what_occurs(library: Library) -> None:
     ways = len(np.unique(library.points[rows][:, 2:], axis=0))
     expected += int(np.ceil(np.log2(ways)))
     assert reduction.binary_count == expected
-    program = reduction.form(PROGRAM.instantiate({"goal": np.zeros(2)})).at(
+    program = reduction.build_form(PROGRAM.instantiate({"goal": np.zeros(2)})).build(
         PROGRAM.instantiate({"goal": np.ones(2)})
     )
     assert int(program.instance.integer.sum()) == expected
@@ -107,8 +107,8 @@ def test_reduced_program_bounds_the_best_of_its_cluster(library: Library, solver
     form = None
     for row in rows[:4]:
         instance = PROGRAM.instantiate({"goal": library.features[row]})
-        form = form or reduction.form(instance)
-        program = form.at(instance)
+        form = form or reduction.build_form(instance)
+        program = form.build(instance)
         found = solve(program.instance, solver, gap=1e-4, time_limit=20.0)
         assert found.x is not None
         assert tuple(np.round(found.x[2:4])) in ways
@@ -143,11 +143,13 @@ def test_pieces_shrink_to_the_solutions_in_them(library: Library) -> None:
 def test_other_strategies_of_the_cluster_follow_its_program(library: Library) -> None:
     instance = PROGRAM.instantiate({"goal": library.features[0]})
     options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
-    ranking = fit_strategy(library, options, select_solution_columns(instance)).clusters()
+    ranking = fit_strategy(
+        library, options, select_solution_columns(instance)
+    ).create_cluster_ranking()
     goal = library.features[0]
-    cluster = int(ranking.ranked(goal, 1)[0])
-    nearest = ranking.strategies(goal, cluster)
-    members = ranking.members(cluster)
+    cluster = int(ranking.rank(goal, 1)[0])
+    nearest = ranking.list_strategies(goal, cluster)
+    members = ranking.list_members(cluster)
     assert len(nearest) == len(np.unique(library.strategy[members]))
     distance = np.linalg.norm((library.features[nearest] - goal) / ranking.scale, axis=1)
     assert (np.diff(distance) >= 0).all()
@@ -171,14 +173,16 @@ def test_a_cluster_whose_program_has_no_point_still_offers_its_strategies(
 ) -> None:
     options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
     instance = PROGRAM.instantiate({"goal": library.features[0]})
-    ranking = fit_strategy(library, options, select_solution_columns(instance)).clusters()
+    ranking = fit_strategy(
+        library, options, select_solution_columns(instance)
+    ).create_cluster_ranking()
     nowhere = replace(instance, lower=np.where(instance.integer, instance.lower, 3.9))
     solves: list[ClusterSolve] = []
     programs = ReducedPrograms(ranking, PARTITIONS, report=solves.append)
     found = list(programs.candidates(nowhere, library.features[0], 1))
     assert solves[0].status == "infeasible"
-    cluster = int(ranking.ranked(library.features[0], 1)[0])
-    assert [c.row for c in found] == list(ranking.strategies(library.features[0], cluster))
+    cluster = int(ranking.rank(library.features[0], 1)[0])
+    assert [c.row for c in found] == list(ranking.list_strategies(library.features[0], cluster))
 
 
 def test_integers_of_other_clusters_are_out_of_reach(library: Library) -> None:
@@ -186,7 +190,7 @@ def test_integers_of_other_clusters_are_out_of_reach(library: Library) -> None:
     other = library.features[np.flatnonzero(library.features[:, 0] < 1)[0]]
     reduction = _reduction(library, rows)
     instance = PROGRAM.instantiate({"goal": other})
-    found = solve(reduction.form(instance).at(instance).instance, "highs", gap=1e-3)
+    found = solve(reduction.build_form(instance).build(instance).instance, "highs", gap=1e-3)
     assert found.x is not None
     assert found.x[0] >= min(p[0] for p in library.points[rows]) - 1.0
     assert tuple(np.round(found.x[2:4])) in [tuple(v) for v in reduction.values]
@@ -196,7 +200,7 @@ def test_online_the_likeliest_cluster_is_solved_and_made_exact(library: Library)
     instance = PROGRAM.instantiate({"goal": library.features[0]})
     options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
     model = fit_strategy(library, options, select_solution_columns(instance))
-    ranking = model.clusters()
+    ranking = model.create_cluster_ranking()
     assert ranking.count >= 2
     solves: list[ClusterSolve] = []
     programs = ReducedPrograms(ranking, PARTITIONS, gap=1e-4, report=solves.append)
@@ -216,7 +220,9 @@ def test_online_the_likeliest_cluster_is_solved_and_made_exact(library: Library)
 def test_further_clusters_only_until_done(library: Library) -> None:
     instance = PROGRAM.instantiate({"goal": library.features[0]})
     options = FitOptions(kind="reduce", cluster_trees=20, clusters=ClusterOptions(least=5))
-    ranking = fit_strategy(library, options, select_solution_columns(instance)).clusters()
+    ranking = fit_strategy(
+        library, options, select_solution_columns(instance)
+    ).create_cluster_ranking()
     for done, expected in ((True, 1), (False, 2)):
         solves: list[ClusterSolve] = []
         programs = ReducedPrograms(ranking, PARTITIONS, report=solves.append)
@@ -229,7 +235,7 @@ def test_an_unknown_solver_is_refused(library: Library) -> None:
     columns = select_solution_columns(PROGRAM.instantiate({"goal": np.ones(2)}))
     model = fit_strategy(library, FitOptions(kind="reduce", cluster_trees=5), columns)
     with pytest.raises(UsageError, match="no solver 'daqp'"):
-        ReducedPrograms(model.clusters(), PARTITIONS, solver="daqp")
+        ReducedPrograms(model.create_cluster_ranking(), PARTITIONS, solver="daqp")
 
 
 def _blobs() -> np.ndarray:

@@ -101,9 +101,9 @@ def test_right_integers_come_early(kind: ModelKind) -> None:
     test = made_up(60, seed=9)
     found = evaluate(_fit(kind), test, np.arange(60) < 20)
     chance = evaluate(_fit(kind, _shuffled()), test, np.zeros(60, bool))
-    assert found.within(5) >= 0.8
-    assert found.within(5) > chance.within(5) + 0.1
-    assert found.within(1) <= found.within(5) <= found.within(50)
+    assert found.compute_recall(5) >= 0.8
+    assert found.compute_recall(5) > chance.compute_recall(5) + 0.1
+    assert found.compute_recall(1) <= found.compute_recall(5) <= found.compute_recall(50)
     assert found.as_dict()["hard_problems"] == 20
 
 
@@ -135,7 +135,7 @@ def test_candidates_start_at_the_nearest_problem_of_each_strategy() -> None:
 
 @pytest.mark.parametrize("kind", MODEL_KINDS)
 def test_features_that_do_not_fit_are_refused(kind: ModelKind) -> None:
-    strategy = _fit(kind).strategy()
+    strategy = _fit(kind).create_strategy()
     for wrong in (np.zeros(2), np.array([0.0, np.nan, 0.0])):
         with pytest.raises(UsageError, match="3 finite features expected"):
             strategy.candidates(wrong, 3)
@@ -160,7 +160,7 @@ def test_split_keeps_groups_together() -> None:
 
 def test_calibration_counts_every_problem_once() -> None:
     found = evaluate(_fit("forest"), made_up(60, seed=9), np.zeros(60, bool))
-    bins = found.calibration()
+    bins = found.compute_calibration()
     assert sum(entry["problems"] for entry in bins) == 60
     assert all(0 <= entry["observed"] <= 1 for entry in bins)
 

@@ -33,7 +33,7 @@ def test_exact_forms_agree_with_enumeration_and_scip(seed: int) -> None:
         assert result.x is not None
         assert result.objective == pytest.approx(best.objective, abs=1e-6)
         x = changed.invert(result.x)
-        assert instance.violation(x, changed.alternatives(result.x)) < 1e-6
+        assert instance.violation(x, changed.decode_alternatives(result.x)) < 1e-6
     scip = solve_minlp_scip(instance)
     assert scip.objective == pytest.approx(best.objective, abs=1e-6)
     assert scip.bound <= best.objective + 1e-5 * max(1.0, abs(best.objective))

@@ -147,15 +147,15 @@ def test_disconnected_pieces_exclude_the_gap() -> None:
         result = solved(form)
         assert result.x is not None
         assert result.x[0] == pytest.approx(0.3, abs=1e-6)
-        assert form.pieces(result.x)[0] == 0
+        assert form.find_pieces(result.x)[0] == 0
 
 
 def test_three_pieces_have_three_codes() -> None:
     np.testing.assert_array_equal(build_code(3), [[0, 0], [1, 0], [0, 1]])
     assert build_code(1).shape == (1, 0)
     counts = [Partition(np.array([0]), np.zeros((n, 1)), np.ones((n, 1))) for n in (1, 2, 3, 8, 9)]
-    assert [c.binary_count("log2") for c in counts] == [0, 1, 2, 3, 4]
-    assert [c.binary_count("unary") for c in counts] == [0, 2, 3, 8, 9]
+    assert [c.count_binaries("log2") for c in counts] == [0, 1, 2, 3, 4]
+    assert [c.count_binaries("unary") for c in counts] == [0, 2, 3, 8, 9]
     # Every integral point of the relaxation is one of the three pieces: the fourth code is empty.
     p = Program("three")
     x = p.continuous("x", (1,), 0.0, 3.0)
@@ -213,8 +213,8 @@ def test_published_count_of_binaries() -> None:
 def nearest(
     instance: Instance, form: EnvelopedInstance, x: Array
 ) -> tuple[SolverResult, SolverResult]:
-    chosen = form.pieces(x)
-    lifted = PinnedForm.of(form.instance).at(form.integers(x, chosen), compact=True)
+    chosen = form.find_pieces(x)
+    lifted = PinnedForm.of(form.instance).at(form.build_integers(x, chosen), compact=True)
     mccormick = McCormick(form.partitions, "log2")
     local = LocalMcCormick.of_pieces(instance, mccormick, chosen).apply(instance).instance
     small = PinnedForm.of(local).at(np.pad(x, (0, local.size - len(x))), compact=True)

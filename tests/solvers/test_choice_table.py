@@ -123,7 +123,7 @@ def test_vertices_that_do_not_fit_are_not_trusted() -> None:
     wrong = Polytope(
         "wrong", box, np.ones(4), np.zeros((0, 2)), np.zeros(0), np.array([[5.0, 5.0]])
     )
-    assert not ChoiceTable.build((wrong,)).bounded
+    assert not ChoiceTable.build((wrong,)).is_bounded
 
 
 def test_empty_alternatives_are_known() -> None:
@@ -131,4 +131,4 @@ def test_empty_alternatives_are_known() -> None:
     none = Polytope.halfspaces("none", box, np.array([-1.0, -1.0]))
     never = Polytope.halfspaces("never", np.zeros((1, 1)), np.array([-1.0]))
     some = Polytope.halfspaces("some", box, np.array([1.0, 1.0]))
-    assert ChoiceTable.build((none, some, never)).empty.tolist() == [True, False, True]
+    assert ChoiceTable.build((none, some, never)).is_empty.tolist() == [True, False, True]

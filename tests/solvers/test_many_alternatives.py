@@ -67,7 +67,7 @@ def test_the_same_optimum_as_among_few(seed: int, monkeypatch: pytest.MonkeyPatc
     ).instantiate()
     few = solve_branch_and_bound(instance, gap=1e-6)
     as_if_many(monkeypatch)
-    assert not build_normal_form(instance).tables[0].complete
+    assert not build_normal_form(instance).tables[0].is_complete
     many = solve_branch_and_bound(instance, gap=1e-6)
     assert many.status == few.status
     assert many.objective == pytest.approx(few.objective, rel=3e-6)
@@ -91,7 +91,7 @@ def test_points_are_held_against_all_that_an_alternative_states(
 def test_sectors_divide_the_set_and_leave_the_point_out(seed: int) -> None:
     rng = np.random.default_rng(seed)
     table = ChoiceTable.build(stones(seed, 100))
-    assert not table.listed
+    assert not table.has_listed_divisions
     members = rng.choice(100, int(rng.integers(2, 90)), replace=False)
     mask = sum(1 << int(r) for r in members)
     y = table.directions @ (frame_of(0.2, 0.7)[:, :2] @ rng.uniform(-1.5, 1.5, 2))
@@ -118,7 +118,7 @@ def test_alternatives_that_all_enclose_the_point_are_halved() -> None:
         for k in range(80)
     )
     table = ChoiceTable.build(ring)
-    splits = split_by_sectors(table, table.everything, np.zeros(len(table.directions)))
+    splits = split_by_sectors(table, table.all_alternatives, np.zeros(len(table.directions)))
     assert len(splits.children) == 2
     assert [c.bit_count() for c in splits.children] == [40, 40]
 
@@ -149,7 +149,7 @@ def test_a_time_limit_is_kept_from_the_first_step_on(limit: float) -> None:
 def test_open_nodes_are_bounded_by_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
     instance = walking(60, rounds=4, reach=0.1)
     pool = RowPool(build_normal_form(instance))
-    monkeypatch.setattr(tree_search, "MEMORY", pool.bytes + 20e3)
+    monkeypatch.setattr(tree_search, "MEMORY", pool.num_bytes + 20e3)
     found = solve_branch_and_bound(instance, gap=0.0, time_limit=60.0)
     assert found.status in ("feasible", "limit")
     assert any("fill" in line for line in found.log)

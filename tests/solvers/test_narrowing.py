@@ -26,7 +26,7 @@ def test_its_bound_is_that_of_its_certificate_and_within_the_gap(seed: int) -> N
     search = BranchAndReduce(instance, GAP, cost, _no_look)
     search.run(np.inf, 2000)
     assert search.is_finished
-    bound = check(instance, search.certificate()).bound
+    bound = check(instance, search.build_certificate()).bound
     if best.objective is None:
         assert search.bound == bound == np.inf
         return
@@ -43,7 +43,7 @@ def test_a_limit_of_nodes_leaves_a_valid_bound() -> None:
     search.run(np.inf, 12)
     assert search.num_nodes == 12
     assert not search.is_finished
-    bound = check(instance, search.certificate()).bound
+    bound = check(instance, search.build_certificate()).bound
     assert -np.inf < search.bound <= best
     # Open nodes are narrowed once more by the checker, which can only prove more of them
     assert search.bound - 1e-9 * abs(search.bound) <= bound <= best + 1e-5 * abs(best)

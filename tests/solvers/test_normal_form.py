@@ -60,7 +60,7 @@ def test_limbs_and_body_are_parts_that_only_balls_couple() -> None:
     for label, group in zip(("reach", "toe_step"), (2, 0), strict=True):
         count = instance.balls[group].count
         first = sum(b.count for b in instance.balls[:group])
-        parts = form.balls.part[first : first + count]
+        parts = form.balls.component[first : first + count]
         assert (parts < 0).all() == (label == "reach")
 
 
@@ -129,7 +129,7 @@ def test_dual_values_are_below_the_optimum_for_any_multipliers() -> None:
             continue
         relaxation = Relaxation(form)
         rng = np.random.default_rng(seed)
-        lower, upper = relaxation.bounds(form.root)
+        lower, upper = relaxation.compute_bounds(form.root_masks)
         for _ in range(20):
             rows = np.flatnonzero(rng.random(len(lower)) < 0.4)
             multiplier = np.abs(rng.normal(size=len(rows)))
@@ -137,5 +137,5 @@ def test_dual_values_are_below_the_optimum_for_any_multipliers() -> None:
             multiplier[at_lower] *= -1.0
             open_side = (at_lower & (lower[rows] <= -1e30)) | (~at_lower & (upper[rows] >= 1e30))
             rows, multiplier = rows[~open_side], multiplier[~open_side]
-            value = relaxation.dual_value(rows, multiplier, lower, upper)
+            value = relaxation.compute_dual_value(rows, multiplier, lower, upper)
             assert value <= result.objective + 1e-7

@@ -24,14 +24,14 @@ def relaxed(relaxation: Relaxation) -> RelaxationPoint | None:
     """The root relaxation with a few rounds of ball cuts."""
     form, point = relaxation.form, relaxation.start()
     for _ in range(6):
-        bounds = relaxation.bounds(form.root)
+        bounds = relaxation.compute_bounds(form.root_masks)
         solved = relaxation.solve(*bounds, point)
         if isinstance(solved, ClosedRelaxation):
             return None
         point = solved
         if relaxation.cut_balls(point.z, 1e-7).count == 0:
             break
-    bounds = relaxation.bounds(form.root)
+    bounds = relaxation.compute_bounds(form.root_masks)
     solved = relaxation.solve(*bounds, point)
     return None if isinstance(solved, ClosedRelaxation) else solved
 
@@ -54,7 +54,7 @@ def test_gains_never_promise_more_than_a_child_relaxation_reaches(instance: obje
     point = relaxed(relaxation)
     if point is None:
         return
-    lower, upper = relaxation.bounds(form.root)
+    lower, upper = relaxation.compute_bounds(form.root_masks)
     rows, active = form.rows[form.choice_rows], point.active
     fixed = upper[active] - lower[active] <= 0.0
     rates = compute_dual_steps(
@@ -65,7 +65,7 @@ def test_gains_never_promise_more_than_a_child_relaxation_reaches(instance: obje
     for c, r in zip(*np.nonzero(form.allowed), strict=True):
         allowed = form.allowed.copy()
         allowed[c] = np.arange(allowed.shape[1]) == r
-        child = relaxation.solve(*relaxation.bounds(form.encode_masks(allowed)), point)
+        child = relaxation.solve(*relaxation.compute_bounds(form.encode_masks(allowed)), point)
         assert gains[c, r] >= 0.0
         assert point.bound + gains[c, r] <= child.bound + 1e-7 * max(1.0, abs(child.bound))
 
@@ -77,7 +77,7 @@ def test_some_gains_are_worth_having(seed: int) -> None:
     relaxation = Relaxation(form)
     point = relaxed(relaxation)
     assert point is not None
-    lower, upper = relaxation.bounds(form.root)
+    lower, upper = relaxation.compute_bounds(form.root_masks)
     active = point.active
     rows = form.rows[form.choice_rows]
     fixed = upper[active] - lower[active] <= 0.0
@@ -87,9 +87,11 @@ def test_some_gains_are_worth_having(seed: int) -> None:
     gains = compute_alternative_gains(form, rows @ point.z, rates, np.ones(len(form.tables), bool))
     assert gains.max() > 0.0
     off = compute_violations(form, point.z, rows @ point.z, form.allowed)
-    split = select_split(form, rows @ point.z, rates, form.root, np.flatnonzero(off.min(1) > 1e-7))
+    split = select_split(
+        form, rows @ point.z, rates, form.root_masks, np.flatnonzero(off.min(1) > 1e-7)
+    )
     assert len(split.children) >= 2
-    assert sum(split.children) == form.tables[split.choice].mask(form.allowed[split.choice])
+    assert sum(split.children) == form.tables[split.choice].encode_mask(form.allowed[split.choice])
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -102,16 +104,16 @@ def test_minima_of_parts_add_up_to_a_bound(seed: int, blocked: bool) -> None:
     relaxation = Relaxation(form)
     point = relaxed(relaxation)
     assert point is not None
-    all_lower, all_upper = relaxation.bounds(form.root)
+    all_lower, all_upper = relaxation.compute_bounds(form.root_masks)
     bound = point.bound
     for block in build_component_problems(form, relaxation.pool):
-        base = block.relaxed(point, all_lower, all_upper)
-        price = block.price(point)
-        exact = block.minimum(price, form.root, 0.0, 10_000, np.inf)
-        early = block.minimum(price, form.root, 0.0, 1, np.inf)
+        base = block.compute_relaxed_value(point, all_lower, all_upper)
+        price = block.compute_price(point)
+        exact = block.minimise(price, form.root_masks, 0.0, 10_000, np.inf)
+        early = block.minimise(price, form.root_masks, 0.0, 1, np.inf)
         assert exact.bound >= base - 1e-9
         assert early.bound <= exact.bound + 1e-9
-        hinted = block.minimum(price, form.root, 0.0, 10_000, np.inf, exact.assignment)
+        hinted = block.minimise(price, form.root_masks, 0.0, 10_000, np.inf, exact.assignment)
         assert hinted.bound == pytest.approx(exact.bound, abs=1e-8)
         bound += exact.bound - base
     assert bound <= optimum * (1 + 1e-5) + 1e-9

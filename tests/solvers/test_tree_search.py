@@ -42,7 +42,7 @@ def searching(instance: Instance) -> tuple[TreeSearch, Node]:
     form = build_normal_form(instance)
     search = TreeSearch(instance, form, 1e-6, np.inf, 1e-7)
     root = search.create_root()
-    point = search._cut_rounds(root, 10, 1e-6, stop_early=False)
+    point = search._relax_with_cuts(root, 10, 1e-6, stop_early=False)
     assert point is not None
     return search, replace(root, start=point, bound=point.bound)
 
@@ -61,12 +61,12 @@ def test_excluded_alternatives_hold_no_better_plan(seed: int) -> None:
         objective = found.objective * share
         search.incumbents.best = FeasiblePoint(found.x, found.assignment, objective)
         cutoff = search.incumbents.cutoff
-        bounds = search.relaxation.bounds(root.masks)
-        _, gains = search._block_gains(root, root.start, *bounds, is_root=True)
-        rates = search._rates(root.start, *bounds)
-        value = search._choice_values(root.start)
+        bounds = search.relaxation.compute_bounds(root.masks)
+        _, gains = search._compute_component_gains(root, root.start, *bounds, is_root=True)
+        rates = search._compute_rates(root.start, *bounds)
+        value = search._compute_choice_values(root.start)
         before = search.form.allowed
-        allowed = search._excluded(root, before, root.start, value, rates, gains)
+        allowed = search._exclude_alternatives(root, before, root.start, value, rates, gains)
         for choice, alternative in zip(*np.nonzero(before & ~allowed), strict=True):
             only = np.arange(allowed.shape[1]) == alternative
             assert best_with(instance, int(choice), only) >= cutoff * (1 - 1e-6)
@@ -82,12 +82,12 @@ def test_something_is_excluded() -> None:
         assert found.objective is not None
         search, root = searching(instance)
         search.incumbents.best = FeasiblePoint(found.x, found.assignment, found.objective)
-        bounds = search.relaxation.bounds(root.masks)
-        _, gains = search._block_gains(root, root.start, *bounds, is_root=True)
-        rates = search._rates(root.start, *bounds)
-        value = search._choice_values(root.start)
+        bounds = search.relaxation.compute_bounds(root.masks)
+        _, gains = search._compute_component_gains(root, root.start, *bounds, is_root=True)
+        rates = search._compute_rates(root.start, *bounds)
+        value = search._compute_choice_values(root.start)
         before = search.form.allowed
-        allowed = search._excluded(root, before, root.start, value, rates, gains)
+        allowed = search._exclude_alternatives(root, before, root.start, value, rates, gains)
         count += int((before & ~allowed).sum())
     assert count >= 12
 
@@ -126,7 +126,7 @@ def test_what_is_left_and_closed_bounds_the_optimum(seed: int) -> None:
             break
         node = search._dive.pop() if search._dive else search._open.pop(0)[2]
         if node.bound >= search.incumbents.cutoff:
-            search.closed = min(search.closed, node.bound)
+            search.closed_bound = min(search.closed_bound, node.bound)
             continue
         search._process(node)
         search.incumbents.best = far
@@ -142,7 +142,7 @@ def test_a_relaxation_at_the_cutoff_closes_its_node_with_a_bound(seed: int) -> N
     search, root = searching(instance)
     start = replace(root, start=search.relaxation.start())
     search.incumbents.best = FeasiblePoint(found.x, found.assignment, root.bound * 0.9)
-    assert np.isinf(search.closed)
-    assert search._cut_rounds(start, 10, 1e-6, stop_early=False) is None
-    assert search.incumbents.cutoff <= search.closed <= found.objective * (1 + 1e-9)
+    assert np.isinf(search.closed_bound)
+    assert search._relax_with_cuts(start, 10, 1e-6, stop_early=False) is None
+    assert search.incumbents.cutoff <= search.closed_bound <= found.objective * (1 + 1e-9)
     assert not search.proves_infeasible

@@ -22,7 +22,7 @@ def over(room: float) -> np.ndarray:
 def scene(lift: float) -> Any:
     box = trimesh.creation.box(bounds=[[-0.1, -0.1, 0.0], [0.1, 0.1, TOP]])
     scan = RawSurface(np.array(box.vertices), np.array(box.faces, np.int64), 0.005, 0.01)
-    spec = SimpleNamespace(trajectory=SimpleNamespace(lift=lift))
+    spec = SimpleNamespace(trajectory=SimpleNamespace(swing_clearance=lift))
     robot = SimpleNamespace(foot=None)
     return cast("Any", SimpleNamespace(terrain=SimpleNamespace(scan=scan), spec=spec, robot=robot))
 

@@ -88,7 +88,7 @@ def linear_oracle(tables: SearchTables, stance: IntArray, pose: int) -> bool:
             least.append(0.0)
         for joint in range(3):
             torque = st.jacobian[0, i, :, joint]
-            limit = st.max_torque[i, joint] / st.least_safety_torque
+            limit = st.max_torque[i, joint] / st.min_safety_torque
             block += [torque, -torque]
             least += [limit, limit]
         wide = np.zeros((len(block), 3 * len(limbs)))

@@ -41,7 +41,7 @@ def planned(monkeypatch: pytest.MonkeyPatch, seconds: float) -> list[float]:
     """Limits of all runs of a walk that is not found, each of which takes 0.2 s."""
     solver = Solver(0.2, [])
     monkeypatch.setattr(planner, "solve_task", solver)
-    monkeypatch.setattr(planner, "too_fast", lambda task, solve: solve(task).word)
+    monkeypatch.setattr(planner, "explain_slow_joints", lambda task, solve: solve(task).word)
     with pytest.raises(LimitReached):
         planner.plan_walk(load_mpc(SPEC, [f"solver.time_limit={seconds}"]))
     return solver.limits

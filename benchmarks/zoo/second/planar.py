@@ -26,7 +26,7 @@ def short_limbs(urdf: Path, seed: int) -> str:
     model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
     data, rng = model.createData(), np.random.default_rng(seed)
     ranks: dict[str, int] = {}
-    for end in find_limbs(tree, base).short:
+    for end in find_limbs(tree, base).too_short:
         joints = [joint.name for joint in tree.way_to(end, base) or [] if joint.turns]
         columns = [model.idx_vs[model.getJointId(name)] for name in joints]
         moved = model.frames[int(model.getFrameId(end, pin.FrameType.BODY))].parentJoint

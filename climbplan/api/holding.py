@@ -1,4 +1,4 @@
-"""The user's own spec for `climbplan verify PLAN --spec SPEC`, beside the one in the plan."""
+"""Verify a plan against the user's own spec: `climbplan verify PLAN --spec SPEC`."""
 
 from __future__ import annotations
 
@@ -12,50 +12,58 @@ if TYPE_CHECKING:
     from climbplan.schema.holding import HeldSpec
 
 
-def held_against_own(path: Path, spec: str, assignments: Sequence[str] | None) -> HeldSpec:
-    """The spec that a plan file is to be held against; paths in it start from its folder.
+def load_spec_to_verify(path: Path, spec: str, assignments: Sequence[str] | None) -> HeldSpec:
+    """Load the spec that a plan file is verified against; its relative paths start from its folder.
 
     Raises:
-        UsageError: files of this kind are not made for one spec, or the spec is of another kind.
-        SpecError: every mistake in the spec.
+        UsageError: files of this kind are not made from one spec, or the spec is of another kind.
+        SpecError: the spec has mistakes; all of them are listed.
     """
     from climbplan.schema.loading import load_spec
 
-    require_holdable(path, "--spec")
-    return held_against(path, load_spec(spec, list(assignments or ())), f"--spec {spec}")
+    require_verifiable(path, "--spec")
+    return match_spec_to_plan(path, load_spec(spec, list(assignments or ())), f"--spec {spec}")
 
 
-def require_holdable(path: Path, shown: str) -> str:
-    """The kind of a plan file; raises UsageError for files that are not made for one spec."""
+def require_verifiable(path: Path, option: str) -> str:
+    """Return the kind of a plan file; raises UsageError for files not made from one spec."""
     from climbplan.schema.holding import RULES
     from climbplan.store.plan_format import plan_format
 
     kind = plan_format(path).partition("/")[2]
     if kind not in RULES:
-        raise UsageError(f"{path}: a {kind}, which {shown} cannot be held against; plans can")
+        raise UsageError(
+            f"{path}: a {kind}, which cannot be verified against {option}; expected a plan"
+        )
     return kind
 
 
-def held_against(path: Path, loaded: object, shown: str) -> HeldSpec:
-    """A loaded spec as a plan file is held against it; shown: the spec's name in messages.
+def match_spec_to_plan(path: Path, loaded: object, option: str) -> HeldSpec:
+    """Compare a loaded spec with the spec stored in a plan file.
 
-    Raises UsageError where the plan is of another kind than the spec.
+    Args:
+        path: the plan file.
+        loaded: the user's spec.
+        option: how the user gave the spec, for messages.
+
+    Raises:
+        UsageError: the plan is of another kind than the spec.
     """
-    from climbplan.climb.scene.climb_scene import on_scan
+    from climbplan.climb.scene.climb_scene import apply_scan
     from climbplan.climb.schema.loading import LoadedClimb
     from climbplan.climb.schema.transition_loading import LoadedTransition
-    from climbplan.schema.holding import held_spec
+    from climbplan.schema.holding import compare_specs
     from climbplan.schema.loaded import LoadedSpec
     from climbplan.store.spec_text import stored_spec_text
 
-    kind = require_holdable(path, shown)
-    own = str(vars(vars(loaded).get("spec", loaded))["kind"])
-    if own != kind or not isinstance(loaded, LoadedSpec):
-        raise UsageError(f"{shown}: a spec of kind `{own}`, and {path} is a `{kind}` plan")
+    kind = require_verifiable(path, option)
+    spec_kind = str(vars(vars(loaded).get("spec", loaded))["kind"])
+    if spec_kind != kind or not isinstance(loaded, LoadedSpec):
+        raise UsageError(f"{option}: a spec of kind `{spec_kind}`, and {path} is a `{kind}` plan")
     if isinstance(loaded, LoadedClimb):
-        from climbplan.climb.planner.chaining import started
+        from climbplan.climb.planner.start_from_plan import resolve_start_plan
 
-        loaded = on_scan(started(loaded))
+        loaded = apply_scan(resolve_start_plan(loaded))
     elif isinstance(loaded, LoadedTransition):
-        loaded = on_scan(loaded)
-    return held_spec(loaded, vars(loaded)["spec"], stored_spec_text(path))
+        loaded = apply_scan(loaded)
+    return compare_specs(loaded, vars(loaded)["spec"], stored_spec_text(path))

@@ -12,7 +12,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Part:
+class Dependency:
     """A library or program that climbplan uses."""
 
     name: str
@@ -25,36 +25,36 @@ class Part:
 
 
 PARTS = (
-    Part("trimesh", "trimesh", "trimesh", "meshes and clouds of `terrain.scan`"),
-    Part("shapely", "shapely", "shapely", "contact regions of scans"),
-    Part("Pillow", "pillow", "PIL", "pictures, height maps as PNG"),
-    Part("DAQP", "daqp", "daqp", "posture nodes, force problems (default)"),
-    Part("Clarabel", "clarabel", "clarabel", "force problems with exact cones"),
-    Part("OSQP", "osqp", "osqp", "force problems, the published choice"),
-    Part(
+    Dependency("trimesh", "trimesh", "trimesh", "meshes and clouds of `terrain.scan`"),
+    Dependency("shapely", "shapely", "shapely", "contact regions of scans"),
+    Dependency("Pillow", "pillow", "PIL", "pictures, height maps as PNG"),
+    Dependency("DAQP", "daqp", "daqp", "posture nodes, force problems (default)"),
+    Dependency("Clarabel", "clarabel", "clarabel", "force problems with exact cones"),
+    Dependency("OSQP", "osqp", "osqp", "force problems, the published choice"),
+    Dependency(
         "HiGHS",
         "highspy",
         "highspy",
         "mixed-integer linear form of stated programs",
         wrong_versions=(("1.14.0", "its presolve gives wrong answers"),),
     ),
-    Part("SCIP", "PySCIPOpt", "pyscipopt", "independent mixed-integer oracle (--solver scip)"),
-    Part("CasADi", "casadi", "casadi", "exact derivatives for --method nlp"),
-    Part("IPOPT", "", "casadi/libcasadi_nlpsol_ipopt", "--method nlp; comes with CasADi"),
-    Part("numpy", "numpy", "numpy", "arrays"),
-    Part("scipy", "scipy", "scipy", "sparse matrices, hulls"),
-    Part("h5py", "h5py", "h5py", "plan files"),
-    Part("pydantic", "pydantic", "pydantic", "specs"),
-    Part("PyYAML", "PyYAML", "yaml", "specs"),
-    Part("typer", "typer", "typer", "command line"),
-    Part("rich", "rich", "rich", "progress"),
-    Part("numba", "numba", "numba", "compiled search of the bookshelf"),
-    Part("scikit-learn", "scikit-learn", "sklearn", "training of strategies (fit-strategy)"),
-    Part("joblib", "joblib", "joblib", "parallel studies (--jobs)"),
-    Part("matplotlib", "matplotlib", "matplotlib", "figures"),
-    Part("plotly", "plotly", "plotly", "interactive report"),
-    Part("Jinja2", "jinja2", "jinja2", "pages of reports"),
-    Part(
+    Dependency("SCIP", "PySCIPOpt", "pyscipopt", "independent mixed-integer oracle (--solver scip)"),
+    Dependency("CasADi", "casadi", "casadi", "exact derivatives for --method nlp"),
+    Dependency("IPOPT", "", "casadi/libcasadi_nlpsol_ipopt", "--method nlp; comes with CasADi"),
+    Dependency("numpy", "numpy", "numpy", "arrays"),
+    Dependency("scipy", "scipy", "scipy", "sparse matrices, hulls"),
+    Dependency("h5py", "h5py", "h5py", "plan files"),
+    Dependency("pydantic", "pydantic", "pydantic", "specs"),
+    Dependency("PyYAML", "PyYAML", "yaml", "specs"),
+    Dependency("typer", "typer", "typer", "command line"),
+    Dependency("rich", "rich", "rich", "progress"),
+    Dependency("numba", "numba", "numba", "compiled search of the bookshelf"),
+    Dependency("scikit-learn", "scikit-learn", "sklearn", "training of strategies (fit-strategy)"),
+    Dependency("joblib", "joblib", "joblib", "parallel studies (--jobs)"),
+    Dependency("matplotlib", "matplotlib", "matplotlib", "figures"),
+    Dependency("plotly", "plotly", "plotly", "interactive report"),
+    Dependency("Jinja2", "jinja2", "jinja2", "pages of reports"),
+    Dependency(
         "Gurobi",
         "gurobipy",
         "gurobipy",
@@ -62,8 +62,8 @@ PARTS = (
         required=False,
         install="pip install 'climbplan[gurobi]'",
     ),
-    Part("Knitro", "knitro", "knitro", "no command of this version uses it", required=False),
-    Part(
+    Dependency("Knitro", "knitro", "knitro", "no command of this version uses it", required=False),
+    Dependency(
         "CVXPY",
         "cvxpy",
         "cvxpy",
@@ -71,7 +71,7 @@ PARTS = (
         required=False,
         install="pip install 'climbplan[bench]'",
     ),
-    Part(
+    Dependency(
         "Pinocchio",
         "pin",
         "pinocchio",
@@ -79,7 +79,7 @@ PARTS = (
         required=False,
         install="pip install 'climbplan[urdf]'",
     ),
-    Part(
+    Dependency(
         "fast-simplification",
         "fast-simplification",
         "fast_simplification",
@@ -87,7 +87,7 @@ PARTS = (
         required=False,
         install="pip install 'climbplan[urdf]'",
     ),
-    Part(
+    Dependency(
         "pymunk",
         "pymunk",
         "pymunk",
@@ -95,7 +95,7 @@ PARTS = (
         required=False,
         install="pip install 'climbplan[data]'",
     ),
-    Part(
+    Dependency(
         "Dask",
         "distributed",
         "distributed",
@@ -103,7 +103,7 @@ PARTS = (
         required=False,
         install="pip install 'climbplan[cluster]'",
     ),
-    Part(
+    Dependency(
         "pyarrow",
         "pyarrow",
         "pyarrow",
@@ -111,7 +111,7 @@ PARTS = (
         required=False,
         install="pip install 'climbplan[data]'",
     ),
-    Part(
+    Dependency(
         "MuJoCo",
         "mujoco",
         "mujoco",
@@ -119,7 +119,7 @@ PARTS = (
         required=False,
         install="pip install 'climbplan[simulate]'",
     ),
-    Part(
+    Dependency(
         "Drake",
         "drake",
         "pydrake",
@@ -127,7 +127,7 @@ PARTS = (
         required=False,
         install="pip install 'climbplan[drake]'",
     ),
-    Part(
+    Dependency(
         "rosbags",
         "rosbags",
         "rosbags",
@@ -135,7 +135,7 @@ PARTS = (
         required=False,
         install="pip install 'climbplan[ros]'",
     ),
-    Part(
+    Dependency(
         "OpenUSD",
         "usd-core",
         "pxr",
@@ -143,7 +143,7 @@ PARTS = (
         required=False,
         install="pip install 'climbplan[usd]'",
     ),
-    Part(
+    Dependency(
         "imageio-ffmpeg",
         "imageio-ffmpeg",
         "imageio_ffmpeg",
@@ -151,7 +151,7 @@ PARTS = (
         required=False,
         install="pip install 'climbplan[film]'",
     ),
-    Part(
+    Dependency(
         "viser",
         "viser",
         "viser",
@@ -159,7 +159,7 @@ PARTS = (
         required=False,
         install="pip install 'climbplan[view]'",
     ),
-    Part(
+    Dependency(
         "Chromium",
         "",
         "chromium chromium-browser google-chrome google-chrome-stable chrome",
@@ -171,7 +171,7 @@ PARTS = (
 
 
 @dataclass(frozen=True)
-class Finding:
+class DependencyState:
     """What is there of one part."""
 
     name: str
@@ -183,44 +183,44 @@ class Finding:
     advice: str  # what to do about it, "" if nothing
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return plain values for JSON."""
         return dataclasses.asdict(self)
 
 
-def examine() -> list[Finding]:
-    """Look for every part."""
-    return [_examine(part) for part in PARTS]
+def examine() -> list[DependencyState]:
+    """Look for every dependency."""
+    return [_examine(dependency) for dependency in PARTS]
 
 
-def _examine(part: Part) -> Finding:
-    found, number = _find(part)
-    fault = dict(part.wrong_versions).get(number or "")
+def _examine(dependency: Dependency) -> DependencyState:
+    is_installed, number = _find(dependency)
+    fault = dict(dependency.wrong_versions).get(number or "")
     if fault:
         state = "wrong version"
-        advice = f"{fault}; pip install '{part.package}!={number}'"
-    elif found:
+        advice = f"{fault}; pip install '{dependency.package}!={number}'"
+    elif is_installed:
         state, advice = "present", ""
     else:
-        state = "missing" if part.required else "missing, optional"
-        how = part.install or (
-            f"pip install {part.package}" if part.package else "reinstall CasADi"
+        state = "missing" if dependency.required else "missing, optional"
+        how = dependency.install or (
+            f"pip install {dependency.package}" if dependency.package else "reinstall CasADi"
         )
         advice = f"install with: {how}"
-    usable = found and not fault
-    return Finding(part.name, number, state, part.purpose, part.required, usable, advice)
+    usable = is_installed and not fault
+    return DependencyState(dependency.name, number, state, dependency.purpose, dependency.required, usable, advice)
 
 
-def _find(part: Part) -> tuple[bool, str | None]:
-    """Whether a part is there, and its version if that can be told without running it."""
-    if "/" in part.module:
-        module, stem = part.module.split("/")
+def _find(dependency: Dependency) -> tuple[bool, str | None]:
+    """Return whether a dependency is installed, and its version if known without running it."""
+    if "/" in dependency.module:
+        module, stem = dependency.module.split("/")
         spec = find_spec(module)
         places = (spec.submodule_search_locations or []) if spec is not None else []
         return any(list(Path(place).glob(f"{stem}*")) for place in places), None
-    if not part.package:
-        return any(shutil.which(name) for name in part.module.split()), None
+    if not dependency.package:
+        return any(shutil.which(name) for name in dependency.module.split()), None
     try:
-        number = version(part.package)
+        number = version(dependency.package)
     except PackageNotFoundError:
-        return find_spec(part.module) is not None, None
-    return find_spec(part.module) is not None, number
+        return find_spec(dependency.module) is not None, None
+    return find_spec(dependency.module) is not None, number

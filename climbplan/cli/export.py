@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Asked:
+class MotionOptions:
     """Options of motions as they were given."""
 
     rate: float | None = None
@@ -34,6 +34,7 @@ FormatName = Literal["csv", "npz", "mcap", "ros2", "jtc", "usd", "regulator"]
 
 def export(
     context: typer.Context,
+    *,
     plan: Annotated[
         Path | None,
         typer.Argument(metavar="PLAN", help="Plan file, or the output directory it is in."),
@@ -136,28 +137,28 @@ def export(
     stands a JSON file of frames, signs and gains. Exit code 5 if the plan fails its verification,
     unless --unverified is given.
     """
-    asked = Asked(rate, gains, feedforward, gravity, ramp)
+    options = MotionOptions(rate, gains, feedforward, gravity, ramp)
     if instances is not None:
-        told = asked != Asked() or unverified
-        if plan is not None or out is not None or format_ != "csv" or told:
+        has_motion_options = options != MotionOptions() or unverified
+        if plan is not None or out is not None or format_ != "csv" or has_motion_options:
             raise UsageError("--instances DIR: no plan and no option of motions goes with it")
-        print_result(str(_instances(context, instances, seed, count, force)))
+        print_result(str(_write_instances(context, instances, seed, count, force)))
         return
     if plan is None:
         raise UsageError("a PLAN is missing, or --instances DIR for the set of problems")
     if seed is not None or count is not None:
         raise UsageError("--seed and --count go with --instances")
     path = find_plan(plan)
-    from climbplan.api.kinds import plan_kind
+    from climbplan.api.kinds import identify_kind
     from climbplan.cli.unsound import mark_unverified, require_verified
 
-    kind = plan_kind(path)
+    kind = identify_kind(path)
     remark = require_verified(kind, path, unverified)
     if format_ == "regulator":
-        print_result(str(_regulator(context, path, out, asked, force, remark)))
+        print_result(str(_write_regulator(context, path, out, options, force, remark)))
         return
-    if format_ != "csv" or asked != Asked():
-        print_result(str(_motion(kind, path, out, format_, asked, force, remark)))
+    if format_ != "csv" or options != MotionOptions():
+        print_result(str(_write_motion(kind, path, out, format_, options, force, remark=remark)))
         return
     if out == "-":
         with standard_output() as stream:
@@ -172,7 +173,7 @@ def export(
     print_result(str(target))
 
 
-def _instances(
+def _write_instances(
     context: typer.Context, target: Path, seed: int | None, count: int | None, force: bool
 ) -> Path:
     from climbplan.cli.output_directory import OutputDirectory
@@ -181,20 +182,20 @@ def _instances(
     from climbplan.instances.writing import KNOWN_SEED, write_set
 
     session = context.ensure_object(Session)
-    drawn = KNOWN_SEED if seed is None else seed
+    set_seed = KNOWN_SEED if seed is None else seed
     each = COUNT if count is None else count
     with OutputDirectory(target, force) as output, StageProgress(session) as progress:
-        number = write_set(output.path, drawn, each, progress.report)
+        number = write_set(output.path, set_seed, each, progress.report)
         output.publish()
-    session.note(f"{number} instances, seed {drawn}; instances.csv lists them")
+    session.note(f"{number} instances, seed {set_seed}; instances.csv lists them")
     return target
 
 
-def _regulator(
+def _write_regulator(
     context: typer.Context,
     path: Path,
     out: str | None,
-    asked: Asked,
+    options: MotionOptions,
     force: bool,
     remark: str,
 ) -> Path:
@@ -202,34 +203,40 @@ def _regulator(
     from climbplan.cli.unsound import mark_unverified
     from climbplan.climb.exports.regulator_files import write_regulator
 
-    if out == "-" or asked != Asked(gains=asked.gains):
+    if out == "-" or options != MotionOptions(gains=options.gains):
         raise UsageError(
             "--format regulator: code and tables for any rate; expected --gains or nothing, no "
             "--rate, no other option and no -o -"
         )
     target = Path(out) if out is not None else path.parent / "regulator"
     with OutputDirectory(target, force) as output:
-        took = write_regulator(path, asked.gains, output.path)
+        took = write_regulator(path, options.gains, output.path)
         mark_unverified(output.path, remark)
         output.publish()
     context.ensure_object(Session).note(
-        f"a tick takes {1e6 * took.median:.0f} us here (median; 99 %: {1e6 * took.most:.0f} us)"
+        f"a tick takes {1e6 * took.median:.0f} us here (median; 99 %: {1e6 * took.percentile_99:.0f} us)"
     )
     return target
 
 
-def _motion(
+def _write_motion(
     kind: PlanKind,
     path: Path,
     out: str | None,
     format_: FormatName,
-    asked: Asked,
+    options: MotionOptions,
     force: bool,
+    *,
     remark: str,
 ) -> Path:
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.unsound import mark_unverified, name_unverified
-    from climbplan.exports.formats import FORMATS, Told, for_controller, told
+    from climbplan.exports.formats import (
+        FORMATS,
+        ControllerOptions,
+        adapt_motion,
+        default_for_trajectory_controller,
+    )
 
     if out == "-":
         raise UsageError("-o -: only the plain CSV goes to standard output")
@@ -237,17 +244,17 @@ def _motion(
     target = Path(out) if out is not None else path.parent / chosen.name
     if not chosen.directory:
         _require_free(target, force)
-    plan = kind.motion(path)
-    how = Told(asked.rate, asked.gains, asked.feedforward)
+    plan = kind.read_motion(path)
+    how = ControllerOptions(options.rate, options.gains, options.feedforward)
     if format_ == "jtc":
-        how = for_controller(plan, how)
-    if asked.gravity is not None:
-        how = replace(how, gravity=asked.gravity)
-    if asked.ramp is not None:
-        how = replace(how, ramp=asked.ramp)
-    motion = told(plan, how)
-    for word in motion.words:
-        warn(word)
+        how = default_for_trajectory_controller(plan, how)
+    if options.gravity is not None:
+        how = replace(how, gravity=options.gravity)
+    if options.ramp is not None:
+        how = replace(how, ramp=options.ramp)
+    motion = adapt_motion(plan, how)
+    for note in motion.words:
+        warn(note)
     motion = name_unverified(motion, remark)
     if chosen.directory:
         with OutputDirectory(target, force) as output:

@@ -46,24 +46,24 @@ def robot(
             raise UsageError(f"{picture}: already exists; --force replaces it")
     from climbplan.robots.facts import measure_robot
 
-    spec, made, notes = _robot_of(name)
-    facts = measure_robot(made)
+    spec, robot, notes = _load_robot(name)
+    facts = measure_robot(robot)
     if picture is not None:
         from climbplan.climb.planner.visual_geometry import load_visual_geometry
         from climbplan.reports.robot_picture import robot_picture
         from climbplan.reports.sheet import png
         from climbplan.store.atomic_file import written_aside
 
-        image = png(robot_picture(facts, looks=load_visual_geometry(spec, made, _TRIANGLES)))
-        with written_aside(picture) as aside:
-            aside.write_bytes(image)
+        image = png(robot_picture(facts, looks=load_visual_geometry(spec, robot, _TRIANGLES)))
+        with written_aside(picture) as temporary:
+            temporary.write_bytes(image)
     if as_json:
-        print_json(_values(facts, notes, picture))
+        print_json(_collect_values(facts, notes, picture))
     else:
-        print_result("\n".join(_lines(facts, notes)))
+        print_result("\n".join(_format_lines(facts, notes)))
 
 
-def _robot_of(name: str) -> tuple[Any, Any, tuple[str, ...]]:
+def _load_robot(name: str) -> tuple[Any, Any, tuple[str, ...]]:
     """Return the spec of a robot, the robot built from it, and the assumptions made."""
     from climbplan.robots.any_robot import build_robot, list_assumptions
     from climbplan.schema.loading import load_spec
@@ -80,8 +80,8 @@ def _robot_of(name: str) -> tuple[Any, Any, tuple[str, ...]]:
             spec = load_any_robot(name)
     except UnknownRobot as error:
         raise UsageError(str(error)) from error
-    made = build_robot(spec)
-    return spec, made, list_assumptions(spec, made)
+    robot = build_robot(spec)
+    return spec, robot, list_assumptions(spec, robot)
 
 
 def _is_robot_file(name: str) -> bool:
@@ -94,30 +94,30 @@ def _is_robot_file(name: str) -> bool:
     return isinstance(stated, dict) and stated.get("kind") == "robot"
 
 
-def _values(facts: RobotFacts, notes: tuple[str, ...], picture: Path | None) -> dict[str, Any]:
+def _collect_values(facts: RobotFacts, notes: tuple[str, ...], picture: Path | None) -> dict[str, Any]:
     from climbplan.robots.model import dynamics_of
 
     made = facts.robot
     names, force, torque = made.limbs.joint_names, facts.standing_force, facts.standing_torque
     limbs, drives = [], dynamics_of(made)
     for n, name in enumerate(made.limb_names):
-        there = made.has_joint[n]
+        has_joint = made.has_joint[n]
         limbs.append(
             {
                 "name": name,
                 "side": made.sides[n],
                 "joints": [joint for joint in names[n] if joint],
-                "lower": made.joint_lower[n, there].tolist(),
-                "upper": made.joint_upper[n, there].tolist(),
-                "max_torque": made.max_torque[n, there].tolist(),
-                "joint_stiffness": made.joint_stiffness[n, there].tolist(),
-                "max_joint_speed": made.max_joint_speed[n, there].tolist(),
-                "rotor_inertia": drives.rotor_inertia[n, there].tolist(),
-                "joint_damping": drives.damping[n, there].tolist(),
+                "lower": made.joint_lower[n, has_joint].tolist(),
+                "upper": made.joint_upper[n, has_joint].tolist(),
+                "max_torque": made.max_torque[n, has_joint].tolist(),
+                "joint_stiffness": made.joint_stiffness[n, has_joint].tolist(),
+                "max_joint_speed": made.max_joint_speed[n, has_joint].tolist(),
+                "rotor_inertia": drives.rotor_inertia[n, has_joint].tolist(),
+                "joint_damping": drives.damping[n, has_joint].tolist(),
                 "stance": made.stance_body[n].tolist(),
                 "reach": float(facts.reach[n]),
                 "standing_force": None if force is None else float(force[n]),
-                "standing_torque": None if torque is None else torque[n, there].tolist(),
+                "standing_torque": None if torque is None else torque[n, has_joint].tolist(),
             }
         )
     return {
@@ -136,13 +136,13 @@ def _values(facts: RobotFacts, notes: tuple[str, ...], picture: Path | None) -> 
     }
 
 
-def _lines(facts: RobotFacts, notes: tuple[str, ...]) -> list[str]:
+def _format_lines(facts: RobotFacts, notes: tuple[str, ...]) -> list[str]:
     import numpy as np
 
     made = facts.robot
-    there = made.has_joint
+    has_joint = made.has_joint
     body = np.ptp(made.body_hull, axis=0)
-    joints = int(there.sum())
+    joints = int(has_joint.sum())
     lines = [
         f"{made.name}: {made.mass:.4g} kg, {made.limb_count} limbs, {joints} joints",
         f"body      {' x '.join(f'{side:.3f}' for side in body)} m",
@@ -152,30 +152,30 @@ def _lines(facts: RobotFacts, notes: tuple[str, ...]) -> list[str]:
             f"planner   toes within {made.reach:.3f} m of their shoulders and "
             f"{made.stance_radius:.3f} m of their stance"
         ),
-        _standing(facts),
+        _format_standing(facts),
         f"{'limb':<10}{'toe of the stance [m]':<26}{'reach [m]':>9}  {_COLUMNS}"
         + (_SLIDING if made.slides.any() else ""),
     ]
     for n, name in enumerate(made.limb_names):
-        own = there[n]
+        limb_joints = has_joint[n]
         toe = ", ".join(f"{value:.3f}" for value in made.stance_body[n])
-        if not np.isfinite(facts.stance_angles[n, own]).all():
+        if not np.isfinite(facts.stance_angles[n, limb_joints]).all():
             toe += " (out of reach)"
         bounds = ", ".join(
             f"{low:.2f}..{high:.2f} m"
             if slides
             else f"{np.rad2deg(low):.0f}..{np.rad2deg(high):.0f}"
             for low, high, slides in zip(
-                made.joint_lower[n, own], made.joint_upper[n, own], made.slides[n, own], strict=True
+                made.joint_lower[n, limb_joints], made.joint_upper[n, limb_joints], made.slides[n, limb_joints], strict=True
             )
         )
-        torque = "/".join(f"{value:g}" for value in made.max_torque[n, own])
-        stiffness = "/".join(f"{value:g}" for value in made.joint_stiffness[n, own])
+        torque = "/".join(f"{value:g}" for value in made.max_torque[n, limb_joints])
+        stiffness = "/".join(f"{value:g}" for value in made.joint_stiffness[n, limb_joints])
         lines.append(f"{name:<10}{toe:<26}{facts.reach[n]:>9.3f}  {bounds}; {torque}; {stiffness}")
     return [*lines, *notes]
 
 
-def _standing(facts: RobotFacts) -> str:
+def _format_standing(facts: RobotFacts) -> str:
     import numpy as np
 
     from climbplan.robots.joint_units import torque_unit
@@ -183,10 +183,10 @@ def _standing(facts: RobotFacts) -> str:
     made = facts.robot
     if facts.standing_force is None or facts.standing_torque is None:
         return "standing  not on these toes: the body is not above them, or some are out of reach"
-    share = np.abs(facts.standing_torque) / np.where(made.has_joint, made.max_torque, np.inf)
-    n, j = np.unravel_index(int(np.argmax(share)), share.shape)
-    least, most = facts.standing_force.min(), facts.standing_force.max()
-    span = f"{most:.1f}" if most - least < 0.05 else f"{least:.1f} to {most:.1f}"
+    utilisation = np.abs(facts.standing_torque) / np.where(made.has_joint, made.max_torque, np.inf)
+    n, j = np.unravel_index(int(np.argmax(utilisation)), utilisation.shape)
+    lowest, highest = facts.standing_force.min(), facts.standing_force.max()
+    span = f"{highest:.1f}" if highest - lowest < 0.05 else f"{lowest:.1f} to {highest:.1f}"
     return (
         f"standing  {span} N a toe, straight up; nearest to its limit is "
         f"{made.limb_names[n]} {made.joint_name(int(n), int(j))}: "

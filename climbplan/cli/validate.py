@@ -97,17 +97,17 @@ def _check_shelf(loaded: LoadedShelf) -> None:
 
 def _check_climb(loaded: LoadedClimb) -> None:
     from climbplan.climb.planner.start_from_plan import resolve_start_plan
-    from climbplan.climb.scene.climb_scene import build_scene, on_scan
+    from climbplan.climb.scene.climb_scene import build_scene, apply_scan
 
-    loaded = on_scan(resolve_start_plan(loaded))
+    loaded = apply_scan(resolve_start_plan(loaded))
     with placed_mistakes(loaded):
         build_scene(loaded.spec, loaded.robot, loaded.source, loaded.directory)
 
 
 def _check_transition(loaded: LoadedTransition) -> None:
-    from climbplan.climb.scene.climb_scene import on_scan
+    from climbplan.climb.scene.climb_scene import apply_scan
     from climbplan.climb.transition.scene import build_transition
 
-    loaded = on_scan(loaded)
+    loaded = apply_scan(loaded)
     with placed_mistakes(loaded):
         build_transition(loaded)

@@ -16,7 +16,7 @@ from climbplan.arrays import Array
 from climbplan.exports.motion import BodyMotion, continuous_quaternions
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
-from climbplan.schema.robots.urdf.mimics import follows
+from climbplan.schema.robots.urdf.mimics import resolve_mimic
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 _AGREE = 1e-6  # [m] by which joints of the plan and of its URDF may be apart
@@ -31,7 +31,8 @@ class BaseLink:
     rotation: Array  # (3, 3) root link to body
 
     def motion(self, position: Array, rotation: Array) -> BodyMotion:
-        """The link's motion, of a body at `position` (T, 3) turned by `rotation` (T, 3, 3)."""
+        """Return the link's motion, of a body at `position` (T, 3) turned by `rotation` (T, 3, 3).
+        """
         quaternion = Rotation.from_matrix(rotation @ self.rotation).as_quat()
         return BodyMotion(
             self.name, position + rotation @ self.position, continuous_quaternions(quaternion)
@@ -61,7 +62,9 @@ def base_link(robot: UrdfRobot, chain: SerialChain, axes: Array) -> BaseLink:
 
 
 def _origin_in_body(model: UrdfModel, chain: SerialChain, axes: Array) -> Array:
-    """(3,) origin of the link that is the body, in the body frame: from where its joints are."""
+    """Return (3,) origin of the link that is the body, in the body frame: from where its joints
+    are.
+    """
     places = {
         name: point
         for limb in model.robot.limb_names
@@ -87,10 +90,12 @@ def _origin_in_body(model: UrdfModel, chain: SerialChain, axes: Array) -> Array:
 
 
 def urdf_facts(robot: UrdfRobot) -> Mapping[str, object]:
-    """What a simulator of the URDF has to know of the robot file: held and mimic joints, toes."""
+    """Return what a simulator of the URDF has to know of the robot file: held and mimic joints,
+    toes.
+    """
     mimics = {}
     for joint in robot.tree.joints.values():
-        by = follows(robot.tree, joint)
+        by = resolve_mimic(robot.tree, joint)
         if by is not None and joint.name not in robot.spec.held:
             mimics[joint.name] = {
                 "joint": by.leader,

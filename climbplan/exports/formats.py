@@ -1,4 +1,4 @@
-"""A plan's motion in a format, by name."""
+"""The formats of exported motions, by name."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class Format:
 
 
 @dataclass(frozen=True)
-class Told:
-    """What a controller is told: how often, for which gains, with torques or without."""
+class ControllerOptions:
+    """Options of the exported motion: rate, gains, feed-forward torques, load ramps."""
 
     rate: float | None = None  # [Hz], the plan's own samples if left out
     gains: str | None = None  # a number [N m/rad], a file, or "rigid"
@@ -48,76 +48,76 @@ class Told:
     ramp: float = 0.0  # [s] of load ramps before and after the plan; 0: none
 
 
-def told(motion: RobotMotion, how: Told) -> RobotMotion:
-    """The motion as a controller is told it.
+def adapt_motion(motion: RobotMotion, options: ControllerOptions) -> RobotMotion:
+    """Return the motion resampled and with commands for the given gains.
 
-    Raises UsageError for rates, gains and ramps that cannot be, and gains of a motion without
+    Raises UsageError for impossible rates, gains and ramps, and for gains of a motion without
     torques.
     """
-    if motion.sampler is not None and how.rate is not None:
-        motion = at_rate(motion, how.rate)
-    if how.gains is not None or how.feedforward:
+    if motion.sampler is not None and options.rate is not None:
+        motion = at_rate(motion, options.rate)
+    if options.gains is not None or options.feedforward:
         if motion.joints is None or not (motion.joints.gain > 0).all():
             raise UsageError(f"--gains, --feedforward: {'; '.join(motion.words)}")
-        motion = _for_gains(motion, motion.joints, how)
-    if how.gravity:
+        motion = _apply_gains(motion, motion.joints, options)
+    if options.gravity:
         if motion.joints is None or motion.joints.limits is None:
             raise UsageError(f"--gravity: {'; '.join(motion.words)}")
         motion = replace(motion, joints=replace(motion.joints, has_gravity_effort=True))
-    if motion.sampler is None and how.rate is not None:
-        motion = at_rate(motion, how.rate)
-    return with_ramps(motion, how.ramp) if how.ramp else motion
+    if motion.sampler is None and options.rate is not None:
+        motion = at_rate(motion, options.rate)
+    return with_ramps(motion, options.ramp) if options.ramp else motion
 
 
-def _for_gains(motion: RobotMotion, joints: JointMotion, how: Told) -> RobotMotion:
-    """The motion under another controller's gains, the first of its words about them."""
-    if motion.sampler is not None:  # torques of a walk jump: they are always told apart
+def _apply_gains(motion: RobotMotion, joints: JointMotion, options: ControllerOptions) -> RobotMotion:
+    """Return the motion with commands for other gains; the first of its notes describes them."""
+    if motion.sampler is not None:  # torques of a walk jump, so they are always a feed-forward
         gain = joints.gain
-        if how.gains == RIGID and joints.limits is not None:
+        if options.gains == RIGID and joints.limits is not None:
             gain = joints.limits.rigid_gain
-        elif how.gains is not None:
-            gain = read_gains(how.gains, joints.names, joints.slides)
+        elif options.gains is not None:
+            gain = read_gains(options.gains, joints.names, joints.slides)
         return replace(motion, joints=with_gain(joints, gain))
-    if how.gains == RIGID:
-        own = for_rigid_links(joints, how.feedforward, motion.time)
-        said = rigid_words(own.gain, joints.slides)
+    if options.gains == RIGID:
+        adapted = for_rigid_links(joints, options.feedforward, motion.time)
+        description = rigid_words(adapted.gain, joints.slides)
     else:
         gain = (
-            joints.gain if how.gains is None else read_gains(how.gains, joints.names, joints.slides)
+            joints.gain if options.gains is None else read_gains(options.gains, joints.names, joints.slides)
         )
-        own = for_gains(joints, gain, how.feedforward, motion.time)
-        said = gain_words(gain, how.feedforward, joints.slides)
-    return replace(motion, joints=own, words=(said, *motion.words[1:]))
+        adapted = for_gains(joints, gain, options.feedforward, motion.time)
+        description = gain_words(gain, options.feedforward, joints.slides)
+    return replace(motion, joints=adapted, words=(description, *motion.words[1:]))
 
 
-def for_controller(motion: RobotMotion, how: Told) -> Told:
-    """What a trajectory controller is told where nobody says: ramps, and the weight of links."""
+def default_for_trajectory_controller(motion: RobotMotion, options: ControllerOptions) -> ControllerOptions:
+    """Return the defaults of a trajectory controller: load ramps, and the weight of links."""
     joints = motion.joints
     if joints is None or joints.limits is None:
-        return how
-    return replace(how, gravity=True, ramp=0.0 if motion.sampler is not None else _JTC_RAMP)
+        return options
+    return replace(options, gravity=True, ramp=0.0 if motion.sampler is not None else _JTC_RAMP)
 
 
-def _table(motion: RobotMotion, out: Path) -> None:
+def _write_table(motion: RobotMotion, out: Path) -> None:
     write_table(motion, out)
     write_sidecar(motion, out)
 
 
-def _bag(motion: RobotMotion, directory: Path) -> None:
+def _write_bag(motion: RobotMotion, directory: Path) -> None:
     write_bag(motion, directory / "bag")
     write_facts(motion, directory / FACTS)
 
 
-def _controller(motion: RobotMotion, directory: Path) -> None:
+def _write_controller_files(motion: RobotMotion, directory: Path) -> None:
     write_controller(motion, directory)
     write_facts(motion, directory / FACTS)
 
 
 FORMATS: dict[str, Format] = {
-    "csv": Format("motion.csv", _table),
+    "csv": Format("motion.csv", _write_table),
     "npz": Format("motion.npz", write_arrays),
     "mcap": Format("motion.mcap", write_mcap),
-    "ros2": Format("ros2_bag", _bag, directory=True),
-    "jtc": Format("ros2_control", _controller, directory=True),
+    "ros2": Format("ros2_bag", _write_bag, directory=True),
+    "jtc": Format("ros2_control", _write_controller_files, directory=True),
     "usd": Format("motion.usd", write_usd),
 }

@@ -11,8 +11,8 @@ from pydantic import ValidationError
 from climbplan.errors import SpecError
 from climbplan.schema.base import SpecModel
 from climbplan.schema.document import Document, Finding
-from climbplan.schema.fields import nearest
-from climbplan.schema.wording import findings_of, shown
+from climbplan.schema.fields import find_closest_name
+from climbplan.schema.wording import collect_findings, format_value
 
 if TYPE_CHECKING:
     from climbplan.schema.source import SourceText
@@ -40,49 +40,47 @@ class SpecKind:
         return read
 
 
-def _kind(package: str, model: str, reader: str) -> SpecKind:
+def _build_kind(package: str, model: str, reader: str) -> SpecKind:
     return SpecKind(f"climbplan.{package}.{model}", f"climbplan.{package}.{reader}")
 
 
 _CLIMB, _WALKING = "climb.schema", "walking.schema"
 _SHELF, _LIMMS = "bookshelf.schema", "limms.schema"
 KINDS = {
-    "climb": _kind(_CLIMB, "model:ClimbSpec", "loading:climb_of_document"),
-    "transition": _kind(
-        _CLIMB, "transition:TransitionSpec", "transition_loading:transition_of_document"
-    ),
-    "mpc": _kind(_WALKING, "model:MpcSpec", "loading:validate_mpc"),
-    "bookshelf": _kind(_SHELF, "model:BookshelfSpec", "loading:shelf_of_document"),
-    "envelopes": _kind(_CLIMB, "envelopes:EnvelopesSpec", "envelopes_loading:envelopes_of"),
-    "program": _kind("schema.program", "model:ProgramSpec", "loading:program_of"),
-    "dataset": _kind("datasets.schema", "model:DatasetSpec", "loading:dataset_of"),
-    "strategy": _kind("schema.learning", "strategy:StrategySpec", "strategy_loading:strategy_of"),
-    "limms": _kind(_LIMMS, "model:LimmsSpec", "loading:limms_of"),
-    "robot": _kind("schema.robots", "robot:RobotSpec", "source:robot_of_text"),
-    "module": _kind(_LIMMS, "module:ModuleSpec", "loading:module_of_text"),
+    "climb": _build_kind(_CLIMB, "model:ClimbSpec", "loading:build_climb"),
+    "transition": _build_kind(_CLIMB, "transition:TransitionSpec", "transition_loading:build_transition"),
+    "mpc": _build_kind(_WALKING, "model:MpcSpec", "loading:validate_mpc"),
+    "bookshelf": _build_kind(_SHELF, "model:BookshelfSpec", "loading:shelf_of_document"),
+    "envelopes": _build_kind(_CLIMB, "envelopes:EnvelopesSpec", "envelopes_loading:build_envelopes"),
+    "program": _build_kind("schema.program", "model:ProgramSpec", "loading:program_of"),
+    "dataset": _build_kind("datasets.schema", "model:DatasetSpec", "loading:dataset_of"),
+    "strategy": _build_kind("schema.learning", "strategy:StrategySpec", "strategy_loading:strategy_of"),
+    "limms": _build_kind(_LIMMS, "model:LimmsSpec", "loading:limms_of"),
+    "robot": _build_kind("schema.robots", "robot:RobotSpec", "source:robot_of_text"),
+    "module": _build_kind(_LIMMS, "module:ModuleSpec", "loading:module_of_text"),
 }
 
 Model = TypeVar("Model", bound=SpecModel)
 
 
 def find_kind(document: Document, wanted: str | None = None) -> str | Finding:
-    """The kind of a document, or what is wrong with its `kind`.
+    """Return the kind of a document, or what is wrong with its `kind`.
 
     Raises:
         SpecError: it is not a mapping at all, or a spec of another kind than `wanted`; what else
             it holds need not be looked at then.
     """
-    known = ", ".join(f"`{kind}`" for kind in KINDS)
+    kind_names = ", ".join(f"`{kind}`" for kind in KINDS)
     example = f"kind: {wanted or 'climb'}"
     if not isinstance(document.value, dict):
-        expected = f"expected keys and values, the first `{example}`, got {shown(document.value)}"
+        expected = f"expected keys and values, the first `{example}`, got {format_value(document.value)}"
         raise SpecError(document.source, [document.mistake(Finding((), expected))])
     if "kind" not in document.value:
-        return Finding(("kind",), f"missing, expected `{example}` (known kinds: {known})")
+        return Finding(("kind",), f"missing, expected `{example}` (known kinds: {kind_names})")
     kind = document.value["kind"]
     if not isinstance(kind, str) or kind not in KINDS:
-        near = nearest(kind, list(KINDS)) if isinstance(kind, str) else None
-        return Finding(("kind",), f"expected one of {known}, got {shown(kind)}", near)
+        closest = find_closest_name(kind, list(KINDS)) if isinstance(kind, str) else None
+        return Finding(("kind",), f"expected one of {kind_names}, got {format_value(kind)}", closest)
     if wanted is not None and kind != wanted:
         message = f"expected a spec of kind `{wanted}`, got a `{kind}`"
         raise SpecError(document.source, [document.mistake(Finding(("kind",), message))])
@@ -90,7 +88,7 @@ def find_kind(document: Document, wanted: str | None = None) -> str | Finding:
 
 
 def validate(document: Document, model: type[Model]) -> tuple[Model | None, list[Finding]]:
-    """The document as `model`, or every mistake in it (those of its YAML included)."""
+    """Return the document as `model`, or every mistake in it (those of its YAML included)."""
     findings = list(document.findings)
     broken = [f.path for f in findings if f.option is None]
     result = None
@@ -100,7 +98,7 @@ def validate(document: Document, model: type[Model]) -> tuple[Model | None, list
         # A value that the YAML reader refused was left empty: not a second mistake.
         findings += [
             f
-            for f in findings_of(error, model)
+            for f in collect_findings(error, model)
             if not any(f.path[: len(path)] == path for path in broken)
         ]
     return (None if findings else result), findings
@@ -114,7 +112,7 @@ def validate_kind(
     Raises:
         SpecError: as `find_kind`.
     """
-    found = find_kind(document, wanted=kind)
-    wrong = [found] if isinstance(found, Finding) else []
+    kind_or_finding = find_kind(document, wanted=kind)
+    kind_findings = [kind_or_finding] if isinstance(kind_or_finding, Finding) else []
     spec, findings = validate(document, model)
-    return spec, [*wrong, *(finding for finding in findings if finding.path != ("kind",))]
+    return spec, [*kind_findings, *(finding for finding in findings if finding.path != ("kind",))]

@@ -25,7 +25,7 @@ _NO_STATEMENT = LeftOut(
 
 
 def verify_certificates(certified: CertifiedRows, problem: Problem | None = None) -> Verification:
-    """Every row's proof; with the statement also whether it is about that.
+    """Return every row's proof; with the statement also whether it is about that.
 
     Raises UsageError if the parameters are not those of the problem.
     """
@@ -76,7 +76,7 @@ def _gap(row: CertifiedRow, verdict: Verdict) -> float:
 
 
 def _differences(row: CertifiedRow, problem: Problem) -> list[str]:
-    """Which numbers of a row are not those of the statement at its parameters."""
+    """Return which numbers of a row are not those of the statement at its parameters."""
     stated = problem.instance(problem.split(row.parameters))
     return [
         field.name
@@ -86,7 +86,7 @@ def _differences(row: CertifiedRow, problem: Problem) -> list[str]:
 
 
 def _same(one: Any, other: Any) -> bool:
-    """Whether two values, matrices or records of them say the same to the last digit."""
+    """Return whether two values, matrices or records of them say the same to the last digit."""
     if sparse.issparse(one):
         return one.shape == other.shape and (sparse.csr_matrix(one) != other).nnz == 0
     if isinstance(one, np.ndarray):

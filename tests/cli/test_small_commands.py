@@ -111,10 +111,10 @@ def test_doctor_misses_what_is_gone(
     run_command: RunCommand, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     parts = (
-        dependencies.Part("DAQP", "no-such-daqp", "no_such_daqp", "nodes"),
-        dependencies.Part("Gurobi", "no-such-gurobi", "no_such_gurobi", "nodes", required=False),
-        dependencies.Part("X", "", "no-such-program", "looks", required=False, install="apt"),
-        dependencies.Part("IPOPT", "", "numpy/no_such_plugin", "--method nlp"),
+        dependencies.Dependency("DAQP", "no-such-daqp", "no_such_daqp", "nodes"),
+        dependencies.Dependency("Gurobi", "no-such-gurobi", "no_such_gurobi", "nodes", required=False),
+        dependencies.Dependency("X", "", "no-such-program", "looks", required=False, install="apt"),
+        dependencies.Dependency("IPOPT", "", "numpy/no_such_plugin", "--method nlp"),
     )
     monkeypatch.setattr(dependencies, "PARTS", parts)
     outcome = run_command("doctor")

@@ -12,7 +12,7 @@ import pytest
 from benchmarks.climb.coupled import bench_coupled
 from benchmarks.climb.plan import bench_plan
 from benchmarks.climb.posture import bench_growth, bench_posture, published_scene
-from climbplan.climb.postures.statement import posture_program
+from climbplan.climb.postures.statement import build_posture_program
 
 
 def table(measure: Callable[[int, bool, TextIO], None]) -> str:
@@ -46,12 +46,12 @@ def test_posture_is_compared_with_scip() -> None:
 
 def test_published_setting_has_its_published_size() -> None:
     """Table 5.1: 144 binaries; 104 balls beside those of the goal; 144 + 48 coordinates."""
-    counts = posture_program(published_scene(0)).counts()
+    counts = build_posture_program(published_scene(0)).counts()
     assert counts["continuous"] == 192
     assert counts["binary"] == 144
     goal = counts["by_block"]["goal.com"] + counts["by_block"]["goal.toes"]
     assert counts["balls"] - goal == 104
-    assert posture_program(published_scene(0, free_sides=True)).counts()["binary"] == 288
+    assert build_posture_program(published_scene(0, free_sides=True)).counts()["binary"] == 288
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ import time
 import numpy as np
 import pytest
 
-from climbplan.climb.planner.holding import pyramid, unheld
-from climbplan.climb.planner.proof import proof_of_infeasibility
+from climbplan.climb.planner.proof import prove_infeasibility
+from climbplan.climb.planner.static_feasibility import build_pyramid_edges, find_unsupported_places
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import load_text
 
@@ -36,20 +36,20 @@ task:
 @pytest.mark.parametrize("beyond", [0.1, 0.3])
 def test_the_pull_is_that_of_the_lever(beyond: float) -> None:
     scene = before_an_edge(beyond)
-    (found,) = unheld(scene)
-    assert found.where == "goal posture"
+    (found,) = find_unsupported_places(scene)
+    assert found.place == "goal posture"
     # Pressed at the edge, pulled where a toe reaches furthest back, the goal missed by all it may
     over = beyond - TOLERANCE
     back = REACH + TOLERANCE - beyond
-    assert found.pull == pytest.approx(scene.robot.weight * over / back, rel=2e-2)
-    proof = proof_of_infeasibility(scene, time.monotonic() + 10)
+    assert found.min_pull == pytest.approx(scene.robot.weight * over / back, rel=2e-2)
+    proof = prove_infeasibility(scene, time.monotonic() + 10)
     assert proof is not None
-    assert f"a pull of {found.pull:.0f} N towards surfaces is missing" in str(proof)
+    assert f"a pull of {found.min_pull:.0f} N towards surfaces is missing" in str(proof)
 
 
 @pytest.mark.parametrize("beyond", [-0.3, 0.0, 0.015])
 def test_a_body_over_ground_within_its_tolerance_is_not_refused(beyond: float) -> None:
-    assert unheld(before_an_edge(beyond)) == []
+    assert find_unsupported_places(before_an_edge(beyond)) == []
 
 
 def test_a_wall_before_the_edge_holds_it() -> None:
@@ -69,17 +69,17 @@ task:
 """,
         "wall",
     )
-    assert unheld(build_scene(loaded.spec, loaded.robot)) == []
+    assert find_unsupported_places(build_scene(loaded.spec, loaded.robot)) == []
 
 
 def test_a_load_that_may_turn_with_the_body_is_not_judged() -> None:
     extra = "  payload: {mass: 1, offset: [0, 0.1, 0]}\n"
-    assert unheld(before_an_edge(0.3, extra=extra)) == []
+    assert find_unsupported_places(before_an_edge(0.3, extra=extra)) == []
 
 
 def test_pyramids_contain_their_cones() -> None:
     region = before_an_edge(0.0).terrain.regions[0]
-    edges = pyramid(region, 0.8, 16)
+    edges = build_pyramid_edges(region, 0.8, 16)
     rng = np.random.default_rng(0)
     angle = rng.uniform(0, 2 * np.pi, 50)
     rays = region.normal + 0.8 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)

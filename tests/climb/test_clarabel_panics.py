@@ -33,7 +33,7 @@ def test_a_panic_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(clarabel, "DefaultSolver", Panicking)
     assert solve_with_clarabel() is None
     program = ConicProgram(1)
-    program.below("row", np.ones((1, 1)), np.ones(1))
+    program.add_inequality("row", np.ones((1, 1)), np.ones(1))
     assert program.minimise(np.ones(1)) is None
 
 

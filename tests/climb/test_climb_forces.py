@@ -114,7 +114,7 @@ def test_joint_torques_are_the_work_of_the_forces(
 def test_deflections_produce_the_forces(
     demo_climb: SceneMaker, demo_instants: Instants, sag: str
 ) -> None:
-    scene = demo_climb(force={"sag": sag})
+    scene = demo_climb(force={"deflection_compensation": sag})
     found = plan_forces(scene, demo_instants)
     statement = build_force_statement(scene, demo_instants)
     stiffness = limb_stiffness(scene.robot, statement.jacobian)

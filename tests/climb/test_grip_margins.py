@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from climbplan.arrays import spans_of
-from climbplan.climb.check.verification import verification_of
-from climbplan.climb.forces.grips.plan import may_grip_firmly
+from climbplan.climb.check.verification import verify_plan
+from climbplan.climb.forces.grips.plan import find_firm_limbs
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.scene.climb_scene import build_scene
@@ -41,13 +41,13 @@ def test_grips_hold_their_margin_at_no_cost_of_torque(bare: ClimbPlan) -> None:
     assert held(bare) < 0.06 * weight
     assert held(plan) > 0.0999 * weight
     assert plan.forces.safety_torque.min() == pytest.approx(bare.forces.safety_torque.min(), 1e-3)
-    verification = verification_of(plan)
+    verification = verify_plan(plan)
     assert verification.passed
     assert verification.fragile == ()
     names = {check.name for check in verification.checks}
     assert {"robust.pull", "robust.slip"} <= names
     assert not {"robust.pressure", "robust.depth"} & names
-    assert not any(check.name.startswith("robust.") for check in verification_of(bare).checks)
+    assert not any(check.name.startswith("robust.") for check in verify_plan(bare).checks)
 
 
 def test_fingers_grip_all_the_time_with_the_most_that_a_stance_asks_for(bare: ClimbPlan) -> None:
@@ -69,14 +69,14 @@ def test_fingers_grip_no_harder_than_they_must_on_steep_sides() -> None:
     instants = planned().instants
     steep = np.full_like(scene.grippers.undercut, np.arctan(0.9) - 1e-3)
     steep[instants.region[-1, 0]] += 2e-3
-    may = may_grip_firmly(replace(scene.grippers, undercut=steep), instants)
+    may = find_firm_limbs(replace(scene.grippers, undercut=steep), instants)
     assert may.tolist() == [False, True, True, True]
 
 
 def test_a_plan_that_holds_less_than_its_spec_asks_for_is_fragile(bare: ClimbPlan) -> None:
     asked = planned("gripper.max_force=40")
     swapped = replace(bare, spec_text=asked.spec_text, spec_sha256=asked.spec_sha256)
-    words = verification_of(swapped).fragile
+    words = verify_plan(swapped).fragile
     assert any("pull-out reserve" in told and "of 8.6 N" in told for told in words)
 
 
@@ -89,7 +89,7 @@ def test_margins_that_cannot_be_had_are_shared_and_the_remedy_works() -> None:
     assert note.startswith("fragile: 3 of 40 instants, round 4, LH lifted keeps 88% of its margins")
     assert "gripping force >= 42 N a finger" in note
     assert "S_mu" not in note
-    verification = verification_of(plan)
+    verification = verify_plan(plan)
     assert verification.passed
     assert any(
         "loss of friction before it slides" in told and "of 40 %" in told
@@ -97,7 +97,7 @@ def test_margins_that_cannot_be_had_are_shared_and_the_remedy_works() -> None:
     )
     mended = planned(asked[0], asked[1] + "42")
     assert mended.forces.notes == ()
-    assert verification_of(mended).fragile == ()
+    assert verify_plan(mended).fragile == ()
 
 
 def test_open_grippers_are_asked_for_no_pull() -> None:
@@ -111,4 +111,4 @@ def test_open_grippers_are_asked_for_no_pull() -> None:
     assert plan.forces.notes == ()
     assert plan.grips is not None
     np.testing.assert_allclose(plan.grips.instants.grip, 0.0, atol=1e-9)
-    assert verification_of(plan).fragile == ()
+    assert verify_plan(plan).fragile == ()

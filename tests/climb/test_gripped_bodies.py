@@ -15,13 +15,13 @@ import yaml
 
 import climbplan
 from benchmarks.climb.scans import spec_of
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
-from climbplan.climb.scene.scanning import scanned
+from climbplan.climb.scene.scanning import fit_scan
 from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
-from climbplan.schema.examples import example_text
+from climbplan.schema.examples import read_example
 
 ROBOT = "robot_long_climber"
 SIDE, RAIL, APART = 0.1, 0.25, 0.44  # [m] of cubes in two upright rows
@@ -32,7 +32,7 @@ def climb(folder: Path, **holds: Any) -> Path:
     places = [(x, 0.0, z) for x in (-RAIL, RAIL) for z in APART * (np.arange(3) - 0.5)]
     boxes = [trimesh.creation.box((SIDE,) * 3).apply_translation(place) for place in places]
     trimesh.util.concatenate(boxes).export(folder / "cubes.stl")
-    (folder / f"{ROBOT}.yaml").write_text(example_text(ROBOT))
+    (folder / f"{ROBOT}.yaml").write_text(read_example(ROBOT))
     before = -(SIDE / 2 + 0.1 + 0.33)  # palm, wrist, stance
     spec = {
         "kind": "climb",
@@ -52,7 +52,7 @@ def climb(folder: Path, **holds: Any) -> Path:
 
 
 def test_holds_are_regions_and_the_raw_mesh_stays(tmp_path: Path) -> None:
-    terrain = scanned(load_climb(climb(tmp_path))).spec.terrain
+    terrain = fit_scan(load_climb(climb(tmp_path))).spec.terrain
     assert terrain.panel is None
     assert terrain.gripped
     assert len({region.name for region in terrain.regions}) == len(terrain.regions) >= 12
@@ -62,9 +62,9 @@ def test_holds_are_regions_and_the_raw_mesh_stays(tmp_path: Path) -> None:
 
 def test_what_fingers_do_not_open_to_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="open 110 mm, got an opening of 150 mm"):
-        scanned(load_climb(climb(tmp_path, opening=0.15)))
+        fit_scan(load_climb(climb(tmp_path, opening=0.15)))
     with pytest.raises(SpecError, match="no graspable spot on the closed bodies"):
-        scanned(load_climb(climb(tmp_path, opening=0.09)))
+        fit_scan(load_climb(climb(tmp_path, opening=0.09)))
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> ClimbPlan:
 
 
 def gripped(plan: ClimbPlan) -> bool:
-    return {c.name: c.passed for c in verification_of(plan).checks}["scan.grips"]
+    return {c.name: c.passed for c in verify_plan(plan).checks}["scan.grips"]
 
 
 @pytest.mark.slow
@@ -112,6 +112,6 @@ def test_the_climbing_scene_of_another_project_is_climbed(tmp_path: Path) -> Non
     text = spec_of("climb", tmp_path)
     assert len(text.splitlines()) <= 15
     (tmp_path / "climb.yaml").write_text(text)
-    (tmp_path / f"{ROBOT}.yaml").write_text(example_text(ROBOT))
+    (tmp_path / f"{ROBOT}.yaml").write_text(read_example(ROBOT))
     plan = climbplan.plan(tmp_path / "climb.yaml")
     assert plan.verify().passed

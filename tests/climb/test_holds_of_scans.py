@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 import climbplan
-from climbplan.climb.scene.scanning import scanned
+from climbplan.climb.scene.scanning import fit_scan
 from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
 
@@ -76,7 +76,7 @@ def climb(folder: Path, ups: np.ndarray, **scan: Any) -> Path:
 
 def test_the_wall_of_a_scan_becomes_a_panel_where_it_stands(tmp_path: Path) -> None:
     ups = np.array([-0.1, 0.1])
-    terrain = scanned(load_climb(climb(tmp_path, ups))).spec.terrain
+    terrain = fit_scan(load_climb(climb(tmp_path, ups))).spec.terrain
     assert terrain.panel is not None
     assert terrain.scan is not None
     assert not terrain.scan.fit
@@ -91,7 +91,7 @@ def test_a_robot_without_grippers_is_asked_for_an_opening(tmp_path: Path) -> Non
     text = path.read_text().replace("robot: scaler", "robot: silvia")
     path.write_text(text[: text.index("  stance:")] + text[text.index("posture:") :])
     with pytest.raises(SpecError, match="has no grippers; expected a robot that has"):
-        scanned(load_climb(path))
+        fit_scan(load_climb(path))
 
 
 def test_holds_are_either_found_or_stated(tmp_path: Path) -> None:

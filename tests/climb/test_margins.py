@@ -27,7 +27,7 @@ from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
-from climbplan.climb.scene.footing import footing
+from climbplan.climb.scene.footing import build_footing
 from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.schema.margins import NO_MARGINS, MarginsSpec
 from climbplan.climb.schema.transition_loading import load_transition
@@ -186,7 +186,7 @@ def test_edges_with_ground_beyond_stay() -> None:
     """Three rectangles of one wall abut: only the outer edges lose a strip."""
     loaded = load_climb(SPECS / "climb_obstacle.yaml")
     terrain = build_scene(loaded.spec, loaded.robot).terrain
-    regions = footing(terrain, 0.01)
+    regions = build_footing(terrain, 0.01)
     lower, middle = regions[0], regions[1]
     assert lower.name == "left lower"
     given = terrain.regions[0]
@@ -195,7 +195,7 @@ def test_edges_with_ground_beyond_stay() -> None:
     assert strip == pytest.approx(np.full(4, 0.01))
     top = int(np.argmax(terrain.regions[1].A[:, 2]))
     assert (terrain.regions[1].b - middle.b)[top] == 0.0
-    assert footing(terrain, 0.0) == ()
+    assert build_footing(terrain, 0.0) == ()
 
 
 def test_a_transition_keeps_its_margins() -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from climbplan.climb.planner.automatic import Refused, Tried
-from climbplan.climb.planner.remedies import as_tried, listed
+from climbplan.climb.planner.automatic import FailedTrial, NoTrialSucceeded
+from climbplan.climb.planner.remedies import describe_as_planned, format_remedies
 from climbplan.climb.planner.trials import Trial
-from climbplan.errors import Conflict, NotProved, Remedy
+from climbplan.errors import Conflict, Remedy, Unresolved
 
 PAYLOAD = Remedy("payload <= 2.33 kg", "task.payload.mass", 2.33)
 
@@ -25,17 +25,17 @@ PAYLOAD = Remedy("payload <= 2.33 kg", "task.payload.mass", 2.33)
     ],
 )
 def test_a_limit_becomes_what_was_planned_with(remedy: Remedy, words: str) -> None:
-    tried = as_tried(remedy)
+    tried = describe_as_planned(remedy)
     assert tried.words == words
     assert tried.option == remedy.option
 
 
 def test_a_refusal_claims_no_limit() -> None:
     conflict = Conflict("round 1, LF lifted", ("torque of LF", "friction at RR"), (PAYLOAD,))
-    error = NotProved("no forces", [conflict], because="postures were chosen", stage="force")
-    tried = Tried(Trial("micp", "micp"), error, 0.1)
-    text = str(Refused([tried], [as_tried(PAYLOAD)], late=False))
+    error = Unresolved("no forces", [conflict], because="postures were chosen", stage="force")
+    tried = FailedTrial(Trial("micp", "micp"), error, 0.1)
+    text = str(NoTrialSucceeded([tried], [describe_as_planned(PAYLOAD)], time_ran_out=False))
     assert "what was tried is feasible with payload <= 2.33 kg" in text
     assert "needed" not in text
-    assert listed([as_tried(PAYLOAD)])[1] in text
+    assert format_remedies([describe_as_planned(PAYLOAD)])[1] in text
     assert "(planned with payload 2.33 kg)" in text

@@ -14,7 +14,7 @@ from known_surfaces import box, joined
 import climbplan
 from benchmarks.climb.rocky_tubes import rocky_tube
 from benchmarks.climb.windows import TUBE
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 from climbplan.errors import SpecError
@@ -55,7 +55,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ClimbPlan]:
 
 
 def outcome(plan: ClimbPlan) -> dict[str, bool]:
-    return {c.name: c.passed for c in verification_of(plan).checks if c.name in SCAN_LIMITS}
+    return {c.name: c.passed for c in verify_plan(plan).checks if c.name in SCAN_LIMITS}
 
 
 def test_a_mesh_is_climbed_and_the_plan_needs_it_no_more(made, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.scene.climb_scene import build_scene
-from climbplan.climb.scene.footing import footing
+from climbplan.climb.scene.footing import build_footing
 from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
 from climbplan.robots.foot import Foot
@@ -104,7 +104,7 @@ def test_feet_keep_off_what_rises_beside_them(spec: Path) -> None:
     ground = "terrain.ground={across: [-0.645, 0.645], along: [-0.8, 0.8], height: -0.8}"
     loaded = load_climb(spec, [*ONE_ROUND, ground])
     scene = build_scene(loaded.spec, loaded.robot, loaded.source)
-    regions = {region.name: region for region in footing(scene.terrain, 0.0, Foot(RADIUS))}
+    regions = {region.name: region for region in build_footing(scene.terrain, 0.0, Foot(RADIUS))}
     level = regions["ground"].vertices
     np.testing.assert_allclose(np.abs(level[:, 0]), 0.645 - RADIUS, atol=1e-6)
     np.testing.assert_allclose(np.abs(level[:, 1]), 0.8, atol=1e-6)

@@ -14,19 +14,19 @@ from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import LoadedClimb, load_text
-from climbplan.schema.examples import example_text
+from climbplan.schema.examples import read_example
 
 _LITTLE_STABILITY = (
     "task.gait=[RF, RM, RR, LR, LM, LF]",
     "posture.weights.toe=0.01",
-    "force.stiffness_left=0.02",
-    "force.least_pressure=0",
+    "force.min_stiffness_ratio=0.02",
+    "force.min_normal_force=0",
 )
 
 
 def _climb(*overrides: str) -> LoadedClimb:
     return load_text(
-        example_text("climb_obstacle"), "climb_obstacle", (*_LITTLE_STABILITY, *overrides)
+        read_example("climb_obstacle"), "climb_obstacle", (*_LITTLE_STABILITY, *overrides)
     )
 
 
@@ -56,7 +56,7 @@ def test_only_stability_moves_the_postures() -> None:
     planned = clock.seconds["posture"]
     with pytest.raises(NoForces) as caught:
         plan_support(scene, motion, clock)
-    assert not caught.value.unsteady
+    assert not caught.value.is_unstable
     assert clock.seconds["posture"] == planned
 
 
@@ -68,7 +68,7 @@ def test_the_published_workspaces_are_left_as_they_are() -> None:
     scene = replace(scene, spec=scene.spec.model_copy(update={"posture": posture}))
     with pytest.raises(NoForces, match="stability") as caught:
         plan_support(scene, motion, _clock())
-    assert caught.value.unsteady
+    assert caught.value.is_unstable
 
 
 def _clock() -> StageClock:

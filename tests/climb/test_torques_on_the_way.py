@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.motion.in_hand import plan_with_torque_reserve
 from climbplan.climb.motion.trajectory import TimedMotion
 from climbplan.climb.plan.climb_plan import ClimbPlan, Forces
@@ -78,7 +78,7 @@ def test_what_cannot_be_had_stays_as_it_was(
 
 
 def test_a_plan_that_is_short_nowhere_is_as_it_was(plan: ClimbPlan) -> None:
-    found = verification_of(plan)
+    found = verify_plan(plan)
     assert found.passed
     (torque,) = (check for check in found.checks if check.name == "trajectory.torque")
     assert torque.used < 1

@@ -8,7 +8,7 @@ import pytest
 
 from climbplan.climb.schema.loading import load_text
 from climbplan.climb.schema.margins import NO_MARGINS, MarginsSpec
-from climbplan.climb.schema.stated_margins import margins_stated
+from climbplan.climb.schema.stated_margins import widen_margins
 from climbplan.schema.robots.uncertainty import UncertaintySpec
 
 SPEC = """
@@ -36,15 +36,15 @@ task: {rounds: 1, start: {com: [0, 0, 0]}, goal: {com: [0, 0, 0.05]}}
     ],
 )
 def test_margins_cover_what_is_stated(uncertain: dict[str, Any], changed: dict[str, float]) -> None:
-    found = margins_stated(MarginsSpec(), UncertaintySpec.model_validate(uncertain))
+    found = widen_margins(MarginsSpec(), UncertaintySpec.model_validate(uncertain))
     asked = MarginsSpec().model_dump(exclude={"rounds"}) | changed
     assert found.model_dump(exclude={"rounds"}) == pytest.approx(asked)
 
 
 def test_what_a_spec_says_of_margins_stands() -> None:
     slippery = UncertaintySpec(friction=0.2)
-    assert margins_stated(MarginsSpec(slip=0.1), slippery).slip == 0.1
-    assert margins_stated(NO_MARGINS, slippery) == NO_MARGINS
+    assert widen_margins(MarginsSpec(slip=0.1), slippery).slip == 0.1
+    assert widen_margins(NO_MARGINS, slippery) == NO_MARGINS
 
 
 def test_specs_have_them() -> None:

@@ -44,19 +44,19 @@ def test_a_plan_is_verified_once_and_again_after_any_change(
     climb: Climb, original: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     judged = []
-    check = verification._verification_of
+    check = verification._run_verification
     monkeypatch.setattr(verification, "_last", None)
     monkeypatch.setattr(
         verification, "_verification_of", lambda *given: judged.append(given) or check(*given)
     )
-    first = verification.verification_of(climb.plan)
+    first = verification.verify_plan(climb.plan)
     assert verification.verify(original) is first  # the file holds the same
     assert len(judged) == 1
     climb.plan.trajectory.com[5, 2] += 1e-12  # in place, in memory alone
     try:
-        verification.verification_of(climb.plan)
+        verification.verify_plan(climb.plan)
     finally:
         climb.plan.trajectory.com[5, 2] -= 1e-12
     other = replace(climb.plan, objective=climb.plan.objective + 1e-9)
-    verification.verification_of(other)
+    verification.verify_plan(other)
     assert len(judged) == 3

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from example_climb import Climb
 
-from climbplan.climb.check.plausibility import implausible_climb, massless_links
+from climbplan.climb.check.plausibility import find_implausible_values, find_massless_links
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
@@ -64,7 +64,7 @@ def slipless(plan: ClimbPlan) -> ClimbPlan:
 
 
 def test_the_example_is_plausible(climb: Climb) -> None:
-    assert implausible_climb(climb.plan) == ()
+    assert find_implausible_values(climb.plan) == ()
 
 
 @pytest.mark.parametrize(
@@ -86,18 +86,18 @@ def test_the_example_is_plausible(climb: Climb) -> None:
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_implausible_data_are_named_with_figures(climb: Climb, change: Change, words: str) -> None:
-    found = implausible_climb(change(climb.plan))
+    found = find_implausible_values(change(climb.plan))
     assert any(words in text for text in found), found
 
 
 def test_a_urdf_whose_moving_links_have_no_mass() -> None:
     text = (SPECS / "walker.urdf").read_text(encoding="utf-8")
-    assert list(massless_links(text)) == []
+    assert list(find_massless_links(text)) == []
     legs = re.sub(r'<mass value="[^"]*"/>', '<mass value="0"/>', text)
-    (words,) = massless_links(legs)
+    (words,) = find_massless_links(legs)
     assert "moving links of the URDF have no mass (" in words
-    assert list(massless_links("")) == []
-    assert list(massless_links("no URDF")) == []
+    assert list(find_massless_links("")) == []
+    assert list(find_massless_links("no URDF")) == []
 
 
 def test_a_plan_with_implausible_data_passes_its_checks_and_must_not_be_used(
@@ -106,7 +106,7 @@ def test_a_plan_with_implausible_data_passes_its_checks_and_must_not_be_used(
     fast = scaled("max_joint_speed", 100.0)(climb.plan)
     write_climb(fast, tmp_path / "plan.h5")
     found = verify(tmp_path / "plan.h5")
-    assert found.implausible == implausible_climb(fast) != ()
+    assert found.implausible == find_implausible_values(fast) != ()
     assert found.as_dict()["implausible"] == list(found.implausible)
     assert found.passed
     assert found.badge == "verified in its model (implausible data, robot as stored)"

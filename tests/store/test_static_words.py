@@ -10,7 +10,7 @@ import pytest
 from example_climb import Climb
 
 from climbplan.climb.check import statics as static_checks
-from climbplan.climb.check.anew.static_pose import Settled, settle
+from climbplan.climb.check.anew.static_pose import StaticEquilibrium, solve_equilibrium
 from climbplan.climb.check.verification import verify
 
 
@@ -28,8 +28,8 @@ def test_rounding_at_an_idle_toe_is_no_friction(
     instants = climb.plan.instants
     k, limb = next(zip(*instants.contact.nonzero(), strict=True))
 
-    def with_rounding(*args: Any) -> Settled:
-        found = settle(*args)
+    def with_rounding(*args: Any) -> StaticEquilibrium:
+        found = solve_equilibrium(*args)
         force = found.force.copy()
         # It pulls by a thousandth of a newton, and shears by twice that.
         normal = instants.normal[k, limb]

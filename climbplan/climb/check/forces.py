@@ -1,4 +1,4 @@
-"""Forces, torques and deflections at the instants (chapters 4.2 and 5.1.4)."""
+"""Checks of forces, torques and deflections at the instants (chapters 4.2 and 5.1.4)."""
 
 from __future__ import annotations
 
@@ -7,160 +7,169 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.check.anew.kinematics import limbs_at
-from climbplan.climb.check.friction_factor import friction_factor, least_factor
-from climbplan.climb.check.grips import grip_checks
-from climbplan.climb.check.soles import parted, sole_checks
+from climbplan.climb.check.anew.kinematics import build_limbs
+from climbplan.climb.check.friction_factor import compute_friction_factor, format_min_factor
+from climbplan.climb.check.grips import check_grips
+from climbplan.climb.check.soles import check_soles, split_pressure_shear
 from climbplan.climb.check.subject import Subject
 from climbplan.verification.check import Check, judge_worst
 
 
-def force_checks(subject: Subject) -> Iterator[Check]:
-    """Equilibrium, friction, unilateral contact, torques, stiffness, stored safety factors."""
-    yield _equilibrium(subject)
+def check_forces(subject: Subject) -> Iterator[Check]:
+    """Yield checks of equilibrium, friction, contact, torques, stiffness and stored factors."""
+    yield _check_equilibrium(subject)
     if subject.plan.robot.gripper is None:
-        yield from _contacts(subject)
-        yield from sole_checks(subject)
+        yield from _check_contacts(subject)
+        yield from check_soles(subject)
     else:
-        yield _lifted(subject)
-    yield from _torques(subject)
-    yield from _stiffness(subject)
+        yield _check_lifted(subject)
+    yield from _check_torques(subject)
+    yield from _check_stiffness(subject)
     if subject.plan.robot.gripper is None:
-        yield _stored_factors(subject)
-    yield from grip_checks(subject)
+        yield _check_stored_factors(subject)
+    yield from check_grips(subject)
 
 
-def _equilibrium(subject: Subject) -> Check:
-    """Eqs. (4.15) and (4.16): forces and moments about the body origin."""
+def _check_equilibrium(subject: Subject) -> Check:
+    """Check eqs. (4.15) and (4.16): forces and moments about the body origin."""
     force, load = subject.plan.forces.force, subject.load
     total = force.sum(axis=1) + load[:, :3]
     moment = np.cross(subject.arms, force).sum(axis=1) + load[:, 3:]
-    moment = moment + subject.held_moment.sum(axis=1)
+    moment = moment + subject.contact_moment.sum(axis=1)
     residual = np.stack([np.linalg.norm(total, axis=1), np.linalg.norm(moment, axis=1)], axis=1)
-    what = ("forces", "moments")
+    row_names = ("forces", "moments")
     return judge_worst(
         "force.equilibrium",
         residual / subject.weight,
-        lambda k, row: f"{subject.at(k)}, {what[row]}",
+        lambda k, row: f"{subject.describe_instant(k)}, {row_names[row]}",
     )
 
 
-def _contacts(subject: Subject) -> Iterator[Check]:
-    """Unilateral contact and the friction cone; nothing on lifted limbs."""
+def _check_contacts(subject: Subject) -> Iterator[Check]:
+    """Check unilateral contact, the friction cone, and that lifted limbs bear no force."""
     plan = subject.plan
     contact, mu = plan.instants.contact, plan.instants.mu
     normal, tangent = subject.contact_force, subject.tangential_force
-    least = np.where(contact, normal, np.inf).min()
-    pushes = plan.forces.corner_force
-    at: Callable[..., str] = subject.at
-    if pushes is not None:  # each corner of a sole for itself
-        normal, tangent = parted(pushes, plan.instants.normal)
-        contact, mu, at = contact[..., None], mu[..., None], subject.at_corner
+    min_normal_force = np.where(contact, normal, np.inf).min()
+    corner_forces = plan.forces.corner_force
+    describe_place: Callable[..., str] = subject.describe_instant
+    if corner_forces is not None:  # each corner of a sole for itself
+        normal, tangent = split_pressure_shear(corner_forces, plan.instants.normal)
+        contact, mu, describe_place = contact[..., None], mu[..., None], subject.describe_corner
     yield judge_worst(
         "force.unilateral",
         np.where(contact, -normal, -np.inf) / subject.weight,
-        at,
-        margin=f"least normal force {least:.1f} N",
+        describe_place,
+        margin=f"least normal force {min_normal_force:.1f} N",
     )
 
-    asked = plan.limits.safety_friction
-    excess = np.where(contact, tangent - mu * normal / asked, -np.inf) / subject.weight
-    factor = friction_factor("force.friction", tangent, mu * normal, subject.weight)
+    required = plan.limits.safety_friction
+    excess = np.where(contact, tangent - mu * normal / required, -np.inf) / subject.weight
+    factor = compute_friction_factor("force.friction", tangent, mu * normal, subject.weight)
     factor = np.where(contact, factor, np.inf)
     yield judge_worst(
         "force.friction",
         excess,
-        at,
-        margin=least_factor(factor),
-        used=asked / np.maximum(factor, 1e-300),
+        describe_place,
+        margin=format_min_factor(factor),
+        used=required / np.maximum(factor, 1e-300),
     )
 
-    yield _lifted(subject)
+    yield _check_lifted(subject)
 
 
-def _lifted(subject: Subject) -> Check:
-    """Nothing on lifted limbs."""
+def _check_lifted(subject: Subject) -> Check:
+    """Check that lifted limbs bear no force."""
     plan = subject.plan
     size = np.linalg.norm(plan.forces.force, axis=-1)
     on_lifted = np.where(plan.instants.contact, 0.0, size)
-    return judge_worst("force.lifted_unloaded", on_lifted / subject.weight, subject.at)
-
-
-def _torques(subject: Subject) -> Iterator[Check]:
-    """tau = J^T f, and with the links' own weight within the limits."""
-    plan = subject.plan
-    torques, own = subject.torques, subject.link_torques
-    stored = plan.forces.link_torques
-    off = np.abs(torques - plan.forces.joint_torques)
-    off = np.maximum(off, np.abs(own - (0.0 if stored is None else stored)))
-    yield judge_worst("torque.from_angles", off, subject.at)
-    use = subject.torque_use
-    yield judge_worst(
-        "torque.limit",
-        use - 1 / plan.limits.safety_torque,
-        subject.at,
-        margin=f"S_tau {_inverse(use.max()):.2f}",
-        used=use * plan.limits.safety_torque,
+    return judge_worst(
+        "force.lifted_unloaded", on_lifted / subject.weight, subject.describe_instant
     )
 
 
-def _stiffness(subject: Subject) -> Iterator[Check]:
-    """Eq. (4.14) with the limb compliance instead of its inverse, and the commands.
+def _check_torques(subject: Subject) -> Iterator[Check]:
+    """Check tau = J^T f, and torques with the links' own weight against the limits."""
+    plan = subject.plan
+    torques, link_torques = subject.torques, subject.link_torques
+    stored = plan.forces.link_torques
+    error = np.abs(torques - plan.forces.joint_torques)
+    error = np.maximum(error, np.abs(link_torques - (0.0 if stored is None else stored)))
+    yield judge_worst("torque.from_angles", error, subject.describe_instant)
+    torque_ratio = subject.torque_ratio
+    yield judge_worst(
+        "torque.limit",
+        torque_ratio - 1 / plan.limits.safety_torque,
+        subject.describe_instant,
+        margin=f"S_tau {_invert_ratio(torque_ratio.max()):.2f}",
+        used=torque_ratio * plan.limits.safety_torque,
+    )
 
-    Joints are commanded beyond their angles by what would move the toes by the wall deflection.
+
+def _check_stiffness(subject: Subject) -> Iterator[Check]:
+    """Check eq. (4.14) with the limb compliance instead of its inverse, and the commands.
+
+    Commands differ from the joint angles by what moves the toes by the wall deflection.
     """
     plan = subject.plan
     robot, instants, forces = plan.robot, plan.instants, plan.forces
     # J k^-1 J^T f is J applied to the joints' own deflections under tau = J^T f.
-    bending = subject.torques / robot.joint_stiffness
-    jacobian = subject.pressed.jacobian()
-    given = np.einsum("knij,knj->kni", jacobian, bending)
-    given = given / (1 - robot.structural_compliance_share)
+    joint_deflection = subject.torques / robot.joint_stiffness
+    jacobian = subject.contact_limbs.jacobian()
+    structural_deflection = np.einsum("knij,knj->kni", jacobian, joint_deflection)
+    structural_deflection = structural_deflection / (1 - robot.structural_compliance_share)
     # [I P^T] d_com moves the toes with the body: translation and rotation x arm.
-    carried = forces.com_deflection[:, None, :3] + np.cross(
+    body_motion = forces.com_deflection[:, None, :3] + np.cross(
         forces.com_deflection[:, None, 3:], subject.arms
     )
-    miss = np.linalg.norm(given + carried - forces.wall_deflection, axis=-1)
-    yield judge_worst("stiffness.relation", np.where(instants.contact, miss, 0.0), subject.at)
-    turned = instants.joint_angles - forces.joint_command
-    imposed = np.einsum("knij,knj->kni", jacobian, turned)
-    miss = np.linalg.norm(imposed - forces.wall_deflection, axis=-1)
-    yield judge_worst("stiffness.joint_command", miss, subject.at)
-    commanded = limbs_at(robot, instants.com, subject.axes, forces.joint_command)
-    miss = np.linalg.norm(forces.toe_command - commanded.toe, axis=-1)
-    yield judge_worst("stiffness.command", miss, subject.at)
+    error = np.linalg.norm(structural_deflection + body_motion - forces.wall_deflection, axis=-1)
+    yield judge_worst(
+        "stiffness.relation", np.where(instants.contact, error, 0.0), subject.describe_instant
+    )
+    commanded_deflection = instants.joint_angles - forces.joint_command
+    toe_deflection = np.einsum("knij,knj->kni", jacobian, commanded_deflection)
+    error = np.linalg.norm(toe_deflection - forces.wall_deflection, axis=-1)
+    yield judge_worst("stiffness.joint_command", error, subject.describe_instant)
+    commanded = build_limbs(robot, instants.com, subject.axes, forces.joint_command)
+    error = np.linalg.norm(forces.toe_command - commanded.toe, axis=-1)
+    yield judge_worst("stiffness.command", error, subject.describe_instant)
 
 
-def _stored_factors(subject: Subject) -> Check:
-    """Safety factors as fractions of what is allowed, so that infinite factors compare as zero."""
+def _check_stored_factors(subject: Subject) -> Check:
+    """Check stored safety factors as inverse ratios, so that infinite factors compare as zero."""
     plan = subject.plan
     forces, instants = plan.forces, plan.instants
     normal, tangent = subject.contact_force, subject.tangential_force
-    critical = np.where(instants.contact, _share(tangent, normal), 0.0)
+    critical_mu = np.where(instants.contact, _compute_ratio(tangent, normal), 0.0)
     if forces.corner_force is not None:  # of the corner that slips first
-        share = _share(*reversed(parted(forces.corner_force, instants.normal)))
-        critical = np.where(instants.contact, share.max(axis=-1), 0.0)
-    held = subject.torques + subject.link_torques
-    torque = (np.abs(held) / plan.robot.max_torque).max(axis=(1, 2))
-    friction = _share(critical, instants.mu).max(axis=1)
-    off = np.stack(
+        corner_mu = _compute_ratio(
+            *reversed(split_pressure_shear(forces.corner_force, instants.normal))
+        )
+        critical_mu = np.where(instants.contact, corner_mu.max(axis=-1), 0.0)
+    motor_torque = subject.torques + subject.link_torques
+    torque = (np.abs(motor_torque) / plan.robot.max_torque).max(axis=(1, 2))
+    friction = _compute_ratio(critical_mu, instants.mu).max(axis=1)
+    error = np.stack(
         [
             np.abs(1 / forces.safety_torque - torque),
             np.abs(1 / forces.safety_friction - friction),
-            np.abs(forces.mu_critical - critical).max(axis=1),
+            np.abs(forces.mu_critical - critical_mu).max(axis=1),
         ],
         axis=1,
     )
     names = ("safety_torque", "safety_friction", "mu_critical")
-    return judge_worst("safety.stored", off, lambda k, row: f"{subject.at(k)}, {names[row]}")
+    return judge_worst(
+        "safety.stored", error, lambda k, row: f"{subject.describe_instant(k)}, {names[row]}"
+    )
 
 
-def _share(used: Array, allowed: Array) -> Array:
-    """used / allowed; 0 if nothing is used, infinite if nothing is allowed."""
-    ratio = np.full(np.broadcast(used, allowed).shape, np.inf)
-    np.divide(used, allowed, out=ratio, where=allowed > 0)
-    return np.where(used == 0, 0.0, ratio)
+def _compute_ratio(value: Array, allowed: Array) -> Array:
+    """Return value / allowed; 0 if the value is 0, infinite if nothing is allowed."""
+    ratio = np.full(np.broadcast(value, allowed).shape, np.inf)
+    np.divide(value, allowed, out=ratio, where=allowed > 0)
+    return np.where(value == 0, 0.0, ratio)
 
 
-def _inverse(use: float) -> float:
-    return float("inf") if use == 0 else 1.0 / float(use)
+def _invert_ratio(ratio: float) -> float:
+    """Return the inverse of a ratio, infinite for 0."""
+    return float("inf") if ratio == 0 else 1.0 / float(ratio)

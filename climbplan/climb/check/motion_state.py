@@ -1,8 +1,8 @@
-"""The playable motion sample by sample: what stands where, and between which instants.
+"""The state of the motion at its samples: standing limbs, footholds and neighbouring instants.
 
-Contact flags tell how many steps are behind a sample, and with that where every standing toe is
-and between which instants body and commands have to be. A toe that stands is held by the terrain,
-not by its command: its limb is built anew from the place it stands on.
+Contact flags give the number of completed steps. It determines where every standing toe is, and
+between which instants body and commands are. A standing toe is held by the terrain, not by its
+command, so that its limb is computed from its foothold.
 """
 
 from __future__ import annotations
@@ -12,114 +12,116 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.check.anew.feet import foot_arm
-from climbplan.climb.check.anew.gait import Gait, gait_of
+from climbplan.climb.check.anew.feet import compute_contact_arm
+from climbplan.climb.check.anew.gait import Gait, reconstruct_gait
 from climbplan.climb.check.anew.kinematics import (
     Limbs,
     StandingLimbs,
-    body_axes,
-    limbs_at,
-    standing_limbs,
+    build_limbs,
+    compute_body_axes,
+    solve_standing_limbs,
 )
-from climbplan.climb.check.anew.soles import lying
-from climbplan.climb.check.anew.weights import weight_on
-from climbplan.climb.check.normals import normals_of
+from climbplan.climb.check.anew.soles import compute_sole_axes
+from climbplan.climb.check.anew.weights import compute_weight_wrench
+from climbplan.climb.check.normals import compute_normals
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import ClimbPlan
 
 
 @dataclass(frozen=True)
-class Motion:
-    """What the samples are between. T samples, N limbs, K instants."""
+class MotionState:
+    """The state of T samples with N limbs, between K instants."""
 
     subject: Subject
     gait: Gait
     lifted: BoolArray  # (T, N)
-    done: IntArray  # (T,) steps completed
+    steps_done: IntArray  # (T,) steps completed
     ground: Array  # (T, N, 3) where each limb stands, or stood
     arm: Array | None  # (T, N, 3) from there to where its foot touches; None for points [m]
     soles: Array | None  # (T, N, 3, 3) rows of flat feet that stand there
-    stood: IntArray  # (T, N) round of that foothold
-    bound_for: IntArray  # (T, N) of the one that a lifted limb is on its way to; -1 for the others
+    foothold_round: IntArray  # (T, N) round of that foothold
+    next_round: IntArray  # (T, N) of the one that a lifted limb is on its way to; -1 for the others
     commanded: Limbs  # as the joint commands would have them in free space
     standing: StandingLimbs  # reaching for `ground`
 
-    def at(self, sample: int, *parts: int) -> str:
-        """Sample, step of the gait, limb and joint in the robot's terms."""
-        in_the_air = bool(self.lifted[sample].any())
-        k = 2 * int(self.done[sample]) - (0 if in_the_air else 1)
+    def describe_sample(self, sample: int, *parts: int) -> str:
+        """Describe sample, step of the gait, limb and joint in the robot's terms."""
+        is_swinging = bool(self.lifted[sample].any())
+        k = 2 * int(self.steps_done[sample]) - (0 if is_swinging else 1)
         k = min(max(k, 0), self.subject.plan.instants.count - 1)
-        label = self.subject.at(k, *parts)
-        return f"{self.subject.at_time(sample)}, {label}"
+        label = self.subject.describe_instant(k, *parts)
+        return f"{self.subject.describe_time(sample)}, {label}"
 
 
-def motion_of(subject: Subject) -> Motion:
-    """The motion of a plan under verification."""
+def reconstruct_motion(subject: Subject) -> MotionState:
+    """Reconstruct the motion of a plan under verification."""
     plan = subject.plan
     trajectory, rounds, robot = plan.trajectory, plan.rounds, plan.robot
     lifted = ~trajectory.contact
-    before = np.vstack([np.zeros((1, robot.limb_count), bool), lifted[:-1]])
-    gait = gait_of(plan)
-    placed = (before & ~lifted).cumsum(axis=0)
-    stood = _stood(gait, placed)
-    ground = rounds.toes[stood, _limbs_of(plan)]
-    landed = (before.any(axis=1) & ~lifted.any(axis=1)).cumsum()
-    arm, soles = _arms(plan, stood, ground)
-    axes = body_axes(trajectory.rpy)
-    commanded = limbs_at(robot, trajectory.com, axes, trajectory.joint_command)
+    was_lifted = np.vstack([np.zeros((1, robot.limb_count), bool), lifted[:-1]])
+    gait = reconstruct_gait(plan)
+    num_placed = (was_lifted & ~lifted).cumsum(axis=0)
+    foothold_round = _find_foothold_rounds(gait, num_placed)
+    ground = rounds.toes[foothold_round, _list_limbs(plan)]
+    num_landed = (was_lifted.any(axis=1) & ~lifted.any(axis=1)).cumsum()
+    arm, soles = _compute_foot_contacts(plan, foothold_round, ground)
+    axes = compute_body_axes(trajectory.rpy)
+    commanded = build_limbs(robot, trajectory.com, axes, trajectory.joint_command)
     # Commands may lie beyond full stretch: the planned angles tell which way a limb bends.
-    k = np.clip(2 * landed, 0, plan.instants.count - 1)
+    k = np.clip(2 * num_landed, 0, plan.instants.count - 1)
     planned = plan.instants.joint_angles[k]
-    return Motion(
+    return MotionState(
         subject=subject,
         gait=gait,
         lifted=lifted,
-        done=np.minimum(landed, gait.steps),
+        steps_done=np.minimum(num_landed, gait.steps),
         ground=ground,
         arm=arm,
         soles=soles,
-        stood=stood,
-        bound_for=np.where(lifted, _stood(gait, placed + 1), -1),
+        foothold_round=foothold_round,
+        next_round=np.where(lifted, _find_foothold_rounds(gait, num_placed + 1), -1),
         commanded=commanded,
-        standing=standing_limbs(
+        standing=solve_standing_limbs(
             robot, trajectory.com, axes, ground, planned, trajectory.joint_command, arm, soles
         ),
     )
 
 
-def _arms(plan: ClimbPlan, stood: IntArray, ground: Array) -> tuple[Array | None, Array | None]:
-    """From toes on footholds of rounds (T, N) to where their feet touch; None for point toes.
+def _compute_foot_contacts(
+    plan: ClimbPlan, foothold_round: IntArray, ground: Array
+) -> tuple[Array | None, Array | None]:
+    """Return vectors from toes on footholds (T, N) to their contact points; None for point feet.
 
-    And rows (T, N, 3, 3) of soles there; None for feet that are not flat.
+    The second result are the axes (T, N, 3, 3) of soles there; None for feet that are not flat.
     """
     if plan.robot.foot is None:
         return None, None
-    region, normal = plan.rounds.region[stood, _limbs_of(plan)], np.zeros_like(ground)
+    region, normal = plan.rounds.region[foothold_round, _list_limbs(plan)], np.zeros_like(ground)
     for index, surface in enumerate(plan.terrain.surfaces):
-        here = region == index
-        normal[here] = normals_of(surface, ground[here])
-    soles = None if plan.robot.sole is None else lying(plan.robot.sole, normal)
-    return foot_arm(plan.robot, normal), soles
+        on_surface = region == index
+        normal[on_surface] = compute_normals(surface, ground[on_surface])
+    soles = None if plan.robot.sole is None else compute_sole_axes(plan.robot.sole, normal)
+    return compute_contact_arm(plan.robot, normal), soles
 
 
-def _limbs_of(plan: ClimbPlan) -> IntArray:
+def _list_limbs(plan: ClimbPlan) -> IntArray:
+    """Return the numbers of all limbs."""
     return np.arange(plan.robot.limb_count)
 
 
-def _stood(gait: Gait, counted: IntArray) -> IntArray:
-    """(T, N) rounds whose footholds limbs are on that were placed so often (T, N)."""
-    rows = np.zeros_like(counted)
-    for limb in range(counted.shape[1]):
-        own = np.concatenate([[0], gait.round[gait.moved[:, limb]]])
-        rows[:, limb] = own[np.minimum(counted[:, limb], len(own) - 1)]
-    return rows
+def _find_foothold_rounds(gait: Gait, num_placed: IntArray) -> IntArray:
+    """Return the rounds (T, N) of the footholds of limbs with given numbers of placings (T, N)."""
+    rounds_of_limbs = np.zeros_like(num_placed)
+    for limb in range(num_placed.shape[1]):
+        foothold_rounds = np.concatenate([[0], gait.round[gait.moving_limbs[:, limb]]])
+        rounds_of_limbs[:, limb] = foothold_rounds[
+            np.minimum(num_placed[:, limb], len(foothold_rounds) - 1)
+        ]
+    return rounds_of_limbs
 
 
-def load_of(motion: Motion) -> Array:
-    """(T, 6) load on the body: the external one of the pose it waits in, or on its way between two.
-
-    And the weight, where it acts with limbs that stand and swing as they do.
-    """
+def compute_load(motion: MotionState) -> Array:
+    """Return the load on the body (T, 6), interpolated between its stations, with the weight."""
     plan = motion.subject.plan
     stations = np.hstack([motion.gait.station_com, motion.gait.station_rpy])
     # Instants 2 s and 2 s - 1 both have the body at station s.
@@ -127,28 +129,35 @@ def load_of(motion: Motion) -> Array:
     at_station = plan.instants.external_wrench[
         np.minimum(2 * np.arange(count), plan.instants.count - 1)
     ]
-    last = motion.done
+    last = motion.steps_done
     first = np.maximum(last - 1, 0)
     pose = np.hstack([plan.trajectory.com, plan.trajectory.rpy])
-    along = stations[last] - stations[first]
-    square = (along**2).sum(axis=1)
-    share = ((pose - stations[first]) * along).sum(axis=1)
-    share = np.clip(np.divide(share, square, out=np.ones_like(share), where=square > 0), 0, 1)
-    outer = (1 - share[:, None]) * at_station[first] + share[:, None] * at_station[last]
+    station_change = stations[last] - stations[first]
+    square = (station_change**2).sum(axis=1)
+    progress = ((pose - stations[first]) * station_change).sum(axis=1)
+    progress = np.clip(
+        np.divide(progress, square, out=np.ones_like(progress), where=square > 0), 0, 1
+    )
+    external_load = (1 - progress[:, None]) * at_station[first] + progress[:, None] * at_station[
+        last
+    ]
     return np.asarray(
-        outer + weight_on(plan.robot, body_axes(plan.trajectory.rpy), angles_of(motion))
+        external_load
+        + compute_weight_wrench(
+            plan.robot, compute_body_axes(plan.trajectory.rpy), select_angles(motion)
+        )
     )
 
 
-def angles_of(motion: Motion) -> Array:
-    """(T, N, J) of limbs that reach for where they stand, or swing as they are commanded."""
+def select_angles(motion: MotionState) -> Array:
+    """Return joint angles (T, N, J), those of standing limbs or those commanded."""
     command = motion.subject.plan.trajectory.joint_command
     return np.where(motion.lifted[..., None], command, motion.standing.angles)
 
 
-def instants_of(motion: Motion) -> IntArray:
-    """(T,) an instant whose surfaces the limbs of each sample stand on."""
+def select_instants(motion: MotionState) -> IntArray:
+    """Return an instant (T,) whose surfaces the limbs of each sample stand on."""
     last = motion.subject.plan.instants.count - 1
-    k = np.clip(2 * motion.done - 1, 0, last)
-    pressing = np.where(motion.lifted.any(axis=1), np.minimum(k + 1, last), k)
-    return np.where(motion.done == 0, 0, pressing)
+    k = np.clip(2 * motion.steps_done - 1, 0, last)
+    instant = np.where(motion.lifted.any(axis=1), np.minimum(k + 1, last), k)
+    return np.where(motion.steps_done == 0, 0, instant)

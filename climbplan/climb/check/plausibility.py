@@ -121,11 +121,11 @@ def find_massless_links(urdf: str) -> Iterator[str]:
     """
     if not urdf:
         return
-    from climbplan.schema.robots.urdf.tree import urdf_of_text
+    from climbplan.schema.robots.urdf.tree import parse_urdf
     from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
 
     try:
-        tree = urdf_of_text(urdf, Path("urdf"))
+        tree = parse_urdf(urdf, Path("urdf"))
     except (UrdfFault, UrdfFaults):
         return  # `robot.spec` says what is wrong with it
     mass = tree.moving_mass

@@ -1,4 +1,4 @@
-"""Distances of segments from raw triangles, as the checks measure them: by planes between them."""
+"""Distances of segments from raw triangles, by separating planes."""
 
 from __future__ import annotations
 
@@ -6,81 +6,102 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 
-_NO_DIRECTION = 1e-12  # [m] a difference shorter than this has no direction
-_SOME = 2_000  # segments at a time
-_CHUNK = 200_000  # pairs of segment and triangle at a time
+_MIN_LENGTH = 1e-12  # [m] a difference shorter than this has no direction
+_SEGMENT_CHUNK = 2_000  # segments at a time
+_PAIR_CHUNK = 200_000  # pairs of segment and triangle at a time
 
 
-def meeting(corners: Array, lower: Array, upper: Array) -> IntArray:
-    """Numbers of triangles whose bounds meet a box."""
+def find_overlapping_triangles(corners: Array, lower: Array, upper: Array) -> IntArray:
+    """Return the numbers of triangles whose bounding boxes overlap a box."""
     inside = (corners.min(axis=1) <= upper) & (corners.max(axis=1) >= lower)
     return np.asarray(np.flatnonzero(inside.all(axis=1)), np.int64)
 
 
-def distances(starts: Array, ends: Array, corners: Array, enough: float) -> Array:
-    """Distances (S,) of segments (S, 3) from the nearest triangle, `enough` [m] at most.
+def measure_triangle_distances(
+    starts: Array, ends: Array, corners: Array, sufficient: float
+) -> Array:
+    """Return distances (S,) of segments (S, 3) from the nearest triangle, at most `sufficient` [m].
 
-    Negative or zero where a segment meets one. NaN stays.
+    Values are negative or zero where a segment intersects a triangle. NaN stays.
     """
-    low, high = np.minimum(starts, ends) - enough, np.maximum(starts, ends) + enough
-    out = np.where(np.isfinite(low).all(axis=1), enough, np.nan)
+    low, high = np.minimum(starts, ends) - sufficient, np.maximum(starts, ends) + sufficient
+    nearest_distance = np.where(np.isfinite(low).all(axis=1), sufficient, np.nan)
     if not len(starts):
-        return out
+        return nearest_distance
     # A few at a time: in the order of motion these are near each other, and near few triangles
-    for at in range(0, len(starts), _SOME):
-        part = slice(at, at + _SOME)
-        if np.isnan(low[part]).all():
+    for start in range(0, len(starts), _SEGMENT_CHUNK):
+        chunk = slice(start, start + _SEGMENT_CHUNK)
+        if np.isnan(low[chunk]).all():
             continue
-        some = meeting(corners, np.nanmin(low[part], axis=0), np.nanmax(high[part], axis=0))
-        least, most = corners[some].min(axis=1), corners[some].max(axis=1)
-        near = (least[None] <= high[part, None]).all(axis=-1)
-        near &= (most[None] >= low[part, None]).all(axis=-1)
-        row, triangle = np.nonzero(near)
-        for first in range(0, len(row), _CHUNK):
-            rows, chosen = row[first : first + _CHUNK] + at, triangle[first : first + _CHUNK]
-            apart = gaps(starts[rows], ends[rows], corners[some[chosen]])
-            np.minimum.at(out, rows, apart)
-    return out
+        candidates = find_overlapping_triangles(
+            corners, np.nanmin(low[chunk], axis=0), np.nanmax(high[chunk], axis=0)
+        )
+        triangle_min, triangle_max = (
+            corners[candidates].min(axis=1),
+            corners[candidates].max(axis=1),
+        )
+        is_near = (triangle_min[None] <= high[chunk, None]).all(axis=-1)
+        is_near &= (triangle_max[None] >= low[chunk, None]).all(axis=-1)
+        row, triangle = np.nonzero(is_near)
+        for first in range(0, len(row), _PAIR_CHUNK):
+            rows, pair_triangles = (
+                row[first : first + _PAIR_CHUNK] + start,
+                triangle[first : first + _PAIR_CHUNK],
+            )
+            pair_gaps = measure_plane_gaps(
+                starts[rows], ends[rows], corners[candidates[pair_triangles]]
+            )
+            np.minimum.at(nearest_distance, rows, pair_gaps)
+    return nearest_distance
 
 
-def gaps(first: Array, last: Array, corners: Array) -> Array:
-    """The widest gap (S,) that a plane leaves between segments (S, 3) and triangles (S, 3, 3).
+def measure_plane_gaps(first: Array, last: Array, corners: Array) -> Array:
+    """Return the widest gap (S,) that a plane leaves between segments (S, 3) and triangles (S, 3,
+    3).
 
-    One of the candidates is perpendicular to the shortest way between them: the triangle's face,
-    an edge and the segment, an end and an edge, a corner and the segment. No value is too large.
+    One candidate is perpendicular to the shortest line between them: the triangle's face, an edge
+    and the segment, an end and an edge, a corner and the segment. No value is too large.
     """
-    along = (last - first)[:, None]
+    segment = (last - first)[:, None]
     edges = np.roll(corners, -1, axis=1) - corners
     face = np.cross(edges[:, :1], -edges[:, 2:])
-    crossed = np.cross(along, edges)
-    to_ends = [end[:, None] - _nearest(end[:, None], corners, edges) for end in (first, last)]
-    to_corners = _nearest(corners, first[:, None], along) - corners
-    differences = np.concatenate([face, -face, crossed, -crossed, *to_ends, to_corners], axis=1)
+    edge_normals = np.cross(segment, edges)
+    to_ends = [
+        end[:, None] - _find_nearest_on_segment(end[:, None], corners, edges)
+        for end in (first, last)
+    ]
+    to_corners = _find_nearest_on_segment(corners, first[:, None], segment) - corners
+    differences = np.concatenate(
+        [face, -face, edge_normals, -edge_normals, *to_ends, to_corners], axis=1
+    )
     length = np.sqrt((differences**2).sum(axis=-1))
-    short = length < _NO_DIRECTION
-    normals = differences / np.where(short, 1.0, length)[..., None]
+    is_degenerate = length < _MIN_LENGTH
+    normals = differences / np.where(is_degenerate, 1.0, length)[..., None]
     inner = np.einsum("sdk,sck->sdc", normals, corners).max(axis=-1)
     outer = np.minimum(*((normals * end[:, None]).sum(axis=-1) for end in (first, last)))
-    gap: Array = np.where(short, -np.inf, outer - inner).max(axis=1)
+    gap: Array = np.where(is_degenerate, -np.inf, outer - inner).max(axis=1)
     return gap
 
 
-def _nearest(point: Array, start: Array, along: Array) -> Array:
-    """Nearest points (..., 3) of segments to points, both broadcast."""
-    square = np.maximum((along**2).sum(axis=-1), np.finfo(float).tiny)
-    share = np.clip(((point - start) * along).sum(axis=-1) / square, 0.0, 1.0)
-    return np.asarray(start + share[..., None] * along)
+def _find_nearest_on_segment(point: Array, start: Array, segment: Array) -> Array:
+    """Return the nearest points (..., 3) of segments to points, both broadcast."""
+    square = np.maximum((segment**2).sum(axis=-1), np.finfo(float).tiny)
+    fraction = np.clip(((point - start) * segment).sum(axis=-1) / square, 0.0, 1.0)
+    return np.asarray(start + fraction[..., None] * segment)
 
 
-def nearest_on(corners: Array, point: Array) -> Array:
-    """(T, 3) the place of each triangle that is nearest to a point."""
+def find_nearest_on_triangles(corners: Array, point: Array) -> Array:
+    """Return the point (T, 3) of each triangle that is nearest to a point."""
     edges = np.roll(corners, -1, axis=1) - corners
-    on_edges = _nearest(np.broadcast_to(point, corners.shape), corners, edges)
+    on_edges = _find_nearest_on_segment(np.broadcast_to(point, corners.shape), corners, edges)
     nearest = np.linalg.norm(on_edges - point, axis=-1).argmin(axis=1)
-    found = on_edges[np.arange(len(corners)), nearest]
-    up = np.cross(edges[:, 0], edges[:, 1])
-    square = np.maximum((up**2).sum(axis=1), np.finfo(float).tiny)
-    foot = point - (((point - corners[:, 0]) * up).sum(axis=1) / square)[:, None] * up
-    inward = np.cross(up[:, None], edges)
-    within = (((foot[:, None] - corners) * inward).sum(axis=-1) >= 0).all(axis=1)
-    return np.where(within[:, None], foot, found)
+    nearest_edge_point = on_edges[np.arange(len(corners)), nearest]
+    face_normal = np.cross(edges[:, 0], edges[:, 1])
+    square = np.maximum((face_normal**2).sum(axis=1), np.finfo(float).tiny)
+    projection = (
+        point
+        - (((point - corners[:, 0]) * face_normal).sum(axis=1) / square)[:, None] * face_normal
+    )
+    inward = np.cross(face_normal[:, None], edges)
+    is_inside = (((projection[:, None] - corners) * inward).sum(axis=-1) >= 0).all(axis=1)
+    return np.where(is_inside[:, None], projection, nearest_edge_point)

@@ -1,7 +1,7 @@
-"""Margins: what the plan keeps in hand beside its bounds, recomputed from the file alone.
+"""Checks of robustness margins: what the plan keeps beyond its bounds.
 
-A margin that is missed breaks nothing that the plan promises of its model: it is told, and the plan
-is called fragile. Depth is where the command would put a free toe, exactly, not to first order.
+A missed margin violates no bound of the plan. It is reported, and the plan is called fragile.
+Penetration is where the command would put a free toe, exactly, not to first order.
 """
 
 from __future__ import annotations
@@ -12,72 +12,80 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.check.anew.soles import centre_of_pressure, lying
-from climbplan.climb.check.anew.static_pose import Settled
-from climbplan.climb.check.grips import friction_in_hand, further_pull
+from climbplan.climb.check.anew.soles import compute_pressure_centre, compute_sole_axes
+from climbplan.climb.check.anew.static_pose import StaticEquilibrium
+from climbplan.climb.check.grips import compute_friction_reserve, find_max_pull
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.schema.margins import MarginsSpec
 from climbplan.verification.check import Check, judge_worst, unjudged
 
-WHOLE = 0.95  # part of a margin that counts as kept; the rest is rounding and arcs of limbs
-_SMOOTH = 1e-9  # least friction coefficient divided by
+KEPT_FRACTION = 0.95  # part of a margin that counts as kept; the rest is rounding and arcs of limbs
+_MIN_MU = 1e-9  # least friction coefficient divided by
 
 
-def robust_checks(
-    subject: Subject, settled: Settled, margins: MarginsSpec | None
+def check_margins(
+    subject: Subject, equilibrium: StaticEquilibrium, margins: MarginsSpec | None
 ) -> Iterator[Check]:
-    """Pressure, friction and depth of toes in contact, and the stiffness that is left.
+    """Yield the checks of the spec's margins for toes in contact and for stiffness.
 
-    Of grips the further pull that they hold, and the friction they may lack.
-    margins: of the spec; None where it asks for none, which leaves nothing to say.
+    For grips these are the pull that they hold in addition, and the friction that they may lose.
+
+    Args:
+        subject: The plan under verification.
+        equilibrium: The static equilibria of its instants.
+        margins: Margins of the spec; None gives no checks.
     """
     if margins is None:
         return
     plan = subject.plan
     weight = subject.weight * margins.factors(plan.instants.round)
-    still = np.ones(len(weight))
+    ones = np.ones(len(weight))
     if plan.robot.gripper is not None and plan.grips is not None:
         gripper, grips = plan.robot.gripper, plan.grips
-        closed = weight if gripper.max_force > 0 else 0 * weight
-        pull = further_pull(subject, gripper, grips)
-        yield _toes(subject, "robust.pull", pull, margins.pull * closed)
-        spare = friction_in_hand(subject, gripper, grips)
-        yield _toes(subject, "robust.slip", spare, margins.slip * still)
+        gripping_weight = weight if gripper.max_force > 0 else 0 * weight
+        pull = find_max_pull(subject, gripper, grips)
+        yield _check_toe_margin(subject, "robust.pull", pull, margins.pull * gripping_weight)
+        friction_reserve = compute_friction_reserve(subject, gripper, grips)
+        yield _check_toe_margin(subject, "robust.slip", friction_reserve, margins.slip * ones)
         return
-    left = np.where(np.isfinite(settled.stiffness_left), settled.stiffness_left, -1.0)
-    mu = np.maximum(plan.instants.mu, _SMOOTH) / plan.limits.safety_friction
-    spare = subject.contact_force - subject.tangential_force / mu
-    outward = plan.forces.toe_command - plan.instants.toes
-    depth = -np.einsum("kni,kni->kn", outward, plan.instants.normal)
-    held = np.maximum(plan.instants.mu * subject.contact_force, _SMOOTH)
-    lacking = 1 - subject.tangential_force / held
-    yield _toes(subject, "robust.pressure", subject.contact_force, margins.pressure * weight)
-    yield _toes(subject, "robust.friction", spare, margins.friction * weight)
-    yield _toes(subject, "robust.slip", lacking, margins.slip * still)
-    yield _toes(subject, "robust.depth", depth, margins.depth * still)
+    stiffness_ratio = np.where(
+        np.isfinite(equilibrium.stiffness_ratio), equilibrium.stiffness_ratio, -1.0
+    )
+    mu = np.maximum(plan.instants.mu, _MIN_MU) / plan.limits.safety_friction
+    friction_reserve = subject.contact_force - subject.tangential_force / mu
+    toe_offset = plan.forces.toe_command - plan.instants.toes
+    depth = -np.einsum("kni,kni->kn", toe_offset, plan.instants.normal)
+    max_shear = np.maximum(plan.instants.mu * subject.contact_force, _MIN_MU)
+    friction_loss = 1 - subject.tangential_force / max_shear
+    yield _check_toe_margin(
+        subject, "robust.pressure", subject.contact_force, margins.normal_force * weight
+    )
+    yield _check_toe_margin(subject, "robust.friction", friction_reserve, margins.friction * weight)
+    yield _check_toe_margin(subject, "robust.slip", friction_loss, margins.slip * ones)
+    yield _check_toe_margin(subject, "robust.depth", depth, margins.depth * ones)
     sole = plan.robot.sole
     if sole is not None:
-        wrench = plan.forces.force, subject.held_moment
-        centre = centre_of_pressure(lying(sole, plan.instants.normal), *wrench)
+        wrench = plan.forces.force, subject.contact_moment
+        centre = compute_pressure_centre(compute_sole_axes(sole, plan.instants.normal), *wrench)
         half = np.array([sole.width, sole.length]) / 2
         inside = 1.0 - np.abs(centre / half).max(axis=-1)
         inside = np.where(np.isnan(inside), np.inf, inside)  # of a foot without pressure
-        yield _toes(subject, "robust.sole", inside, margins.sole * still)
-    yield _toes(
-        subject, "robust.torque", 1 - subject.torque_use.max(axis=2), margins.torque * still
+        yield _check_toe_margin(subject, "robust.sole", inside, margins.sole * ones)
+    yield _check_toe_margin(
+        subject, "robust.torque", 1 - subject.torque_ratio.max(axis=2), margins.torque * ones
     )
-    yield _told(
+    yield _mark_fragile(
         judge_worst(
             "robust.stiffness",
-            WHOLE * margins.stiffness - left,
-            subject.at,
-            margin=f"{100 * left.min():.0f} of {100 * margins.stiffness:.0f} % left",
+            KEPT_FRACTION * margins.stiffness - stiffness_ratio,
+            subject.describe_instant,
+            margin=f"{100 * stiffness_ratio.min():.0f} of {100 * margins.stiffness:.0f} % left",
         )
     )
 
 
 # By check: the quantity that has the margin, its unit with the factor to it, and decimals
-_WORDS = {
+_QUANTITIES = {
     "robust.pressure": ("normal force", 1.0, "N", 1),
     "robust.friction": ("normal-force reserve of the friction cone", 1.0, "N", 1),
     "robust.slip": ("loss of friction before it slides", 1e2, "%", 0),
@@ -88,23 +96,23 @@ _WORDS = {
 }
 
 
-def _toes(subject: Subject, name: str, value: Array, asked: Array) -> Check:
-    """A margin of toes in contact, by what they have (K, N) and are asked for (K,)."""
+def _check_toe_margin(subject: Subject, name: str, value: Array, required: Array) -> Check:
+    """Check a margin of toes in contact: values (K, N) against requirements (K,)."""
     contact = subject.plan.instants.contact
-    missed = np.where(contact, WHOLE * asked[:, None] - value, -np.inf)
-    k, limb = np.unravel_index(int(np.argmax(missed)), missed.shape)
-    quantity, scale, unit, digits = _WORDS[name]
-    least = f"{scale * value[k, limb]:.{digits}f} of {scale * asked[k]:.{digits}f} {unit}"
-    words = f"{subject.limb(int(limb))}: {quantity} {least}"
-    return _told(judge_worst(name, missed, subject.at, margin=words))
+    shortfall = np.where(contact, KEPT_FRACTION * required[:, None] - value, -np.inf)
+    k, limb = np.unravel_index(int(np.argmax(shortfall)), shortfall.shape)
+    quantity, scale, unit, digits = _QUANTITIES[name]
+    value_text = f"{scale * value[k, limb]:.{digits}f} of {scale * required[k]:.{digits}f} {unit}"
+    margin_text = f"{subject.name_limb(int(limb))}: {quantity} {value_text}"
+    return _mark_fragile(judge_worst(name, shortfall, subject.describe_instant, margin=margin_text))
 
 
-def _told(check: Check) -> Check:
-    """A margin that is missed decides nothing; the plan is fragile for it."""
+def _mark_fragile(check: Check) -> Check:
+    """Mark a missed margin as informational, with the plan as fragile."""
     if check.passed:
         return check
     place = check.worst_at.rpartition(", ")[0] if check.name != "robust.stiffness" else ""
-    where = place or check.worst_at
+    place_text = place or check.worst_at
     subject = "stiffness of the body: " if check.name == "robust.stiffness" else ""
-    words = f"{where}: {subject}{check.margin}"
-    return replace(unjudged(check, "a margin, kept where it can be"), fragile=words)
+    fragility_text = f"{place_text}: {subject}{check.margin}"
+    return replace(unjudged(check, "a margin, kept where it can be"), fragile=fragility_text)

@@ -1,7 +1,7 @@
 """Verification of a climb plan from its file alone.
 
-`verify` recomputes every statement a plan makes about itself from the stored arrays, without the
-planner's kinematics, mechanics or solvers. What each check says and lets pass is in
+`verify` recomputes every statement of a plan about itself from the stored arrays, without the
+planner's kinematics, mechanics or solvers. The meaning and the tolerance of each check are in
 `verification.check.LIMITS`.
 """
 
@@ -13,24 +13,24 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.climb.check.clearance import clearance_checks
-from climbplan.climb.check.feet import feet_check
+from climbplan.climb.check.clearance import check_clearance
+from climbplan.climb.check.feet import check_feet
 from climbplan.climb.check.file import (
-    finite_check,
-    limits_check,
-    robot_check,
-    spec_hash_check,
-    terrain_check,
+    check_finite,
+    check_limits,
+    check_robot,
+    check_spec_hash,
+    check_terrain,
 )
-from climbplan.climb.check.forces import force_checks
-from climbplan.climb.check.grips import gripper_check
-from climbplan.climb.check.plausibility import implausible_climb
-from climbplan.climb.check.postures import posture_checks
-from climbplan.climb.check.self_collision import self_collision_check
-from climbplan.climb.check.spec import answering, margins_of, risk_of, spec_checks
-from climbplan.climb.check.statics import static_checks
-from climbplan.climb.check.subject import subject_of
-from climbplan.climb.check.trajectory import trajectory_checks
+from climbplan.climb.check.forces import check_forces
+from climbplan.climb.check.grips import check_gripper_data
+from climbplan.climb.check.plausibility import find_implausible_values
+from climbplan.climb.check.postures import check_postures
+from climbplan.climb.check.self_collision import check_self_collision
+from climbplan.climb.check.spec import bind_to_spec, check_spec, read_margins, read_risk_limit
+from climbplan.climb.check.statics import check_statics
+from climbplan.climb.check.subject import build_subject
+from climbplan.climb.check.trajectory import check_trajectory
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found
 from climbplan.climb.plan.promise import interval_of
@@ -42,138 +42,162 @@ from climbplan.verification.held import held_against, held_check
 from climbplan.verification.verification import Verification, mark_verified
 
 
-def risk_check(plan: ClimbPlan) -> Iterator[Check]:
-    """The told interval against the counts, the told risk against the spec's.
+def check_risk(plan: ClimbPlan) -> Iterator[Check]:
+    """Check the stored interval against the counts, and the stored risk against the spec's.
 
-    This is what the file alone tells of falls: `climbplan simulate` plays the worlds again with the
-    engine, seed and number that it names, `climbplan verify --worlds` those of a sample. A promise
-    that is not met, or a sample with too many falls, fails nothing: the plan is fragile for it.
+    The file alone gives no more information on falls. `climbplan simulate` repeats the worlds with
+    the stored engine, seed and number, `climbplan verify --worlds` those of a sample. A missed
+    promise, or a sample with too many falls, fails no check: the plan is then fragile.
     """
-    asked, promise = risk_of(plan), plan.promise
-    if asked is None and promise is None:
+    risk_limit, promise = read_risk_limit(plan), plan.promise
+    if risk_limit is None and promise is None:
         return
     if promise is None:
-        none = judge("robust.risk", 0.0, margin="not judged in any world")
-        words = f"the spec asks for falls in at most {asked:.2%} of worlds; none were played"
-        yield replace(unjudged(none, "no promise in the file"), fragile=words)
+        unsampled = judge("robust.risk", 0.0, margin="not judged in any world")
+        fragility_text = (
+            f"the spec asks for falls in at most {risk_limit:.2%} of worlds; none were played"
+        )
+        yield replace(unjudged(unsampled, "no promise in the file"), fragile=fragility_text)
         return
     low, high = interval_of(promise.falls, promise.worlds)
-    off = max(abs(promise.lower - low), abs(promise.upper - high))
-    off = max(off, abs(promise.risk - asked) if asked is not None else 0.0)
-    told = f"{promise.words} ({promise.engine}, seed {promise.seed}), {low:.2%} to {high:.2%} fall"
-    check = judge("robust.risk", off, margin=told)
+    interval_error = max(abs(promise.lower - low), abs(promise.upper - high))
+    interval_error = max(
+        interval_error, abs(promise.risk - risk_limit) if risk_limit is not None else 0.0
+    )
+    promise_text = (
+        f"{promise.words} ({promise.engine}, seed {promise.seed}), {low:.2%} to {high:.2%} fall"
+    )
+    check = judge("robust.risk", interval_error, margin=promise_text)
     if check.passed and high > promise.risk:
-        first = f"; first of all {promise.fells[0]}" if promise.fells else ""
-        words = f"{told}, asked at most {promise.risk:.2%}{first}"
-        helps = f"; what would help: {'; '.join(promise.helps)}" if promise.helps else ""
-        check = replace(unjudged(check, "a promise that is not met"), fragile=words + helps)
+        first_cause = f"; first of all {promise.fells[0]}" if promise.fells else ""
+        fragility_text = f"{promise_text}, asked at most {promise.risk:.2%}{first_cause}"
+        remedy_text = f"; what would help: {'; '.join(promise.helps)}" if promise.helps else ""
+        check = replace(
+            unjudged(check, "a promise that is not met"), fragile=fragility_text + remedy_text
+        )
     yield check
 
 
-def world_sample_check(plan: ClimbPlan) -> Iterator[Check]:
-    """The stored interval against the counts of worlds; too many falls make a plan fragile."""
+def check_world_sample(plan: ClimbPlan) -> Iterator[Check]:
+    """Check the stored interval against the counts; too many falls make a plan fragile."""
     sample = plan.sample
     if sample is None:
         return
     low, high = wilson_interval(sample.worlds - sample.falls, sample.worlds)
-    off = max(abs(sample.lower - low), abs(sample.upper - high))
-    words = f"{sample.stands} of its uncertainty ({sample.engine}, seed {sample.seed})"
-    check = judge("robust.worlds", off, margin=f"{words}, {sample.interval}")
+    interval_error = max(abs(sample.lower - low), abs(sample.upper - high))
+    sample_text = f"{sample.stands} of its uncertainty ({sample.engine}, seed {sample.seed})"
+    check = judge("robust.worlds", interval_error, margin=f"{sample_text}, {sample.interval}")
     if check.passed and not sample.enough:
-        first = f"; most frequent: {sample.causes[0]}" if sample.causes else ""
-        required = f"at least {MIN_STANDING:.0%} required"
-        fragile = f"{words}, {sample.interval}, {required}{first}"
+        first_cause = f"; most frequent: {sample.causes[0]}" if sample.causes else ""
+        requirement = f"at least {MIN_STANDING:.0%} required"
+        fragile = f"{sample_text}, {sample.interval}, {requirement}{first_cause}"
         check = replace(unjudged(check, "worlds that fall fail no check"), fragile=fragile)
     yield check
 
 
-def verify(path: Path, held: HeldSpec | None = None) -> Verification:
-    """Recompute all statements of the plan in a file; held: against another spec than its own.
+def verify(path: Path, other_spec: HeldSpec | None = None) -> Verification:
+    """Recompute all statements of the plan in a file.
 
-    If text, numbers, robot or terrain are unsound, only those checks are made: nothing else
-    would mean anything. Raises PlanFileError for a file that is not a whole climb plan.
+    If text, numbers, robot or terrain are unsound, only those checks are made, because no other
+    would mean anything.
+
+    Args:
+        path: The plan file.
+        other_spec: Another spec to verify against; None for the plan's own.
+
+    Raises:
+        PlanFileError: The file is not a complete climb plan.
     """
-    return verification_of(read_as_found(path), held)
+    return verify_plan(read_as_found(path), other_spec)
 
 
-def verification_of(plan: ClimbPlan, held: HeldSpec | None = None) -> Verification:
-    """As `verify`, for a plan that was read already.
+def verify_plan(plan: ClimbPlan, other_spec: HeldSpec | None = None) -> Verification:
+    """Recompute all statements of a plan that was read already, as `verify` does.
 
-    A planner verifies what it is about to return, and then its file is verified. If the file holds
-    bit for bit what this process verified last, the outcome is the same and is not computed again.
+    A planner verifies what it returns, and its file is verified again. If the content is the same
+    bit for bit as that of the last verification in this process, its outcome is returned.
     """
-    if held is not None:
-        return _verification_of(plan, held)
+    if other_spec is not None:
+        return _run_verification(plan, other_spec)
     global _last
     try:
-        content = _content(plan)
+        content = _compute_content_digest(plan)
     except TypeError:  # it holds something without a digest
-        return _verification_of(plan, None)
+        return _run_verification(plan, None)
     last = _last  # read once: another thread may replace it
     if last is None or last[0] != content:
-        last = _last = (content, _verification_of(plan, None))
+        last = _last = (content, _run_verification(plan, None))
     return last[1]
 
 
 _last: tuple[bytes, Verification] | None = None  # digest and outcome of the last plan
 
 
-def _content(plan: ClimbPlan) -> bytes:
-    """Digest of a plan without its creation time, version and what no check reads."""
+def _compute_content_digest(plan: ClimbPlan) -> bytes:
+    """Return the digest of a plan without its creation time, version and what no check reads."""
     forces = replace(plan.forces, margin_share=None)
     return compute_digest(replace(plan, created="", climbplan_version="", forces=forces))
 
 
-def _verification_of(plan: ClimbPlan, held: HeldSpec | None) -> Verification:
+def _run_verification(plan: ClimbPlan, other_spec: HeldSpec | None) -> Verification:
     # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
+    """Run all checks of a plan."""
     with np.errstate(all="ignore"):
-        checks = tuple(_checks(plan, held))
-        stands = "" if plan.promise is None else plan.promise.words
-        if not stands and plan.sample is not None:
-            stands = plan.sample.stands
-        found = Verification(checks, against=held_against(plan, held), stands=stands)
-        return found if found.unsound else replace(found, implausible=implausible_climb(plan))
+        checks = tuple(_generate_checks(plan, other_spec))
+        risk_summary = "" if plan.promise is None else plan.promise.words
+        if not risk_summary and plan.sample is not None:
+            risk_summary = plan.sample.stands
+        verification = Verification(
+            checks, against=held_against(plan, other_spec), risk_summary=risk_summary
+        )
+        return (
+            verification
+            if verification.unsound
+            else replace(verification, implausible=find_implausible_values(plan))
+        )
 
 
-def _checks(plan: ClimbPlan, held: HeldSpec | None) -> Iterator[Check]:
-    yield spec_hash_check(plan)
-    finite = finite_check(plan.not_finite)
+def _generate_checks(plan: ClimbPlan, other_spec: HeldSpec | None) -> Iterator[Check]:
+    """Yield the checks in order; unsound data end the sequence."""
+    yield check_spec_hash(plan)
+    finite = check_finite(plan.not_finite)
     yield finite
     if not finite.passed:
         return
-    sound = (
-        robot_check(plan.robot),
-        terrain_check(plan.terrain, plan.robot),
-        limits_check(plan.limits),
-        *([gripper_check(plan)] if plan.robot.gripper is not None else []),
+    data_checks = (
+        check_robot(plan.robot),
+        check_terrain(plan.terrain, plan.robot),
+        check_limits(plan.limits),
+        *([check_gripper_data(plan)] if plan.robot.gripper is not None else []),
     )
-    yield from sound
-    if not all(check.passed for check in sound):
+    yield from data_checks
+    if not all(check.passed for check in data_checks):
         return
-    if held is not None:
-        yield held_check(held)
-        plan = answering(plan, held)
-    subject = subject_of(plan)
-    yield from spec_checks(subject, None if held is None else held.robot)
-    yield from posture_checks(subject)
-    yield from force_checks(subject)
-    yield from static_checks(subject, margins_of(plan))
-    yield from risk_check(plan)
-    yield from world_sample_check(plan)
-    yield from clearance_checks(subject)
-    yield self_collision_check(subject)
-    yield from feet_check(subject)
+    if other_spec is not None:
+        yield held_check(other_spec)
+        plan = bind_to_spec(plan, other_spec)
+    subject = build_subject(plan)
+    yield from check_spec(subject, None if other_spec is None else other_spec.robot)
+    yield from check_postures(subject)
+    yield from check_forces(subject)
+    yield from check_statics(subject, read_margins(plan))
+    yield from check_risk(plan)
+    yield from check_world_sample(plan)
+    yield from check_clearance(subject)
+    yield check_self_collision(subject)
+    yield from check_feet(subject)
     if plan.terrain.scan is not None:
-        from climbplan.climb.check.scan import scan_checks
+        from climbplan.climb.check.scan import check_scan
 
-        yield from scan_checks(subject, plan.terrain.scan)
-    yield from trajectory_checks(subject)
+        yield from check_scan(subject, plan.terrain.scan)
+    yield from check_trajectory(subject)
 
 
 def verify_and_mark(path: Path) -> Verification:
     """Verify a plan file and write the outcome into it.
 
-    Raises PlanFileError for a file that is not a whole climb plan.
+    Raises:
+        PlanFileError: The file is not a complete climb plan.
     """
     verification = verify(path)
     mark_verified(path, verification)

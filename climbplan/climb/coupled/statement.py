@@ -24,7 +24,7 @@ from climbplan.climb.postures.statement import (
     build_region_polytope,
     sum_of_squares,
 )
-from climbplan.climb.scene.climb_scene import ClimbScene, load_wrench
+from climbplan.climb.scene.climb_scene import ClimbScene, compute_load_wrench
 from climbplan.errors import Unresolved
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program import Polytope, Program
@@ -47,7 +47,7 @@ class ExternalLoad:
 
 def compute_scene_load(scene: ClimbScene) -> ExternalLoad:
     """Compute weight, payload and external load in the start's orientation."""
-    wrench = load_wrench(scene.spec, scene.robot, scene.start.rpy)
+    wrench = compute_load_wrench(scene.spec, scene.robot, scene.start.rpy)
     weight = scene.robot.weight
     return ExternalLoad(wrench[:3] / weight - [0.0, 0.0, 1.0], wrench[3:] / weight)
 

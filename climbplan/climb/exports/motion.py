@@ -37,7 +37,7 @@ from climbplan.robots.kinematics import (
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.schema.robots.stored import NotKept, stored_robot
+from climbplan.schema.robots.stored import NotKept, build_stored_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.yaml_source import parse_yaml
 from climbplan.simulation.conditions import NOMINAL
@@ -152,7 +152,7 @@ def _read_root_link(plan: ClimbPlan) -> tuple[BaseLink | None, dict[str, object]
     if not plan.robot_texts.urdf or not isinstance(chain, SerialChain):
         return None, {}, ()
     try:
-        robot = stored_robot(parse_yaml(plan.spec_text, "spec"), plan.robot_texts).robot
+        robot = build_stored_robot(parse_yaml(plan.spec_text, "spec"), plan.robot_texts).robot
         if not isinstance(robot, UrdfRobot):
             return None, {}, ()
         facts = dict(urdf_facts(robot))

@@ -8,7 +8,7 @@ from typing import TextIO
 
 import numpy as np
 
-from climbplan.climb.exports.motion import motion_of_climb
+from climbplan.climb.exports.motion import build_motion
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 from climbplan.exports.motion import RobotMotion
@@ -33,13 +33,14 @@ def export_csv(path: Path, out: Path | TextIO) -> None:
         UsageError: `out` cannot be written.
     """
     plan = read_climb(path)
-    motion = motion_of_climb(plan)
-    write_csv(out, _header(motion), _rows(plan, motion))
+    motion = build_motion(plan)
+    write_csv(out, _build_header(motion), _generate_rows(plan, motion))
     if isinstance(out, Path):
         write_sidecar(motion, out)
 
 
-def _header(motion: RobotMotion) -> list[str]:
+def _build_header(motion: RobotMotion) -> list[str]:
+    """Return the column names with units."""
     joints, contacts = motion.joints, motion.contacts
     assert joints is not None
     assert contacts is not None
@@ -51,27 +52,33 @@ def _header(motion: RobotMotion) -> list[str]:
         *_BODY,
         *(f"{name}_{unit}" for name, unit in zip(joints.names, units, strict=True)),
         *(f"{limb}_contact" for limb in contacts.names),
-        *(() if motion.base is None else (f"{BASE}_{part}" for part in POSE)),
+        *(() if motion.base is None else (f"{BASE}_{component}" for component in POSE)),
         *(f"{name}_{'force' if unit == 'N' else 'torque'}_{unit}" for name, unit in efforts),
         *(f"{name}_gravity_{unit}" for name, unit in efforts),
         *(f"{limb}_force_{axis}_N" for limb in contacts.names for axis in "xyz"),
     ]
 
 
-def _rows(plan: ClimbPlan, motion: RobotMotion) -> Iterator[list[float | int]]:
-    moving, base, joints, contacts = plan.trajectory, motion.base, motion.joints, motion.contacts
+def _generate_rows(plan: ClimbPlan, motion: RobotMotion) -> Iterator[list[float | int]]:
+    """Yield the rows, one per sample."""
+    trajectory, base, joints, contacts = (
+        plan.trajectory,
+        motion.base,
+        motion.joints,
+        motion.contacts,
+    )
     assert joints is not None
     assert contacts is not None
-    pose = np.zeros((len(moving.time), 0))
+    pose = np.zeros((len(trajectory.time), 0))
     if base is not None:
         pose = np.hstack([base.position, base.quaternion])
-    for sample in range(len(moving.time)):
+    for sample in range(len(trajectory.time)):
         yield [
-            float(moving.time[sample]),
-            *moving.com[sample].tolist(),
-            *moving.rpy[sample].tolist(),
+            float(trajectory.time[sample]),
+            *trajectory.com[sample].tolist(),
+            *trajectory.rpy[sample].tolist(),
             *joints.command[sample].tolist(),
-            *(int(touches) for touches in moving.contact[sample]),
+            *(int(is_touching) for is_touching in trajectory.contact[sample]),
             *pose[sample].tolist(),
             *joints.torque[sample].tolist(),
             *joints.gravity[sample].tolist(),

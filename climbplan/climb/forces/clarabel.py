@@ -25,7 +25,10 @@ class ConeOptima:
 
 
 def build_clarabel_settings(robust: bool = False) -> clarabel.DefaultSettings:
-    """Quiet, one thread, tight; or robust: less tight, for what the tight ones give up on."""
+    """Return settings for one quiet thread: tight tolerances, or looser ones with `robust`.
+
+    The looser ones are for problems on which Clarabel gives up with tight tolerances.
+    """
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
@@ -54,16 +57,16 @@ def solve_with_clarabel(*problem: Any) -> clarabel.DefaultSolution | None:
 
 def solve_clarabel(group: ReducedForces) -> ConeOptima:
     """Minimise a group's objective and preference over the exact cones, one call an instant."""
-    b, n, q = len(group.instant), group.contacts, group.unknowns
+    b, n, q = len(group.instant), group.num_contacts, group.num_unknowns
     linear = build_halfspaces(group)
-    # s >= 0 and s <= largest_s, then torque, contact and commands, then (mu n . f, t . f, b . f)
+    # s >= 0 and s <= max_s, then torque, contact and commands, then (mu n . f, t . f, b . f)
     # in a cone, and what the forces leave of the stiffness
     m = 2 + linear.A.shape[1]
     cone_end = m + 3 * n
     size = cone_end + group.stability.shape[1]
     A, upper = np.zeros((b, size, q + 1)), np.zeros((b, size))
     A[:, 0, 0], A[:, 1, 0] = -1.0, 1.0
-    upper[:, 1] = group.largest_s
+    upper[:, 1] = group.max_s
     A[:, 2:m], upper[:, 2:m] = linear.A, linear.upper
     slopes = np.ones((b, n, 3))
     slopes[..., 0] = group.usable_mu

@@ -10,20 +10,20 @@ from climbplan.climb.forces.pyramids import Optima
 from climbplan.climb.forces.reduction import Halfspaces, ReducedForces
 
 _TOLERANCE = 1e-6  # before polishing
-_ITERATIONS = 10_000
+_MAX_ITERATIONS = 10_000
 # A first-order method crawls along the faces of a linear program: without curvature most instants
 # are not solved in 20000 iterations. So these are proximal steps: the curvature is about the answer
 # before, and vanishes as answers settle.
 _CURVATURE = 3e-2
 _PROXIMAL_STEPS = 6
-_SETTLED = 1e-5  # change of x between proximal steps
+_STEP_TOLERANCE = 1e-5  # change of x between proximal steps
 
 
 def solve_osqp(group: ReducedForces, rows: Halfspaces, active: BoolArray | None = None) -> Optima:
-    """Minimise gradient . x over the rows by proximal steps, several calls an instant.
+    """Minimise gradient . x over the rows by proximal steps, several calls per instant.
 
-    `active` rows are of no use to a first-order method. Answers that could not be polished may miss
-    limits by more than the check allows.
+    A first-order method has no use for `active` rows. Answers that could not be polished may
+    violate limits by more than the check allows.
     """
     import osqp  # a fifth of a second: only where it is asked for
 
@@ -31,14 +31,14 @@ def solve_osqp(group: ReducedForces, rows: Halfspaces, active: BoolArray | None 
 
     b, m, size = rows.A.shape
     P = sparse.diags(np.full(size, _CURVATURE), format="csc")
-    length = np.linalg.norm(rows.A, axis=-1)
-    length[length == 0] = 1.0
+    row_norms = np.linalg.norm(rows.A, axis=-1)
+    row_norms[row_norms == 0] = 1.0
     # All entries are stored, zeros as well: one sparsity pattern for the whole batch.
     indptr, indices = np.arange(size + 1) * (m + 1), np.tile(np.arange(m + 1), size)
     A = np.zeros((b, size, m + 1))
     A[:, 0, 0] = 1.0  # the bound on s
-    A[:, :, 1:] = np.swapaxes(rows.A / length[..., None], 1, 2)
-    upper = np.concatenate([group.largest_s[:, None], rows.upper / length], axis=1)
+    A[:, :, 1:] = np.swapaxes(rows.A / row_norms[..., None], 1, 2)
+    upper = np.concatenate([group.max_s[:, None], rows.upper / row_norms], axis=1)
     lower = np.full(m + 1, -np.inf)
     lower[0] = 0.0
     x, multipliers, solved = np.zeros((b, size)), np.zeros((b, m + 1)), np.zeros(b, bool)
@@ -53,17 +53,17 @@ def solve_osqp(group: ReducedForces, rows: Halfspaces, active: BoolArray | None 
             verbose=False,
             eps_abs=_TOLERANCE,
             eps_rel=_TOLERANCE,
-            max_iter=_ITERATIONS,
+            max_iter=_MAX_ITERATIONS,
             polishing=True,
             adaptive_rho_interval=50,  # by iterations, not by time: the same answer every run
         )
         for _ in range(_PROXIMAL_STEPS):
-            answer = run_osqp(solver, (m + 1) * size)
-            if answer.info.status_val != osqp.SolverStatus.OSQP_SOLVED:
+            solution = run_osqp(solver, (m + 1) * size)
+            if solution.info.status_val != osqp.SolverStatus.OSQP_SOLVED:
                 break
-            change = float(np.abs(answer.x - x[k]).max())
-            solved[k], x[k], multipliers[k] = True, answer.x, answer.y
-            if change < _SETTLED:
+            change = float(np.abs(solution.x - x[k]).max())
+            solved[k], x[k], multipliers[k] = True, solution.x, solution.y
+            if change < _STEP_TOLERANCE:
                 break
             solver.update(q=group.gradient[k] - _CURVATURE * x[k])
     return Optima(x, multipliers[:, 1:] > 0, solved)

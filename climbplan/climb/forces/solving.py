@@ -1,8 +1,8 @@
-"""Solve the force problems of all instants, and believe no solver.
+"""Solve the force problems of all instants, and check every answer.
 
-Answers come from the reduced problems, again with the restrictions that they break
-(`restrictions`), and are checked against the exact constraints. What fails is left to Clarabel on
-the exact cones.
+Answers come from the reduced problems, solved again with the lazy constraints that they violate
+(`lazy_constraints`). They are checked against the exact constraints. Instants that fail are solved
+by Clarabel on the exact cones.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.forces.clarabel import solve_clarabel
 from climbplan.climb.forces.daqp import solve_daqp
+from climbplan.climb.forces.lazy_constraints import LazyConstraints, build_stability_cone
 from climbplan.climb.forces.pyramids import solve_pyramids
 from climbplan.climb.forces.reduction import ReducedForces, Reduction, reduce_forces
-from climbplan.climb.forces.restrictions import LazyConstraints, build_stability_cone
 from climbplan.climb.forces.statement import RESIDUAL_LIMIT, ForceStatement, check_forces
 from climbplan.errors import UsageError
 
@@ -29,6 +29,8 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class _Answers:
+    """Forces of a group, with the solver's own verdict."""
+
     force: Array  # (B, n, 3) [N]
     solved: BoolArray  # (B,) what the solver says of itself
 
@@ -37,20 +39,23 @@ GroupSolver = Callable[[ReducedForces, int], _Answers]
 
 
 def _solve_by_daqp(group: ReducedForces, facets: int) -> _Answers:
+    """Solve a group on pyramids by DAQP."""
     optima = solve_pyramids(group, facets, solve_daqp)
-    return _Answers(group.forces(optima.x[:, 1:]), optima.solved)
+    return _Answers(group.compute_forces(optima.x[:, 1:]), optima.solved)
 
 
 def _solve_by_osqp(group: ReducedForces, facets: int) -> _Answers:
+    """Solve a group on pyramids by OSQP."""
     from climbplan.climb.forces.osqp import solve_osqp
 
     optima = solve_pyramids(group, facets, solve_osqp)
-    return _Answers(group.forces(optima.x[:, 1:]), optima.solved)
+    return _Answers(group.compute_forces(optima.x[:, 1:]), optima.solved)
 
 
 def _solve_by_clarabel(group: ReducedForces, facets: int) -> _Answers:
+    """Solve a group on the exact cones by Clarabel."""
     optima = solve_clarabel(group)
-    return _Answers(group.forces(optima.x[:, 1:]), optima.solved)
+    return _Answers(group.compute_forces(optima.x[:, 1:]), optima.solved)
 
 
 SOLVERS: dict[str, GroupSolver] = {
@@ -62,16 +67,22 @@ SOLVERS: dict[str, GroupSolver] = {
 
 @dataclass(frozen=True)
 class SolvedForces:
-    """Answers of the force problems that passed the check, and which have none."""
+    """Answers of the force problems that passed the check, and the instants that have none."""
 
     force: Array  # (K, N, 3) [N]
     missing: IntArray  # instants for which no solver has an answer that holds
     unbalanced: IntArray  # instants whose contacts cannot balance the load at all
-    solved_again: int  # instants left to Clarabel by another solver
+    num_resolved: int  # instants left to Clarabel by another solver
 
 
 def solve_forces(statement: ForceStatement, solver: str, facets: int) -> SolvedForces:
-    """Solve and check the force problems; facets: sides of the pyramids (not for "clarabel")."""
+    """Solve and check the force problems of all instants.
+
+    Args:
+        statement: The force problems.
+        solver: "daqp", "clarabel" or "osqp".
+        facets: Number of sides of the friction pyramids; without effect for "clarabel".
+    """
     if solver not in SOLVERS:
         raise UsageError(f"unknown force solver {solver!r}: expected one of {', '.join(SOLVERS)}")
     reduction = reduce_forces(statement)
@@ -80,13 +91,13 @@ def solve_forces(statement: ForceStatement, solver: str, facets: int) -> SolvedF
     for group in reduction.groups:
         _store_answers(group, SOLVERS[solver](group, facets), force, solved)
     constraints = LazyConstraints(statement)
-    violating = constraints.broken_by(force)
+    violating = constraints.find_violations(force)
     for _ in range(_MAX_CUT_ROUNDS):
         violating = violating[solved[violating]]
         if not len(violating):
             break
         _solve_constrained(reduction, constraints, violating, solver, facets, force, solved)
-        violating = np.intersect1d(violating, constraints.broken_by(force))
+        violating = np.intersect1d(violating, constraints.find_violations(force))
     is_accepted = solved & (check_forces(statement, force).worst <= RESIDUAL_LIMIT)
     is_accepted[reduction.unbalanced] = True  # nothing to solve
     unsolved = np.flatnonzero(~is_accepted)
@@ -109,28 +120,29 @@ def _solve_constrained(
     force: Array,
     solved: BoolArray,
 ) -> None:
-    """Solve some instants again, with all restrictions found so far."""
+    """Solve some instants again, with all lazy constraints found so far, in place."""
     for group in reduction.groups:
         rows_in_group = np.flatnonzero(np.isin(group.instant, instants))
         if len(rows_in_group):
             subgroup = group.take(rows_in_group)
-            rows = constraints.commands(subgroup.instant).and_also(
-                constraints.depths(subgroup.instant)
+            rows = constraints.build_command_rows(subgroup.instant).append_rows(
+                constraints.build_penetration_rows(subgroup.instant)
             )
-            A, upper = rows.of_limbs(subgroup.limb), rows.upper
+            A, upper = rows.select_limbs(subgroup.limb), rows.upper
             if solver == "clarabel":
                 rows = build_stability_cone(constraints.statement, subgroup.instant)
-                subgroup = subgroup.stabilised(rows.of_limbs(subgroup.limb), rows.upper)
+                subgroup = subgroup.with_stability(rows.select_limbs(subgroup.limb), rows.upper)
             else:
-                rows = constraints.cuts(subgroup.instant)
-                A = np.concatenate([A, rows.of_limbs(subgroup.limb)], axis=1)
+                rows = constraints.collect_cuts(subgroup.instant)
+                A = np.concatenate([A, rows.select_limbs(subgroup.limb)], axis=1)
                 upper = np.concatenate([upper, rows.upper], axis=1)
-            subgroup = subgroup.restricted(A, upper)
+            subgroup = subgroup.with_rows(A, upper)
             _store_answers(subgroup, SOLVERS[solver](subgroup, facets), force, solved)
 
 
 def _store_answers(
     group: ReducedForces, answers: _Answers, force: Array, solved: BoolArray
 ) -> None:
+    """Write the answers of a group into the arrays of all instants."""
     force[group.instant[:, None], group.limb] = answers.force
     solved[group.instant] = answers.solved

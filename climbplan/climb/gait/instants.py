@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.plan.climb_plan import Instants
-from climbplan.climb.scene.climb_scene import MotionScene, load_wrench
+from climbplan.climb.scene.climb_scene import MotionScene, compute_load_wrench
 from climbplan.robots.kinematics import inverse, require_reachable, sole_turns, to_body
 from climbplan.robots.model import Robot
 
@@ -64,7 +64,7 @@ def build_instants(
         mu=mu,
         region=region,
         joint_angles=np.full((*region.shape, scene.robot.joint_count), np.nan),
-        external_wrench=load_wrench(scene.spec, scene.robot, rpy),
+        external_wrench=compute_load_wrench(scene.spec, scene.robot, rpy),
     )
 
 

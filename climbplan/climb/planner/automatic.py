@@ -1,9 +1,10 @@
-"""Method `auto`: the global method first, then what its failure suggests.
+"""Plan by method `auto`: a sequence of trials, each planned and verified.
 
-A trial is a method with what the spec leaves open chosen in some way, as the module `trials` has
-them. The first whose plan passes its verification is taken. Where none does, changes of the spec
-are planned with, so that a remedy that is named works, and the refusal says what was tried and what
-each lacked. Keys that the spec states are never changed.
+A trial is a method together with choices of what the spec leaves open (see the module `trials`).
+The global method comes first; the failure of one trial decides which trials follow. The first plan
+that passes its verification is returned. Where no trial succeeds, changes of the spec are planned
+with, so that every remedy in the error message is known to work. Keys that the spec states are
+never changed.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-from climbplan.climb.check.verification import verification_of
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.planner.trials import Trial, first_trial, further_trials
+from climbplan.climb.planner.trials import Trial, generate_further_trials, select_first_trial
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.climb.schema.loading import LoadedClimb
@@ -23,200 +24,242 @@ from climbplan.errors import (
     Infeasible,
     LimitReached,
     NoPlanFound,
-    NotProved,
     Remedy,
     SpecError,
+    Unresolved,
     UsageError,
 )
 from climbplan.schema.overrides import Override
 
-_FOR_PLANS = 0.7  # share of the time limit for trials; the rest is for remedies
-_FIRST = 0.6  # share of that which the global method may use
-_EACH = 0.5  # share of what is left that a later trial may use
-_AFTER_PROOF = 5  # changes planned with
-_REMEDIES = 3  # found before the search for them ends
-_LEAST = 0.2  # [s] with less a trial is not begun
+_TRIAL_FRACTION = 0.7  # share of the time limit for trials; the rest is for remedies
+_FIRST_TRIAL_FRACTION = 0.6  # share of that which the global method may use
+_FURTHER_TRIAL_FRACTION = 0.5  # share of what is left that a later trial may use
+_MAX_CHANGES_AFTER_PROOF = 5  # changes planned with
+_MAX_REMEDIES = 3  # found before the search for them ends
+_MIN_TRIAL_TIME = 0.2  # [s] with less a trial is not begun
 
-ByMethod = Callable[[LoadedClimb, float], ClimbPlan]
+PlanByMethod = Callable[[LoadedClimb, float], ClimbPlan]
 """Plans a climb by the method of its spec until a deadline (`time.monotonic` [s])."""
 
 
 @dataclass(frozen=True)
-class Tried:
-    """What became of a trial."""
+class FailedTrial:
+    """A trial that led to no verified plan, with its error and duration."""
 
     trial: Trial
     error: NoPlanFound
     seconds: float
 
     @property
-    def lacked(self) -> str:
-        """In one line, with the first of several conflicts."""
+    def failure_summary(self) -> str:
+        """Return the first line of the error and its first conflict."""
         text = self.error.message.partition("\n")[0]
         if self.error.conflicts:
             text += f"; {str(self.error.conflicts[0]).partition(';')[0]}"
         return text
 
     def __str__(self) -> str:
-        return f"{self.trial.name} ({self.seconds:.1f} s): {self.lacked}"
+        return f"{self.trial.name} ({self.seconds:.1f} s): {self.failure_summary}"
 
 
-class Refused(NotProved):
-    """No trial led to a plan, which proves nothing; says what each lacked and what would help."""
+class NoTrialSucceeded(Unresolved):
+    """The error of method `auto` when no trial led to a plan, which proves nothing.
 
-    def __init__(self, tried: Sequence[Tried], remedies: Sequence[Remedy], late: bool) -> None:
-        from climbplan.climb.planner.remedies import listed
+    Its message lists why each trial failed and which changes of the spec lead to a plan.
+    """
 
-        first = tried[0].error
+    def __init__(
+        self, failed_trials: Sequence[FailedTrial], remedies: Sequence[Remedy], time_ran_out: bool
+    ) -> None:
+        from climbplan.climb.planner.remedies import format_remedies
+
+        first = failed_trials[0].error
         lines = [first.message.partition("\n")[0]]
         # What a conflict names would mend what failed there; other postures may do with less
-        shown = [replace(conflict, tried=True) for conflict in first.conflicts[:_SHOWN]]
-        lines += [f"  {_plain(str(conflict))}" for conflict in shown]
-        lines.append(f"tried {len(tried)} way{'s' if len(tried) > 1 else ''}:")
-        lines += [f"  {_plain(str(one))}" for one in tried]
-        if late:
+        shown_conflicts = [
+            replace(conflict, tried=True) for conflict in first.conflicts[:_MAX_CONFLICTS]
+        ]
+        lines += [f"  {_join_lines(str(conflict))}" for conflict in shown_conflicts]
+        lines.append(f"tried {len(failed_trials)} way{'s' if len(failed_trials) > 1 else ''}:")
+        lines += [f"  {_join_lines(str(trial))}" for trial in failed_trials]
+        if time_ran_out:
             lines.append("the time limit ended the search for a plan: more of it may help")
-        lines += listed(remedies)
-        because = first.because if isinstance(first, NotProved) else "a limit was reached"
-        super().__init__("\n".join(lines), because=because, stage=first.stage, remedies=remedies)
+        lines += format_remedies(remedies)
+        reason = first.because if isinstance(first, Unresolved) else "a limit was reached"
+        super().__init__("\n".join(lines), because=reason, stage=first.stage, remedies=remedies)
         self.conflicts = [replace(c, remedies=()) for c in first.conflicts]
-        self.tried = tuple(tried)
+        self.tried = tuple(failed_trials)
 
 
-_SHOWN = 6  # conflicts of the first trial
+_MAX_CONFLICTS = 6  # conflicts of the first trial
 
 
-def _plain(text: str) -> str:
+def _join_lines(text: str) -> str:
     return text.replace("\n", " ")
 
 
 @dataclass
-class Search:
-    """The trials of one climb."""
+class TrialSearch:
+    """The trials of one climb: loaded spec, time budget and the failures so far."""
 
     loaded: LoadedClimb
-    plan: ByMethod
+    plan: PlanByMethod
     begin: float = field(default_factory=time.monotonic)
-    tried: list[Tried] = field(default_factory=list)
-    failing: ClimbPlan | None = None  # the first plan that failed its verification
+    failed_trials: list[FailedTrial] = field(default_factory=list)
+    unverified_plan: ClimbPlan | None = None  # the first plan that failed its verification
 
     @property
     def limit(self) -> float:
-        """Time limit of the whole search [s]."""
+        """Return the time limit of the whole search [s]."""
         return float(self.loaded.spec.solver.time_limit)
 
-    def left(self, share: float = 1.0) -> float:
-        """Seconds until that share of the limit is used."""
-        return self.begin + share * self.limit - time.monotonic()
+    def remaining_time(self, fraction: float = 1.0) -> float:
+        """Return the time [s] until the given fraction of the time limit is used."""
+        return self.begin + fraction * self.limit - time.monotonic()
 
-    def attempt(self, trial: Trial, seconds: float) -> ClimbPlan | None:
-        """The verified plan of a trial, or None and a line in `tried`."""
+    def plan_and_verify(self, trial: Trial, seconds: float) -> ClimbPlan | None:
+        """Return the verified plan of a trial, or None after recording the failure."""
         start = time.monotonic()
         try:
-            plan = self.plan(prepared(self.loaded, trial), start + seconds)
-            verification = verification_of(plan)
+            plan = self.plan(apply_choices(self.loaded, trial), start + seconds)
+            verification = verify_plan(plan)
             if verification.objection:
-                self.failing = self.failing or plan
-                raise NotProved(
+                self.unverified_plan = self.unverified_plan or plan
+                raise Unresolved(
                     f"the plan {verification.objection}",
                     because=f"method {trial.method} does not state all that is checked",
                     stage="verify",
                 )
         except (UsageError, SpecError) as error:
-            if not self.tried:
+            if not self.failed_trials:
                 raise
             # A method that cannot state this climb, or a change that the spec cannot have
-            refused = NotProved(
+            failure = Unresolved(
                 str(error), because=f"method {trial.method} cannot state this climb"
             )
-            self.tried.append(Tried(trial, refused, time.monotonic() - start))
+            self.failed_trials.append(FailedTrial(trial, failure, time.monotonic() - start))
             return None
         except NoPlanFound as error:
-            self.tried.append(Tried(trial, error, time.monotonic() - start))
+            self.failed_trials.append(FailedTrial(trial, error, time.monotonic() - start))
             return None
         return plan
 
 
-def prepared(loaded: LoadedClimb, trial: Trial) -> LoadedClimb:
-    """The climb with a trial's choices in its text, and its method, which the text leaves open."""
-    chosen = loaded.with_overrides(trial.choices) if trial.choices else loaded
-    solver = chosen.spec.solver.model_copy(update={"method": trial.method})
-    return replace(chosen, spec=chosen.spec.model_copy(update={"solver": solver}))
+def apply_choices(loaded: LoadedClimb, trial: Trial) -> LoadedClimb:
+    """Return the climb with a trial's choices in its text, and with its method.
+
+    The text leaves the method open, so that the method is set in the parsed spec alone.
+    """
+    with_choices = loaded.with_overrides(trial.choices) if trial.choices else loaded
+    solver = with_choices.spec.solver.model_copy(update={"method": trial.method})
+    return replace(with_choices, spec=with_choices.spec.model_copy(update={"solver": solver}))
 
 
 def plan_automatically(
-    loaded: LoadedClimb, scene: Callable[[ClimbSpec], ClimbScene], plan: ByMethod
+    loaded: LoadedClimb, scene: Callable[[ClimbSpec], ClimbScene], plan: PlanByMethod
 ) -> ClimbPlan:
-    """The plan of the first trial that leads to one; its warnings tell what was chosen.
+    """Return the plan of the first trial that leads to one; its warnings say what was chosen.
 
-    scene: of a spec, to see what methods it admits. Raises Infeasible where it is proved that there
-    is no plan, and Refused where no trial led to one. A plan that fails its verification is
-    returned where no other was found.
+    Args:
+        loaded: Spec of the climb, with method `auto`.
+        scene: Builds the scene of a spec, which decides what methods can state the climb.
+        plan: Plans a climb by the method of its spec until a deadline.
+
+    Returns:
+        A verified plan, or a plan that failed its verification where no other was found.
+
+    Raises:
+        Infeasible: It is proved that there is no plan.
+        NoTrialSucceeded: No trial led to a plan.
     """
-    from climbplan.climb.planner.proof import PROOF_SHARE, proof_of_infeasibility
-    from climbplan.climb.planner.remedies import candidates
+    from climbplan.climb.planner.proof import PROOF_TIME_FRACTION, prove_infeasibility
+    from climbplan.climb.planner.remedies import generate_candidates
 
-    search = Search(loaded, plan)
-    here = scene(loaded.spec)
-    first = first_trial(here)
+    search = TrialSearch(loaded, plan)
+    climb_scene = scene(loaded.spec)
+    first = select_first_trial(climb_scene)
     # Windows try the methods themselves: other trials have little to add
-    share = _FOR_PLANS * (1.0 if first.method == "auto" else _FIRST)
-    found = search.attempt(first, share * search.limit)
-    if found is not None:
-        return found
-    error = search.tried[0].error
-    proof = proof_of_infeasibility(here, time.monotonic() + PROOF_SHARE * search.limit)
+    fraction = _TRIAL_FRACTION * (1.0 if first.method == "auto" else _FIRST_TRIAL_FRACTION)
+    verified_plan = search.plan_and_verify(first, fraction * search.limit)
+    if verified_plan is not None:
+        return verified_plan
+    error = search.failed_trials[0].error
+    proof = prove_infeasibility(climb_scene, time.monotonic() + PROOF_TIME_FRACTION * search.limit)
     if proof is not None:
-        changes = list(candidates(here, proof.remedies))[:_AFTER_PROOF]
-        raise _with_changes(proof, tuple(_that_work(search, here, changes))) from error
-    late = False
-    for trial in further_trials(here, error):
-        left = search.left(_FOR_PLANS)
-        if left < _LEAST:
-            late = True
+        changes = list(generate_candidates(climb_scene, proof.remedies))[:_MAX_CHANGES_AFTER_PROOF]
+        raise _attach_verified_remedies(
+            proof, tuple(_verify_changes(search, climb_scene, changes))
+        ) from error
+    time_ran_out = False
+    for trial in generate_further_trials(climb_scene, error):
+        remaining = search.remaining_time(_TRIAL_FRACTION)
+        if remaining < _MIN_TRIAL_TIME:
+            time_ran_out = True
             break
-        found = search.attempt(trial, max(_EACH * left, _LEAST))
-        if found is not None:
-            return _told(found, trial, search.tried[0])
-    if search.failing is not None:
-        return search.failing  # better than none: it is written, and marked as failing
-    tried = tuple(search.tried)
-    if all(isinstance(one.error, LimitReached) for one in tried):
-        late = True
-    named = [r for one in tried if isinstance(one.error, NoPostures) for r in one.error.changes]
-    named += [r for one in tried for r in one.error.remedies]
-    raise Refused(tried, tuple(_that_work(search, here, candidates(here, named))), late)
+        verified_plan = search.plan_and_verify(
+            trial, max(_FURTHER_TRIAL_FRACTION * remaining, _MIN_TRIAL_TIME)
+        )
+        if verified_plan is not None:
+            return _add_provenance_warning(verified_plan, trial, search.failed_trials[0])
+    if search.unverified_plan is not None:
+        return search.unverified_plan  # better than none: it is written, and marked as failing
+    failed_trials = tuple(search.failed_trials)
+    if all(isinstance(failure.error, LimitReached) for failure in failed_trials):
+        time_ran_out = True
+    suggested = [
+        r
+        for failure in failed_trials
+        if isinstance(failure.error, NoPostures)
+        for r in failure.error.changes
+    ]
+    suggested += [r for failure in failed_trials for r in failure.error.remedies]
+    raise NoTrialSucceeded(
+        failed_trials,
+        tuple(_verify_changes(search, climb_scene, generate_candidates(climb_scene, suggested))),
+        time_ran_out,
+    )
 
 
-def _told(plan: ClimbPlan, trial: Trial, first: Tried) -> ClimbPlan:
-    """The plan with a word on how it came about."""
-    note = f"found by {trial.name}; by {first.trial.name} not: {first.lacked}"
+def _add_provenance_warning(
+    plan: ClimbPlan, trial: Trial, first_trial_failure: FailedTrial
+) -> ClimbPlan:
+    """Return the plan with a warning that says which trial found it."""
+    first_name, reason = first_trial_failure.trial.name, first_trial_failure.failure_summary
+    note = f"found by {trial.name}; by {first_name} not: {reason}"
     return replace(plan, warnings=(note, *plan.warnings))
 
 
-def _with_changes(proof: Infeasible, remedies: Sequence[Remedy]) -> Infeasible:
-    """The proof with the changes that lead to a plan; those of its own are only needed."""
-    from climbplan.climb.planner.remedies import listed
+def _attach_verified_remedies(proof: Infeasible, remedies: Sequence[Remedy]) -> Infeasible:
+    """Return the proof with the changes that lead to a plan.
+
+    Remedies named by the proof itself are only necessary conditions, and are dropped.
+    """
+    from climbplan.climb.planner.remedies import format_remedies
 
     if not remedies:
         return proof
-    lines = [proof.message, *listed(remedies)]
+    message_lines = [proof.message, *format_remedies(remedies)]
     conflicts = [replace(conflict, remedies=()) for conflict in proof.conflicts]
-    return Infeasible("\n".join(lines), conflicts, stage=proof.stage, remedies=remedies)
+    return Infeasible("\n".join(message_lines), conflicts, stage=proof.stage, remedies=remedies)
 
 
-def _that_work(search: Search, scene: ClimbScene, changes: Iterable[Remedy]) -> Iterator[Remedy]:
-    """Those changes of the spec with which a plan was found and verified."""
-    from climbplan.climb.planner.remedies import as_tried
+def _verify_changes(
+    search: TrialSearch, scene: ClimbScene, changes: Iterable[Remedy]
+) -> Iterator[Remedy]:
+    """Yield the changes of the spec with which a plan was found and verified."""
+    from climbplan.climb.planner.remedies import describe_as_planned
 
-    count = 0
+    num_verified = 0
     for remedy in changes:
-        left = search.left()
-        if left < _LEAST or count == _REMEDIES:
+        remaining = search.remaining_time()
+        if remaining < _MIN_TRIAL_TIME or num_verified == _MAX_REMEDIES:
             return
         # With the method that would be tried first on the changed spec
         choice = Override(remedy.key, remedy.yaml, remedy.option)
-        trial = replace(first_trial(scene), name=remedy.words, choices=(choice,))
-        if search.attempt(trial, max(_EACH * left, _LEAST)) is not None:
-            count += 1
-            yield as_tried(remedy)
+        trial = replace(select_first_trial(scene), name=remedy.words, choices=(choice,))
+        if (
+            search.plan_and_verify(trial, max(_FURTHER_TRIAL_FRACTION * remaining, _MIN_TRIAL_TIME))
+            is not None
+        ):
+            num_verified += 1
+            yield describe_as_planned(remedy)

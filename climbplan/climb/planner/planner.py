@@ -14,15 +14,15 @@ from climbplan.climb.plan.climb_plan import ClimbPlan, Forces, StepLimits
 from climbplan.climb.planner.start_from_plan import resolve_start_plan
 from climbplan.climb.planner.summary import format_summary
 from climbplan.climb.planner.visual_geometry import load_visual_geometry
-from climbplan.climb.scene.climb_scene import ClimbScene, MotionScene, build_scene, on_scan
-from climbplan.climb.scene.within_reach import window_of
+from climbplan.climb.scene.climb_scene import ClimbScene, MotionScene, apply_scan, build_scene
+from climbplan.climb.scene.within_reach import select_window
 from climbplan.climb.schema.loading import LoadedClimb
 from climbplan.climb.schema.model import ClimbSpec
 from climbplan.errors import NoPlanFound, Unresolved, UsageError
 from climbplan.progress import Progress
 from climbplan.robots.any_robot import list_assumptions
 from climbplan.schema.overrides import Override
-from climbplan.schema.robots.stored import robot_texts
+from climbplan.schema.robots.stored import collect_robot_texts
 
 
 def plan_climb(
@@ -50,7 +50,7 @@ def plan_climb(
     """
     clock = StageClock(report or (lambda stage, fraction: None))
     begin = time.monotonic()
-    loaded = on_scan(resolve_start_plan(loaded))
+    loaded = apply_scan(resolve_start_plan(loaded))
 
     attempts: list[LoadedClimb] = []
 
@@ -115,7 +115,7 @@ def plan_by_method(
     if scene.terrain.scan is not None:
         _require_support(scene)
     assumed = list_assumptions(loaded.robot, scene.robot)
-    window_size = window_of(scene)
+    window_size = select_window(scene)
     if window_size is None:
         motion = plan_motion(scene, clock, save_model, deadline, nodes=nodes)
         supported = plan_support(scene, motion, clock, deadline, nodes)
@@ -177,7 +177,7 @@ def plan_by_method(
             *grip_notes,
         ),
         grips=grips,
-        robot_texts=robot_texts(spec.robot, loaded.directory, loaded.robot),
+        robot_texts=collect_robot_texts(spec.robot, loaded.directory, loaded.robot),
         looks=load_visual_geometry(loaded.robot, scene.robot),
     )
     return replace(plan, summary=format_summary(plan))

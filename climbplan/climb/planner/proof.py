@@ -32,11 +32,11 @@ from climbplan.climb.postures.outer_relaxation import (
     find_stated_toes,
 )
 from climbplan.climb.postures.travel_distance import find_excessive_travel
-from climbplan.climb.scene.climb_scene import ClimbScene, MotionScene, Stance, load_wrench
+from climbplan.climb.scene.climb_scene import ClimbScene, MotionScene, Stance, compute_load_wrench
 from climbplan.climb.schema.model import PostureSpec
 from climbplan.errors import Conflict, Infeasible, Remedy
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.schema.stated import stated
+from climbplan.schema.stated import is_stated
 from climbplan.solvers.registry import solve
 from climbplan.terrain.surfaces import Region
 
@@ -137,8 +137,8 @@ def find_paths_too_long(scene: ClimbScene) -> Iterator[Conflict]:
     for excess in find_excessive_travel(scene):
         end_is_free = excess.limb is not None and not has_stated_ends[excess.limb]
         if excess.key == "rotation_max_deg":
-            end_is_free = not stated(spec, "task.goal.rpy_deg")
-        if stated(spec, f"posture.steps.{excess.key}") and not end_is_free:
+            end_is_free = not is_stated(spec, "task.goal.rpy_deg")
+        if is_stated(spec, f"posture.steps.{excess.key}") and not end_is_free:
             yield excess.conflict
 
 
@@ -220,11 +220,11 @@ def find_missing_support(scene: MotionScene) -> Iterator[Conflict]:
     if scene.grippers is not None or scene.terrain.is_curved:
         return  # grippers pull; a tube has normals all round
     weight = scene.robot.weight * np.array([0.0, 0.0, -1.0])
-    load = weight + load_wrench(scene.spec, scene.robot, np.zeros(3))[:3]
+    load = weight + compute_load_wrench(scene.spec, scene.robot, np.zeros(3))[:3]
     if not load.any():
         return
     safety = 1.0
-    if stated(scene.spec, "force.safety_friction"):
+    if is_stated(scene.spec, "force.safety_friction"):
         safety = scene.spec.force.safety_friction
     allowed = np.asarray(scene.terrain.allowed.any(axis=0))
     regions = [

@@ -1,4 +1,4 @@
-"""Changes of a refused spec that are worth planning with, the likeliest first."""
+"""Candidate changes of an infeasible spec that are worth planning with, the likeliest first."""
 
 from __future__ import annotations
 
@@ -9,71 +9,90 @@ from dataclasses import replace
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import Remedy
 
-_MORE_ROUNDS = (1, 2, 4)
-_LARGER = 1.5  # factor on a change that was not enough
-_MOST = 16  # changes that are planned with at most
+_EXTRA_ROUNDS = (1, 2, 4)
+_ENLARGEMENT = 1.5  # factor on a change that was not enough
+_MAX_CANDIDATES = 16  # changes that are planned with at most
 _LIMIT = re.compile(r" (<=|>=|<|>) ")  # in words of a remedy
-_RANGE = re.compile(r" from \S+ to \S+")
+_VALUE_RANGE = re.compile(r" from \S+ to \S+")
 
 
-def candidates(scene: ClimbScene, changes: Sequence[Remedy]) -> Iterator[Remedy]:
-    """Changes that have a key of the spec: those that failures named, once more and by half as much
-    again, more rounds, and a world without the obstacles.
+def generate_candidates(scene: ClimbScene, changes: Sequence[Remedy]) -> Iterator[Remedy]:
+    """Yield changes of spec keys: those that failures named, larger ones, more rounds, no
+    obstacles.
 
-    changes: as failures named them; their amounts meet what failed there, not what fails next.
+    Args:
+        scene: The climb that has no plan.
+        changes: Remedies as failures named them. Their amounts are sufficient for the constraint
+            that failed there, not for constraints that fail next.
     """
-    named: dict[tuple[str, str], Remedy] = {}
+    unique: dict[tuple[str, str], Remedy] = {}
     keyed = list(dict.fromkeys(c for c in changes if c.key))
     # From what the way to the goal takes at least, where that is known
-    asked = [c.value for c in keyed if c.key == "task.rounds" and isinstance(c.value, int)]
-    more = []
+    required_rounds = [
+        c.value for c in keyed if c.key == "task.rounds" and isinstance(c.value, int)
+    ]
+    round_remedies = []
     if scene.spec.task.rounds != "auto":
-        most = max([scene.spec.task.round_count, *asked])
-        counts = [most + extra for extra in _MORE_ROUNDS]
-        more = [Remedy(f"{count} rounds", "task.rounds", count) for count in counts]
-    further = [r for c in keyed if (r := _further(scene, c)) is not None]
-    for remedy in [*keyed[:6], *more[:2], *_cleared(scene), *further[:4], *more[2:]]:
-        named.setdefault((remedy.key, remedy.yaml), remedy)
-    yield from list(named.values())[:_MOST]
+        max_rounds = max([scene.spec.task.round_count, *required_rounds])
+        counts = [max_rounds + extra for extra in _EXTRA_ROUNDS]
+        round_remedies = [Remedy(f"{count} rounds", "task.rounds", count) for count in counts]
+    enlarged = [r for c in keyed if (r := _enlarge_change(scene, c)) is not None]
+    for remedy in [
+        *keyed[:6],
+        *round_remedies[:2],
+        *_suggest_no_obstacles(scene),
+        *enlarged[:4],
+        *round_remedies[2:],
+    ]:
+        unique.setdefault((remedy.key, remedy.yaml), remedy)
+    yield from list(unique.values())[:_MAX_CANDIDATES]
 
 
-def as_tried(remedy: Remedy) -> Remedy:
+def describe_as_planned(remedy: Remedy) -> Remedy:
     """Return a remedy in words that state what was planned with, where they state a limit.
 
     A limit ("payload <= 2.33 kg") is that of the motion which failed; a plan with the value at the
     limit says nothing of values beyond it.
     """
-    words = _LIMIT.sub(" ", remedy.words)
+    description = _LIMIT.sub(" ", remedy.words)
     if isinstance(remedy.value, float):
-        words = _RANGE.sub(f" {remedy.value:.4g}", words)
-    return remedy if words == remedy.words else replace(remedy, words=f"planned with {words}")
+        description = _VALUE_RANGE.sub(f" {remedy.value:.4g}", description)
+    return (
+        remedy
+        if description == remedy.words
+        else replace(remedy, words=f"planned with {description}")
+    )
 
 
-def listed(remedies: Sequence[Remedy]) -> list[str]:
-    """Changes in lines, if there are any."""
+def format_remedies(remedies: Sequence[Remedy]) -> list[str]:
+    """Return verified changes as lines of a message; an empty list if there are none."""
     if not remedies:
         return []
     head = "with each of these changes a plan was found and verified:"
     return [head, *(f"  {remedy.option}    ({remedy.words})" for remedy in remedies)]
 
 
-def _cleared(scene: ClimbScene) -> Iterator[Remedy]:
-    """Without obstacles: that a plan exists then says that they are in the way."""
+def _suggest_no_obstacles(scene: ClimbScene) -> Iterator[Remedy]:
+    """Yield the change that removes all obstacles: a plan without them shows that they block the
+    way.
+    """
     spec = scene.spec.terrain
     if spec.obstacles:
         names = ", ".join(repr(solid.name) for solid in spec.obstacles[:3])
-        more = ", ..." if len(spec.obstacles) > 3 else ""
-        yield Remedy(f"without {names}{more}", "terrain.obstacles", "[]")
+        ellipsis = ", ..." if len(spec.obstacles) > 3 else ""
+        yield Remedy(f"without {names}{ellipsis}", "terrain.obstacles", "[]")
 
 
-def _further(scene: ClimbScene, remedy: Remedy) -> Remedy | None:
-    """The same change half as large again; None where it is no number, or at its end."""
+def _enlarge_change(scene: ClimbScene, remedy: Remedy) -> Remedy | None:
+    """Return the same change half as large again; None where its value is no number or at its
+    bound.
+    """
     holder: object = scene.spec
     for name in remedy.key.split("."):
         holder = getattr(holder, name, None)
     if not isinstance(remedy.value, float) or not isinstance(holder, float):
         return None
-    value = round(holder + _LARGER * (remedy.value - holder), 4)
+    value = round(holder + _ENLARGEMENT * (remedy.value - holder), 4)
     if value < 0 or value == remedy.value:
         return None
     return replace(remedy, words=f"{remedy.key} of {value:g}", value=value)

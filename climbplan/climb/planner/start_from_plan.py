@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found
-from climbplan.climb.scene.climb_scene import toes_as_stated
+from climbplan.climb.scene.climb_scene import compute_stated_toes
 from climbplan.climb.schema.loading import LoadedClimb
 from climbplan.errors import PlanFileError, SpecError, SpecMistake
 from climbplan.robots.any_robot import build_robot
@@ -57,7 +57,9 @@ def resolve_start_plan(loaded: LoadedClimb) -> LoadedClimb:
 def _format_last_posture(plan: ClimbPlan) -> str:
     """Return body pose and toes after the last round as YAML with all digits."""
     rounds = plan.rounds
-    contact_points = toes_as_stated(plan.robot, plan.terrain, rounds.toes[-1], rounds.region[-1])
+    contact_points = compute_stated_toes(
+        plan.robot, plan.terrain, rounds.toes[-1], rounds.region[-1]
+    )
     toes = zip(plan.robot.limb_names, contact_points.tolist(), strict=True)
     posture = {
         "com": rounds.com[-1].tolist(),

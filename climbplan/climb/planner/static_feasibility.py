@@ -18,8 +18,8 @@ from scipy import sparse
 
 from climbplan.arrays import Array
 from climbplan.climb.postures.outer_relaxation import SLACK, compute_max_reach
-from climbplan.climb.scene.climb_scene import MotionScene, load_wrench
-from climbplan.schema.stated import stated
+from climbplan.climb.scene.climb_scene import MotionScene, compute_load_wrench
+from climbplan.schema.stated import is_stated
 from climbplan.terrain.surfaces import Region
 
 NUM_EDGES = 64  # of the pyramid about a friction cone
@@ -69,7 +69,7 @@ def find_unsupported_places(scene: MotionScene) -> list[UnsupportedPlace]:
         or not np.isfinite(reach).all()
     ):
         return []
-    load = load_wrench(scene.spec, scene.robot, np.zeros(3))
+    load = compute_load_wrench(scene.spec, scene.robot, np.zeros(3))
     load[2] -= scene.robot.weight
     force = float(np.linalg.norm(load[:3]))
     if not force:
@@ -141,7 +141,7 @@ def _minimise_pull(
     from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 
     safety = 1.0
-    if stated(scene.spec, "force.safety_friction"):
+    if is_stated(scene.spec, "force.safety_friction"):
         safety = scene.spec.force.safety_friction
     wrenches, pulls = [np.zeros((0, 6))], [np.zeros((0, 6))]
     for region, corners in regions:

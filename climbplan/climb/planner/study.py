@@ -17,14 +17,14 @@ from climbplan.progress import Progress
 _FEASIBLE, _NO_FORCE, _NO_POSTURE = range(3)  # index into Study.LABELS
 
 
-def _cell(loaded: LoadedClimb, values: dict[str, float]) -> tuple[int, str]:
-    """Label and message of one grid point: feasible where `plan-climb` finds a plan.
+def _label_cell(loaded: LoadedClimb, values: dict[str, float]) -> tuple[int, str]:
+    """Return the label and the message of one grid point, planned by one method.
 
-    By one method: `auto` would spend its whole time limit on every point without a plan, and is
-    here its first, `micp`.
+    Method `auto` would spend its whole time limit on every point without a plan. A study therefore
+    plans by its first method, `micp`.
     """
-    here = loaded.with_overrides([f"{key}={value!r}" for key, value in values.items()])
-    scene = build_scene(here.spec, here.robot, here.source, here.directory)
+    climb = loaded.with_overrides([f"{key}={value!r}" for key, value in values.items()])
+    scene = build_scene(climb.spec, climb.robot, climb.source, climb.directory)
     clock = StageClock(lambda stage, fraction: None)
     try:
         motion = plan_motion(scene, clock)
@@ -53,7 +53,7 @@ def run_study(loaded: LoadedClimb, jobs: int, report: Progress) -> Study:
     from joblib import Parallel, delayed
 
     work = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(_cell)(loaded, cell) for cell in cells
+        delayed(_label_cell)(loaded, cell) for cell in cells
     )
     for result in work:
         results.append(result)

@@ -15,11 +15,11 @@ import numpy as np
 
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.scene.climb_scene import ClimbScene
-from climbplan.climb.scene.within_reach import window_of
+from climbplan.climb.scene.within_reach import select_window
 from climbplan.errors import NoPlanFound, ReachFailure
 from climbplan.robots.five_bar import FiveBar
 from climbplan.schema.overrides import Override
-from climbplan.schema.stated import stated
+from climbplan.schema.stated import is_stated
 
 _SWING_CLEARANCES = (0.03, 0.015)  # [m]
 _MIN_UPWARD_NORMAL = 0.7  # of a normal: ground rather than wall
@@ -38,7 +38,7 @@ class Trial:
 
 def select_first_trial(scene: ClimbScene) -> Trial:
     """Return the global method where it can state the climb, else the one with exact rotations."""
-    if window_of(scene) is not None:
+    if select_window(scene) is not None:
         return Trial("windows", "auto")  # each by the first method that has a plan for it
     steps = scene.spec.posture.steps
     convex = not scene.terrain.is_curved and steps.com_min == 0 and steps.toe_min == 0
@@ -118,15 +118,15 @@ def _build_trial(method: str, choice: Override) -> Trial:
 def _generate_choices(scene: ClimbScene) -> Iterator[Override]:
     """Yield choices other than the default of what the spec leaves open."""
     spec = scene.spec
-    if not stated(spec, "trajectory.swing_clearance"):
+    if not is_stated(spec, "trajectory.swing_clearance"):
         for clearance in _SWING_CLEARANCES:
             if clearance < spec.trajectory.swing_clearance:
                 yield _build_override("trajectory.swing_clearance", f"{clearance:g}")
-    if not stated(spec, "task.gait"):
+    if not is_stated(spec, "task.gait"):
         for order in _generate_limb_orders(scene):
             yield _build_override("task.gait", f"[{', '.join(order)}]")
     open_angles = ("task.goal.rpy_deg", "task.goal.rotation_tolerance_deg")
-    if not any(stated(spec, key) for key in open_angles):
+    if not any(is_stated(spec, key) for key in open_angles):
         limit = spec.posture.rotation_limit_deg
         if spec.task.goal.rotation_tolerance_deg < limit:
             yield _build_override("task.goal.rotation_tolerance_deg", f"{limit:g}")
@@ -141,7 +141,7 @@ def _choose_com_shift(scene: ClimbScene) -> Override | None:
         scene.terrain.surfaces[int(r)].normal_at(toe)
         for r, toe in zip(scene.start.region, scene.start.toes, strict=True)
     ]
-    if stated(scene.spec, key) or min(float(n[2]) for n in normals) < _MIN_UPWARD_NORMAL:
+    if is_stated(scene.spec, key) or min(float(n[2]) for n in normals) < _MIN_UPWARD_NORMAL:
         return None
     max_distance = np.linalg.norm((scene.start.toes - scene.start.com)[:, :2], axis=1).max()
     return _build_override(key, f"{_SHIFT_FRACTION * float(max_distance):.2f}")

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.scene.climb_scene import ClimbScene, Stance, normals_under
+from climbplan.climb.scene.climb_scene import ClimbScene, Stance, compute_toe_normals
 from climbplan.errors import Conflict, ReachFailure, Remedy, Unresolved
 from climbplan.program import Program
 from climbplan.program.instance import Instance
@@ -185,7 +185,7 @@ def _find_unreachable_stances(scene: ClimbScene) -> Iterator[Conflict]:
     """Yield a conflict for start and goal postures that the limbs cannot reach."""
     for name, stance in (("start", scene.start), ("goal", scene.goal)):
         try:
-            normal = normals_under(scene.terrain, stance.toes, stance.region)
+            normal = compute_toe_normals(scene.terrain, stance.toes, stance.region)
             turns = sole_turns(scene.robot, stance.rpy, normal)
             require_reachable(
                 scene.robot, _transform_toes_to_body(stance), f"{name} posture", turns

@@ -24,7 +24,7 @@ from climbplan.program import Polytope, Program
 from climbplan.program.statement import Expression
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.schema.stated import stated
+from climbplan.schema.stated import is_stated
 
 SLACK = 1e-6  # [m] by which everything is wider than it is
 
@@ -51,7 +51,7 @@ def bound_shoulders(scene: MotionScene) -> list[tuple[Array, Array]]:
     limit = np.deg2rad(scene.spec.posture.rotation_limit_deg)
     is_level = np.abs(scene.start.rpy[:2]).max() <= limit
     if (
-        stated(scene.spec, "posture.rotation_limit_deg")
+        is_stated(scene.spec, "posture.rotation_limit_deg")
         and not scene.terrain.is_curved
         and is_level
     ):
@@ -80,9 +80,9 @@ def build_outer_program(scene: ClimbScene) -> Program:
     coms: Expression = np.concatenate([scene.start.com[None].astype(object), com])  # (M+1, 3)
 
     # Steps, where the spec bounds them; of toes from the second round on if their start is free
-    if stated(scene.spec, "posture.steps.com_max"):
+    if is_stated(scene.spec, "posture.steps.com_max"):
         p.ball("steps.com", np.diff(coms, axis=0), steps.com_max + SLACK, unit="m")
-    if stated(scene.spec, "posture.steps.toe_max"):
+    if is_stated(scene.spec, "posture.steps.toe_max"):
         stated_limbs = np.flatnonzero(find_stated_toes(task.start, scene))
         if m > 1:
             p.ball("steps.toe", np.diff(toe, axis=0), steps.toe_max + SLACK, unit="m")

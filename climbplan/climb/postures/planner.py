@@ -19,7 +19,7 @@ from climbplan.climb.postures.statement import (
     build_posture_program,
 )
 from climbplan.climb.scene.climb_scene import ClimbScene
-from climbplan.climb.scene.within_reach import between
+from climbplan.climb.scene.within_reach import find_usable_surfaces
 from climbplan.errors import LimitReached, Unresolved, UsageError
 from climbplan.program import Program
 from climbplan.solvers.registry import solve
@@ -81,7 +81,7 @@ def plan_postures(
     options = scene.spec.solver
     is_relaxation = options.method == "sl1-relaxation"
     if is_relaxation and scene.by_round is None:
-        scene = replace(scene, by_round=between(scene))
+        scene = replace(scene, by_round=find_usable_surfaces(scene))
     if previous is None:
         _log_size(scene)
     program = build_posture_program(scene, margins)

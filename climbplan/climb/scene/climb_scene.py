@@ -1,4 +1,4 @@
-"""The scene of a climb: robot, terrain, start and goal in numbers, or what of them cannot be."""
+"""The scene of a climb: robot, terrain, start and goal as numbers, with mistakes of the spec."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.scene.footing import footing, footing_with_goal
-from climbplan.climb.scene.plausible_lengths import implausible_lengths
+from climbplan.climb.scene.footing import add_goal_to_footing, build_footing
+from climbplan.climb.scene.plausible_lengths import find_implausible_lengths
 from climbplan.climb.schema.loading import LoadedClimb
 from climbplan.climb.schema.model import CONVEX_METHODS, ClimbSpec, PostureSpec
 from climbplan.climb.schema.motion import MotionSpec
@@ -33,47 +33,52 @@ from climbplan.terrain.surfaces import Region, Surface
 if TYPE_CHECKING:
     from climbplan.climb.schema.transition_loading import LoadedTransition
 
-_OVER = 1e-6  # [m] beyond an edge that counts as none
+_EDGE_TOLERANCE = 1e-6  # [m] beyond an edge that counts as none
 
 
-def flat_foot_mistakes(spec: ClimbSpec, robot: Robot, terrain: Terrain) -> Iterator[SpecMistake]:
-    """What the spec and its terrain cannot have of a robot with flat feet; nothing for others."""
+def find_flat_foot_mistakes(
+    spec: ClimbSpec, robot: Robot, terrain: Terrain
+) -> Iterator[SpecMistake]:
+    """Yield requirements of spec and terrain that flat feet cannot have; nothing for other feet."""
     sole = robot.sole
     if sole is None:
         return
-    what = "flat feet are planned with"
+    prefix = "flat feet are planned with"
     if terrain.is_curved:
-        yield SpecMistake("terrain.tube", f"{what} flat surfaces alone")
+        yield SpecMistake("terrain.tube", f"{prefix} flat surfaces alone")
     if spec.terrain.scan is not None:
-        yield SpecMistake("terrain.scan", f"{what} stated surfaces alone, not scans")
+        yield SpecMistake("terrain.scan", f"{prefix} stated surfaces alone, not scans")
     if spec.force.deflection_compensation != "compensated":
-        yield SpecMistake("force.deflection_compensation", f"{what} `compensated`: a body that sags would tilt them")
+        yield SpecMistake(
+            "force.deflection_compensation",
+            f"{prefix} `compensated`: a body that sags would tilt them",
+        )
     if spec.solver.method not in ("auto", *CONVEX_METHODS):
-        known = ", ".join(f"`{name}`" for name in CONVEX_METHODS)
-        yield SpecMistake("solver.method", f"{what} the methods `auto`, {known} alone")
+        methods = ", ".join(f"`{name}`" for name in CONVEX_METHODS)
+        yield SpecMistake("solver.method", f"{prefix} the methods `auto`, {methods} alone")
     if terrain.is_curved:
         return
-    room = np.array([fits(region, sole) for region in terrain.regions])
-    for limb in np.flatnonzero(~(terrain.allowed & room).any(axis=1)):
+    fits_sole = np.array([fits(region, sole) for region in terrain.regions])
+    for limb in np.flatnonzero(~(terrain.allowed & fits_sole).any(axis=1)):
         size = f"{1e3 * sole.length:.0f} x {1e3 * sole.width:.0f} mm"
         name = robot.limb_names[limb]
         yield SpecMistake("terrain", f"no surface that {name} may use has room for its {size} sole")
 
 
-def overhanging(
+def find_overhanging_soles(
     key: str, robot: Robot, terrain: Terrain, toes: Array, region: IntArray
 ) -> Iterator[SpecMistake]:
-    """Soles about toes (N, 3) that reach beyond their surfaces (N,)."""
+    """Yield soles at toes (N, 3) that reach beyond their surfaces (N,)."""
     if robot.sole is None or terrain.is_curved:
         return
     for limb, name in enumerate(robot.limb_names):
         surface = terrain.regions[region[limb]]
-        over = beyond(surface, robot.sole, toes[limb])
-        if over > _OVER:
+        excess = beyond(surface, robot.sole, toes[limb])
+        if excess > _EDGE_TOLERANCE:
             yield SpecMistake(
                 f"{key}.toes.{name}",
                 f"expected the whole sole of {name} on {surface.name!r}; it reaches "
-                f"{1e3 * over:.1f} mm beyond its edge",
+                f"{1e3 * excess:.1f} mm beyond its edge",
             )
 
 
@@ -81,14 +86,14 @@ Loaded = TypeVar("Loaded", "LoadedClimb", "LoadedTransition")
 
 _log = logging.getLogger(__name__)
 
-REACH_RESERVE = 0.05  # share of its reach that a limb keeps for toes that a spec leaves open
+REACH_MARGIN = 0.05  # share of its reach that a limb keeps for toes that a spec leaves open
 # Points beside a nominal stance that are looked at where joint bounds forbid it
-_RINGS = np.arange(0.01, 0.36, 0.01)  # [m]
-_TURNS = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)  # [rad]
-_JOINT_RESERVE = np.deg2rad(2.0)  # that joints keep there, in their units
-_HOLDS = 0.1  # of the largest friction coefficient: ground with less is none to choose
-_MOVED = 1e-9  # [m] a toe that would move by less stays
-ON_SURFACE = 1e-3  # [m] stated toes must lie this close to a surface; they are put on it
+_SEARCH_RADII = np.arange(0.01, 0.36, 0.01)  # [m]
+_SEARCH_ANGLES = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)  # [rad]
+_JOINT_MARGIN = np.deg2rad(2.0)  # that joints keep there, in their units
+_MIN_FRICTION_RATIO = 0.1  # of the largest friction coefficient: ground with less is none to choose
+_MIN_SHIFT = 1e-9  # [m] a toe that would move by less stays
+SURFACE_TOLERANCE = 1e-3  # [m] stated toes must lie this close to a surface; they are put on it
 
 
 @dataclass(frozen=True)
@@ -115,7 +120,7 @@ class MotionScene:
 
 @dataclass(frozen=True)
 class ClimbScene(MotionScene):
-    """All numbers the planner starts from."""
+    """All numbers that the climb planner starts from."""
 
     spec: ClimbSpec
     gait: tuple[int, ...]  # limbs in the order in which they move
@@ -126,18 +131,21 @@ class ClimbScene(MotionScene):
 
     @property
     def alternatives(self) -> list[list[IntArray]]:
-        """Numbers of the surfaces that limb i may use at the end of round j, [j][i]."""
+        """Return the numbers of the surfaces that limb i may use at the end of round j, [j][i]."""
         m, allowed = self.spec.task.round_count, self.terrain.allowed
         rounds = [allowed] * m if self.by_round is None else list(self.by_round)
-        return [[np.flatnonzero(own).astype(np.int64) for own in each] for each in rounds]
+        return [
+            [np.flatnonzero(limb_surfaces).astype(np.int64) for limb_surfaces in round_surfaces]
+            for round_surfaces in rounds
+        ]
 
     @property
     def standing(self) -> tuple[Region, ...]:
-        """Where toes are planned to stand, one region for each of the terrain's."""
+        """Return where toes are planned to stand, one region for each of the terrain's."""
         return self.footing or self.terrain.regions
 
 
-def stance_of(
+def build_stance(
     posture: PostureSpec,
     key: str,
     robot: Robot,
@@ -145,10 +153,18 @@ def stance_of(
     mistakes: list[SpecMistake],
     lift: float = 0.0,
 ) -> Stance:
-    """Stated toes, or the surface points nearest to the limbs' nominal stances.
+    """Return stated toes, or the surface points nearest to the limbs' nominal stances.
 
-    Where joint bounds do not let a limb stand there, or lift its toe by `lift` [m], it is the
-    nearest point beside it where they do.
+    Where joint bounds do not let a limb stand there, or lift its toe, the nearest feasible point is
+    taken.
+
+    Args:
+        posture: The posture of the spec.
+        key: Its key, for messages.
+        robot: The robot.
+        terrain: The terrain.
+        mistakes: List to which stated toes off their surfaces are appended.
+        lift: Height [m] to which toes have to be lifted.
     """
     com, rpy = np.array(posture.com, float), np.deg2rad(posture.rpy_deg)
     nominal = com + robot.stance_body @ rotation_world_body(rpy).T
@@ -157,15 +173,17 @@ def stance_of(
     for limb, name in enumerate(robot.limb_names):
         point = np.array(posture.toes.get(name, nominal[limb]), float)
         if name in posture.toes:
-            point, region[limb], distance = _stated_toe(robot, terrain, limb, point)
+            point, region[limb], distance = _place_stated_toe(robot, terrain, limb, point)
         else:
             region[limb], distance = terrain.nearest_surface(limb, point), 0.0
         surface = terrain.surfaces[region[limb]]
         toes[limb] = surface.project(point)
         if name not in posture.toes:
-            toes[limb] = _within_reach(robot.reach, shoulders[limb], toes[limb], surface)
-            toes[limb] = within_joints(robot, limb, (com, rpy), toes[limb], surface, lift)
-        if distance > ON_SURFACE:
+            toes[limb] = _move_within_reach(robot.reach, shoulders[limb], toes[limb], surface)
+            toes[limb] = move_within_joint_bounds(
+                robot, limb, (com, rpy), toes[limb], surface, lift
+            )
+        if distance > SURFACE_TOLERANCE:
             mistakes.append(
                 SpecMistake(
                     f"{key}.toes.{name}",
@@ -176,47 +194,50 @@ def stance_of(
     return Stance(com, rpy, toes, region)
 
 
-def _stated_toe(
+def _place_stated_toe(
     robot: Robot, terrain: Terrain, limb: int, point: Array
 ) -> tuple[Array, int, float]:
-    """Where a limb's toe is that touches a stated point (3,); its surface, and how far that is off.
+    """Return the toe of a limb in contact at a stated point (3,), its surface and the distance to
+    it.
 
-    Of feet of finite size the point is the one that touches, of grippers the wrist's centre.
+    For feet of finite size the point is the contact point, for grippers the wrist's centre.
     """
-    there = terrain if robot.foot is None else terrain.offset_surfaces(-robot.standoff)
-    region = there.nearest_surface(limb, point)
-    distance = there.surfaces[region].distance(point)
+    contact_terrain = terrain if robot.foot is None else terrain.offset_surfaces(-robot.standoff)
+    region = contact_terrain.nearest_surface(limb, point)
+    distance = contact_terrain.surfaces[region].distance(point)
     if robot.foot is None:
         return point, region, distance
-    normal = there.surfaces[region].normal_at(point)
+    normal = contact_terrain.surfaces[region].normal_at(point)
     return point + robot.standoff * normal, region, distance
 
 
-def toes_as_stated(robot: Robot, terrain: Terrain, toes: Array, region: IntArray) -> Array:
-    """Toes (N, 3) on surfaces (N,) as specs state them: of feet of finite size where they touch."""
-    return contact_points(robot, toes, normals_under(terrain, toes, region))
+def compute_stated_toes(robot: Robot, terrain: Terrain, toes: Array, region: IntArray) -> Array:
+    """Return toes (N, 3) on surfaces (N,) as specs state them: contact points for feet of finite
+    size.
+    """
+    return contact_points(robot, toes, compute_toe_normals(terrain, toes, region))
 
 
-def normals_under(terrain: Terrain, toes: Array, region: IntArray) -> Array:
-    """Unit normals (N, 3) of surfaces (N,) at toes (N, 3)."""
+def compute_toe_normals(terrain: Terrain, toes: Array, region: IntArray) -> Array:
+    """Return the unit normals (N, 3) of surfaces (N,) at toes (N, 3)."""
     where = zip(toes, region, strict=True)
     return np.array([terrain.surfaces[int(r)].normal_at(toe) for toe, r in where])
 
 
-def _on_footing(
+def _move_onto_footing(
     stance: Stance,
     posture: PostureSpec,
     robot: Robot,
     terrain: Terrain,
-    plain: tuple[Region, ...],
+    trimmed_regions: tuple[Region, ...],
     lift: float,
 ) -> Stance:
-    """The stance with toes that the spec leaves open off edges, and on ground that holds.
+    """Return the stance with unstated toes moved off edges and onto surfaces of sufficient
+    friction.
 
-    plain: regions without strips along edges. A toe keeps its place where it cannot stand any
-    better.
+    trimmed_regions: Regions without strips along edges. A toe that cannot be improved stays.
     """
-    regions = plain or terrain.regions
+    regions = trimmed_regions or terrain.regions
     if not regions:
         return stance
     bounds = bounds_of(regions)
@@ -225,99 +246,117 @@ def _on_footing(
     for limb, name in enumerate(robot.limb_names):
         if name in posture.toes or regions[region[limb]].hold is not None:
             continue
-        usable = np.flatnonzero(terrain.allowed[limb])
-        best = max(regions[r].friction for r in usable)
-        usable = usable[[regions[r].friction >= _HOLDS * best for r in usable]]
+        candidates = np.flatnonzero(terrain.allowed[limb])
+        max_friction = max(regions[r].friction for r in candidates)
+        candidates = candidates[
+            [regions[r].friction >= _MIN_FRICTION_RATIO * max_friction for r in candidates]
+        ]
         if robot.sole is not None:
-            usable = usable[[fits(terrain.regions[r], robot.sole) for r in usable]]
-        nearest = nearest_region(regions, bounds, usable, toes[limb])
+            candidates = candidates[[fits(terrain.regions[r], robot.sole) for r in candidates]]
+        nearest = nearest_region(regions, bounds, candidates, toes[limb])
         surface = regions[nearest]
         point = surface.project(toes[limb])
-        far = np.linalg.norm(point - toes[limb])
-        if far < _MOVED or np.linalg.norm(point - shoulders[limb]) > robot.reach:
+        shift = np.linalg.norm(point - toes[limb])
+        if shift < _MIN_SHIFT or np.linalg.norm(point - shoulders[limb]) > robot.reach:
             continue
         body = (stance.com, stance.rpy)
-        if np.array_equal(within_joints(robot, limb, body, point, surface, lift), point):
+        if np.array_equal(move_within_joint_bounds(robot, limb, body, point, surface, lift), point):
             toes[limb], region[limb] = point, nearest
     return replace(stance, toes=toes, region=region)
 
 
-def _within_reach(reach: float, shoulder: Array, toe: Array, surface: Surface) -> Array:
-    """The toe, moved on its surface towards the shoulder until it is well within reach."""
-    reach *= 1.0 - REACH_RESERVE
+def _move_within_reach(reach: float, shoulder: Array, toe: Array, surface: Surface) -> Array:
+    """Return the toe, moved on its surface towards the shoulder until it is within reach."""
+    reach *= 1.0 - REACH_MARGIN
     if np.linalg.norm(toe - shoulder) <= reach:
         return toe
     nearest = surface.project(shoulder)
-    near, far = 1.0, 0.0  # shares of the way to the nearest point: in reach, out of reach
+    reached, unreached = 1.0, 0.0  # shares of the way to the nearest point: in reach, out of reach
     for _ in range(40):
-        share = (near + far) / 2
-        point = surface.project(toe + share * (nearest - toe))
+        fraction = (reached + unreached) / 2
+        point = surface.project(toe + fraction * (nearest - toe))
         if np.linalg.norm(point - shoulder) <= reach:
-            near = share
+            reached = fraction
         else:
-            far = share
-    return surface.project(toe + near * (nearest - toe))
+            unreached = fraction
+    return surface.project(toe + reached * (nearest - toe))
 
 
-def within_joints(
+def move_within_joint_bounds(
     robot: Robot, limb: int, body: tuple[Array, Array], toe: Array, surface: Surface, lift: float
 ) -> Array:
-    """The toe, moved on its surface to the nearest point where joint bounds let the limb stand.
+    """Return the toe, moved on its surface to the nearest point where joint bounds let the limb
+    stand.
 
-    body: com and rpy; lift: [m] along the normal, also to be reached. The toe itself where it can
-    stand there, or where no point nearby is any better.
+    The toe is returned unchanged where the limb can stand there, or where no nearby point is
+    better.
+
+    Args:
+        robot: The robot.
+        limb: Index of the limb.
+        body: Body origin (3,) [m] and roll, pitch, yaw (3,) [rad].
+        toe: (3,) position of the toe [m].
+        surface: The surface that the toe is on.
+        lift: Height [m] along the normal that has to be reached, too.
     """
-    alone = robot.one_limb(limb)
+    one_limb = robot.one_limb(limb)
 
-    def stands(points: Array, margin: float) -> BoolArray:
+    def can_stand(points: Array, margin: float) -> BoolArray:
         """(P,) whether toe and lifted toe are reached with joints that far inside their bounds."""
-        kept = margin * alone.joint_unit
+        joint_margin = margin * one_limb.joint_unit
         normals = np.array([surface.normal_at(point) for point in points])
-        above = points + lift * normals
-        turns = sole_turns(alone, body[1], normals[:, None])
+        lifted_points = points + lift * normals
+        sole_rotations = sole_turns(one_limb, body[1], normals[:, None])
         valid = [
-            inverse(alone, to_body(*body, at[:, None]), turns, kept).valid[:, 0]
-            for at in (points, above)
+            inverse(
+                one_limb, to_body(*body, toe_points[:, None]), sole_rotations, joint_margin
+            ).valid[:, 0]
+            for toe_points in (points, lifted_points)
         ]
         return np.asarray(valid[0] & valid[1])
 
-    if stands(toe[None], 0.0)[0]:
+    if can_stand(toe[None], 0.0)[0]:
         return toe
     normal = surface.normal_at(toe)
-    across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-    across /= np.linalg.norm(across)
-    along = np.cross(normal, across)
-    radius, angle = (x.ravel() for x in np.meshgrid(_RINGS, _TURNS, indexing="ij"))
-    beside = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * along
-    points = np.array([surface.project(toe + r * v) for r, v in zip(radius, beside, strict=True)])
+    tangent_1 = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    tangent_1 /= np.linalg.norm(tangent_1)
+    tangent_2 = np.cross(normal, tangent_1)
+    radius, angle = (x.ravel() for x in np.meshgrid(_SEARCH_RADII, _SEARCH_ANGLES, indexing="ij"))
+    directions = np.cos(angle)[:, None] * tangent_1 + np.sin(angle)[:, None] * tangent_2
+    points = np.array(
+        [surface.project(toe + r * v) for r, v in zip(radius, directions, strict=True)]
+    )
     shoulder = body[0] + rotation_world_body(body[1]) @ robot.shoulder_body[limb]
-    far, stood = np.linalg.norm(points - shoulder, axis=1), stands(points, _JOINT_RESERVE)
-    for reserve in (REACH_RESERVE, 0.0):  # rather near the end of its reach than nowhere
-        good = np.flatnonzero(stood & (far <= robot.reach * (1.0 - reserve)))
-        if len(good):
-            best = good[np.argmin(np.linalg.norm(points[good] - toe, axis=1))]
-            return np.asarray(points[best])
+    distance, is_reached = (
+        np.linalg.norm(points - shoulder, axis=1),
+        can_stand(points, _JOINT_MARGIN),
+    )
+    for reserve in (REACH_MARGIN, 0.0):  # rather near the end of its reach than nowhere
+        suitable = np.flatnonzero(is_reached & (distance <= robot.reach * (1.0 - reserve)))
+        if len(suitable):
+            closest = suitable[np.argmin(np.linalg.norm(points[suitable] - toe, axis=1))]
+            return np.asarray(points[closest])
     return toe
 
 
-def load_wrench(spec: MotionSpec, robot: Robot, rpy: Array) -> Array:
-    """Payload weight and external load as force and moment about the body origin.
+def compute_load_wrench(spec: MotionSpec, robot: Robot, rpy: Array) -> Array:
+    """Return payload weight and external load as force and moment (..., 6) about the body origin.
 
-    rpy: (..., 3) [rad]. Returns (..., 6) [N, N m], world frame.
+    The result is in the world frame [N, N m]; rpy is (..., 3) [rad].
     """
     payload, external = spec.task.payload, spec.task.external_wrench
     weight = np.array([0.0, 0.0, -payload.mass * robot.gravity])
-    arm = rotation_world_body(rpy) @ np.array(payload.offset, float)
-    moment = np.cross(arm, weight) + np.array(external.moment, float)
+    lever_arm = rotation_world_body(rpy) @ np.array(payload.offset, float)
+    moment = np.cross(lever_arm, weight) + np.array(external.moment, float)
     force = np.broadcast_to(weight + np.array(external.force, float), moment.shape)
     return np.concatenate([force, moment], axis=-1)
 
 
-def warn_of_backs(terrain: Terrain, stances: tuple[Stance, ...]) -> None:
-    """Warn of regions that look away from the robot, at the start and at the goal.
+def warn_of_reversed_regions(terrain: Terrain, stances: tuple[Stance, ...]) -> None:
+    """Warn of regions that face away from the robot at start and goal.
 
-    A region holds what pushes against its normal. Corners that run clockwise, seen from the robot,
-    turn it away: toes would have to stand on its back.
+    A region supports what pushes against its normal. If its corners run clockwise, seen from the
+    robot, toes would have to stand on its back.
     """
     for k, surface in enumerate(terrain.surfaces):
         if not isinstance(surface, Region) or not terrain.allowed[:, k].any():
@@ -335,30 +374,30 @@ def warn_of_backs(terrain: Terrain, stances: tuple[Stance, ...]) -> None:
             )
 
 
-def on_scan(loaded: Loaded) -> Loaded:
-    """The spec with what is found in its scan, if it has one (`climbplan.climb.scene.scanning`)."""
+def apply_scan(loaded: Loaded) -> Loaded:
+    """Return the spec with regions and free space of its scan, if it has one."""
     if loaded.spec.terrain.scan is None:
         return loaded
     from climbplan.climb.scene.scanning import (
-        scanned,  # compiled functions, which others do without
+        fit_scan,  # compiled functions, which others do without
     )
 
-    return scanned(loaded)
+    return fit_scan(loaded)
 
 
-def with_scan(terrain: Terrain, spec: MotionSpec, robot: Robot, directory: Path) -> Terrain:
-    """The terrain with the raw surface of its scan near the way, if it has one."""
+def add_raw_surface(terrain: Terrain, spec: MotionSpec, robot: Robot, directory: Path) -> Terrain:
+    """Return the terrain with the raw surface of its scan near the path, if it has one."""
     if spec.terrain.scan is None:
         return terrain
-    from climbplan.climb.scene.scanning import with_surface
+    from climbplan.climb.scene.scanning import load_raw_surface
 
-    return replace(terrain, scan=with_surface(spec, directory, robot))
+    return replace(terrain, scan=load_raw_surface(spec, directory, robot))
 
 
-def _grippers(
+def _build_grippers(
     spec: ClimbSpec, robot_spec: AnyRobot, robot: Robot, terrain: Terrain, directory: Path
 ) -> Grippers | None:
-    """What the robot's grippers hold on the terrain; None if it has none."""
+    """Return the grippers of a robot on the terrain's holds; None if it has none."""
     if robot.gripper is None or robot_spec.gripper is None:
         return None
     model = load_model(spec.gripper.model or robot_spec.gripper.model, directory)
@@ -368,10 +407,17 @@ def _grippers(
 def build_scene(
     spec: ClimbSpec, robot_spec: AnyRobot, source: str = "spec", directory: Path | None = None
 ) -> ClimbScene:
-    """Numbers of a validated spec; a gripper model given by path is looked up from `directory`.
+    """Return the scene of a validated spec.
 
-    Raises SpecError for toes off their surfaces and UsageError for malformed terrain or a gripper
-    model that cannot be used.
+    Args:
+        spec: The spec.
+        robot_spec: The robot as its spec states it.
+        source: Name of the spec, for messages.
+        directory: Where a gripper model given by path is looked up.
+
+    Raises:
+        SpecError: Toes are off their surfaces.
+        UsageError: The terrain is malformed, or the gripper model cannot be used.
     """
     if spec.task.start.plan is not None:
         raise ValueError("the start is still in its plan file")
@@ -379,30 +425,30 @@ def build_scene(
     robot = with_grip_limit(robot, spec.gripper.max_force)
     robot = heading_as(robot, np.deg2rad(spec.task.start.rpy_deg))
     terrain = build_terrain(spec.terrain, robot)
-    terrain = with_scan(terrain, spec, robot, directory or Path())
+    terrain = add_raw_surface(terrain, spec, robot, directory or Path())
     mistakes = [
-        *implausible_lengths(spec, robot, terrain),
-        *flat_foot_mistakes(spec, robot, terrain),
+        *find_implausible_lengths(spec, robot, terrain),
+        *find_flat_foot_mistakes(spec, robot, terrain),
     ]
     if mistakes:
         raise SpecError(source, mistakes)
     lift = spec.trajectory.swing_clearance
-    start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes, lift)
+    start = build_stance(spec.task.start, "task.start", robot, terrain, mistakes, lift)
     edge = spec.margins.edge
-    off_edges = footing(terrain, edge, robot.foot)
-    closer = edge > 0 or robot.foot is not None  # than points, feet do not stand everywhere
-    if closer:
-        start = _on_footing(start, spec.task.start, robot, terrain, off_edges, lift)
+    trimmed_regions = build_footing(terrain, edge, robot.foot)
+    trims_edges = edge > 0 or robot.foot is not None  # than points, feet do not stand everywhere
+    if trims_edges:
+        start = _move_onto_footing(start, spec.task.start, robot, terrain, trimmed_regions, lift)
     # Where the toes stand at the start is the stance of the whole climb, unless the task says so.
     robot = standing_as(robot, start.com, start.rpy, start.toes, spec.task.stance)
-    goal = stance_of(spec.task.goal, "task.goal", robot, terrain, mistakes, lift)
-    if closer:
-        goal = _on_footing(goal, spec.task.goal, robot, terrain, off_edges, lift)
+    goal = build_stance(spec.task.goal, "task.goal", robot, terrain, mistakes, lift)
+    if trims_edges:
+        goal = _move_onto_footing(goal, spec.task.goal, robot, terrain, trimmed_regions, lift)
     for key, stance in (("task.start", start), ("task.goal", goal)):
-        mistakes += overhanging(key, robot, terrain, stance.toes, stance.region)
+        mistakes += find_overhanging_soles(key, robot, terrain, stance.toes, stance.region)
     if mistakes:
         raise SpecError(source, mistakes)
-    warn_of_backs(terrain, (start, goal))
+    warn_of_reversed_regions(terrain, (start, goal))
     order = spec.task.gait or robot.limb_names
     return ClimbScene(
         spec=spec,
@@ -411,6 +457,8 @@ def build_scene(
         start=start,
         goal=goal,
         gait=tuple(robot.limb_names.index(name) for name in order),
-        grippers=_grippers(spec, robot_spec, robot, terrain, directory or Path()),
-        footing=footing_with_goal(terrain, edge, off_edges, (goal.toes, goal.region), robot.foot),
+        grippers=_build_grippers(spec, robot_spec, robot, terrain, directory or Path()),
+        footing=add_goal_to_footing(
+            terrain, edge, trimmed_regions, (goal.toes, goal.region), robot.foot
+        ),
     )

@@ -1,4 +1,4 @@
-"""Lengths of a scene that the robot's own size calls a slip of units."""
+"""Lengths of a scene that the robot's own size marks as mistaken units."""
 
 from __future__ import annotations
 
@@ -14,30 +14,34 @@ from climbplan.terrain.model import Terrain
 _MAX_RATIO = 20.0  # of a length to what the robot spans; centimetres for metres are 100 times
 
 
-def implausible_lengths(spec: MotionSpec, robot: Robot, terrain: Terrain) -> Iterator[SpecMistake]:
+def find_implausible_lengths(
+    spec: MotionSpec, robot: Robot, terrain: Terrain
+) -> Iterator[SpecMistake]:
     """Yield a mistake for each length that is out of all proportion to the robot.
 
-    Walls and tubes far beyond what limbs brace, and a start or goal far from every surface: no
-    limb gets there, whatever is changed by less than a factor.
+    These are walls and tubes far wider than limbs brace, and a start or goal far from every
+    surface.
 
     Args:
-        spec: Of a climb or a transition.
-        robot: As it is planned with.
-        terrain: With all surfaces of the spec.
+        spec: Spec of a climb or a transition.
+        robot: The robot as it is planned with.
+        terrain: Terrain with all surfaces of the spec.
     """
     hips = float(np.linalg.norm(robot.shoulder_body, axis=1).max())
     radius = robot.reach + hips  # [m] from the body's origin to the farthest toe
     walls, tube = spec.terrain.walls, spec.terrain.tube
     if walls is not None and walls.gap > _MAX_RATIO * 2 * radius:
-        yield _mistake("terrain.walls.gap", "a gap", walls.gap, robot, 2 * radius)
+        yield _build_mistake("terrain.walls.gap", "a gap", walls.gap, robot, 2 * radius)
     elif tube is not None and tube.radius > _MAX_RATIO * radius:
-        yield _mistake("terrain.tube.radius", "a radius", tube.radius, robot, radius)
+        yield _build_mistake("terrain.tube.radius", "a radius", tube.radius, robot, radius)
     else:
-        yield from _lost(spec, robot, terrain, radius)
+        yield from _find_distant_postures(spec, robot, terrain, radius)
 
 
-def _lost(spec: MotionSpec, robot: Robot, terrain: Terrain, radius: float) -> Iterator[SpecMistake]:
-    """Start and goal far from every surface."""
+def _find_distant_postures(
+    spec: MotionSpec, robot: Robot, terrain: Terrain, radius: float
+) -> Iterator[SpecMistake]:
+    """Yield a mistake for start and goal far from every surface."""
     if not terrain.surfaces:
         return
     for key in ("start", "goal"):
@@ -45,10 +49,11 @@ def _lost(spec: MotionSpec, robot: Robot, terrain: Terrain, radius: float) -> It
         distance = min(float(surface.distance(com)) for surface in terrain.surfaces)
         if distance > _MAX_RATIO * radius:
             what = "a distance from the nearest contact surface"
-            yield _mistake(f"task.{key}.com", what, distance, robot, radius)
+            yield _build_mistake(f"task.{key}.com", what, distance, robot, radius)
 
 
-def _mistake(key: str, what: str, length: float, robot: Robot, span: float) -> SpecMistake:
+def _build_mistake(key: str, what: str, length: float, robot: Robot, span: float) -> SpecMistake:
+    """Return the mistake of a length that is far larger than what the robot spans."""
     return SpecMistake(
         key,
         f"expected {what} that {robot.name} spans ({span:.3g} m at most), got {length:.6g} m, "

@@ -1,6 +1,6 @@
-"""Terrain from a scan: contact regions and free space found and written into the spec.
+"""Terrain from a scan: contact regions and free space, found and written into the spec.
 
-As with a start taken from another plan, the spec's text then says the same without the file.
+As with a start taken from another plan, the resulting text does not depend on the scan's file.
 """
 
 from __future__ import annotations
@@ -46,187 +46,214 @@ _log = logging.getLogger(__name__)
 
 Loaded = TypeVar("Loaded", LoadedClimb, LoadedTransition)
 
-_KEY = "terrain.scan"
-_BESIDE = 0.1  # [m] beyond reach that counts, too: toes swing over edges
-_FAR = 20.0  # [m] from the start, where a scan is rather in another unit
+_SCAN_KEY = "terrain.scan"
+_REACH_EXTENSION = 0.1  # [m] beyond reach that counts, too: toes swing over edges
+_MAX_SCAN_DISTANCE = 20.0  # [m] from the start, where a scan is rather in another unit
 
 
-def scanned(loaded: Loaded) -> Loaded:
-    """The spec with what its scan has near the way: contact regions, and free space for the body.
+def fit_scan(loaded: Loaded) -> Loaded:
+    """Return the spec with contact regions and free space from its scan near the path.
 
-    Listed regions are kept; listed free regions are taken instead of what would be found. Raises
-    SpecError for a scan that cannot be read, or has nothing within reach.
+    Listed regions are kept; listed free regions replace those that would be found.
+
+    Raises:
+        SpecError: The scan cannot be read, or has nothing within reach.
     """
     scan = loaded.spec.terrain.scan
     if scan is None or not scan.fit:
         return loaded
     robot = build_robot(loaded.robot)
-    guide = guide_of(loaded.spec)
+    guide = build_guide(loaded.spec)
     if scan.holds is not None:
-        return _with_holds(loaded, scan, scan.holds, robot, guide)
+        return _add_holds(loaded, scan, scan.holds, robot, guide)
     if robot.foot is not None and robot.foot.radius > scan.toe_radius:
         scan = scan.model_copy(update={"toe_radius": robot.foot.radius})
     try:
-        raw = near_scan(scan, loaded.directory, guide, robot)
-        _tell(raw)
-        found = find_contact_regions(raw, scan)
+        raw = crop_scan(scan, loaded.directory, guide, robot)
+        _log_notes(raw)
+        regions_of_scan = find_contact_regions(raw, scan)
     except ScanError as error:
-        raise _refused(loaded, f"{_KEY}.file", str(error)) from error
-    reached = [r for r in found if _distance(r, guide, around(robot)) <= farthest(robot)]
-    if not reached:
-        raise _refused(loaded, f"{_KEY}.file", _nothing(found, guide, robot))
-    regions = [_as_spec(n, r, scan) for n, r in enumerate(reached, start=1)]
-    told = f"{len(reached)} contact regions within reach, {sum(r.area for r in reached):.3g} m^2"
-    return _on_regions(loaded, scan, raw, regions, told)
+        raise _build_spec_error(loaded, f"{_SCAN_KEY}.file", str(error)) from error
+    reachable = [
+        r
+        for r in regions_of_scan
+        if _measure_distance(r, guide, compute_max_origin_depth(robot))
+        <= compute_max_toe_distance(robot)
+    ]
+    if not reachable:
+        raise _build_spec_error(
+            loaded, f"{_SCAN_KEY}.file", _explain_no_region(regions_of_scan, guide, robot)
+        )
+    regions = [_build_region_spec(n, r, scan) for n, r in enumerate(reachable, start=1)]
+    summary = (
+        f"{len(reachable)} contact regions within reach, {sum(r.area for r in reachable):.3g} m^2"
+    )
+    return _add_regions(loaded, scan, raw, regions, summary)
 
 
-def _on_regions(
-    loaded: Loaded, scan: ScanSpec, raw: RawScan, regions: list[dict[str, object]], told: str
+def _add_regions(
+    loaded: Loaded, scan: ScanSpec, raw: RawScan, regions: list[dict[str, object]], summary: str
 ) -> Loaded:
-    """The spec with regions beside those that it lists, and free space if it states none."""
-    _log.info("scan      %s", told, extra={"note": True})
-    listed: list[dict[str, object]] = [
+    """Return the spec with regions added to its own, and free space if it states none."""
+    _log.info("scan      %s", summary, extra={"note": True})
+    stated_regions: list[dict[str, object]] = [
         r.model_dump(mode="json", exclude_unset=True) for r in loaded.spec.terrain.regions
     ]
-    told = f"found in {scan.file}"
+    summary = f"found in {scan.file}"
     changes = [
-        Override.of("terrain.regions", [*listed, *regions], told),
-        Override.of("terrain.scan.fit", False, told),
+        Override.of("terrain.regions", [*stated_regions, *regions], summary),
+        Override.of("terrain.scan.fit", False, summary),
     ]
     if not loaded.spec.terrain.free_regions:
-        spaces = [_space(n, s) for n, s in enumerate(_spaces(loaded, raw), start=1)]
-        changes.append(Override.of("terrain.free_regions", spaces, told))
+        spaces = [
+            _build_space_spec(n, s) for n, s in enumerate(_find_free_spaces(loaded, raw), start=1)
+        ]
+        changes.append(Override.of("terrain.free_regions", spaces, summary))
     return loaded.with_overrides(changes)
 
 
-def _with_holds(
-    loaded: Loaded, scan: ScanSpec, asked: ScanHoldsSpec, robot: Robot, guide: Array
+def _add_holds(
+    loaded: Loaded, scan: ScanSpec, holds_spec: ScanHoldsSpec, robot: Robot, guide: Array
 ) -> Loaded:
-    """The spec with what the robot's grippers can hold.
+    """Return the spec with holds for the robot's grippers.
 
-    Closed bodies of a mesh are gripped where their sides are; they become regions with a hold. Any
-    other scan is a wall, which becomes a panel that faces the start of the body. Raises SpecError
-    for a robot without grippers, and where there is no hold within reach.
+    Closed bodies of a mesh are gripped by their sides and become regions with a hold. Any other
+    scan is a wall, which becomes a panel that faces the start of the body.
+
+    Raises:
+        SpecError: The robot has no grippers, or there is no hold within reach.
     """
-    opening = asked.opening
+    opening = holds_spec.opening
     if opening is None:
         if robot.gripper is None:
             message = f"{robot.name} has no grippers; expected a robot that has, or an `opening`"
-            raise _refused(loaded, f"{_KEY}.holds", message)
+            raise _build_spec_error(loaded, f"{_SCAN_KEY}.holds", message)
         opening = robot.gripper.finger_span
-    grasping = Grasping(opening, asked.depth, asked.steepest_back_deg)
+    grasping = Grasping(opening, holds_spec.depth, holds_spec.steepest_back_deg)
     try:
-        raw = orient_to_free_space(_whole_scan(scan, loaded.directory), guide[0])
-        _tell(raw)
+        raw = orient_to_free_space(_load_scan(scan, loaded.directory), guide[0])
+        _log_notes(raw)
         if find_closed_bodies(raw).any():
-            return _on_bodies(loaded, scan, raw, grasping, robot)
+            return _add_body_holds(loaded, scan, raw, grasping, robot)
         wall = find_wall_holds(raw, grasping)
     except ScanError as error:
-        raise _refused(loaded, f"{_KEY}.holds", str(error)) from error
+        raise _build_spec_error(loaded, f"{_SCAN_KEY}.holds", str(error)) from error
     _log.info("scan      %s", format_wall_summary(wall, grasping), extra={"note": True})
-    told = f"found in {scan.file}"
+    source_note = f"found in {scan.file}"
     return loaded.with_overrides(
         [
-            Override.of("terrain.scan.fit", False, told),
-            Override.of("terrain.panel", build_panel(wall), told),
+            Override.of("terrain.scan.fit", False, source_note),
+            Override.of("terrain.panel", build_panel(wall), source_note),
         ]
     )
 
 
-def _on_bodies(
+def _add_body_holds(
     loaded: Loaded, scan: ScanSpec, raw: RawScan, grasping: Grasping, robot: Robot
 ) -> Loaded:
-    """The spec with regions from which closed bodies are gripped; raises ScanError for none."""
+    """Return the spec with regions where closed bodies are gripped; raise ScanError for none."""
     span = robot.gripper.finger_span if robot.gripper is not None else grasping.opening
     if grasping.opening > span:
         raise ScanError(
             f"the grippers of {robot.name} open {1e3 * span:g} mm, got an opening of "
             f"{1e3 * grasping.opening:g} mm; expected that at most, or a larger `finger_span`"
         )
-    guide = guide_of(loaded.spec)
-    found = find_body_holds(raw, scan, grasping)
-    away = [_distance(hold, guide, around(robot)) for hold in found]
-    reached = [hold for hold, far in zip(found, away, strict=True) if far <= farthest(robot)]
-    if not reached:
+    guide = build_guide(loaded.spec)
+    holds = find_body_holds(raw, scan, grasping)
+    distances = [_measure_distance(hold, guide, compute_max_origin_depth(robot)) for hold in holds]
+    reachable = [
+        hold
+        for hold, distance in zip(holds, distances, strict=True)
+        if distance <= compute_max_toe_distance(robot)
+    ]
+    if not reachable:
         raise ScanError(
-            f"{len(found)} graspable spots, the nearest {min(away):.2f} m from the way; the robot "
-            f"reaches {farthest(robot):.2f} m from it"
+            f"{len(holds)} graspable spots, the nearest {min(distances):.2f} m from the way; "
+            f"the robot reaches {compute_max_toe_distance(robot):.2f} m from it"
         )
-    told = f"{format_body_summary(reached, grasping)}, within reach"
-    near = near_scan(scan, loaded.directory, guide, robot)
-    return _on_regions(loaded, scan, near, format_body_regions(reached, scan), told)
+    summary = f"{format_body_summary(reachable, grasping)}, within reach"
+    cropped = crop_scan(scan, loaded.directory, guide, robot)
+    return _add_regions(loaded, scan, cropped, format_body_regions(reachable, scan), summary)
 
 
-def raw_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface | None:
-    """The scan near the way, as plans carry it; None where the terrain has none."""
+def build_raw_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface | None:
+    """Return the scan near the path, as plans carry it; None where the terrain has none."""
     scan = spec.terrain.scan
     if scan is None or (scan.holds is not None and spec.terrain.panel is not None):
         return None  # the panel stands for a wall with holds
-    raw = near_scan(scan, directory, guide_of(spec), robot)
-    gripped = any(region.hold is not None for region in spec.terrain.regions)
-    depth = (scan.holds or ScanHoldsSpec()).depth if gripped else 0.0
+    raw = crop_scan(scan, directory, build_guide(spec), robot)
+    has_holds = any(region.hold is not None for region in spec.terrain.regions)
+    depth = (scan.holds or ScanHoldsSpec()).depth if has_holds else 0.0
     return RawSurface(raw.vertices, raw.triangles, scan.flatness, scan.toe_radius, depth)
 
 
-def near_scan(scan: ScanSpec, directory: Path, guide: Array, robot: Robot) -> RawScan:
-    """What of a scan lies within reach of the way (P, 3), facing the way's free space."""
-    whole = _whole_scan(scan, directory)
-    turned = orient_to_free_space(whole, guide[0])
-    near = farthest(robot) + _BESIDE
-    raw = select_within_box(turned, guide.min(axis=0) - near, guide.max(axis=0) + near)
+def crop_scan(scan: ScanSpec, directory: Path, guide: Array, robot: Robot) -> RawScan:
+    """Return the part of a scan within reach of the path (P, 3), facing the path's free space."""
+    full_scan = _load_scan(scan, directory)
+    oriented = orient_to_free_space(full_scan, guide[0])
+    margin = compute_max_toe_distance(robot) + _REACH_EXTENSION
+    raw = select_within_box(oriented, guide.min(axis=0) - margin, guide.max(axis=0) + margin)
     if not len(raw.triangles):
-        away = np.linalg.norm(whole.vertices - guide[0], axis=1).min()
-        unit = "; is its unit the metre? `scale` says otherwise" if away > _FAR else ""
+        distance = np.linalg.norm(full_scan.vertices - guide[0], axis=1).min()
+        unit = (
+            "; is its unit the metre? `scale` says otherwise"
+            if distance > _MAX_SCAN_DISTANCE
+            else ""
+        )
         raise ScanError(
-            f"{scan.file}: the scan does not come near the way, its nearest corner is {away:.2f} m "
-            f"from the start; the robot reaches {farthest(robot):.2f} m{unit}"
+            f"{scan.file}: the scan does not come near the way, its nearest corner is "
+            f"{distance:.2f} m from the start; "
+            f"the robot reaches {compute_max_toe_distance(robot):.2f} m{unit}"
         )
     return raw
 
 
-def _whole_scan(scan: ScanSpec, directory: Path) -> RawScan:
-    """All of a scan, mended; read once."""
+def _load_scan(scan: ScanSpec, directory: Path) -> RawScan:
+    """Return a whole scan, repaired; it is read once."""
     text = scan.model_dump_json(
         exclude={"fit", "flatness", "min_size", "toe_radius", "guide", "steepest_deg", "holds"}
     )
-    return _whole(text, directory, _stamp(directory / scan.file))
+    return _read_cached_scan(text, directory, _compute_file_stamp(directory / scan.file))
 
 
 @lru_cache(maxsize=4)
-def _whole(scan: str, directory: Path, stamp: tuple[int, ...]) -> RawScan:
+def _read_cached_scan(scan: str, directory: Path, stamp: tuple[int, ...]) -> RawScan:
+    """Read a scan; the stamp of its file is part of the cache's key."""
     return read_scan(ScanSpec.model_validate_json(scan), directory)
 
 
-def _stamp(path: Path) -> tuple[int, ...]:
+def _compute_file_stamp(path: Path) -> tuple[int, ...]:
+    """Return modification time and size of a file; () if it does not exist."""
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return ()
-    return (found.st_mtime_ns, found.st_size)
+    return (status.st_mtime_ns, status.st_size)
 
 
-def _tell(raw: RawScan) -> None:
+def _log_notes(raw: RawScan) -> None:
+    """Log the notes of a scan."""
     for note in raw.notes:
         _log.info("scan      %s", note, extra={"note": True})
 
 
-def guide_of(spec: MotionSpec) -> Array:
-    """The body's way (P, 3): from the start by the points of the scan's guide to the goal."""
+def build_guide(spec: MotionSpec) -> Array:
+    """Return the body's path (P, 3) from the start by the scan's guide points to the goal."""
     scan = spec.terrain.scan
-    between = list(scan.guide) if scan is not None else []
-    points = [spec.task.start.com, *between, spec.task.goal.com]
+    waypoints = list(scan.guide) if scan is not None else []
+    points = [spec.task.start.com, *waypoints, spec.task.goal.com]
     if isinstance(spec, TransitionSpec) and spec.climb is not None:
         points.append(spec.climb.goal.com)
     return np.array(points, float)
 
 
-def farthest(robot: Robot) -> float:
-    """How far from the body's origin a toe can be [m]."""
+def compute_max_toe_distance(robot: Robot) -> float:
+    """Return the largest distance of a toe from the body's origin [m]."""
     return float(np.linalg.norm(robot.shoulder_body, axis=1).max() + robot.reach)
 
 
-def _along(guide: Array) -> Array:
-    """Points (K, 3) of the way, 5 cm apart at most."""
+def _sample_path(guide: Array) -> Array:
+    """Return points (K, 3) of the path, at most 5 cm apart."""
     pieces = []
     for start, end in itertools.pairwise(guide):
         count = max(1, int(np.ceil(np.linalg.norm(end - start) / 0.05)))
@@ -234,11 +261,11 @@ def _along(guide: Array) -> Array:
     return np.concatenate(pieces)
 
 
-def around(robot: Robot) -> float:
-    """How far behind a face the body's origin can be while a toe presses on it [m].
+def compute_max_origin_depth(robot: Robot) -> float:
+    """Return how far behind a face the body's origin can be while a toe presses on it [m].
 
-    The last link then is before the face, and so is the joint that it begins at: this far from
-    the body's origin at most.
+    The last link is then in front of the face, and so is the joint at its beginning. That joint is
+    at most this far from the body's origin.
     """
     shoulder = np.linalg.norm(robot.shoulder_body, axis=1)
     if isinstance(robot.limbs, FiveBar):
@@ -246,51 +273,56 @@ def around(robot: Robot) -> float:
     return float((shoulder + robot.longest_links[:, :-1].sum(axis=1)).max())
 
 
-def _distance(region: FoundRegion | BodyHold, guide: Array, behind: float) -> float:
-    """Least distance of a region from the way; infinite for one that is `behind` [m] all along."""
-    places = _along(guide)
-    height = (places - region.vertices[0]) @ region.normal
-    before = height > -behind
-    if not before.any():
+def _measure_distance(region: FoundRegion | BodyHold, guide: Array, max_depth: float) -> float:
+    """Return the distance of a region from the path; infinite if all of the path is behind it."""
+    path_points = _sample_path(guide)
+    height = (path_points - region.vertices[0]) @ region.normal
+    is_in_front = height > -max_depth
+    if not is_in_front.any():
         return float("inf")
-    places, height = places[before], height[before]
-    feet = places - height[:, None] * region.normal
+    path_points, height = path_points[is_in_front], height[is_in_front]
+    projections = path_points - height[:, None] * region.normal
     corners = region.vertices
     edges = np.roll(corners, -1, axis=0) - corners
-    out = np.cross(edges, region.normal)
-    inside = ((feet[:, None] - corners) * out).sum(axis=-1).max(axis=1) <= 0
-    share = ((feet[:, None] - corners) * edges).sum(axis=-1) / (edges**2).sum(axis=-1)
-    nearest = corners + np.clip(share, 0, 1)[..., None] * edges
-    flat = np.linalg.norm(feet[:, None] - nearest, axis=-1).min(axis=1)
-    return float(np.hypot(np.where(inside, 0.0, flat), height).min())
+    edge_normals = np.cross(edges, region.normal)
+    inside = ((projections[:, None] - corners) * edge_normals).sum(axis=-1).max(axis=1) <= 0
+    fraction = ((projections[:, None] - corners) * edges).sum(axis=-1) / (edges**2).sum(axis=-1)
+    nearest = corners + np.clip(fraction, 0, 1)[..., None] * edges
+    edge_distance = np.linalg.norm(projections[:, None] - nearest, axis=-1).min(axis=1)
+    return float(np.hypot(np.where(inside, 0.0, edge_distance), height).min())
 
 
-def _nothing(found: tuple[FoundRegion, ...], guide: Array, robot: Robot) -> str:
-    reach = f"the robot reaches {farthest(robot):.2f} m from its body's way"
-    if not found:
+def _explain_no_region(regions: tuple[FoundRegion, ...], guide: Array, robot: Robot) -> str:
+    """Explain why no contact region is within reach."""
+    reach = f"the robot reaches {compute_max_toe_distance(robot):.2f} m from its body's way"
+    if not regions:
         return (
             f"no contact region in it near the way, expected flat places at least `min_size` "
             f"wide within `flatness`; {reach}"
         )
-    nearest = min(_distance(r, guide, around(robot)) for r in found)
+    nearest = min(_measure_distance(r, guide, compute_max_origin_depth(robot)) for r in regions)
     if np.isinf(nearest):
         return (
-            f"{len(found)} contact regions near the way, none of which faces it: the way lies "
+            f"{len(regions)} contact regions near the way, none of which faces it: the way lies "
             f"behind or within the surface"
         )
-    return f"{len(found)} contact regions, the nearest {nearest:.2f} m from the way; {reach}"
+    return f"{len(regions)} contact regions, the nearest {nearest:.2f} m from the way; {reach}"
 
 
-def _as_spec(number: int, region: FoundRegion, scan: ScanSpec) -> dict[str, object]:
-    out: dict[str, object] = {"name": f"{NAME} {number}", "vertices": region.vertices.tolist()}
+def _build_region_spec(number: int, region: FoundRegion, scan: ScanSpec) -> dict[str, object]:
+    """Return a region as a spec states it."""
+    region_spec: dict[str, object] = {
+        "name": f"{NAME} {number}",
+        "vertices": region.vertices.tolist(),
+    }
     if region.label in scan.friction:
-        out["friction"] = scan.friction[region.label]
-    return out
+        region_spec["friction"] = scan.friction[region.label]
+    return region_spec
 
 
-def _spaces(loaded: LoadedClimb | LoadedTransition, raw: RawScan) -> list[FreeSpace]:
-    """Free space along the way; raises SpecError where the body does not pass."""
-    spec, guide, robot = loaded.spec, guide_of(loaded.spec), build_robot(loaded.robot)
+def _find_free_spaces(loaded: LoadedClimb | LoadedTransition, raw: RawScan) -> list[FreeSpace]:
+    """Return free space along the path; raise SpecError where the body does not pass."""
+    spec, guide, robot = loaded.spec, build_guide(loaded.spec), build_robot(loaded.robot)
     hulls = [
         robot.body_hull @ rotation_world_body(np.deg2rad(rpy)).T
         for rpy in (spec.task.start.rpy_deg, spec.task.goal.rpy_deg)
@@ -300,26 +332,30 @@ def _spaces(loaded: LoadedClimb | LoadedTransition, raw: RawScan) -> list[FreeSp
     for space in spaces:
         if space.min_clearance <= 0 or len(space.vertices) < 4:
             place = ", ".join(f"{v:.2f}" for v in space.place)
-            raise _refused(
+            raise _build_spec_error(
                 loaded,
-                _KEY,
+                _SCAN_KEY,
                 f"the body's way from start to goal meets the scan near ({place}); expected a way "
-                f"that is free: another `task.goal.com`, or points to pass in `{_KEY}.guide`",
+                f"that is free: another `task.goal.com`, or points to pass in `{_SCAN_KEY}.guide`",
             )
     return spaces
 
 
-def _space(number: int, space: FreeSpace) -> dict[str, object]:
+def _build_space_spec(number: int, space: FreeSpace) -> dict[str, object]:
+    """Return a free space as a spec states it."""
     return {"name": f"free {number}", "vertices": space.vertices.tolist()}
 
 
-def _refused(loaded: LoadedClimb | LoadedTransition, key: str, message: str) -> SpecError:
+def _build_spec_error(loaded: LoadedClimb | LoadedTransition, key: str, message: str) -> SpecError:
+    """Return the error of a key of the spec, with its line."""
     return loaded.placed(SpecError(loaded.source, [SpecMistake(key, message)]))
 
 
-def with_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface | None:
-    """As `raw_surface`; raises UsageError for a file that cannot be read any more."""
+def load_raw_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface | None:
+    """Return the raw surface near the path; raise UsageError for a file that is not readable any
+    more.
+    """
     try:
-        return raw_surface(spec, directory, robot)
+        return build_raw_surface(spec, directory, robot)
     except ScanError as error:
         raise UsageError(str(error)) from error

@@ -1,6 +1,7 @@
-"""What must fit together across a climb spec and its robot, which no model can check alone.
+"""Checks of consistency across a climb spec and its robot, which no single model can make.
 
-Each check needs only some parts, so that a mistake elsewhere does not hide what it finds.
+Each check needs only some parts of the spec, so that a mistake elsewhere does not hide its
+findings.
 """
 
 from __future__ import annotations
@@ -18,19 +19,19 @@ from climbplan.climb.schema.model import (
     SolverSpec,
     TaskSpec,
 )
-from climbplan.schema.document import Finding, KeyPath, dotted
-from climbplan.schema.fields import explain_unknown_key, nearest, slot_at
+from climbplan.schema.document import Finding, KeyPath, format_key_path
+from climbplan.schema.fields import explain_unknown_key, find_closest_name, find_slot
 from climbplan.schema.robots.robot import RobotSpec
 from climbplan.schema.robots.source import AnyRobot
 from climbplan.schema.terrain.terrain import TerrainSpec
-from climbplan.schema.wording import findings_of, shown
+from climbplan.schema.wording import collect_findings, format_value
 
 if TYPE_CHECKING:
     from climbplan.climb.schema.transition import TransitionTaskSpec
 
 
 @dataclass(frozen=True)
-class ClimbParts:
+class ValidClimbParts:
     """The parts of a climb spec that are valid on their own; None where one is not."""
 
     terrain: TerrainSpec | None
@@ -40,123 +41,129 @@ class ClimbParts:
     robot: AnyRobot | None
 
 
-def check_parts(parts: ClimbParts) -> list[Finding]:
-    """Everything that does not fit between the parts at hand."""
+def check_parts(climb_parts: ValidClimbParts) -> list[Finding]:
+    """Return all inconsistencies between the valid parts."""
     return [
-        *_limb_names(parts),
-        *_limbs_without_region(parts),
-        *_method_limits(parts),
-        *_grippers(parts),
+        *_check_limb_names(climb_parts),
+        *_find_limbs_without_region(climb_parts),
+        *_check_method(climb_parts),
+        *_check_grippers(climb_parts),
     ]
 
 
-def _limb_names(parts: ClimbParts) -> list[Finding]:
-    """Limbs named in the task and the terrain exist; the gait moves each of them once."""
-    if parts.robot is None:
+def _check_limb_names(climb_parts: ValidClimbParts) -> list[Finding]:
+    """Check that limbs named in task and terrain exist, and that the gait moves each once."""
+    if climb_parts.robot is None:
         return []
-    limbs = list(parts.robot.limb_names)
-    named: list[tuple[KeyPath, str]] = []
-    found: list[Finding] = []
-    if parts.task is not None:
-        named += [(("task", "start", "toes", name), name) for name in parts.task.start.toes]
-        named += [(("task", "goal", "toes", name), name) for name in parts.task.goal.toes]
-        named += [(("task", "stance", name), name) for name in parts.task.stance]
-        if parts.task is not None and not isinstance(parts.task, TaskSpec):
-            named += [(("task", "step_max", name), name) for name in parts.task.step_max]
-            named += [(("task", "sequence"), name) for names in parts.task.limbs for name in names]
-        gait = (parts.task.gait if isinstance(parts.task, TaskSpec) else None) or ()
-        named += [(("task", "gait", i), name) for i, name in enumerate(gait)]
-        known = [name for name in gait if name in limbs]
-        if gait and len(known) == len(gait) and sorted(known) != sorted(limbs):
+    limbs = list(climb_parts.robot.limb_names)
+    mentions: list[tuple[KeyPath, str]] = []
+    findings: list[Finding] = []
+    if climb_parts.task is not None:
+        mentions += [
+            (("task", "start", "toes", name), name) for name in climb_parts.task.start.toes
+        ]
+        mentions += [(("task", "goal", "toes", name), name) for name in climb_parts.task.goal.toes]
+        mentions += [(("task", "stance", name), name) for name in climb_parts.task.stance]
+        if climb_parts.task is not None and not isinstance(climb_parts.task, TaskSpec):
+            mentions += [(("task", "step_max", name), name) for name in climb_parts.task.step_max]
+            mentions += [
+                (("task", "sequence"), name) for names in climb_parts.task.limbs for name in names
+            ]
+        gait = (climb_parts.task.gait if isinstance(climb_parts.task, TaskSpec) else None) or ()
+        mentions += [(("task", "gait", i), name) for i, name in enumerate(gait)]
+        existing = [name for name in gait if name in limbs]
+        if gait and len(existing) == len(gait) and sorted(existing) != sorted(limbs):
             message = f"expected each limb once ({', '.join(limbs)}), got {', '.join(gait)}"
-            found.append(Finding(("task", "gait"), message))
-    if parts.terrain is not None:
-        named += [
+            findings.append(Finding(("task", "gait"), message))
+    if climb_parts.terrain is not None:
+        mentions += [
             (("terrain", "regions", i, "limbs", j), name)
-            for i, region in enumerate(parts.terrain.regions)
+            for i, region in enumerate(climb_parts.terrain.regions)
             for j, name in enumerate(region.limbs or ())
         ]
-        named += [
+        mentions += [
             (("terrain", "boxes", i, "limbs", j), name)
-            for i, box in enumerate(parts.terrain.boxes)
+            for i, box in enumerate(climb_parts.terrain.boxes)
             for j, name in enumerate(box.limbs or ())
         ]
-        panel = parts.terrain.panel
+        panel = climb_parts.terrain.panel
         holds = panel.holds if panel is not None else {}
-        named += [
+        mentions += [
             (("terrain", "panel", "holds", hold, "limbs", j), name)
             for hold, spec in holds.items()
             for j, name in enumerate(spec.limbs or ())
         ]
-    found += [
+    findings += [
         Finding(
             path,
-            f"{parts.robot.name} has no limb {name!r}, its limbs are {', '.join(limbs)}",
-            nearest(name, limbs),
+            f"{climb_parts.robot.name} has no limb {name!r}, its limbs are {', '.join(limbs)}",
+            find_closest_name(name, limbs),
         )
-        for path, name in named
+        for path, name in mentions
         if name not in limbs
     ]
-    return found
+    return findings
 
 
-def _limbs_without_region(parts: ClimbParts) -> list[Finding]:
-    """Every limb may stand somewhere: walls and tubes take all, regions may be picky."""
-    terrain = parts.terrain
-    if terrain is None or parts.robot is None or terrain.walls or terrain.tube:
+def _find_limbs_without_region(climb_parts: ValidClimbParts) -> list[Finding]:
+    """Return findings for limbs that may stand nowhere; walls and tubes admit all limbs."""
+    terrain = climb_parts.terrain
+    if terrain is None or climb_parts.robot is None or terrain.walls or terrain.tube:
         return []
     if terrain.ground is not None or (terrain.scan is not None and terrain.scan.fit):
         return []
-    picky = [flat.limbs for flat in terrain.regions] + [box.limbs for box in terrain.boxes]
+    restrictions = [flat.limbs for flat in terrain.regions] + [box.limbs for box in terrain.boxes]
     if terrain.panel is not None:
-        picky += [hold.limbs for hold in terrain.panel.holds.values()]
+        restrictions += [hold.limbs for hold in terrain.panel.holds.values()]
     return [
         Finding(("terrain", "regions"), f"limb {limb} may use none of the regions")
-        for limb in parts.robot.limb_names
-        if all(limbs is not None and limb not in limbs for limbs in picky)
+        for limb in climb_parts.robot.limb_names
+        if all(limbs is not None and limb not in limbs for limbs in restrictions)
     ]
 
 
-def _method_limits(parts: ClimbParts) -> list[Finding]:
-    """What the method cannot state.
+def _check_method(climb_parts: ValidClimbParts) -> list[Finding]:
+    """Return findings for requirements that the method cannot state.
 
-    `micp` is convex but for the choice of regions: no curved walls, no lower step bounds, and
-    `sl1-relaxation` has its program. The other methods know no grippers, and `nlp` no closed
-    linkages.
+    `micp` is convex except for the choice of regions: it takes no curved walls and no lower step
+    bounds. `sl1-relaxation` has the same program. The other methods take no grippers, and `nlp` no
+    closed linkages.
     """
-    if parts.solver is None:
+    if climb_parts.solver is None:
         return []
-    if parts.solver.method == "auto":
-        return _without_method(parts)
-    if parts.solver.method not in ("micp", "nlp"):
-        auto = isinstance(parts.task, TaskSpec) and parts.task.rounds == "auto"
+    if climb_parts.solver.method == "auto":
+        return _check_micp_only(climb_parts)
+    if climb_parts.solver.method not in ("micp", "nlp"):
+        auto = isinstance(climb_parts.task, TaskSpec) and climb_parts.task.rounds == "auto"
         key: KeyPath = ("task", "rounds") if auto else ("solver", "window")
-        if auto or parts.solver.window is not None:
-            message = f"`{parts.solver.method}` plans a stated number of rounds at once; expected "
-            found_by = "`micp`, `nlp` or `auto` for windows"
-            return [Finding(key, message + found_by)]
-    if parts.solver.method not in CONVEX_METHODS:
-        message = _beyond(parts.robot)
+        if auto or climb_parts.solver.window is not None:
+            message = (
+                f"`{climb_parts.solver.method}` plans a stated number of rounds at once; expected "
+            )
+            suggested_methods = "`micp`, `nlp` or `auto` for windows"
+            return [Finding(key, message + suggested_methods)]
+    if climb_parts.solver.method not in CONVEX_METHODS:
+        message = _explain_micp_only(climb_parts.robot)
         return [Finding(("solver", "method"), message)] if message else []
-    cure = f"which `{parts.solver.method}` cannot state"
-    if not _only_micp(parts.robot):
-        cure += "; use `--method nlp`"
-    found = []
-    if parts.terrain is not None and parts.terrain.tube is not None:
-        found.append(Finding(("terrain", "tube"), f"a curved surface, {cure}"))
-    if parts.posture is not None:
-        for name, least in (
-            ("com_min", parts.posture.steps.com_min),
-            ("toe_min", parts.posture.steps.toe_min),
+    suggestion = f"which `{climb_parts.solver.method}` cannot state"
+    if not _is_micp_only(climb_parts.robot):
+        suggestion += "; use `--method nlp`"
+    findings = []
+    if climb_parts.terrain is not None and climb_parts.terrain.tube is not None:
+        findings.append(Finding(("terrain", "tube"), f"a curved surface, {suggestion}"))
+    if climb_parts.posture is not None:
+        for name, min_step in (
+            ("com_min", climb_parts.posture.steps.com_min),
+            ("toe_min", climb_parts.posture.steps.toe_min),
         ):
-            if least > 0:
-                message = f"a least step size (here {least:g} m) is not convex, {cure}"
-                found.append(Finding(("posture", "steps", name), message))
-    return found
+            if min_step > 0:
+                message = f"a least step size (here {min_step:g} m) is not convex, {suggestion}"
+                findings.append(Finding(("posture", "steps", name), message))
+    return findings
 
 
-def _beyond(robot: AnyRobot | None) -> str:
-    """Why the robot's limbs or grippers are beyond all methods but `micp`; empty if not."""
+def _explain_micp_only(robot: AnyRobot | None) -> str:
+    """Explain why only `micp` plans the robot's limbs or grippers; return "" if others do too."""
     if robot is None:
         return ""
     if robot.gripper is not None:
@@ -166,82 +173,89 @@ def _beyond(robot: AnyRobot | None) -> str:
     return ""
 
 
-def _only_micp(robot: AnyRobot | None) -> bool:
-    """Whether the robot's limbs or grippers are beyond all other methods."""
-    return bool(_beyond(robot))
+def _is_micp_only(robot: AnyRobot | None) -> bool:
+    """Return whether only `micp` plans the robot's limbs or grippers."""
+    return bool(_explain_micp_only(robot))
 
 
-def _without_method(parts: ClimbParts) -> list[Finding]:
-    """What `micp` cannot state, by robots that no other method knows."""
-    if not _only_micp(parts.robot):
+def _check_micp_only(climb_parts: ValidClimbParts) -> list[Finding]:
+    """Return findings for what `micp` cannot state, for robots that only `micp` plans."""
+    if not _is_micp_only(climb_parts.robot):
         return []
-    only = (
+    reason = (
         "a robot with grippers or closed linkages is planned by `micp`, which has flat terrain and"
     )
-    found = []
-    if parts.terrain is not None and parts.terrain.tube is not None:
-        found.append(Finding(("terrain", "tube"), f"{only} no curved surface"))
-    if parts.posture is not None:
-        steps = parts.posture.steps
-        found += [
-            Finding(("posture", "steps", name), f"{only} no least step size")
-            for name, least in (("com_min", steps.com_min), ("toe_min", steps.toe_min))
-            if least > 0
+    findings = []
+    if climb_parts.terrain is not None and climb_parts.terrain.tube is not None:
+        findings.append(Finding(("terrain", "tube"), f"{reason} no curved surface"))
+    if climb_parts.posture is not None:
+        steps = climb_parts.posture.steps
+        findings += [
+            Finding(("posture", "steps", name), f"{reason} no least step size")
+            for name, min_step in (("com_min", steps.com_min), ("toe_min", steps.toe_min))
+            if min_step > 0
         ]
-    return found
+    return findings
 
 
-def _grippers(parts: ClimbParts) -> list[Finding]:
-    """Robots with grippers climb flat surfaces, with forces of two solvers."""
-    if parts.robot is None or parts.robot.gripper is None:
+def _check_grippers(climb_parts: ValidClimbParts) -> list[Finding]:
+    """Return findings for grippers on curved surfaces, in transitions, or with `osqp`."""
+    if climb_parts.robot is None or climb_parts.robot.gripper is None:
         return []
-    name, found = parts.robot.name, []
-    if parts.task is not None and not isinstance(parts.task, TaskSpec):
-        found.append(Finding(("robot",), f"{name} has grippers, which no transition plans with"))
-    if parts.solver is not None and parts.solver.force == "osqp":
+    name, findings = climb_parts.robot.name, []
+    if climb_parts.task is not None and not isinstance(climb_parts.task, TaskSpec):
+        findings.append(Finding(("robot",), f"{name} has grippers, which no transition plans with"))
+    if climb_parts.solver is not None and climb_parts.solver.force_solver == "osqp":
         message = f"{name} has grippers, whose forces only `daqp` and `clarabel` plan"
-        found.append(Finding(("solver", "force"), message))
-    if parts.terrain is not None and parts.terrain.tube is not None:
-        found.append(Finding(("terrain", "tube"), f"{name} has grippers, for flat surfaces only"))
-    return found
+        findings.append(Finding(("solver", "force"), message))
+    if climb_parts.terrain is not None and climb_parts.terrain.tube is not None:
+        findings.append(
+            Finding(("terrain", "tube"), f"{name} has grippers, for flat surfaces only")
+        )
+    return findings
 
 
 def check_study(spec: ClimbSpec) -> list[Finding]:
-    """Every key of the study's grid can be set in this spec, to each of its values."""
+    """Check that every key of the study's grid can be set in this spec, to each of its values."""
     if spec.study is None:
         return []
     data = spec.model_dump(mode="json")
     return [
         finding
         for key, values in spec.study.grid.items()
-        for finding in _grid_findings(data, key, values)
+        for finding in _check_grid_key(data, key, values)
     ]
 
 
-def _grid_findings(data: dict[str, Any], key: str, values: tuple[float, ...]) -> list[Finding]:
-    here: KeyPath = ("study", "grid", key)
+def _check_grid_key(data: dict[str, Any], key: str, values: tuple[float, ...]) -> list[Finding]:
+    """Check one key of the study's grid with its values."""
+    grid_path: KeyPath = ("study", "grid", key)
     path = tuple(int(s) if s.isdecimal() else s for s in key.split("."))
     for length in range(1, len(path) + 1):
-        if slot_at(ClimbSpec, path[:length]) is None:
+        if find_slot(ClimbSpec, path[:length]) is None:
             message, suggestion = explain_unknown_key(ClimbSpec, path[:length])
-            return [Finding(here, message, suggestion)]
-    slot = slot_at(ClimbSpec, path)
+            return [Finding(grid_path, message, suggestion)]
+    slot = find_slot(ClimbSpec, path)
     if slot is None or not slot.is_number or path[0] == "study":
-        return [Finding(here, f"expected the dotted key of one number, got {shown(key)}")]
+        return [Finding(grid_path, f"expected the dotted key of one number, got {format_value(key)}")]
     changed = copy.deepcopy(data)
     holder: Any = changed
     for depth, segment in enumerate(path):
         present = segment in holder if isinstance(holder, dict) else segment in range(len(holder))
         if not present or (depth < len(path) - 1 and holder[segment] is None):
-            return [Finding(here, f"this spec has no `{dotted(path[: depth + 1])}`")]
+            return [Finding(grid_path, f"this spec has no `{format_key_path(path[: depth + 1])}`")]
         if depth < len(path) - 1:
             holder = holder[segment]
-    found = []
+    findings = []
     for i, value in enumerate(values):
         holder[path[-1]] = value
         try:
             ClimbSpec.model_validate(changed)
         except ValidationError as error:
-            first = findings_of(error, ClimbSpec)[0]
-            found.append(Finding((*here, i), f"as `{dotted(first.path)}`: {first.message}"))
-    return found
+            first_finding = collect_findings(error, ClimbSpec)[0]
+            findings.append(
+                Finding(
+                    (*grid_path, i), f"as `{format_key_path(first_finding.path)}`: {first_finding.message}"
+                )
+            )
+    return findings

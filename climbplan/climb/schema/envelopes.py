@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from climbplan.schema.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
 
-FEWEST_LIMBS = 3  # with toes that only press
+MIN_LIMBS = 3  # with toes that only press
 
 
 class EnvelopeTerrainSpec(SpecModel):
@@ -40,12 +40,12 @@ class EnvelopeTerrainSpec(SpecModel):
         faults = []
         if self.distribution not in ("ground", "wall"):
             message = f"`{self.distribution}` names its limbs; expected `ground` or `wall` for that"
-            given = (("limbs", self.limbs is not None), ("stance", bool(self.stance)))
-            faults += [Fault(name, message) for name, there in given if there]
+            stated_keys = (("limbs", self.limbs is not None), ("stance", bool(self.stance)))
+            faults += [Fault(name, message) for name, is_stated in stated_keys if is_stated]
         elif self.limbs is not None and len(set(self.limbs)) != len(self.limbs):
             faults.append(Fault("limbs", "expected each limb once"))
-        elif self.limbs is not None and len(self.limbs) < FEWEST_LIMBS:
-            message = f"expected at least {FEWEST_LIMBS} limbs, got {len(self.limbs)}"
+        elif self.limbs is not None and len(self.limbs) < MIN_LIMBS:
+            message = f"expected at least {MIN_LIMBS} limbs, got {len(self.limbs)}"
             faults.append(Fault("limbs", message))
         refuse(faults)
         return self

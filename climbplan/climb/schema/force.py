@@ -17,14 +17,14 @@ class ForcePlannerSpec(SpecModel):
     normal_force_weight: Number = quantity(
         "1/N", "w: how much pressing harder is worth against torque", default=2e-4, ge=0
     )
-    least_pressure: Number = quantity(
+    min_normal_force: Number = quantity(
         "N",
         "pressure of every toe in contact at least: a toe that presses with next to nothing slides "
         "at the first disturbance (`climbplan simulate`)",
         default=0.0,
         ge=0,
     )
-    least_depth: Number | None = Field(
+    min_penetration: Number | None = Field(
         default=None,
         ge=0,
         description="how far inside its surface [m] every toe in contact is commanded at least; "
@@ -34,12 +34,12 @@ class ForcePlannerSpec(SpecModel):
     facets: Count = quantity(
         "", "sides of the pyramid inscribed in the friction cone", default=16, ge=4, le=128
     )
-    sag: Literal["predicted", "compensated"] = Field(
+    deflection_compensation: Literal["predicted", "compensated"] = Field(
         default="compensated",
         description="`compensated`: joint commands hold the body at its planned pose; `predicted`: "
         "least commanded penetration, the body moves about as reported (a linear estimate)",
     )
-    stiffness_left: Number = quantity(
+    min_stiffness_ratio: Number = quantity(
         "",
         "share of the body's stiffness that the forces leave at least; at 0 a robot that braces "
         "itself buckles",

@@ -1,4 +1,4 @@
-"""From a climb's file and overrides to its validated model and robot, with all mistakes at once."""
+"""Loading of climb specs with overrides: validated model and robot, with all mistakes at once."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from climbplan.climb.schema.checks import ClimbParts, check_parts, check_study
+from climbplan.climb.schema.checks import ValidClimbParts, check_parts, check_study
 from climbplan.climb.schema.model import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
 from climbplan.errors import SpecError
 from climbplan.schema.document import Document
 from climbplan.schema.kinds import validate_kind
-from climbplan.schema.loaded import LoadedSpec, origin_of, root_paths
+from climbplan.schema.loaded import LoadedSpec, describe_origin, resolve_option_paths
 from climbplan.schema.overrides import Override, apply_overrides
-from climbplan.schema.robots.named import any_robot_of_document, part_of
+from climbplan.schema.robots.named import load_robot_of_document, validate_part
 from climbplan.schema.robots.source import AnyRobot
 from climbplan.schema.source import SourceText, read_source
 from climbplan.schema.terrain.terrain import TerrainSpec
@@ -28,13 +28,13 @@ class LoadedClimb(LoadedSpec):
     robot: AnyRobot
 
     def with_overrides(self, overrides: Sequence[str | Override]) -> LoadedClimb:
-        """The same climb with other values, as the points of a study are.
+        """Return the same climb with other values, for example those of a point of a study.
 
         Raises:
-            SpecError: with every mistake that the overrides bring.
+            SpecError: Lists every mistake that the overrides cause.
         """
         text = SourceText(self.source, self.name, self.directory, self.text)
-        return climb_of_document(apply_overrides(self.document, overrides), text)
+        return build_climb(apply_overrides(self.document, overrides), text)
 
 
 def load_climb(
@@ -44,11 +44,14 @@ def load_climb(
 ) -> LoadedClimb:
     """Read, override and check a climb spec and its robot.
 
-    `source` is a path or `-` for standard input. A robot given by path is looked up from
-    `robot_dir`, by default the directory of the spec (the current one for standard input).
+    Args:
+        source: A path, or `-` for standard input.
+        overrides: Values of dotted keys, `KEY=VALUE`.
+        robot_dir: Where a robot given by path is looked up; None for the directory of the spec, or
+            the current one for standard input.
 
     Raises:
-        SpecError: with every mistake in spec, overrides and robot file.
+        SpecError: Lists every mistake in spec, overrides and robot file.
     """
     text = read_source(source)
     if robot_dir is not None:
@@ -60,25 +63,32 @@ def load_text(text: str, name: str, overrides: Sequence[str | Override] = ()) ->
     """Check a climb spec given as text; a robot's path starts from the current directory.
 
     Raises:
-        SpecError: with every mistake in spec, overrides and robot file.
+        SpecError: Lists every mistake in spec, overrides and robot file.
     """
     return _load(SourceText(name, name, Path.cwd(), text), overrides)
 
 
 def _load(text: SourceText, overrides: Sequence[str | Override]) -> LoadedClimb:
-    return climb_of_document(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
+    """Parse, override and build a climb spec."""
+    return build_climb(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
 
 
-def climb_of_document(document: Document, text: SourceText) -> LoadedClimb:
-    spec, robot = _climb_of(document, text)
-    return LoadedClimb(spec=spec, robot=robot, **origin_of(document, text))
+def build_climb(document: Document, text: SourceText) -> LoadedClimb:
+    """Build the loaded climb of a document.
+
+    Raises:
+        SpecError: Lists every mistake in it.
+    """
+    spec, robot = _validate_climb(document, text)
+    return LoadedClimb(spec=spec, robot=robot, **describe_origin(document, text))
 
 
-def _climb_of(document: Document, text: SourceText) -> tuple[ClimbSpec, AnyRobot]:
-    root_paths(document, [("task", "start", "plan"), ("terrain", "scan", "file")])
+def _validate_climb(document: Document, text: SourceText) -> tuple[ClimbSpec, AnyRobot]:
+    """Return spec and robot of a document, or raise SpecError with all mistakes."""
+    resolve_option_paths(document, [("task", "start", "plan"), ("terrain", "scan", "file")])
     spec, findings = validate_kind(document, "climb", ClimbSpec)
-    robot, robot_mistakes = any_robot_of_document(document, text.directory)
-    findings += check_parts(_parts(document, robot))
+    robot, robot_mistakes = load_robot_of_document(document, text.directory)
+    findings += check_parts(_collect_valid_parts(document, robot))
     if spec is not None:
         findings += check_study(spec)
     mistakes = [*document.mistakes(findings), *robot_mistakes]
@@ -87,11 +97,12 @@ def _climb_of(document: Document, text: SourceText) -> tuple[ClimbSpec, AnyRobot
     return spec, robot
 
 
-def _parts(document: Document, robot: AnyRobot | None) -> ClimbParts:
-    return ClimbParts(
-        terrain=part_of(document, "terrain", TerrainSpec),
-        task=part_of(document, "task", TaskSpec),
-        posture=part_of(document, "posture", PosturePlannerSpec),
-        solver=part_of(document, "solver", SolverSpec),
+def _collect_valid_parts(document: Document, robot: AnyRobot | None) -> ValidClimbParts:
+    """Return the parts of a document that are valid on their own."""
+    return ValidClimbParts(
+        terrain=validate_part(document, "terrain", TerrainSpec),
+        task=validate_part(document, "task", TaskSpec),
+        posture=validate_part(document, "posture", PosturePlannerSpec),
+        solver=validate_part(document, "solver", SolverSpec),
         robot=robot,
     )

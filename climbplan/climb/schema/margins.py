@@ -20,20 +20,31 @@ class MarginsSpec(SpecModel):
 
     @property
     def asked(self) -> bool:
-        """Whether there are any; `margins: none` asks for none. Of soles' own is not asked."""
-        own = (self.pressure, self.friction, self.slip, self.depth, self.torque, self.stiffness)
-        return any(value > 0 for value in (*own, self.edge))
+        """Return whether there are margins of toes; `margins: none` has none, and soles do not
+        count.
+        """
+        values = (
+            self.normal_force,
+            self.friction,
+            self.slip,
+            self.depth,
+            self.torque,
+            self.stiffness,
+        )
+        return any(value > 0 for value in (*values, self.edge))
 
     @property
     def asked_of_grips(self) -> bool:
-        """Whether there are any of those that grips keep."""
+        """Return whether there are margins of grips."""
         return self.pull > 0 or self.slip > 0
 
     def factors(self, rounds: IntArray) -> Array:
-        """On pressure, friction and pull, of instants in rounds (K,), counted from 1."""
+        """Return factors on pressure, friction and pull for instants in rounds (K,), counted from
+        1.
+        """
         return np.array([self.rounds.get(int(number), 1.0) for number in rounds])
 
-    pressure: Number = quantity(
+    normal_force: Number = quantity(
         "weight",
         "pressure of every toe in contact, in weights of the robot: a toe that presses with next "
         "to nothing slides at the first disturbance",
@@ -110,7 +121,7 @@ class MarginsSpec(SpecModel):
 
 
 NO_MARGINS = MarginsSpec(
-    pressure=0.0,
+    normal_force=0.0,
     friction=0.0,
     slip=0.0,
     pull=0.0,
@@ -122,11 +133,11 @@ NO_MARGINS = MarginsSpec(
 )
 
 
-def _in_a_word(value: Any) -> Any:
+def _parse_none(value: Any) -> Any:
     return NO_MARGINS if value == "none" else value
 
 
 Margins = Annotated[
     MarginsSpec,
-    BeforeValidator(_in_a_word, json_schema_input_type=MarginsSpec | Literal["none"]),
+    BeforeValidator(_parse_none, json_schema_input_type=MarginsSpec | Literal["none"]),
 ]

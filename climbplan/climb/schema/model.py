@@ -9,14 +9,14 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from climbplan.climb.schema.force import ForcePlannerSpec
 from climbplan.climb.schema.margins import Margins, MarginsSpec
-from climbplan.climb.schema.stated_margins import margins_stated
+from climbplan.climb.schema.stated_margins import widen_margins
 from climbplan.schema.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.schema.robots.gripper import GripSpec
 from climbplan.schema.robots.uncertainty import UncertaintySpec
 from climbplan.schema.robots.urdf.model import RobotReference
 from climbplan.schema.terrain.terrain import TerrainSpec
 
-MOST_ROUNDS = 200
+MAX_ROUNDS = 200
 
 
 class PostureSpec(SpecModel):
@@ -45,13 +45,13 @@ class StartSpec(PostureSpec):
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
-        given = self.model_fields_set - {"plan"}
-        if self.plan is None and "com" not in given:
+        stated_keys = self.model_fields_set - {"plan"}
+        if self.plan is None and "com" not in stated_keys:
             expected = "three numbers: body origin in the world [m]"
             refuse([Fault("com", f"missing, expected {expected}, or `plan`: a plan file")])
         if self.plan is not None:
-            because = "unknown beside `plan`, whose last posture is the start"
-            refuse([Fault(name, because) for name in sorted(given)])
+            message = "unknown beside `plan`, whose last posture is the start"
+            refuse([Fault(name, message) for name in sorted(stated_keys)])
         return self
 
 
@@ -80,16 +80,18 @@ class WrenchSpec(SpecModel):
     moment: Vector = quantity("N m", "moment about the body origin", default=(0.0, 0.0, 0.0))
 
 
-def _rounds(value: Any) -> Any:
-    """A number of rounds, or the word that leaves it open."""
-    whole = isinstance(value, int | float) and not isinstance(value, bool) and value == int(value)
-    if value == "auto" or (whole and 1 <= value <= MOST_ROUNDS):
+def _parse_rounds(value: Any) -> Any:
+    """Return a valid number of rounds, or "auto"; raise ValueError for others."""
+    is_whole = (
+        isinstance(value, int | float) and not isinstance(value, bool) and value == int(value)
+    )
+    if value == "auto" or (is_whole and 1 <= value <= MAX_ROUNDS):
         return value
-    raise ValueError(f"expected a whole number from 1 to {MOST_ROUNDS}, or auto; got {value!r}")
+    raise ValueError(f"expected a whole number from 1 to {MAX_ROUNDS}, or auto; got {value!r}")
 
 
 Rounds = Annotated[
-    Annotated[int, Ge(1), Le(MOST_ROUNDS)] | Literal["auto"], BeforeValidator(_rounds)
+    Annotated[int, Ge(1), Le(MAX_ROUNDS)] | Literal["auto"], BeforeValidator(_parse_rounds)
 ]
 
 
@@ -162,12 +164,14 @@ class PostureSteps(SpecModel):
     def _ordered(self) -> Self:
         refuse(
             [
-                Fault(f"{name}_min", f"expected less than {name}_max {largest:g}, got {least:g}")
-                for name, least, largest in (
+                Fault(
+                    f"{name}_min", f"expected less than {name}_max {max_step:g}, got {min_step:g}"
+                )
+                for name, min_step, max_step in (
                     ("com", self.com_min, self.com_max),
                     ("toe", self.toe_min, self.toe_max),
                 )
-                if least >= largest
+                if min_step >= max_step
             ]
         )
         return self
@@ -226,7 +230,9 @@ class TrajectorySpec(SpecModel):
         le=1,
     )
     rate: Number = quantity("Hz", "sample rate", default=20.0, gt=0, le=1000)
-    swing_clearance: Number = quantity("m", "distance a toe is lifted along the normal", default=0.05, gt=0)
+    swing_clearance: Number = quantity(
+        "m", "distance a toe is lifted along the normal", default=0.05, gt=0
+    )
 
 
 COUPLED_METHODS = ("coupled", "coupled-modes", "coupled-micp", "coupled-nlp", "spatial")
@@ -364,9 +370,9 @@ class ClimbSpec(SpecModel):
 
     @model_validator(mode="after")
     def _margins_for_uncertainty(self) -> Self:
-        grips = self.terrain.gripped
-        beside = self.force.safety_friction if grips else 1.0
-        margins = margins_stated(self.margins, self.uncertainty, beside)
+        has_grips = self.terrain.gripped
+        safety_friction = self.force.safety_friction if has_grips else 1.0
+        margins = widen_margins(self.margins, self.uncertainty, safety_friction)
         if margins is not self.margins:
             object.__setattr__(self, "margins", margins)
         return self

@@ -66,7 +66,7 @@ class MotionSteps(Protocol):
         """Largest turn about each axis [deg]."""
 
     @property
-    def shift_max(self) -> float:
+    def com_shift_max(self) -> float:
         """Largest level shift of the body off its straight way before a lift [m]."""
 
 
@@ -94,7 +94,7 @@ class ForceSolver(Protocol):
     """Solver choices that the shared stages look at."""
 
     @property
-    def force(self) -> str:
+    def force_solver(self) -> str:
         """Solver of the force problems."""
 
 

@@ -21,7 +21,7 @@ from climbplan.climb.schema.model import (
     TrajectorySpec,
     WrenchSpec,
 )
-from climbplan.climb.schema.stated_margins import margins_stated
+from climbplan.climb.schema.stated_margins import widen_margins
 from climbplan.schema.base import Count, Fault, Number, SpecModel, Vector, quantity, refuse
 from climbplan.schema.robots.uncertainty import UncertaintySpec
 from climbplan.schema.robots.urdf.model import RobotReference
@@ -47,7 +47,9 @@ class TransitionTaskSpec(SpecModel):
     step_max: dict[str, Number] = quantity(
         "m", "largest toe step of single limbs, where shorter than `posture.steps.toe_max`", {}
     )
-    min_supporting_limbs: Count = quantity("", "least number of limbs that support the body", 3, ge=2)
+    min_supporting_limbs: Count = quantity(
+        "", "least number of limbs that support the body", 3, ge=2
+    )
     payload: PayloadSpec = PayloadSpec()
     """Mass carried on the body."""
     external_wrench: WrenchSpec = WrenchSpec()
@@ -70,14 +72,14 @@ class TransitionTaskSpec(SpecModel):
 
     @property
     def limbs(self) -> tuple[tuple[str, ...], ...]:
-        """Which limbs move in each round; empty if the sequence does not name them."""
+        """Return which limbs move in each round; empty if the sequence does not name them."""
         if self.sequence is None or not (set(self.sequence) - set("0123456789- ")):
             return ()
-        return tuple(tuple(part.split()) for part in self.sequence.split("|"))
+        return tuple(tuple(round_limbs.split()) for round_limbs in self.sequence.split("|"))
 
     @property
     def moving(self) -> tuple[int, ...]:
-        """How many limbs move in each round; empty if that is left open."""
+        """Return how many limbs move in each round; empty if the sequence is not stated."""
         if self.limbs:
             return tuple(len(names) for names in self.limbs)
         return tuple(int(n) for n in self.sequence.split("-")) if self.sequence else ()
@@ -145,7 +147,9 @@ class SearchSpec(SpecModel):
     heights: Count = quantity(
         "", "body poses tried on the straight way to the goal", 5, ge=2, le=20
     )
-    lateral_offset: Number = quantity("m", "how far beside that way further poses lie", default=0.06, ge=0)
+    lateral_offset: Number = quantity(
+        "m", "how far beside that way further poses lie", default=0.06, ge=0
+    )
     min_load: Number = quantity(
         "",
         "share of the weight that every supporting limb presses with at least; at 0 a limb may "
@@ -243,17 +247,17 @@ class TransitionSpec(SpecModel):
 
     @model_validator(mode="after")
     def _margins_for_uncertainty(self) -> Self:
-        margins = margins_stated(self.margins, self.uncertainty)
+        margins = widen_margins(self.margins, self.uncertainty)
         if margins is not self.margins:
             object.__setattr__(self, "margins", margins)
         return self
 
     @property
     def last_goal(self) -> GoalSpec:
-        """The goal of the whole plan."""
+        """Return the goal of the whole plan."""
         return self.task.goal if self.climb is None else self.climb.goal
 
     @property
     def all_rounds(self) -> int:
-        """Rounds of the whole plan."""
+        """Return the number of rounds of the whole plan."""
         return self.task.rounds + (0 if self.climb is None else self.climb.rounds)

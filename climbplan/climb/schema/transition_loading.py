@@ -1,4 +1,4 @@
-"""From a transition spec file and overrides to a validated model, with all mistakes at once."""
+"""Loading of transition specs with overrides, with all mistakes at once."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from climbplan.climb.schema.checks import ClimbParts, check_parts
+from climbplan.climb.schema.checks import ValidClimbParts, check_parts
 from climbplan.climb.schema.transition import TransitionSpec, TransitionTaskSpec
 from climbplan.errors import SpecError
 from climbplan.schema.document import Document, Finding
 from climbplan.schema.kinds import validate_kind
-from climbplan.schema.loaded import LoadedSpec, origin_of, root_paths
+from climbplan.schema.loaded import LoadedSpec, describe_origin, resolve_option_paths
 from climbplan.schema.overrides import Override, apply_overrides
-from climbplan.schema.robots.named import any_robot_of_document, part_of
+from climbplan.schema.robots.named import load_robot_of_document, validate_part
 from climbplan.schema.robots.source import AnyRobot
 from climbplan.schema.source import SourceText, read_source
 from climbplan.schema.terrain.terrain import TerrainSpec
@@ -28,13 +28,13 @@ class LoadedTransition(LoadedSpec):
     robot: AnyRobot
 
     def with_overrides(self, overrides: Sequence[str | Override]) -> LoadedTransition:
-        """The same transition with other values.
+        """Return the same transition with other values.
 
         Raises:
-            SpecError: with every mistake that the overrides bring.
+            SpecError: Lists every mistake that the overrides cause.
         """
         text = SourceText(self.source, self.name, self.directory, self.text)
-        return transition_of_document(apply_overrides(self.document, overrides), text)
+        return build_transition(apply_overrides(self.document, overrides), text)
 
 
 def load_transition(
@@ -43,64 +43,68 @@ def load_transition(
     """Read, override and check a transition spec and its robot; `-` is standard input.
 
     Raises:
-        SpecError: with every mistake in spec, overrides and robot file.
+        SpecError: Lists every mistake in spec, overrides and robot file.
     """
-    return transition_of_text(read_source(source), overrides)
+    return load_transition_text(read_source(source), overrides)
 
 
-def transition_of_text(
+def load_transition_text(
     text: SourceText, overrides: Sequence[str | Override] = ()
 ) -> LoadedTransition:
-    """As `load_transition`, of a text that was read already."""
-    document = apply_overrides(parse_yaml(text.text, text.shown), overrides)
-    return transition_of_document(document, text)
-
-
-def transition_of_document(document: Document, text: SourceText) -> LoadedTransition:
-    """The transition spec that a document is.
+    """Override and check a transition spec whose text was read already.
 
     Raises:
-        SpecError: with every mistake in it.
+        SpecError: Lists every mistake in spec, overrides and robot file.
     """
-    root_paths(document, [("terrain", "scan", "file")])
+    document = apply_overrides(parse_yaml(text.text, text.shown), overrides)
+    return build_transition(document, text)
+
+
+def build_transition(document: Document, text: SourceText) -> LoadedTransition:
+    """Build the loaded transition of a document.
+
+    Raises:
+        SpecError: Lists every mistake in it.
+    """
+    resolve_option_paths(document, [("terrain", "scan", "file")])
     spec, findings = validate_kind(document, "transition", TransitionSpec)
-    robot, robot_mistakes = any_robot_of_document(document, text.directory)
-    task = part_of(document, "task", TransitionTaskSpec)
-    terrain = part_of(document, "terrain", TerrainSpec)
-    findings += check_parts(ClimbParts(terrain, task, None, None, robot))
+    robot, robot_mistakes = load_robot_of_document(document, text.directory)
+    task = validate_part(document, "task", TransitionTaskSpec)
+    terrain = validate_part(document, "terrain", TerrainSpec)
+    findings += check_parts(ValidClimbParts(terrain, task, None, None, robot))
     if task is not None and robot is not None:
-        findings += _too_few_limbs(task, robot)
+        findings += _check_limb_count(task, robot)
     if spec is not None and spec.climb is not None and robot is not None:
-        findings += _gait_of_climb(spec.climb.gait, robot)
+        findings += _check_climb_gait(spec.climb.gait, robot)
     if terrain is not None and terrain.tube is not None:
         findings.append(Finding(("terrain", "tube"), "expected flat surfaces in a transition"))
     mistakes = [*document.mistakes(findings), *robot_mistakes]
     if spec is None or robot is None or mistakes:
         raise SpecError(document.source, mistakes)
-    return LoadedTransition(spec=spec, robot=robot, **origin_of(document, text))
+    return LoadedTransition(spec=spec, robot=robot, **describe_origin(document, text))
 
 
-def _too_few_limbs(task: TransitionTaskSpec, robot: AnyRobot) -> list[Finding]:
-    """Some limb can move while enough others support the body."""
+def _check_limb_count(task: TransitionTaskSpec, robot: AnyRobot) -> list[Finding]:
+    """Check that some limb can move while enough others support the body."""
     count = len(robot.limb_names)
-    most = count - task.supporting
-    if most < 1:
+    max_moving = count - task.min_supporting_limbs
+    if max_moving < 1:
         message = (
-            f"{robot.name} has {count} limbs: with {task.supporting} supporting, none can move "
-            f"(expected at most {count - 1})"
+            f"{robot.name} has {count} limbs: with {task.min_supporting_limbs} supporting, "
+            f"none can move (expected at most {count - 1})"
         )
-        return [Finding(("task", "supporting"), message)]
-    if task.moving and max(task.moving) > most:
+        return [Finding(("task", "min_supporting_limbs"), message)]
+    if task.moving and max(task.moving) > max_moving:
         message = (
-            f"{max(task.moving)} of {count} limbs cannot move at once while {task.supporting} "
-            f"support the body (`task.supporting`)"
+            f"{max(task.moving)} of {count} limbs cannot move at once "
+            f"while {task.min_supporting_limbs} support the body (`task.min_supporting_limbs`)"
         )
         return [Finding(("task", "sequence"), message)]
     return []
 
 
-def _gait_of_climb(gait: tuple[str, ...] | None, robot: AnyRobot) -> list[Finding]:
-    """The climb's gait moves each limb once."""
+def _check_climb_gait(gait: tuple[str, ...] | None, robot: AnyRobot) -> list[Finding]:
+    """Check that the climb's gait moves each limb once."""
     limbs = list(robot.limb_names)
     if gait is None or sorted(gait) == sorted(limbs):
         return []

@@ -10,7 +10,7 @@ from pathlib import Path
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_text
-from climbplan.climb.schema.transition_loading import transition_of_text
+from climbplan.climb.schema.transition_loading import load_transition_text
 from climbplan.climb.simulation.variations import draw_conditions, run_climb_trial
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NoPlanFound, ReachFailure
@@ -85,5 +85,5 @@ def _plan_override(plan: ClimbPlan, override: str) -> ClimbPlan:
     """Plan the spec of a plan with an override."""
     if plan.kind == "transition":
         text = SourceText(plan.name, plan.name, Path.cwd(), plan.spec_text)
-        return plan_transition(transition_of_text(text, [override]))
+        return plan_transition(load_transition_text(text, [override]))
     return plan_climb(load_text(plan.spec_text, plan.name, [override]))

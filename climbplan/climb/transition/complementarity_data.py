@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.scene.climb_scene import load_wrench
+from climbplan.climb.scene.climb_scene import compute_load_wrench
 from climbplan.climb.transition.complementarity import (
     MAX_LOAD,
     POINTS,
@@ -139,7 +139,7 @@ def _build_parameters(scene: TransitionScene, shape: Shape, surfaces: IntArray) 
         "face_row": np.concatenate([empty, *(a.ravel() for a, _ in faces)]),
         "face_end": np.concatenate([empty, *(b for _, b in faces)]),
         "mu": np.array([r.friction for r in surfaces_used]) / scene.spec.force.safety_friction,
-        "load": load_wrench(scene.spec, scene.robot, scene.start.rpy) / scene.robot.weight,
+        "load": compute_load_wrench(scene.spec, scene.robot, scene.start.rpy) / scene.robot.weight,
         # Limbs stay bent as they are at the start
         **{
             name: np.tile(toe_values[name].ravel(), POINTS)

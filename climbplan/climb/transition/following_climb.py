@@ -15,7 +15,7 @@ import numpy as np
 from climbplan.climb.motion.motion import Motion, StageClock, plan_motion
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.postures.explanation import NoPostures
-from climbplan.climb.scene.climb_scene import ClimbScene, Stance, build_scene, toes_as_stated
+from climbplan.climb.scene.climb_scene import ClimbScene, Stance, build_scene, compute_stated_toes
 from climbplan.climb.schema.model import (
     ClimbSpec,
     PosturePlannerSpec,
@@ -96,7 +96,7 @@ def _rename_remedy(remedy: Remedy) -> Remedy:
 def _build_climb_scene(loaded: LoadedTransition, scene: TransitionScene) -> ClimbScene:
     """Build the climb's scene: the same robot and terrain, from the transition's end."""
     goal, names = scene.goal, scene.robot.limb_names
-    touching = toes_as_stated(scene.robot, scene.terrain, goal.toes, goal.region)
+    touching = compute_stated_toes(scene.robot, scene.terrain, goal.toes, goal.region)
     toes = {
         name: (float(toe[0]), float(toe[1]), float(toe[2]))
         for name, toe in zip(names, touching, strict=True)

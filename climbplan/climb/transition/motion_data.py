@@ -11,7 +11,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.climb.plan.climb_plan import Rounds
-from climbplan.climb.scene.climb_scene import load_wrench
+from climbplan.climb.scene.climb_scene import compute_load_wrench
 from climbplan.climb.transition.footholds import GOAL, START
 from climbplan.climb.transition.motion_statement import POINTS, Shape
 from climbplan.climb.transition.pose_paths import Sequence, get_stance
@@ -297,7 +297,7 @@ def _build_parameters(
         "plane": plane,
         "face": faces,
         "face_end": offsets,
-        "load": load_wrench(scene.spec, robot, rpy) / robot.weight,
+        "load": compute_load_wrench(scene.spec, robot, rpy) / robot.weight,
     }
     return {
         **build_robot_parameters(scene, footholds.toe[limb, states[0]]),

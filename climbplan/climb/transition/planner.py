@@ -16,7 +16,7 @@ from climbplan.climb.plan.climb_plan import (
     ClimbPlan,
     Sequences,
 )
-from climbplan.climb.scene.climb_scene import on_scan
+from climbplan.climb.scene.climb_scene import apply_scan
 from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.climb.transition.following_climb import plan_following_climb
 from climbplan.climb.transition.footholds import Poses
@@ -99,7 +99,7 @@ def plan_transition(loaded: LoadedTransition, report: Progress | None = None) ->
     """
     clock = StageClock(report or (lambda stage, fraction: None))
     begin = time.monotonic()
-    loaded = on_scan(loaded)
+    loaded = apply_scan(loaded)
     options = loaded.spec.solver
     try:
         scene = build_transition(loaded)

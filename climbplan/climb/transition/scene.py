@@ -12,11 +12,11 @@ from climbplan.climb.planner.proof import find_missing_support, find_unreachable
 from climbplan.climb.scene.climb_scene import (
     MotionScene,
     Stance,
-    stance_of,
-    warn_of_backs,
-    with_scan,
+    build_stance,
+    warn_of_reversed_regions,
+    add_raw_surface,
 )
-from climbplan.climb.scene.plausible_lengths import implausible_lengths
+from climbplan.climb.scene.plausible_lengths import find_implausible_lengths
 from climbplan.climb.schema.transition import TransitionSpec
 from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.errors import (
@@ -58,17 +58,17 @@ def build_transition(loaded: LoadedTransition) -> TransitionScene:
     pointed = require_no_flat_feet(loaded.robot, "transitions")
     robot = with_stance(build_robot(pointed), spec.task.stance)
     terrain = build_terrain(spec.terrain, robot)
-    terrain = with_scan(terrain, spec, robot, loaded.directory)
-    mistakes = list(implausible_lengths(spec, robot, terrain))
+    terrain = add_raw_surface(terrain, spec, robot, loaded.directory)
+    mistakes = list(find_implausible_lengths(spec, robot, terrain))
     if mistakes:
         raise SpecError(loaded.source, mistakes)
-    start = stance_of(spec.task.start, "task.start", robot, terrain, mistakes)
-    goal = stance_of(spec.task.goal, "task.goal", robot, terrain, mistakes)
+    start = build_stance(spec.task.start, "task.start", robot, terrain, mistakes)
+    goal = build_stance(spec.task.goal, "task.goal", robot, terrain, mistakes)
     for key, stance in (("task.start", start), ("task.goal", goal)):
         mistakes += _find_covered_toes(key, stance, terrain, robot)
     if mistakes:
         raise SpecError(loaded.source, mistakes)
-    warn_of_backs(terrain, (start, goal))
+    warn_of_reversed_regions(terrain, (start, goal))
     scene = TransitionScene(spec, robot, terrain, start, goal)
     for name, stance in (("start posture", start), ("goal posture", goal)):
         _require_clearance(scene, name, stance)

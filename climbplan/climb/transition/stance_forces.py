@@ -21,7 +21,7 @@ from climbplan.climb.forces.statement import (
     compute_torque_ratio,
 )
 from climbplan.climb.plan.climb_plan import Instants
-from climbplan.climb.scene.climb_scene import load_wrench
+from climbplan.climb.scene.climb_scene import compute_load_wrench
 from climbplan.climb.transition.footholds import Footholds, Poses, Reach, compute_reach
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.mechanics.friction import regular_corners, split_force
@@ -86,7 +86,7 @@ def build_stance_instants(tables: SearchTables, stance: IntArray, pose: IntArray
         mu=footholds.mu[limb, index],
         region=footholds.region[limb, index],
         joint_angles=angles,
-        external_wrench=load_wrench(scene.spec, scene.robot, rpy),
+        external_wrench=compute_load_wrench(scene.spec, scene.robot, rpy),
     )
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.climb.postures.travel_distance import find_excessive_travel
 from climbplan.climb.scene.climb_scene import ClimbScene, Stance
-from climbplan.climb.scene.within_reach import reachable, within_rounds
-from climbplan.climb.schema.model import MOST_ROUNDS
+from climbplan.climb.scene.within_reach import find_reachable_surfaces, restrict_terrain
+from climbplan.climb.schema.model import MAX_ROUNDS
 from climbplan.climb.windows.body_way import BodyPath
 from climbplan.robots.rotations import rotation_world_body
 
@@ -43,7 +43,7 @@ def list_windows(
     """List windows to try from the end of the plan, and whether they are the last."""
     current = replace(scene, start=window_start.stance)
     requested = scene.spec.task.rounds
-    max_rounds = MOST_ROUNDS if requested == "auto" else int(requested)
+    max_rounds = MAX_ROUNDS if requested == "auto" else int(requested)
     rounds_left = max_rounds - window_start.rounds
     if rounds_left <= 0:
         return
@@ -101,11 +101,11 @@ def _build_window(scene: ClimbScene, count: int) -> ClimbScene:
     radius = max(scene.robot.stance_radius, _find_stance_radius(scene) + _RADIUS_MARGIN)
     robot = replace(scene.robot, stance_radius=radius)
     scene = replace(scene, robot=robot)
-    terrain = within_rounds(scene, count)
+    terrain = restrict_terrain(scene, count)
     window = replace(replace_rounds(scene, count), terrain=terrain, robot=robot)
     if terrain.is_curved:
         return window
-    reachable_regions = reachable(window, count)
+    reachable_regions = find_reachable_surfaces(window, count)
     is_unreached = ~reachable_regions.any(axis=2)  # the program reports what is out of reach
     reachable_regions[is_unreached] = np.broadcast_to(terrain.allowed, reachable_regions.shape)[
         is_unreached

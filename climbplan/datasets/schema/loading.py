@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from climbplan.climb.schema.envelopes_loading import limb_findings
+from climbplan.climb.schema.envelopes_loading import find_unknown_limbs
 from climbplan.datasets.schema.model import (
     BY_PROBLEM,
     ProgramDatasetSpec,
@@ -16,15 +16,15 @@ from climbplan.datasets.schema.model import (
 )
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.schema.document import Document, Finding, KeyPath
-from climbplan.schema.fields import nearest
+from climbplan.schema.fields import find_closest_name
 from climbplan.schema.kinds import find_kind, validate
-from climbplan.schema.loaded import LoadedSpec, origin_of, root_paths
+from climbplan.schema.loaded import LoadedSpec, describe_origin, resolve_option_paths
 from climbplan.schema.overrides import Override, apply_overrides
-from climbplan.schema.robots.named import any_robot_of_document
+from climbplan.schema.robots.named import load_robot_of_document
 from climbplan.schema.source import SourceText, read_source
-from climbplan.schema.wording import shown
+from climbplan.schema.wording import format_value
 from climbplan.schema.yaml_source import parse_yaml
-from climbplan.walking.schema.loading import body_of_document
+from climbplan.walking.schema.loading import load_document_body
 
 _PATHS = (
     ("problem", "solver", "library", "file"),
@@ -51,7 +51,7 @@ def load_dataset(source: str | Path, overrides: Sequence[str | Override] = ()) -
 
 
 def dataset_of(document: Document, text: SourceText) -> LoadedDataset:
-    """The dataset spec that a document describes.
+    """Return the dataset spec that a document describes.
 
     Raises:
         SpecError: with every mistake in it.
@@ -60,7 +60,7 @@ def dataset_of(document: Document, text: SourceText) -> LoadedDataset:
     kind = find_kind(document, wanted="dataset")
     if isinstance(kind, Finding):
         findings.append(kind)
-    root_paths(document, _PATHS)
+    resolve_option_paths(document, _PATHS)
     model = _model_of(document)
     if isinstance(model, Finding):
         raise SpecError(document.source, document.mistakes([*findings, model]))
@@ -69,15 +69,15 @@ def dataset_of(document: Document, text: SourceText) -> LoadedDataset:
     robot_mistakes: list[SpecMistake] = []
     if model is TerrainsDatasetSpec:
         path: KeyPath = ("problem", "robot")
-        robot, robot_mistakes = any_robot_of_document(document, text.directory, path)
+        robot, robot_mistakes = load_robot_of_document(document, text.directory, path)
         if spec is not None and robot is not None and isinstance(spec, TerrainsDatasetSpec):
-            findings += limb_findings(spec.problem.terrain, robot, ("problem", "terrain"))
+            findings += find_unknown_limbs(spec.problem.terrain, robot, ("problem", "terrain"))
     mistakes = [*document.mistakes(findings), *robot_mistakes]
     if model is WalksDatasetSpec:
-        mistakes += body_of_document(document, text.directory, ("problem", "robot"))[1]
+        mistakes += load_document_body(document, text.directory, ("problem", "robot"))[1]
     if spec is None or mistakes:
         raise SpecError(document.source, mistakes)
-    return LoadedDataset(spec=spec, **origin_of(document, text))
+    return LoadedDataset(spec=spec, **describe_origin(document, text))
 
 
 def _model_of(
@@ -89,15 +89,15 @@ def _model_of(
     | type[WalksDatasetSpec]
     | Finding
 ):
-    """The model that `problem.kind` asks for, or what is wrong with it."""
+    """Return the model that `problem.kind` asks for, or what is wrong with it."""
     known = ", ".join(f"`{kind}`" for kind in BY_PROBLEM)
     problem = document.value.get("problem")
     if not isinstance(problem, dict):
-        got = "missing" if problem is None else f"got {shown(problem)}"
+        got = "missing" if problem is None else f"got {format_value(problem)}"
         return Finding(("problem",), f"{got}, expected a mapping with a `kind` (one of {known})")
     kind = problem.get("kind")
     if not isinstance(kind, str) or kind not in BY_PROBLEM:
-        near = nearest(kind, list(BY_PROBLEM)) if isinstance(kind, str) else None
-        got = "missing" if kind is None else f"got {shown(kind)}"
+        near = find_closest_name(kind, list(BY_PROBLEM)) if isinstance(kind, str) else None
+        got = "missing" if kind is None else f"got {format_value(kind)}"
         return Finding(("problem", "kind"), f"{got}, expected one of {known}", near)
     return BY_PROBLEM[kind]

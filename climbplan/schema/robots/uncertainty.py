@@ -36,18 +36,18 @@ class SpreadSpec(SpecModel):
         return self
 
 
-def _which(value: Any) -> str:
+def _discriminate(value: Any) -> str:
     return MAPPING_TAG if isinstance(value, dict | SpreadSpec) else NUMBER_TAG
 
 
 Spread = Annotated[
     Annotated[Number, Field(ge=0), Tag(NUMBER_TAG)] | Annotated[SpreadSpec, Tag(MAPPING_TAG)],
-    Discriminator(_which),
+    Discriminator(_discriminate),
 ]
 _FORM = "a standard deviation, `{normal: S}` or `{uniform: [A, B]}`"
 
 
-def _spread(unit: str, description: str, default: float) -> Any:
+def _spread_field(unit: str, description: str, default: float) -> Any:
     return Field(
         default,
         description=f"{description}; {_FORM}{f' [{unit}]' if unit else ''}",
@@ -58,12 +58,12 @@ def _spread(unit: str, description: str, default: float) -> Any:
 class RobotUncertaintySpec(SpecModel):
     """What is uncertain of a robot."""
 
-    mass: Spread = _spread("", "departure of the mass, as a share of it", 0.05)
-    com_mm: Spread = _spread("mm", "departure of the centre of mass along each body axis", 0.0)
-    joint_stiffness: Spread = _spread(
+    mass: Spread = _spread_field("", "departure of the mass, as a share of it", 0.05)
+    com_mm: Spread = _spread_field("mm", "departure of the centre of mass along each body axis", 0.0)
+    joint_stiffness: Spread = _spread_field(
         "", "departure of each joint's stiffness, as a share of it, joints by themselves", 0.1
     )
-    motor_gain: Spread = _spread(
+    motor_gain: Spread = _spread_field(
         "", "departure of all motors' gain together, as a share of it", 0.0
     )
     backlash_deg: Spread = Field(
@@ -72,7 +72,7 @@ class RobotUncertaintySpec(SpecModel):
         "likely; or a distribution, below zero counting as none [deg]",
         json_schema_extra={"unit": "deg"},
     )
-    toe_placement_mm: Spread = _spread(
+    toe_placement_mm: Spread = _spread_field(
         "mm", "by how much each foothold is missed along each axis of the world", 0.0
     )
 
@@ -82,7 +82,7 @@ class RobotUncertaintySpec(SpecModel):
         return self
 
     def _shares(self, *names: str) -> list[Fault]:
-        """Departures that would leave nothing, or less."""
+        """Return departures that would leave nothing, or less."""
         faults = []
         for name in names:
             value = getattr(self, name)
@@ -98,7 +98,7 @@ class RobotUncertaintySpec(SpecModel):
 
 
 def states_uncertainty(spec: RobotUncertaintySpec, robot: RobotUncertaintySpec) -> bool:
-    """Whether a spec or robot file states any distribution, as against defaults alone."""
+    """Return whether a spec or robot file states any distribution, as against defaults alone."""
     return bool(spec.model_fields_set or robot.model_fields_set)
 
 
@@ -108,13 +108,13 @@ class UncertaintySpec(RobotUncertaintySpec):
     Of the robot, what is left out is as the robot's file says.
     """
 
-    friction: Spread = _spread(
+    friction: Spread = _spread_field(
         "", "departure of each surface's friction coefficient, as a share of it", 0.2
     )
-    surface_mm: Spread = _spread(
+    surface_mm: Spread = _spread_field(
         "mm", "how far each surface lies off its place along its normal, a tube's wall inward", 3.0
     )
-    surface_tilt_deg: Spread = _spread(
+    surface_tilt_deg: Spread = _spread_field(
         "deg", "how far each flat surface is turned about either of two axes in its plane", 0.0
     )
 

@@ -19,7 +19,7 @@ from climbplan.climb.envelopes.distribution import terrains_of
 from climbplan.climb.envelopes.legs import ball_directions
 from climbplan.climb.envelopes.statement import posture_statement
 from climbplan.climb.envelopes.terrains import Patches
-from climbplan.climb.schema.envelopes_loading import envelopes_of
+from climbplan.climb.schema.envelopes_loading import build_envelopes
 from climbplan.climb.schema.terrains_dataset import TerrainsProblemSpec
 from climbplan.datasets.check.verification import verification_of
 from climbplan.errors import LimitReached, PlanFileError, SpecError, UsageError
@@ -176,7 +176,7 @@ def test_limbs_of_terrains_are_those_of_the_robot() -> None:
         data = {**text, "terrain": {**text["terrain"], **terrain}}  # type: ignore[dict-item]
         source = SourceText("e.yaml", "e", Path(), yaml.safe_dump(data))
         with pytest.raises(SpecError) as refused:
-            envelopes_of(parse_yaml(source.text, source.shown), source)
+            build_envelopes(parse_yaml(source.text, source.shown), source)
         return str(refused.value)
 
     assert "terrain.limbs.2: SiLVIA has no limb 'LX'" in mistakes(limbs=["RF", "LF", "LX"])

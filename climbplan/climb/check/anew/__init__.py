@@ -1,1 +1,1 @@
-"""Robots, gaits and grips built anew from plan files and specs, without the planner's code."""
+"""Independent models of robots, gaits and grips from plan files and specs, without planner code."""

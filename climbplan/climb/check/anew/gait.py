@@ -1,8 +1,8 @@
-"""The gait that a plan's instants follow, counted from which limbs are in the air when.
+"""The gait of a plan's instants, reconstructed from which limbs are in the air.
 
-Instants come in pairs, two for each step: limbs lifted, then placed and the body pushed on. In a
-climb every round moves each limb once, one a step and always in the same order; in a transition a
-round may be of any steps, each of one limb or more.
+Instants come in pairs, two for each step: limbs lifted, then limbs placed and the body pushed on.
+In a climb every round moves each limb once, one per step and always in the same order. In a
+transition a round has any number of steps, each of one limb or more.
 """
 
 from __future__ import annotations
@@ -17,29 +17,31 @@ from climbplan.climb.plan.climb_plan import ClimbPlan, Rounds
 
 @dataclass(frozen=True)
 class Gait:
-    """K instants in S = K / 2 steps."""
+    """The gait of K instants in S = K / 2 steps."""
 
-    moved: BoolArray  # (S, N) the limbs of each step
+    moving_limbs: BoolArray  # (S, N) the limbs of each step
     round: IntArray  # (S,) the round of each step, 1..M
-    stood: IntArray  # (K, N) the round whose foothold each limb is on, or left; 0 for the start
+    foothold_round: (
+        IntArray  # (K, N) the round whose foothold each limb is on, or left; 0 for the start
+    )
     station_com: Array  # (S + 1, 3) where the body waits before each step and after the last
     station_rpy: Array  # (S + 1, 3)
     shift: Array  # (S, 3) of these off the straight way, zero where plans may not leave it
-    broken: BoolArray  # (K,) limbs lifted where none or some should be, out of turn or round
+    is_invalid: BoolArray  # (K,) limbs lifted where none or some should be, out of turn or round
 
     @property
     def steps(self) -> int:
-        """S."""
-        return len(self.moved)
+        """Return the number of steps S."""
+        return len(self.moving_limbs)
 
     @property
     def com(self) -> Array:
-        """(K, 3) where the body is to be at the instants."""
+        """Return where the body should be at the instants (K, 3) [m]."""
         return self.station_com[self._station]
 
     @property
     def rpy(self) -> Array:
-        """(K, 3) likewise."""
+        """Return the angles that the body should have at the instants (K, 3) [rad]."""
         return self.station_rpy[self._station]
 
     @property
@@ -48,64 +50,72 @@ class Gait:
         return instant // 2 + instant % 2
 
     def order(self) -> IntArray:
-        """(S,) the first limb of each step."""
-        return np.argmax(self.moved, axis=1)
+        """Return the first limb of each step (S,)."""
+        return np.argmax(self.moving_limbs, axis=1)
 
 
-def gait_of(plan: ClimbPlan) -> Gait:
-    """The gait of a plan's instants."""
+def reconstruct_gait(plan: ClimbPlan) -> Gait:
+    """Reconstruct the gait of a plan's instants."""
     instants, rounds = plan.instants, plan.rounds
     count, limbs = instants.lifted.shape
-    moved = instants.lifted[::2]
-    number = np.clip(instants.round[::2], 1, rounds.count)
+    moving_limbs = instants.lifted[::2]
+    step_rounds = np.clip(instants.round[::2], 1, rounds.count)
     is_push = np.arange(count) % 2 == 1
 
-    broken = instants.lifted.any(axis=1) == is_push
-    steps = np.repeat(number, 2)
-    broken |= instants.round != steps
+    is_invalid = instants.lifted.any(axis=1) == is_push
+    instant_rounds = np.repeat(step_rounds, 2)
+    is_invalid |= instants.round != instant_rounds
     if plan.kind == "climb":
-        broken |= _not_a_climb(instants.lifted, instants.round)
+        is_invalid |= _find_climb_violations(instants.lifted, instants.round)
     else:
-        ahead = np.diff(number, prepend=0)  # every round has a step, and they come in turn
-        broken |= np.repeat((ahead < 0) | (ahead > 1), 2)
-        broken[-1] |= number[-1] != rounds.count
+        round_change = np.diff(
+            step_rounds, prepend=0
+        )  # every round has a step, and they come in turn
+        is_invalid |= np.repeat((round_change < 0) | (round_change > 1), 2)
+        is_invalid[-1] |= step_rounds[-1] != rounds.count
 
-    placed = np.where(moved, number[:, None], 0)
-    stood = np.zeros((count, limbs), np.int64)
-    after = np.maximum.accumulate(placed, axis=0)
-    stood[1::2] = after
-    stood[2::2] = after[:-1]
-    com, rpy = _stations(rounds, number)
-    shift = np.zeros((len(number), 3))
+    placed = np.where(moving_limbs, step_rounds[:, None], 0)
+    foothold_round = np.zeros((count, limbs), np.int64)
+    latest_round = np.maximum.accumulate(placed, axis=0)
+    foothold_round[1::2] = latest_round
+    foothold_round[2::2] = latest_round[:-1]
+    com, rpy = _interpolate_stations(rounds, step_rounds)
+    shift = np.zeros((len(step_rounds), 3))
     if plan.limits.shift_max > 0:
         # Where the body waits for a lift is the plan's own choice, bounded by `steps.shift`
         shift = np.asarray(instants.com[::2] - com[:-1])
         com[:-1] += shift
-    return Gait(moved, number, stood, com, rpy, shift, broken)
+    return Gait(moving_limbs, step_rounds, foothold_round, com, rpy, shift, is_invalid)
 
 
-def _not_a_climb(lifted: BoolArray, number: IntArray) -> BoolArray:
-    """(K,) instants at odds with one limb a step, each once a round, always in the same order."""
+def _find_climb_violations(lifted: BoolArray, instant_rounds: IntArray) -> BoolArray:
+    """Return instants (K,) that violate one limb per step, each once per round, always in one
+    order.
+    """
     count, limbs = lifted.shape
     step = np.arange(count) // 2
     is_push = np.arange(count) % 2 == 1
     order = np.argmax(lifted[::2], axis=1)
-    broken = lifted.sum(axis=1) != np.where(is_push, 0, 1)
+    is_invalid = lifted.sum(axis=1) != np.where(is_push, 0, 1)
     first = order[:limbs]
     if len(np.unique(first)) != limbs:
-        broken[: 2 * limbs] = True
-    broken |= (order != first[np.arange(len(order)) % limbs])[step]
-    return np.asarray(broken | (number != step // limbs + 1))
+        is_invalid[: 2 * limbs] = True
+    is_invalid |= (order != first[np.arange(len(order)) % limbs])[step]
+    return np.asarray(is_invalid | (instant_rounds != step // limbs + 1))
 
 
-def _stations(rounds: Rounds, number: IntArray) -> tuple[Array, Array]:
-    """Body poses (S + 1, 3) and (S + 1, 3): of Q steps in a round each takes it 1/Q further."""
-    total = np.bincount(number, minlength=rounds.count + 1)
-    behind = np.array([int(np.sum(number[: s + 1] == r)) for s, r in enumerate(number)])
-    share = np.concatenate([[0.0], number - 1 + behind / total[number]])
+def _interpolate_stations(rounds: Rounds, step_rounds: IntArray) -> tuple[Array, Array]:
+    """Return body poses (S + 1, 3) and (S + 1, 3): each of Q steps in a round moves the body by
+    1/Q.
+    """
+    steps_per_round = np.bincount(step_rounds, minlength=rounds.count + 1)
+    steps_done = np.array(
+        [int(np.sum(step_rounds[: s + 1] == r)) for s, r in enumerate(step_rounds)]
+    )
+    progress = np.concatenate([[0.0], step_rounds - 1 + steps_done / steps_per_round[step_rounds]])
     rows = np.arange(rounds.count + 1)
 
-    def along(values: Array) -> Array:
-        return np.stack([np.interp(share, rows, column) for column in values.T], axis=-1)
+    def interpolate(values: Array) -> Array:
+        return np.stack([np.interp(progress, rows, column) for column in values.T], axis=-1)
 
-    return along(rounds.com), along(rounds.rpy)
+    return interpolate(rounds.com), interpolate(rounds.rpy)

@@ -18,7 +18,7 @@ from climbplan.robots.any_robot import build_robot
 from climbplan.robots.model import Robot
 from climbplan.robots.task_robot import heading_as, standing_as, with_grip_limit, with_stance
 from climbplan.schema.robots.source import AnyRobot
-from climbplan.schema.robots.stored import NotKept, StoredRobot, stored_robot
+from climbplan.schema.robots.stored import NotKept, StoredRobot, build_stored_robot
 from climbplan.schema.yaml_source import parse_yaml
 from climbplan.terrain.model import build_terrain
 from climbplan.verification.check import Check, LeftOut, judge, not_compared
@@ -41,7 +41,7 @@ def compare_with_spec(
     robot, spec_robot = plan.robot, None
     try:
         if given_robot is None:
-            stored = stored_robot(parse_yaml(plan.spec_text, "spec"), plan.robot_texts)
+            stored = build_stored_robot(parse_yaml(plan.spec_text, "spec"), plan.robot_texts)
         else:
             stored = StoredRobot(given_robot)
         spec_robot = stored.robot

@@ -14,7 +14,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.schema.robots.mjcf.compiled import Mjcf
-from climbplan.schema.robots.mjcf.places import line_attribute, origin_element, rotation, words
+from climbplan.schema.robots.mjcf.places import write_line_attribute, write_origin, convert_quaternion, format_numbers
 from climbplan.schema.robots.xml import UrdfFault
 
 _SHOWN = 3  # groups of shapes that are seen, from the first
@@ -24,60 +24,60 @@ _READ = (".stl", ".obj", ".dae")  # meshes that Pinocchio reads
 class Shapes:
     """Shapes of a compiled file, body by body."""
 
-    def __init__(self, found: Mjcf, path: Path) -> None:
-        self.found, self.path = found, path
-        self.kinds = found.library.mjtGeom
+    def __init__(self, compiled_model: Mjcf, path: Path) -> None:
+        self.found, self.path = compiled_model, path
+        self.kinds = compiled_model.library.mjtGeom
 
     def of(self, body: int, origin: Array) -> str:
-        """The elements of a body, about the origin (3,) of its link."""
-        model, out = self.found.model, []
+        """Return the elements of a body, about the origin (3,) of its link."""
+        model, elements = self.found.model, []
         first = int(model.body_geomadr[body])
         for geom in range(first, first + int(model.body_geomnum[body])):
             touches = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
-            seen = int(model.geom_group[geom]) < _SHOWN
-            for tag, wanted in (("collision", touches), ("visual", seen)):
-                if wanted:
-                    out.append(self._element(tag, geom, origin, refused=touches))
-        return "".join(out)
+            is_visible = int(model.geom_group[geom]) < _SHOWN
+            for tag, is_written in (("collision", touches), ("visual", is_visible)):
+                if is_written:
+                    elements.append(self._element(tag, geom, origin, refused=touches))
+        return "".join(elements)
 
     def _element(self, tag: str, geom: int, origin: Array, refused: bool) -> str:
-        """One shape; empty for what cannot be drawn, and refused where it touches."""
+        """Return one shape; empty for what cannot be drawn, and refused where it touches."""
         model = self.found.model
         name = model.geom(geom).name
         body = model.body(int(model.geom_bodyid[geom])).name
         line = self.found.line("geom", name) if name else self.found.line("body", body)
         try:
-            shape, at, turn = self._shape(geom)
+            shape, position, axes = self._shape(geom)
         except UrdfFault as fault:
             if not refused:
                 return ""
             which = f"geom {name!r}" if name else f"a geom of body {body!r}"
             raise UrdfFault(f"{which}: {fault.message}", line) from None
-        place = origin_element(at - origin, turn)
-        return f"<{tag}{line_attribute(line)}>{place}<geometry>{shape}</geometry></{tag}>"
+        place = write_origin(position - origin, axes)
+        return f"<{tag}{write_line_attribute(line)}>{place}<geometry>{shape}</geometry></{tag}>"
 
     def _shape(self, geom: int) -> tuple[str, Array, Array]:
-        """The element of a shape, and its place and axes in the body."""
+        """Return the element of a shape, and its place and axes in the body."""
         model, kinds = self.found.model, self.kinds
         a, b, c = (float(value) for value in model.geom_size[geom])
         kind = int(model.geom_type[geom])
-        at, turn = (
+        position, axes = (
             np.array(model.geom_pos[geom]),
-            rotation(self.found.library, model.geom_quat[geom]),
+            convert_quaternion(self.found.library, model.geom_quat[geom]),
         )
         if kind == kinds.mjGEOM_SPHERE:
-            return f'<sphere radius="{a!r}"/>', at, turn
+            return f'<sphere radius="{a!r}"/>', position, axes
         if kind == kinds.mjGEOM_CAPSULE:
-            return f'<capsule radius="{a!r}" length="{2 * b!r}"/>', at, turn
+            return f'<capsule radius="{a!r}" length="{2 * b!r}"/>', position, axes
         if kind == kinds.mjGEOM_CYLINDER:
-            return f'<cylinder radius="{a!r}" length="{2 * b!r}"/>', at, turn
+            return f'<cylinder radius="{a!r}" length="{2 * b!r}"/>', position, axes
         if kind == kinds.mjGEOM_BOX:
-            return f'<box size="{2 * a!r} {2 * b!r} {2 * c!r}"/>', at, turn
+            return f'<box size="{2 * a!r} {2 * b!r} {2 * c!r}"/>', position, axes
         if kind == kinds.mjGEOM_MESH:
             number = int(model.geom_dataid[geom])
-            own = rotation(self.found.library, model.mesh_quat[number])
-            before = turn @ own.T  # MuJoCo turned the mesh into its principal axes
-            return self._mesh(number), at - before @ np.array(model.mesh_pos[number]), before
+            principal_axes = convert_quaternion(self.found.library, model.mesh_quat[number])
+            mesh_axes = axes @ principal_axes.T  # MuJoCo turned the mesh into its principal axes
+            return self._mesh(number), position - mesh_axes @ np.array(model.mesh_pos[number]), mesh_axes
         name = kinds(kind).name.removeprefix("mjGEOM_").lower()
         raise UrdfFault(f"of type {name}; expected box, capsule, cylinder, sphere or mesh")
 
@@ -95,5 +95,5 @@ class Shapes:
                 f"mesh {name!r} is {file.suffix or 'of no format'}; expected {expected}"
             )
         place = Path(file.name) if spec.strippath else file
-        near = (Path(spec.meshdir) / place).as_posix()
-        return f'<mesh filename={quoteattr(near)} scale="{words(mesh.scale)}"/>'
+        mesh_path = (Path(spec.meshdir) / place).as_posix()
+        return f'<mesh filename={quoteattr(mesh_path)} scale="{format_numbers(mesh.scale)}"/>'

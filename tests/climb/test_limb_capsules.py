@@ -35,7 +35,7 @@ from climbplan.climb.postures.statement import LinearisedRotation, build_limb_po
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import load_text
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.schema.examples import example_text
+from climbplan.schema.examples import read_example
 from climbplan.terrain.solids import Solid
 
 SceneMaker = Callable[..., ClimbScene]
@@ -44,7 +44,7 @@ SceneMaker = Callable[..., ClimbScene]
 def beam_scene() -> ClimbScene:
     """The shipped scene with the usual weights and gait, which make close calls at the beam."""
     usual = ["posture.weights.toe=0.01", "task.gait=null"]
-    loaded = load_text(example_text("climb_obstacle"), "climb_obstacle", usual)
+    loaded = load_text(read_example("climb_obstacle"), "climb_obstacle", usual)
     return build_scene(loaded.spec, loaded.robot, loaded.source)
 
 
@@ -239,7 +239,7 @@ def test_limb_clearance_is_kept_beside_the_radius(demo_climb: SceneMaker) -> Non
 def test_thicker_limbs_are_planned_further_off() -> None:
     # No other postures for forces, and a robot that the text of the spec does not have
     soft = ("force.min_stiffness_ratio=0.15", "force.min_normal_force=0", "solver.method=micp")
-    loaded = load_text(example_text("climb_obstacle"), "climb_obstacle", soft)
+    loaded = load_text(read_example("climb_obstacle"), "climb_obstacle", soft)
     thin, thick = (
         plan_climb(
             replace(loaded, robot=loaded.robot.model_copy(update={"limb_radius": radius}))

@@ -24,7 +24,7 @@ from climbplan.climb.clearance.raw_surface import Contacts, find_nearest_raw
 from climbplan.robots.capsules import straight_capsules
 from climbplan.robots.model import Robot
 from climbplan.scan.raw import RawScan
-from climbplan.schema.examples import example_data
+from climbplan.schema.examples import read_example_data
 from climbplan.terrain.raw_surface import NARROW, SLENDER, RawSurface
 
 RADIUS, FLATNESS = 0.025, 0.005
@@ -191,7 +191,7 @@ def test_rule_and_statement_are_one() -> None:
     ("name", "raw"), [("climb_rough_chimney", rough_chimney), ("mission_rough_shaft", rough_shaft)]
 )
 def test_shipped_scans_are_those_stated(name: str, raw: Any, tmp_path: Path) -> None:
-    for file, data in example_data(name).items():
+    for file, data in read_example_data(name).items():
         (tmp_path / file).write_bytes(data)
         shipped = trimesh.load_mesh(tmp_path / file)
         corners = raw().corners

@@ -27,7 +27,7 @@ from climbplan.robots.model import Robot
 from climbplan.robots.self_clearance import compute_segment_distances, list_clearance_pairs
 from climbplan.robots.urdf.canonical_urdf import write_canonical_urdf
 from climbplan.robots.urdf.pinocchio_model import build_urdf_model
-from climbplan.schema.examples import example_text
+from climbplan.schema.examples import read_example
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.verification.check import LIMITS
@@ -192,7 +192,7 @@ def test_geometry_of_a_urdf_never_touches_where_the_check_passes(tmp_path: Path)
 
 def test_a_plan_whose_limbs_meet_is_refused() -> None:
     usual = ["task.rounds=6", "solver.method=micp"]
-    loaded = load_text(example_text("climb_steps"), "climb_steps", usual)
+    loaded = load_text(read_example("climb_steps"), "climb_steps", usual)
     plan = plan_climb(loaded)
     names = ("limbs.self_collision", "trajectory.self_collision")
     checks = {check.name: check for check in verify_plan(plan).checks}

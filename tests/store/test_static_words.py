@@ -36,5 +36,5 @@ def test_rounding_at_an_idle_toe_is_no_friction(
         force[k, limb] = -1e-3 * normal + 2e-3 * (1 - abs(normal))
         return replace(found, force=force)
 
-    monkeypatch.setattr(static_checks, "settle", with_rounding)
+    monkeypatch.setattr(static_checks, "solve_equilibrium", with_rounding)
     assert friction_margin(original) == before

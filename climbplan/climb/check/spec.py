@@ -100,7 +100,7 @@ def bind_to_spec(plan: ClimbPlan, other_spec: HeldSpec) -> ClimbPlan:
     rebound = replace(plan, spec_text=other_spec.text)
     spec = _read_spec(rebound)
     if isinstance(spec, str):
-        return rebound  # `spec_checks` says what is wrong with it
+        return rebound  # `check_spec` says what is wrong with it
     return replace(rebound, limits=replace(plan.limits, **_collect_bounds(spec)))
 
 

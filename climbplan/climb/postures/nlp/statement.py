@@ -41,7 +41,7 @@ from climbplan.program.trajectory import Trajectory
 from climbplan.robots.symbols import build_rotation
 from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compile_trajectory
 
-CHORD_FACTOR = 3.0 / 8.0  # see `turning_bulge`
+CHORD_FACTOR = 3.0 / 8.0  # see `bound_chord_deviation`
 SETTINGS = {
     # Lower step bounds need 5 times fewer iterations with these two, the rest a few less.
     "mu_strategy": "adaptive",
